@@ -1,0 +1,53 @@
+# Two commands are enough for a newcomer: `make demo` and `make test`. `make help` lists the rest.
+VENV   := .venv
+PYTHON ?= python3
+BIN    := $(VENV)/bin
+CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo.lock pyproject.toml
+
+.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup
+
+help:
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+demo: setup ## fuse the bundled three-drone recording into out/demo/
+	$(BIN)/crowdfence demo -o out/demo
+
+test: lint test-rust test-python ## everything CI runs
+
+setup: $(VENV)/.built ## virtual environment in .venv with the locked packages and the compiled core
+
+# Debian and Ubuntu ship Python without ensurepip; the package that carries it is installed only if missing.
+$(VENV)/.installed: requirements.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "crowdfence needs Python >= 3.10; set PYTHON=/path/to/python3"; exit 1; }
+	@command -v cargo >/dev/null || { echo "crowdfence needs a Rust toolchain (cargo); install one with rustup"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	  SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq python3-venv; }
+	@command -v cc >/dev/null || { \
+	  SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq gcc libc6-dev; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
+	@touch $@
+
+$(VENV)/.built: $(VENV)/.installed $(CORE)
+	$(BIN)/maturin develop --release --locked --quiet
+	@touch $@
+
+lint: setup
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+	$(BIN)/ruff check python tests benchmarks
+	$(BIN)/ruff format --check python tests benchmarks
+	$(BIN)/mypy
+
+test-rust:
+	cargo test --locked -p crowdfence
+
+test-python: setup
+	$(BIN)/pytest
+
+lock: ## requirements.in -> requirements.txt with hashes
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
+	  --quiet requirements.in -o requirements.txt
+
+clean:
+	rm -rf target out $(VENV)
