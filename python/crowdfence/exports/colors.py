@@ -1,0 +1,64 @@
+"""One colour map for every export: a state reads the same on the picture, in the OctoMap and in a GIS.
+
+Below the threshold: bluish green, turning pale towards it. Crowd: yellow to dark red, with lightness
+falling all the way, so that the order survives every kind of colour blindness and a black-and-white print.
+What was not seen has no hue at all and cannot be mistaken for either.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.voxel_state import VoxelState
+
+Rgb = tuple[int, int, int]
+
+STATE_COLORS: dict[VoxelState, Rgb] = {
+    VoxelState.NEVER_SEEN: (152, 152, 156),
+    VoxelState.OCCLUDED: (84, 84, 90),
+    VoxelState.EMPTY: (88, 178, 158),
+    VoxelState.STALE: (96, 128, 196),
+    VoxelState.CROWD: (214, 56, 30),
+}
+"""Flat colour of a state, for legends and for exports that cannot show a ramp."""
+
+_EMPTY_RAMP = np.array([(88, 178, 158), (222, 232, 186)], dtype=np.float64)
+_CROWD_RAMP = np.array([(255, 214, 70), (250, 150, 40), (214, 56, 30), (112, 8, 38)], dtype=np.float64)
+
+
+def probability_colors(
+    probability: ArrayLike, threshold: float, full_scale: float = 1.0
+) -> NDArray[np.uint8]:
+    """Colours [..., 3] of the probabilities [...] of seen ground.
+
+    The ramp ends at `full_scale`; larger values get its last colour. Raises ValueError for NaN: ground that
+    was never seen has a state, not a probability.
+    """
+    values = np.asarray(probability, dtype=np.float64)
+    if np.isnan(values).any():
+        raise ValueError("NaN has no place on the probability ramp; colour unseen ground by its state")
+    top = max(full_scale, np.nextafter(threshold, np.inf))
+    below = _ramp(_EMPTY_RAMP, values / threshold)
+    above = _ramp(_CROWD_RAMP, (values - threshold) / (top - threshold))
+    return np.where((values >= threshold)[..., None], above, below)
+
+
+def voxel_colors(
+    probability: ArrayLike, state: ArrayLike, threshold: float, full_scale: float = 1.0
+) -> NDArray[np.uint8]:
+    """Colours [V, 3] of voxels: EMPTY and CROWD by probability, the other states flat.
+
+    probability [V] is read only where the state is EMPTY or CROWD; state [V] holds `VoxelState`.
+    """
+    states = np.asarray(state, dtype=np.uint8)
+    table = np.array([STATE_COLORS[known] for known in VoxelState], dtype=np.uint8)
+    colors = table[states]
+    ramped = (states == VoxelState.EMPTY) | (states == VoxelState.CROWD)
+    colors[ramped] = probability_colors(np.asarray(probability)[ramped], threshold, full_scale)
+    return colors
+
+
+def _ramp(stops: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Colours [..., 3] at `fraction` [...] (cut to [0, 1]) of evenly spaced stops [S, 3]."""
+    at = np.linspace(0.0, 1.0, len(stops))
+    channels = [np.interp(fraction, at, stops[:, channel]) for channel in range(3)]
+    return np.stack(channels, axis=-1).round().astype(np.uint8)

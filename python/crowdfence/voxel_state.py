@@ -1,0 +1,23 @@
+"""What is known about a voxel: five states, so that missing data can never be read as "free"."""
+
+from enum import IntEnum
+
+
+class VoxelState(IntEnum):
+    """State of one terrain voxel at one stamp; the values are those of `CrowdMap.state`."""
+
+    NEVER_SEEN = 0
+    """No view has ever seen it: nothing is known, and that is not evidence of absence."""
+
+    OCCLUDED = 1
+    """Never seen, but a camera pointed at it and something hid it."""
+
+    EMPTY = 2
+    """Seen recently, and its probability is below the threshold."""
+
+    STALE = 3
+    """Seen, below the threshold, but the last look is older than `stale_after_s`: not evidence of absence
+    any more."""
+
+    CROWD = 4
+    """Its probability is at or above the threshold."""
