@@ -53,11 +53,9 @@ class Georeference:
         """Anchor at a point of `crs` (anything pyproj accepts, such as "EPSG:32632" or a WKT).
 
         `x` is the easting or longitude, `y` the northing or latitude, both in the CRS's own units; `height`
-        is in metres above the WGS84 ellipsoid unless the CRS has a vertical axis, which then gives its meaning.
+        is in metres above the WGS84 ellipsoid unless the CRS has a vertical axis, which then says what it is.
         """
-        longitude, latitude, height_m = _transform(
-            _wgs84_from(_as_crs(crs)), (x, y, height), f"{crs} -> WGS84"
-        )
+        longitude, latitude, height_m = _geodetic_from_projected(crs, x, y, height)
         return cls(latitude.item(), longitude.item(), height_m.item())
 
     def local_from_geodetic(
@@ -74,10 +72,7 @@ class Georeference:
         self, points: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Local ENU metres [N, 3] -> (latitude_deg [N], longitude_deg [N], ellipsoidal height_m [N])."""
-        columns = _columns(points)
-        longitude, latitude, height_m = _transform(
-            _topocentric(self), columns, "local -> WGS84", inverse=True
-        )
+        longitude, latitude, height_m = self._geodetic(points)
         return latitude, longitude, height_m
 
     def local_from_projected(
@@ -93,10 +88,13 @@ class Georeference:
 
     def projected_from_local(self, crs: CRS | str | int, points: ArrayLike) -> NDArray[np.float64]:
         """Inverse of `local_from_projected`: local ENU metres [N, 3] -> coordinates (x, y, z) [N, 3]."""
-        geodetic = _transform(_topocentric(self), _columns(points), "local -> WGS84", inverse=True)
         known = _as_crs(crs)
-        projected = _transform(_wgs84_from(known), geodetic, f"WGS84 -> {known.name}", inverse=True)
-        return np.stack(projected, axis=-1)
+        to_wgs84 = _wgs84_from(known)
+        return np.stack(_transform(to_wgs84, self._geodetic(points), f"WGS84 -> {known.name}", True), axis=-1)
+
+    def _geodetic(self, points: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+        """(longitude_deg, latitude_deg, ellipsoidal height), each [N], of local points [N, 3]."""
+        return _transform(_topocentric(self), _columns(points), "local -> WGS84", True)
 
 
 def _require_within(name: str, value: float, lowest: float, highest: float) -> None:
@@ -154,13 +152,13 @@ def _wgs84_from(crs: CRS) -> Transformer:
     except ProjError as error:
         raise ValueError(
             f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: PROJ's geoid grid for them "
-            "is not installed. Install it (projsync, proj-data), or use the horizontal part of the CRS and add "
-            "the geoid height yourself"
+            "is not installed. Install it (projsync, proj-data), or use the horizontal part of the CRS and"
+            " add the geoid height yourself"
         ) from error
 
 
 def _transform(
-    transformer: Transformer, coordinates: tuple[Any, ...], what: str, *, inverse: bool = False
+    transformer: Transformer, coordinates: tuple[Any, ...], what: str, inverse: bool = False
 ) -> tuple[NDArray[np.float64], ...]:
     """Three arrays through PROJ; ValueError for the first entry that is not finite before or after."""
     arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(values, np.float64)) for values in coordinates))
