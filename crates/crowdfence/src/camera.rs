@@ -102,14 +102,7 @@ impl Camera {
             }
         }
         let (focal_px, principal_px) = (DVec2::new(fx, fy), DVec2::new(cx, cy));
-        Ok(Self {
-            width,
-            height,
-            focal_px,
-            principal_px,
-            distortion,
-            lens: distortion.into(),
-        })
+        Ok(Self { width, height, focal_px, principal_px, distortion, lens: distortion.into() })
     }
 
     /// Image width in pixels.
@@ -157,9 +150,7 @@ impl Camera {
         }
         let image = match &self.lens {
             Lens::Pinhole => perspective(point_camera),
-            Lens::BrownConrady(lens) => {
-                perspective(point_camera).and_then(|point| lens.distort(point))
-            }
+            Lens::BrownConrady(lens) => perspective(point_camera).and_then(|point| lens.distort(point)),
             Lens::KannalaBrandt(lens) => lens.distort(point_camera),
         };
         let pixel = image? * self.focal_px + self.principal_px;
@@ -187,19 +178,14 @@ impl Camera {
     ///
     /// Takes 32 bytes a pixel and, with distortion, some Newton steps: worth keeping while the camera stays the same.
     pub fn pixel_rays(&self) -> Vec<Option<DVec3>> {
-        self.pixels()
-            .map(|(column, row)| self.pixel_ray(column, row))
-            .collect()
+        self.pixels().map(|(column, row)| self.pixel_ray(column, row)).collect()
     }
 
     /// How many pixels have no ray through their centre because the distortion cannot be inverted there.
     pub fn blind_pixel_count(&self) -> usize {
         match self.lens {
             Lens::Pinhole => 0,
-            _ => self
-                .pixels()
-                .filter(|&(column, row)| self.pixel_ray(column, row).is_none())
-                .count(),
+            _ => self.pixels().filter(|&(column, row)| self.pixel_ray(column, row).is_none()).count(),
         }
     }
 
@@ -223,9 +209,7 @@ impl Camera {
     fn pixels(&self) -> impl IndexedParallelIterator<Item = (u32, u32)> {
         let width = self.width;
         // The constructor bounds the number of pixels far below what u32 holds.
-        (0..width * self.height)
-            .into_par_iter()
-            .map(move |index| (index % width, index / width))
+        (0..width * self.height).into_par_iter().map(move |index| (index % width, index / width))
     }
 }
 

@@ -42,21 +42,14 @@ impl BrownConrady {
         let tangential = DVec2::new(p2, p1);
         // The radial part stretches by its slope along the radius and by its magnification across it; at radius r
         // the tangential part takes at most 6 |p| r away from either (smallest eigenvalue of its Jacobian).
-        let field_radius = [
-            radial.slope_coefficients(),
-            radial.magnification_coefficients(),
-        ]
-        .into_iter()
-        .map(|mut stretch| {
-            stretch[1] -= 6.0 * tangential.length();
-            first_root(&stretch, MAX_RADIUS)
-        })
-        .fold(MAX_RADIUS, f64::min);
-        Self {
-            radial,
-            tangential,
-            field_radius,
-        }
+        let field_radius = [radial.slope_coefficients(), radial.magnification_coefficients()]
+            .into_iter()
+            .map(|mut stretch| {
+                stretch[1] -= 6.0 * tangential.length();
+                first_root(&stretch, MAX_RADIUS)
+            })
+            .fold(MAX_RADIUS, f64::min);
+        Self { radial, tangential, field_radius }
     }
 
     /// Distorted image of a normalised point; None outside the field of view.
@@ -80,11 +73,7 @@ impl BrownConrady {
     fn undistort_radial(&self, distorted: DVec2) -> Option<DVec2> {
         let distorted_radius = distorted.length();
         let radius = self.radial.invert(distorted_radius, self.field_radius)?;
-        let scale = if distorted_radius > 0.0 {
-            radius / distorted_radius
-        } else {
-            1.0
-        };
+        let scale = if distorted_radius > 0.0 { radius / distorted_radius } else { 1.0 };
         Some(distorted * scale)
     }
 
@@ -100,13 +89,11 @@ impl BrownConrady {
             }
             let step = self.jacobian(point).inverse() * residual;
             let fractions = (0..MAX_HALVINGS).map(|halvings| 0.5_f64.powi(halvings));
-            let closer = fractions
-                .map(|fraction| point - step * fraction)
-                .find_map(|candidate| {
-                    let next = self.displaced(candidate) - distorted;
-                    let better = self.sees(candidate) && next.length() < residual.length();
-                    better.then_some((candidate, next))
-                });
+            let closer = fractions.map(|fraction| point - step * fraction).find_map(|candidate| {
+                let next = self.displaced(candidate) - distorted;
+                let better = self.sees(candidate) && next.length() < residual.length();
+                better.then_some((candidate, next))
+            });
             match closer {
                 Some(next) => (point, residual) = next,
                 None => break,

@@ -9,13 +9,7 @@ pub enum Distortion {
     None,
     /// Radial and tangential distortion of the image plane, as in OpenCV's calibration.
     #[allow(missing_docs)]
-    BrownConrady {
-        k1: f64,
-        k2: f64,
-        p1: f64,
-        p2: f64,
-        k3: f64,
-    },
+    BrownConrady { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64 },
     /// Polynomial in the angle off the axis, as in OpenCV's fisheye module.
     #[allow(missing_docs)]
     KannalaBrandt { k1: f64, k2: f64, k3: f64, k4: f64 },
@@ -25,13 +19,7 @@ impl Distortion {
     /// Brown-Conrady distortion from (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order.
     pub fn brown_conrady(coefficients: &[f64]) -> Result<Self, CameraError> {
         match *coefficients {
-            [k1, k2, p1, p2] => Ok(Self::BrownConrady {
-                k1,
-                k2,
-                p1,
-                p2,
-                k3: 0.0,
-            }),
+            [k1, k2, p1, p2] => Ok(Self::BrownConrady { k1, k2, p1, p2, k3: 0.0 }),
             [k1, k2, p1, p2, k3] => Ok(Self::BrownConrady { k1, k2, p1, p2, k3 }),
             _ => Err(CameraError::DistortionLength {
                 model: "brown_conrady",
@@ -64,10 +52,7 @@ impl Distortion {
 
     /// Coefficients in the order that the constructors take; empty for a plain pinhole.
     pub fn coefficients(&self) -> Vec<f64> {
-        self.named_coefficients()
-            .into_iter()
-            .map(|(_, value)| value)
-            .collect()
+        self.named_coefficients().into_iter().map(|(_, value)| value).collect()
     }
 
     pub(super) fn named_coefficients(&self) -> Vec<(&'static str, f64)> {

@@ -1,8 +1,7 @@
 //! Every way a camera can be refused, and what it cannot answer.
 
 use super::{
-    FOCAL_LENGTH_PX, MAX_DISTORTION_COEFFICIENT, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE,
-    MAX_PRINCIPAL_POINT_PX,
+    FOCAL_LENGTH_PX, MAX_DISTORTION_COEFFICIENT, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, MAX_PRINCIPAL_POINT_PX,
 };
 
 /// Why a camera cannot be made, or cannot answer.
@@ -35,11 +34,7 @@ pub enum CameraError {
     DistortionCoefficient { name: &'static str, value: f64 },
     /// The wrong number of distortion coefficients.
     #[error("{count} distortion coefficients: {model} takes {expected}")]
-    DistortionLength {
-        model: &'static str,
-        expected: &'static str,
-        count: usize,
-    },
+    DistortionLength { model: &'static str, expected: &'static str, count: usize },
     /// A pixel coordinate that is NaN or infinite.
     #[error("pixel ({u}, {v}) is not finite")]
     PixelNotFinite { u: f64, v: f64 },

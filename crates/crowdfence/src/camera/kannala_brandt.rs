@@ -25,10 +25,7 @@ impl KannalaBrandt {
     pub(super) fn new(k1: f64, k2: f64, k3: f64, k4: f64) -> Self {
         let radial = RadialPolynomial::new([k1, k2, k3, k4]);
         let field_angle = first_root(&radial.slope_coefficients(), PI);
-        Self {
-            radial,
-            field_angle,
-        }
+        Self { radial, field_angle }
     }
 
     /// Distorted image of a direction of any finite length that is not zero; None outside the field of view.
@@ -49,11 +46,7 @@ impl KannalaBrandt {
         let distorted_angle = distorted.length();
         let angle = self.radial.invert(distorted_angle, self.field_angle)?;
         let (sine, cosine) = angle.sin_cos();
-        let scale = if distorted_angle > 0.0 {
-            sine / distorted_angle
-        } else {
-            1.0
-        };
+        let scale = if distorted_angle > 0.0 { sine / distorted_angle } else { 1.0 };
         Some((distorted * scale).extend(cosine))
     }
 }

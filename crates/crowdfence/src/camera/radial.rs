@@ -23,9 +23,7 @@ impl<const N: usize> RadialPolynomial<N> {
     /// d magnification / d r^2 = k1 + 2 k2 r^2 + ... + N kN r^(2N - 2).
     pub(super) fn magnification_slope(&self, r_squared: f64) -> f64 {
         let terms = self.k.iter().enumerate().rev();
-        terms.fold(0.0, |sum, (index, k)| {
-            sum * r_squared + (index + 1) as f64 * k
-        })
+        terms.fold(0.0, |sum, (index, k)| sum * r_squared + (index + 1) as f64 * k)
     }
 
     pub(super) fn value(&self, r: f64) -> f64 {
@@ -47,11 +45,7 @@ impl<const N: usize> RadialPolynomial<N> {
     /// Coefficients of the slope in ascending powers of r: 1, 0, 3 k1, 0, 5 k2, ...
     pub(super) fn slope_coefficients(&self) -> Vec<f64> {
         let powers = (1..).map(f64::from);
-        self.magnification_coefficients()
-            .iter()
-            .zip(powers)
-            .map(|(k, power)| k * power)
-            .collect()
+        self.magnification_coefficients().iter().zip(powers).map(|(k, power)| k * power).collect()
     }
 
     /// The r in [0, end) with value(r) = target >= 0, where the polynomial grows all the way to `end`.
@@ -95,17 +89,11 @@ fn roots(coefficients: &[f64], limit: f64) -> Vec<f64> {
         return Vec::new();
     }
     let powers = (1..).map(f64::from);
-    let derivative: Vec<f64> = coefficients[1..]
-        .iter()
-        .zip(powers)
-        .map(|(c, power)| c * power)
-        .collect();
+    let derivative: Vec<f64> = coefficients[1..].iter().zip(powers).map(|(c, power)| c * power).collect();
     let turns = roots(&derivative, limit);
     let knots: Vec<f64> = [0.0].into_iter().chain(turns).chain([limit]).collect();
     let brackets = knots.windows(2).map(|ends| (ends[0], ends[1]));
-    brackets
-        .filter_map(|(low, high)| bisect(coefficients, low, high))
-        .collect()
+    brackets.filter_map(|(low, high)| bisect(coefficients, low, high)).collect()
 }
 
 /// The last number before the sign change in [low, high], if there is one.

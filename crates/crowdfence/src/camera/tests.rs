@@ -70,22 +70,14 @@ fn image_holds_its_first_edges_but_not_its_last() {
 fn brown_conrady_by_hand() {
     // r^2 = 5: radial factor 1 + 0.5 + 0.25 + 0.125; tangential (0.04 + 0.14, 0.13 + 0.08).
     let distortion = Distortion::brown_conrady(&[0.1, 0.01, 0.01, 0.02, 0.001]).unwrap();
-    assert_close(
-        centred(100.0, distortion).project(DVec3::new(2.0, 4.0, 2.0)),
-        205.5,
-        396.0,
-    );
+    assert_close(centred(100.0, distortion).project(DVec3::new(2.0, 4.0, 2.0)), 205.5, 396.0);
 }
 
 #[test]
 fn kannala_brandt_by_hand() {
     // One radian off the axis: 1 + 0.1 + 0.02 + 0.003 + 0.0004.
     let distortion = Distortion::kannala_brandt(&[0.1, 0.02, 0.003, 0.0004]).unwrap();
-    assert_close(
-        centred(100.0, distortion).project(at_angle(1.0)),
-        112.34,
-        0.0,
-    );
+    assert_close(centred(100.0, distortion).project(at_angle(1.0)), 112.34, 0.0);
 }
 
 #[test]
@@ -101,29 +93,16 @@ fn fisheye_sees_beyond_ninety_degrees() {
 fn fisheye_ends_straight_behind() {
     let camera = centred(100.0, fisheye(0.0));
     assert_eq!(camera.project(DVec3::NEG_Z), None);
-    assert_close(
-        camera.project(at_angle(PI - 1e-3)),
-        100.0 * (PI - 1e-3),
-        0.0,
-    );
+    assert_close(camera.project(at_angle(PI - 1e-3)), 100.0 * (PI - 1e-3), 0.0);
     assert!(camera.unproject(DVec2::new(100.0 * PI - 1e-6, 0.0)).is_ok());
-    assert!(
-        camera
-            .unproject(DVec2::new(100.0 * PI + 1e-6, 0.0))
-            .is_err()
-    );
+    assert!(camera.unproject(DVec2::new(100.0 * PI + 1e-6, 0.0)).is_err());
 }
 
 #[test]
 fn pinhole_sees_nothing_beside_or_behind() {
     for distortion in [Distortion::None, barrel(0.0), barrel(-0.2)] {
         let camera = camera(100.0, distortion);
-        for point in [
-            DVec3::X,
-            DVec3::NEG_Z,
-            DVec3::new(1.0, 1.0, -1.0),
-            DVec3::ZERO,
-        ] {
+        for point in [DVec3::X, DVec3::NEG_Z, DVec3::new(1.0, 1.0, -1.0), DVec3::ZERO] {
             assert_eq!(camera.project(point), None, "{distortion:?} {point}");
         }
     }
@@ -157,10 +136,7 @@ fn pixel_beyond_the_fold_has_no_ray() {
         let camera = centred(300.0, distortion);
         assert!(camera.unproject(DVec2::new(120.0, -160.0 + 1e-6)).is_ok());
         let (u, v) = (120.0, -160.0 - 1e-6);
-        assert_eq!(
-            camera.unproject(DVec2::new(u, v)),
-            Err(CameraError::NotInvertible { u, v })
-        );
+        assert_eq!(camera.unproject(DVec2::new(u, v)), Err(CameraError::NotInvertible { u, v }));
         assert!(camera.unproject(DVec2::new(1e6, 0.0)).is_err());
     }
 }
@@ -183,17 +159,11 @@ fn blind_pixels_of_a_strong_barrel_lens_lie_outside_a_circle() {
     // The fold is imaged at 2 / 3 of 150 pixels.
     for distortion in [barrel(-1.0 / 3.0), fisheye(-1.0 / 3.0)] {
         let camera = Camera::new(240, 220, 150.0, 150.0, 120.0, 110.0, distortion).unwrap();
-        let outside =
-            |i: i64, j: i64| (2 * i + 1 - 240).pow(2) + (2 * j + 1 - 220).pow(2) > 200 * 200;
-        let expected: Vec<bool> = (0..220)
-            .flat_map(|j| (0..240).map(move |i| outside(i, j)))
-            .collect();
+        let outside = |i: i64, j: i64| (2 * i + 1 - 240).pow(2) + (2 * j + 1 - 220).pow(2) > 200 * 200;
+        let expected: Vec<bool> = (0..220).flat_map(|j| (0..240).map(move |i| outside(i, j))).collect();
         let blind: Vec<bool> = camera.pixel_rays().iter().map(Option::is_none).collect();
         assert!(blind == expected);
-        assert_eq!(
-            camera.blind_pixel_count(),
-            expected.iter().filter(|&&blind| blind).count()
-        );
+        assert_eq!(camera.blind_pixel_count(), expected.iter().filter(|&&blind| blind).count());
     }
     assert_eq!(camera(300.0, Distortion::None).blind_pixel_count(), 0);
 }
@@ -205,11 +175,7 @@ fn axis_and_extreme_lengths() {
         assert_eq!(camera.unproject(DVec2::new(320.0, 240.0)), Ok(DVec3::Z));
         let expected = camera.project(DVec3::new(0.5, 0.25, 1.0)).unwrap();
         for length in [5e-324_f64, 1e-310, 1e-160, 1.0, 1e160, 1e308] {
-            assert_eq!(
-                camera.project(DVec3::Z * length),
-                Some(DVec2::new(320.0, 240.0)),
-                "{length}"
-            );
+            assert_eq!(camera.project(DVec3::Z * length), Some(DVec2::new(320.0, 240.0)), "{length}");
             if length > 1e-300 {
                 let pixel = camera.project(DVec3::new(0.5, 0.25, 1.0) * length);
                 assert_close(pixel, expected.x, expected.y);
@@ -218,11 +184,7 @@ fn axis_and_extreme_lengths() {
             assert_close(beside, 320.0, 240.0);
         }
         for broken in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            for point in [
-                DVec3::new(broken, 0.0, 1.0),
-                DVec3::new(0.0, 1.0, broken),
-                DVec3::splat(broken),
-            ] {
+            for point in [DVec3::new(broken, 0.0, 1.0), DVec3::new(0.0, 1.0, broken), DVec3::splat(broken)] {
                 // Infinitely far ahead is no point either, although 1 / inf would be the image centre.
                 assert_eq!(camera.project(point), None, "{distortion:?} {point}");
             }
@@ -232,20 +194,11 @@ fn axis_and_extreme_lengths() {
 
 #[test]
 fn far_pixels_are_rays_or_errors() {
-    for distortion in [
-        Distortion::None,
-        barrel(0.1),
-        barrel(-0.1),
-        fisheye(0.1),
-        fisheye(-0.1),
-    ] {
+    for distortion in [Distortion::None, barrel(0.1), barrel(-0.1), fisheye(0.1), fisheye(-0.1)] {
         let camera = camera(300.0, distortion);
         for far in [1e6, 1e100, 1e200, f64::MAX] {
             if let Ok(ray) = camera.unproject(DVec2::new(far, -far)) {
-                assert!(
-                    (ray.length() - 1.0).abs() < 1e-12,
-                    "{distortion:?} {far} {ray}"
-                );
+                assert!((ray.length() - 1.0).abs() < 1e-12, "{distortion:?} {far} {ray}");
             }
         }
     }
@@ -253,9 +206,7 @@ fn far_pixels_are_rays_or_errors() {
 
 #[test]
 fn refusals_name_the_value() {
-    let make = |width, height, fx, cy, distortion| {
-        Camera::new(width, height, fx, 1.0, 0.0, cy, distortion)
-    };
+    let make = |width, height, fx, cy, distortion| Camera::new(width, height, fx, 1.0, 0.0, cy, distortion);
     let message = |made: Result<Camera, CameraError>| made.unwrap_err().to_string();
     let none = Distortion::None;
     assert!(message(make(0, 480, 1.0, 0.0, none)).contains("0 x 480"));
@@ -269,39 +220,19 @@ fn refusals_name_the_value() {
     let nan = Distortion::kannala_brandt(&[0.0, 0.0, f64::NAN, 0.0]).unwrap();
     assert!(message(make(640, 480, 1.0, 0.0, nan)).contains("k3 is NaN"));
     assert!(message(make(640, 480, 1.0, 0.0, barrel(f64::INFINITY))).contains("k1 is inf"));
-    let pixel = camera(1.0, none)
-        .unproject(DVec2::new(f64::NAN, 2.0))
-        .unwrap_err();
+    let pixel = camera(1.0, none).unproject(DVec2::new(f64::NAN, 2.0)).unwrap_err();
     assert_eq!(pixel.to_string(), "pixel (NaN, 2) is not finite");
 }
 
 #[test]
 fn coefficients_keep_their_order() {
     let brown = [0.1, 0.2, 0.3, 0.4, 0.5];
-    assert_eq!(
-        Distortion::brown_conrady(&brown).unwrap().coefficients(),
-        brown
-    );
-    assert_eq!(
-        Distortion::brown_conrady(&brown[..4])
-            .unwrap()
-            .coefficients(),
-        [0.1, 0.2, 0.3, 0.4, 0.0]
-    );
-    assert_eq!(
-        Distortion::kannala_brandt(&brown[..4])
-            .unwrap()
-            .coefficients(),
-        brown[..4]
-    );
+    assert_eq!(Distortion::brown_conrady(&brown).unwrap().coefficients(), brown);
+    assert_eq!(Distortion::brown_conrady(&brown[..4]).unwrap().coefficients(), [0.1, 0.2, 0.3, 0.4, 0.0]);
+    assert_eq!(Distortion::kannala_brandt(&brown[..4]).unwrap().coefficients(), brown[..4]);
     for count in [0, 3, 8] {
-        let error = Distortion::brown_conrady(&vec![0.0; count])
-            .unwrap_err()
-            .to_string();
-        assert!(
-            error.starts_with(&format!("{count} distortion coefficients")),
-            "{error}"
-        );
+        let error = Distortion::brown_conrady(&vec![0.0; count]).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("{count} distortion coefficients")), "{error}");
     }
     assert!(Distortion::kannala_brandt(&brown).is_err());
 }
@@ -309,32 +240,17 @@ fn coefficients_keep_their_order() {
 /// Coefficients far beyond those of real lenses, so that many have a fold inside the image.
 fn any_brown_conrady() -> impl Strategy<Value = Distortion> {
     let (radial, tangential) = (-0.6..0.6_f64, -0.05..0.05_f64);
-    (
-        radial.clone(),
-        radial.clone(),
-        tangential.clone(),
-        tangential,
-        radial,
-    )
+    (radial.clone(), radial.clone(), tangential.clone(), tangential, radial)
         .prop_map(|(k1, k2, p1, p2, k3)| Distortion::BrownConrady { k1, k2, p1, p2, k3 })
 }
 
 fn any_kannala_brandt() -> impl Strategy<Value = Distortion> {
-    (
-        -0.3..0.3_f64,
-        -0.1..0.1_f64,
-        -0.03..0.03_f64,
-        -0.01..0.01_f64,
-    )
+    (-0.3..0.3_f64, -0.1..0.1_f64, -0.03..0.03_f64, -0.01..0.01_f64)
         .prop_map(|(k1, k2, k3, k4)| Distortion::KannalaBrandt { k1, k2, k3, k4 })
 }
 
 fn any_distortion() -> impl Strategy<Value = Distortion> {
-    prop_oneof![
-        Just(Distortion::None),
-        any_brown_conrady(),
-        any_kannala_brandt()
-    ]
+    prop_oneof![Just(Distortion::None), any_brown_conrady(), any_kannala_brandt()]
 }
 
 proptest! {
