@@ -1,0 +1,12 @@
+"""How good a crowd map is, and what it has to be told: IoU (equation 4), detector rates, prior, ground truth.
+
+Each module stands alone; import what is needed from it:
+
+- `iou`               mean intersection over union inside what the fleet has seen
+- `detector_rates`    TPR, FPR, TNR, FNR of a detector from heatmaps and masks
+- `calibration`       does 0.7 mean 70 percent?
+- `landing_prior`     P(A = 1) from the share of the terrain on which a drone could land
+- `crowd_regions`     silhouettes of people -> crowd regions of an image
+- `projected_truth`   crowd regions of images -> labels of the terrain's voxels
+- `world_truth`       positions of people -> labels of the terrain's voxels
+"""

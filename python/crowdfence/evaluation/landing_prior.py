@@ -1,0 +1,182 @@
+"""Prior P(A = 1) of equation 1: the share of the terrain on which a drone could land.
+
+The paper takes the prior as "the percentage of the area surface suitable for landing": where a drone can
+land, people can stand. Suitable here means gentle enough and connected to enough other suitable ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.surface_grid import MAX_COLUMNS
+
+if TYPE_CHECKING:
+    from crowdfence._core import Terrain
+
+VOXEL_SLOPE_WINDOW = 9
+"""Cells along which the slope of a voxel terrain is measured. Voxel tops are whole steps: across 3 cells a
+single step reads as 27 degrees, and gentle slopes fall apart into strips. Across 9 cells it reads as at most
+9.5, a plane comes out within 0.5 to 1 degree (standard deviation), and a wall two voxels high still as 18."""
+
+_VOXELS_PER_BLOCK = 1 << 20
+_CELLS_PER_STRIP = 1 << 21
+
+
+def landing_prior(
+    terrain: Terrain,
+    max_slope_deg: float = 15.0,
+    min_area_m2: float = 100.0,
+    *,
+    window_cells: int = VOXEL_SLOPE_WINDOW,
+) -> float:
+    """Share of the terrain's columns that are suitable for landing, as a prior inside (0, 1).
+
+    The surface is the top of the highest voxel of each column, so roofs and tree crowns count as surface: for
+    the ground alone, build the terrain from ground points. See `landing_suitable` for the criteria; the paper
+    states neither limit, the defaults are ours.
+
+    Raises ValueError when the share is exactly 0 or 1 (such a prior would decide every voxel before the
+    first look), for an empty terrain, and for one that spans too many columns to grid.
+    """
+    height_m = column_tops_m(terrain)
+    suitable = landing_suitable(
+        height_m, terrain.voxel_size_m, max_slope_deg, min_area_m2, window_cells=window_cells
+    )
+    columns = int(np.count_nonzero(np.isfinite(height_m)))
+    landable = int(np.count_nonzero(suitable))
+    if landable in (0, columns):
+        raise ValueError(
+            f"{landable} of {columns} columns are suitable for landing (slope up to {max_slope_deg:g} deg, "
+            f"at least {min_area_m2:g} m2 connected); a prior must lie inside (0, 1): change the limits or "
+            "set the prior by hand"
+        )
+    return landable / columns
+
+
+def landing_suitable(
+    height_m: ArrayLike,
+    cell_size_m: float,
+    max_slope_deg: float = 15.0,
+    min_area_m2: float = 100.0,
+    *,
+    window_cells: int = 3,
+) -> NDArray[np.bool_]:
+    """Where a drone could land: height map [X, Y] in metres (NaN is a hole) -> bool [X, Y].
+
+    A cell is suitable when its slope (`slope_deg`) is known and at most `max_slope_deg`, and when it belongs
+    to a connected area of such cells (sharing an edge, not only a corner) of at least `min_area_m2`, measured
+    on the map. Holes are never suitable.
+    """
+    from scipy import ndimage
+
+    if not 0.0 <= max_slope_deg < 90.0:
+        raise ValueError(f"max_slope_deg must lie in [0, 90), got {max_slope_deg}")
+    if not (np.isfinite(min_area_m2) and min_area_m2 >= 0.0):
+        raise ValueError(f"min_area_m2 must be a finite area of at least 0, got {min_area_m2}")
+    # float32 slopes are exact to about 1e-6 deg; a plane at exactly the limit is to pass.
+    gentle = slope_deg(height_m, cell_size_m, window_cells=window_cells) <= max_slope_deg + 1e-4
+    area_of_cell, area_count = ndimage.label(gentle)
+    cells = sum(
+        (np.bincount(area_of_cell[rows].ravel(), minlength=area_count + 1) for rows in _strips(gentle.shape)),
+        start=np.zeros(area_count + 1, np.int64),
+    )
+    large = cells * cell_size_m**2 >= min_area_m2
+    large[0] = False  # label 0 is everything that is not gentle
+    return np.asarray(large[area_of_cell])
+
+
+def slope_deg(height_m: ArrayLike, cell_size_m: float, *, window_cells: int = 3) -> NDArray[np.float32]:
+    """Slope [X, Y] in degrees of the plane that fits the heights around each cell best (least squares).
+
+    The window is `window_cells` x `window_cells` (odd, at least 3), square on the map. Holes and the outside
+    of the map take no part in the fit. NaN where the cell is a hole, where less than a quarter of the window
+    is known, or where the known cells lie in one line.
+    """
+    heights = np.asarray(height_m)
+    if heights.ndim != 2 or heights.size == 0 or heights.dtype.kind not in "fiu":
+        raise ValueError(f"height_m must be numbers [X, Y], got {heights.dtype} {list(heights.shape)}")
+    if not (np.isfinite(cell_size_m) and cell_size_m > 0.0):
+        raise ValueError(f"cell_size_m must be positive and finite, got {cell_size_m}")
+    if window_cells < 3 or window_cells % 2 == 0:
+        raise ValueError(f"window_cells must be odd and at least 3, got {window_cells}")
+    if np.isinf(heights).any():
+        raise ValueError("height_m must not be infinite; mark holes with NaN")
+    reach = window_cells // 2
+    slopes = np.empty(heights.shape, np.float32)
+    for rows in _strips(heights.shape):
+        first = max(rows.start - reach, 0)
+        strip = heights[first : rows.stop + reach].astype(np.float64)
+        slopes[rows] = _plane_slope_deg(strip, cell_size_m, reach)[rows.start - first :][
+            : rows.stop - rows.start
+        ]
+    return slopes
+
+
+def column_tops_m(terrain: Terrain) -> NDArray[np.float32]:
+    """Height [X, Y] of the top of the highest voxel of each column, metres above the terrain's lowest face.
+
+    Cell (0, 0) is the column of the smallest grid indices in use; NaN is a column without a voxel. Voxels are
+    read in blocks. ValueError for a terrain without voxels or with more than `MAX_COLUMNS` columns.
+    """
+    if terrain.voxel_count == 0:
+        raise ValueError("the terrain has no voxels")
+    corners = (terrain.bounds - np.asarray(terrain.origin)) / terrain.voxel_size_m
+    lowest, end = np.rint(corners).astype(np.int64)
+    shape = (int(end[0] - lowest[0]), int(end[1] - lowest[1]))
+    if shape[0] * shape[1] > MAX_COLUMNS:
+        raise ValueError(
+            f"the terrain spans {shape[0]} x {shape[1]} columns, more than {MAX_COLUMNS}; "
+            "cut it to the area of the flight or use larger voxels"
+        )
+    top = np.zeros(shape[0] * shape[1], np.int32)  # in voxels above the lowest face, 0 = no voxel
+    for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
+        ids = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count))
+        i, j, k = (terrain.voxel_indices(ids) - lowest).T
+        np.maximum.at(top, i * shape[1] + j, (k + 1).astype(np.int32))
+    height_m = top.reshape(shape).astype(np.float32)
+    height_m[height_m == 0.0] = np.nan
+    height_m *= np.float32(terrain.voxel_size_m)
+    return height_m
+
+
+def _strips(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Row ranges of a few million cells, so that intermediate arrays stay small on large maps."""
+    rows = max(1, _CELLS_PER_STRIP // shape[1])
+    for start in range(0, shape[0], rows):
+        yield slice(start, min(start + rows, shape[0]))
+
+
+def _plane_slope_deg(height_m: NDArray[np.float64], cell_size_m: float, reach: int) -> NDArray[np.float64]:
+    """Weighted least squares in every window at once: weight 1 where the height is known, 0 elsewhere."""
+    from scipy.ndimage import correlate1d
+
+    offset = np.arange(-reach, reach + 1, dtype=np.float64)
+    known = np.isfinite(height_m)
+    if not known.any():
+        return np.full(height_m.shape, np.nan)
+    weight = known.astype(np.float64)
+    # Heights from the strip's mean: sums of products then keep their digits far above sea level.
+    z = np.where(known, height_m - height_m[known].mean(), 0.0)
+
+    def moment(values: NDArray[np.float64], power_x: int, power_y: int) -> NDArray[np.float64]:
+        along_x = correlate1d(values, offset**power_x, axis=0, mode="constant")
+        return np.asarray(correlate1d(along_x, offset**power_y, axis=1, mode="constant"))
+
+    n, x, y, z_sum = moment(weight, 0, 0), moment(weight, 1, 0), moment(weight, 0, 1), moment(z, 0, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xx = moment(weight, 2, 0) - x * x / n
+        yy = moment(weight, 0, 2) - y * y / n
+        xy = moment(weight, 1, 1) - x * y / n
+        xz = moment(z, 1, 0) - x * z_sum / n
+        yz = moment(z, 0, 1) - y * z_sum / n
+        determinant = xx * yy - xy * xy
+        rise_x = (xz * yy - yz * xy) / determinant
+        rise_y = (yz * xx - xz * xy) / determinant
+    slope = np.degrees(np.arctan(np.hypot(rise_x, rise_y) / cell_size_m))
+    # Offsets are whole numbers: points that do not lie in one line have a determinant of 1/n^2 or more.
+    fitted = known & (4.0 * n >= offset.size**2) & (determinant > 1e-6)
+    return np.where(fitted, slope, np.nan)
