@@ -96,7 +96,7 @@ def test_a_higher_threshold_never_calls_more(values: list[float], one: float, ot
 
 
 def test_wilson_interval() -> None:
-    """8 of 10 at 95 %: the textbook's 0.490 to 0.943. 0 of n ends at z^2 / (n + z^2). Nothing counted: unknown."""
+    """8 of 10 at 95 %: the textbook's 0.490 to 0.943. 0 of n ends at z^2 / (n + z^2). Of nothing: unknown."""
     assert wilson_estimate(8, 10) == pytest.approx((0.8, 0.4902, 0.9433), abs=5e-5)
     assert wilson_estimate(0, 10) == pytest.approx((0.0, 0.0, 3.8415 / 13.8415), abs=1e-5)
     assert wilson_estimate(0, 0)[1:] == (0.0, 1.0)
