@@ -307,9 +307,11 @@ class CrowdMap:
         """Stamps of the instants integrated so far."""
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
         """Project, pool, blend. An error leaves the map as it was."""
-    def probability(self, stamp_ns: int) -> NDArray[np.float64]:
-        """P~ per voxel [V] at a stamp not before the last instant. A voxel that nobody has seen holds the
-        method's initial value, which is NOT evidence of absence: see `state`."""
+    def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
+        """P~ per voxel [V], or of the voxels `ids`, at a stamp not before the last instant.
+
+        A voxel that nobody has seen holds the method's initial value, which is no evidence of absence: see
+        `state`."""
     def state(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.uint8]:
@@ -328,3 +330,12 @@ class CrowdMap:
     @staticmethod
     def load(path: str | PathLike[str], terrain: Terrain) -> CrowdMap:
         """ValueError for a damaged file, a newer version, or a map of another terrain."""
+
+def write_octomap_binary(terrain: Terrain, ids: ArrayLike) -> bytes:
+    """OctoMap `.bt` file content: the voxels `ids` [N], occupied."""
+
+def write_octomap_color(
+    terrain: Terrain, ids: ArrayLike, colors: ArrayLike, probability: ArrayLike
+) -> bytes:
+    """OctoMap `.ot` file content (ColorOcTree): voxels `ids` [N], colors [N, 3] uint8, probability [N]
+    as occupancy."""

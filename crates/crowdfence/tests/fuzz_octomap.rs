@@ -8,13 +8,9 @@ use proptest::sample::Index;
 const MAX_VOXELS: u64 = 20_000;
 
 fn config() -> ProptestConfig {
-    let cases = std::env::var("CROWDFENCE_FUZZ_CASES")
-        .map_or(200, |cases| cases.parse().expect("a number of cases"));
-    ProptestConfig {
-        cases,
-        failure_persistence: None,
-        ..Default::default()
-    }
+    let cases =
+        std::env::var("CROWDFENCE_FUZZ_CASES").map_or(200, |cases| cases.parse().expect("a number of cases"));
+    ProptestConfig { cases, failure_persistence: None, ..Default::default() }
 }
 
 fn check(data: &[u8]) {
@@ -27,10 +23,9 @@ fn check(data: &[u8]) {
 fn check_error(error: &OctomapError, length: usize) {
     assert!(error.to_string().len() < 600, "{error}");
     match *error {
-        OctomapError::Truncated {
-            node_byte,
-            file_bytes,
-        } => assert!(node_byte <= length && file_bytes == length),
+        OctomapError::Truncated { node_byte, file_bytes } => {
+            assert!(node_byte <= length && file_bytes == length)
+        }
         OctomapError::TrailingBytes { byte, extra } => assert_eq!(byte + extra, length),
         OctomapError::TooDeep { byte }
         | OctomapError::EmptyInnerNode { byte }
@@ -51,12 +46,9 @@ fn check_map(map: &Octomap) {
     }
     match map.occupied_voxels(MAX_VOXELS) {
         Ok(mut voxels) => {
-            let rewritten = write_binary(&voxels, map.header.voxel_size_m)
-                .expect("voxels of an OctoMap fit one");
-            let mut read_back = read(&rewritten)
-                .unwrap()
-                .occupied_voxels(MAX_VOXELS)
-                .unwrap();
+            let rewritten =
+                write_binary(&voxels, map.header.voxel_size_m).expect("voxels of an OctoMap fit one");
+            let mut read_back = read(&rewritten).unwrap().occupied_voxels(MAX_VOXELS).unwrap();
             voxels.sort();
             read_back.sort();
             assert_eq!(read_back, voxels);
@@ -79,36 +71,25 @@ fn morton_range(leaf: &Leaf) -> (u64, u64) {
         }
     }
     let cells = 1 << (3 * (16 - u32::from(leaf.depth)));
-    assert_eq!(
-        start % cells,
-        0,
-        "{leaf:?} does not start where a node of its level can"
-    );
+    assert_eq!(start % cells, 0, "{leaf:?} does not start where a node of its level can");
     (start, start + cells)
 }
 
 /// A file by the writer, `.bt` or `.ot`.
 fn valid_file() -> impl Strategy<Value = Vec<u8>> {
     let voxels = prop::collection::btree_set(prop::array::uniform3(-3..3), 1..80);
-    (
-        voxels,
-        prop::array::uniform3(-32_765..32_765),
-        any::<bool>(),
-        any::<[u8; 3]>(),
-    )
-        .prop_map(|(offsets, place, binary, color)| {
+    (voxels, prop::array::uniform3(-32_765..32_765), any::<bool>(), any::<[u8; 3]>()).prop_map(
+        |(offsets, place, binary, color)| {
             let voxel = |offset: [i32; 3]| std::array::from_fn(|axis| place[axis] + offset[axis]);
             let voxels: Vec<[i32; 3]> = offsets.into_iter().map(voxel).collect();
-            let probability: Vec<_> = voxels
-                .iter()
-                .map(|voxel| f64::from(voxel[0] & 3) / 3.0)
-                .collect();
+            let probability: Vec<_> = voxels.iter().map(|voxel| f64::from(voxel[0] & 3) / 3.0).collect();
             if binary {
                 write_binary(&voxels, 0.1).unwrap()
             } else {
                 write_color(&voxels, &vec![color; voxels.len()], &probability, 0.1).unwrap()
             }
-        })
+        },
+    )
 }
 
 #[derive(Debug, Clone)]
@@ -147,11 +128,7 @@ impl Mutation {
 
 fn mutation() -> impl Strategy<Value = Mutation> {
     let telling_byte = prop_oneof![any::<u8>(), Just(0), Just(0xff), Just(b'\n'), b'0'..=b'9'];
-    let (at, few, bytes) = (
-        any::<Index>,
-        1..20_usize,
-        prop::collection::vec(any::<u8>(), 1..20),
-    );
+    let (at, few, bytes) = (any::<Index>, 1..20_usize, prop::collection::vec(any::<u8>(), 1..20));
     prop_oneof![
         4 => (at(), any::<u8>()).prop_map(|(at, bit)| Mutation::FlipBit(at, bit)),
         4 => (at(), telling_byte).prop_map(|(at, byte)| Mutation::Set(at, byte)),
@@ -187,16 +164,8 @@ fn header_word() -> impl Strategy<Value = Vec<u8>> {
 /// Nodes that are well-formed one by one but may not make a tree, below a path of inner nodes, so
 /// that the leaves are not all huge.
 fn loose_nodes(binary: bool) -> BoxedStrategy<Vec<u8>> {
-    let path_node = if binary {
-        vec![3, 0]
-    } else {
-        vec![0, 0, 0, 0, 1, 2, 3, 1]
-    };
-    let node = if binary {
-        loose_binary_node()
-    } else {
-        loose_full_node()
-    };
+    let path_node = if binary { vec![3, 0] } else { vec![0, 0, 0, 0, 1, 2, 3, 1] };
+    let node = if binary { loose_binary_node() } else { loose_full_node() };
     (0..16_usize, prop::collection::vec(node, 1..60))
         .prop_map(move |(levels, nodes)| [path_node.repeat(levels), nodes.concat()].concat())
         .boxed()
@@ -206,35 +175,23 @@ fn loose_nodes(binary: bool) -> BoxedStrategy<Vec<u8>> {
 fn loose_binary_node() -> BoxedStrategy<Vec<u8>> {
     let child = prop_oneof![3 => Just(0_u16), 3 => Just(1), 3 => Just(2), 1 => Just(3)];
     let bits = |children: Vec<u16>| children.iter().fold(0, |bits, code| bits << 2 | code);
-    prop::collection::vec(child, 8)
-        .prop_map(move |children| bits(children).to_le_bytes().to_vec())
-        .boxed()
+    prop::collection::vec(child, 8).prop_map(move |children| bits(children).to_le_bytes().to_vec()).boxed()
 }
 
 fn loose_full_node() -> BoxedStrategy<Vec<u8>> {
     let log_odds = prop_oneof![9 => -3.0..3.0_f32, 1 => any::<f32>()];
-    let children =
-        prop_oneof![2 => Just(0), 1 => (0..8).prop_map(|index| 1_u8 << index), 1 => any::<u8>()];
+    let children = prop_oneof![2 => Just(0), 1 => (0..8).prop_map(|index| 1_u8 << index), 1 => any::<u8>()];
     (log_odds, any::<[u8; 3]>(), children)
-        .prop_map(|(log_odds, color, children)| {
-            [&log_odds.to_le_bytes()[..], &color, &[children]].concat()
-        })
+        .prop_map(|(log_odds, color, children)| [&log_odds.to_le_bytes()[..], &color, &[children]].concat())
         .boxed()
 }
 
 fn first_line(binary: bool) -> &'static str {
-    if binary {
-        "# Octomap OcTree binary file\n"
-    } else {
-        "# Octomap OcTree file\n"
-    }
+    if binary { "# Octomap OcTree binary file\n" } else { "# Octomap OcTree file\n" }
 }
 
 fn file(binary: bool, node_count: u64, nodes: &[u8]) -> Vec<u8> {
-    let header = format!(
-        "{}id ColorOcTree\nsize {node_count}\nres 1\ndata\n",
-        first_line(binary)
-    );
+    let header = format!("{}id ColorOcTree\nsize {node_count}\nres 1\ndata\n", first_line(binary));
     [header.as_bytes(), nodes].concat()
 }
 

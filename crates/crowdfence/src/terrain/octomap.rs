@@ -73,9 +73,7 @@ impl Octomap {
         let occupied = || self.leaves.iter().filter(|leaf| leaf.is_occupied());
         let voxels: u64 = occupied().map(|leaf| (leaf.side() as u64).pow(3)).sum();
         if voxels == 0 {
-            return Err(OctomapError::NoOccupiedLeaf {
-                leaves: self.leaves.len(),
-            });
+            return Err(OctomapError::NoOccupiedLeaf { leaves: self.leaves.len() });
         }
         if voxels > max_voxels {
             return Err(OctomapError::TooManyVoxels { voxels, max_voxels });

@@ -11,16 +11,10 @@ pub enum OctomapError {
     #[error("OctoMap header without `{field}`")]
     MissingField { field: &'static str },
     #[error("OctoMap header gives `{field} {found}`, but {field} must be {expected}")]
-    InvalidField {
-        field: &'static str,
-        found: String,
-        expected: &'static str,
-    },
+    InvalidField { field: &'static str, found: String, expected: &'static str },
     #[error("OctoMap header gives `{field}` twice")]
     RepeatedField { field: &'static str },
-    #[error(
-        "OctoMap header has the unknown keyword {keyword:?}; if it is a comment, start its line with #"
-    )]
+    #[error("OctoMap header has the unknown keyword {keyword:?}; if it is a comment, start its line with #")]
     UnknownKeyword { keyword: String },
     #[error(
         "OctoMap tree type {id:?} cannot be read from an .ot file (OcTree, OcTreeStamped and ColorOcTree can); \
@@ -35,9 +29,7 @@ pub enum OctomapError {
     Truncated { node_byte: usize, file_bytes: usize },
     #[error("OctoMap node at byte {byte} has children below level 16, the deepest of an OctoMap")]
     TooDeep { byte: usize },
-    #[error(
-        "OctoMap inner node at byte {byte} has no children, so it is neither free nor occupied"
-    )]
+    #[error("OctoMap inner node at byte {byte} has no children, so it is neither free nor occupied")]
     EmptyInnerNode { byte: usize },
     #[error("OctoMap node at byte {byte} has log-odds that are not a number")]
     LogOddsNan { byte: usize },
@@ -50,20 +42,14 @@ pub enum OctomapError {
     #[error("OctoMap stands for {voxels} occupied voxels, more than the bound of {max_voxels}")]
     TooManyVoxels { voxels: u64, max_voxels: u64 },
 
-    #[error(
-        "voxel size {voxel_size_m} m cannot be written to an OctoMap: it must be finite and above 0"
-    )]
+    #[error("voxel size {voxel_size_m} m cannot be written to an OctoMap: it must be finite and above 0")]
     VoxelSize { voxel_size_m: f64 },
     #[error("voxel {voxel:?} does not fit an OctoMap, whose indices go from -32768 to 32767")]
     VoxelOutOfRange { voxel: [i32; 3] },
     #[error(
         "{voxels} voxels with {colors} colours and {probabilities} probabilities; there must be one of each per voxel"
     )]
-    LengthMismatch {
-        voxels: usize,
-        colors: usize,
-        probabilities: usize,
-    },
+    LengthMismatch { voxels: usize, colors: usize, probabilities: usize },
     #[error("voxel {voxel:?} has the probability {probability}; it must lie in [0, 1]")]
     Probability { voxel: [i32; 3], probability: f64 },
     #[error("voxel {voxel:?} is given more than once, so its colour and probability are ambiguous")]

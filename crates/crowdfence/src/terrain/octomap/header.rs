@@ -34,9 +34,7 @@ impl OctomapHeader {
         let binary = is_binary(words.rest_of_line())?;
         let (mut id, mut size, mut res) = (None, None, None);
         loop {
-            let keyword = words
-                .next()
-                .ok_or(OctomapError::MissingField { field: "data" })?;
+            let keyword = words.next().ok_or(OctomapError::MissingField { field: "data" })?;
             let (field, value) = match keyword {
                 b"data" => break,
                 b"id" => ("id", &mut id),
@@ -47,9 +45,7 @@ impl OctomapHeader {
                     continue;
                 }
                 _ => {
-                    return Err(OctomapError::UnknownKeyword {
-                        keyword: quoted(keyword),
-                    });
+                    return Err(OctomapError::UnknownKeyword { keyword: quoted(keyword) });
                 }
             };
             if value.is_some() {
@@ -68,17 +64,8 @@ impl OctomapHeader {
     }
 
     pub(super) fn to_text(&self) -> String {
-        let Self {
-            id,
-            node_count,
-            voxel_size_m,
-            binary,
-        } = self;
-        let first_line = if *binary {
-            BINARY_FIRST_LINE
-        } else {
-            FULL_FIRST_LINE
-        };
+        let Self { id, node_count, voxel_size_m, binary } = self;
+        let first_line = if *binary { BINARY_FIRST_LINE } else { FULL_FIRST_LINE };
         format!("{first_line}\nid {id}\nsize {node_count}\nres {voxel_size_m}\ndata\n")
     }
 }
@@ -93,9 +80,7 @@ fn is_binary(first_line: &[u8]) -> Result<bool, OctomapError> {
     } else if first_line.starts_with(FULL_FIRST_LINE.as_bytes()) {
         Ok(false)
     } else {
-        Err(OctomapError::FirstLine {
-            found: quoted(first_line),
-        })
+        Err(OctomapError::FirstLine { found: quoted(first_line) })
     }
 }
 
@@ -109,11 +94,7 @@ fn parse_field<T: FromStr>(
     let value = str::from_utf8(word).ok().and_then(|text| text.parse().ok());
     value.filter(is_valid).ok_or_else(|| {
         let found = quoted(word);
-        OctomapError::InvalidField {
-            field,
-            found,
-            expected,
-        }
+        OctomapError::InvalidField { field, found, expected }
     })
 }
 

@@ -9,9 +9,7 @@ use super::{KEY_OF_ZERO, MAX_DEPTH, OctomapError};
 pub(super) fn morton_code(voxel: &[i32; 3]) -> Result<u64, OctomapError> {
     let mut code = 0;
     for (axis, index) in voxel.iter().enumerate() {
-        let key = index
-            .checked_add(KEY_OF_ZERO)
-            .and_then(|key| u16::try_from(key).ok());
+        let key = index.checked_add(KEY_OF_ZERO).and_then(|key| u16::try_from(key).ok());
         let key = u64::from(key.ok_or(OctomapError::VoxelOutOfRange { voxel: *voxel })?);
         for bit in 0..16 {
             code |= (key >> bit & 1) << (3 * bit + axis);

@@ -17,34 +17,18 @@ pub fn read(data: &[u8]) -> Result<Octomap, OctomapError> {
     if header.node_count == 0 {
         return Err(OctomapError::NoNodes);
     }
-    let mut nodes = NodeReader {
-        data,
-        position: first_node,
-        node_count: 0,
-        leaves: Vec::new(),
-    };
+    let mut nodes = NodeReader { data, position: first_node, node_count: 0, leaves: Vec::new() };
     if header.binary {
         nodes.read_binary_node(Cube::ROOT)?;
     } else {
         nodes.read_full_node(Cube::ROOT, has_color(&header.id)?)?;
     }
-    let NodeReader {
-        position,
-        node_count,
-        leaves,
-        ..
-    } = nodes;
+    let NodeReader { position, node_count, leaves, .. } = nodes;
     if node_count != header.node_count {
-        return Err(OctomapError::NodeCount {
-            declared: header.node_count,
-            read: node_count,
-        });
+        return Err(OctomapError::NodeCount { declared: header.node_count, read: node_count });
     }
     if position != data.len() {
-        return Err(OctomapError::TrailingBytes {
-            byte: position,
-            extra: data.len() - position,
-        });
+        return Err(OctomapError::TrailingBytes { byte: position, extra: data.len() - position });
     }
     Ok(Octomap { header, leaves })
 }
@@ -55,9 +39,7 @@ fn has_color(id: &str) -> Result<bool, OctomapError> {
         // "1" is what the library wrote before 1.0; OcTreeStamped does not store its stamps.
         "OcTree" | "OcTreeStamped" | "1" => Ok(false),
         "ColorOcTree" => Ok(true),
-        _ => Err(OctomapError::UnsupportedTree {
-            id: quoted(id.as_bytes()),
-        }),
+        _ => Err(OctomapError::UnsupportedTree { id: quoted(id.as_bytes()) }),
     }
 }
 
@@ -69,10 +51,7 @@ struct Cube {
 }
 
 impl Cube {
-    const ROOT: Self = Self {
-        key: [0; 3],
-        depth: 0,
-    };
+    const ROOT: Self = Self { key: [0; 3], depth: 0 };
 
     /// Only for depth < MAX_DEPTH.
     fn child(self, index: u8) -> Self {
@@ -80,10 +59,7 @@ impl Cube {
         let half = 1_u16 << (MAX_DEPTH - depth);
         let [x, y, z] = self.key;
         let upper = |axis: u8| u16::from(index >> axis & 1) * half;
-        Self {
-            key: [x + upper(0), y + upper(1), z + upper(2)],
-            depth,
-        }
+        Self { key: [x + upper(0), y + upper(1), z + upper(2)], depth }
     }
 }
 
@@ -130,11 +106,7 @@ impl NodeReader<'_> {
     fn read_full_node(&mut self, cube: Cube, has_color: bool) -> Result<(), OctomapError> {
         let byte = self.position;
         let log_odds = f32::from_le_bytes(self.take(byte)?);
-        let color = if has_color {
-            Some(self.take(byte)?)
-        } else {
-            None
-        };
+        let color = if has_color { Some(self.take(byte)?) } else { None };
         let [children] = self.take(byte)?;
         if log_odds.is_nan() {
             return Err(OctomapError::LogOddsNan { byte });
@@ -156,20 +128,12 @@ impl NodeReader<'_> {
     /// Leaves are counted here, inner nodes where they are read.
     fn push_leaf(&mut self, cube: Cube, log_odds: f32, color: Option<[u8; 3]>) {
         let Cube { key, depth } = cube;
-        self.leaves.push(Leaf {
-            key,
-            depth,
-            log_odds,
-            color,
-        });
+        self.leaves.push(Leaf { key, depth, log_odds, color });
         self.node_count += 1;
     }
 
     fn take<const N: usize>(&mut self, node_byte: usize) -> Result<[u8; N], OctomapError> {
-        let truncated = OctomapError::Truncated {
-            node_byte,
-            file_bytes: self.data.len(),
-        };
+        let truncated = OctomapError::Truncated { node_byte, file_bytes: self.data.len() };
         let bytes = self.data[self.position..].first_chunk().ok_or(truncated)?;
         self.position += N;
         Ok(*bytes)

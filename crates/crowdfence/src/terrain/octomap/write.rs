@@ -137,10 +137,7 @@ impl Nodes {
             count if is_full(count, depth + 1) => OCCUPIED_LEAF,
             _ => INNER_NODE,
         });
-        let bits = kinds
-            .iter()
-            .rev()
-            .fold(0_u16, |bits, kind| bits << 2 | kind);
+        let bits = kinds.iter().rev().fold(0_u16, |bits, kind| bits << 2 | kind);
         self.bytes.extend(bits.to_le_bytes());
         for (child, kind) in children.iter().zip(kinds) {
             match kind {
@@ -165,11 +162,7 @@ impl Nodes {
         self.bytes.extend([0; 8]);
         let mut values = Vec::with_capacity(8);
         let children = split(voxels, depth, |(code, _)| *code);
-        for (index, child) in children
-            .iter()
-            .enumerate()
-            .filter(|(_, child)| !child.is_empty())
-        {
+        for (index, child) in children.iter().enumerate().filter(|(_, child)| !child.is_empty()) {
             self.bytes[start + 7] |= 1 << index;
             values.push(self.write_color_node(child, depth + 1));
         }
@@ -182,12 +175,7 @@ impl Nodes {
         if !is_voxel_size(&voxel_size_m) {
             return Err(OctomapError::VoxelSize { voxel_size_m });
         }
-        let header = OctomapHeader {
-            id: id.to_owned(),
-            node_count: self.count,
-            voxel_size_m,
-            binary,
-        };
+        let header = OctomapHeader { id: id.to_owned(), node_count: self.count, voxel_size_m, binary };
         let mut file = header.to_text().into_bytes();
         file.extend(self.bytes);
         Ok(file)

@@ -1,0 +1,81 @@
+use crowdfence::view::Pose;
+use crowdfence::{Heatmap, View};
+use numpy::{
+    IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, dtype,
+};
+use pyo3::prelude::*;
+
+use crate::arrays::{Array, refuse, rows};
+use crate::camera::PyCamera;
+
+#[pyclass(frozen, name = "View", module = "crowdfence")]
+#[derive(Clone)]
+pub struct PyView(pub View);
+
+#[pymethods]
+impl PyView {
+    #[new]
+    fn new(
+        drone: String,
+        stamp_ns: i64,
+        camera: PyRef<'_, PyCamera>,
+        world_from_camera: &Bound<'_, PyAny>,
+        heatmap: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let pose = pose(world_from_camera)?;
+        let heatmap = self::heatmap(heatmap)?;
+        View::new(drone, stamp_ns, camera.0.clone(), pose, heatmap).map(PyView).map_err(refuse)
+    }
+
+    #[getter]
+    fn drone(&self) -> &str {
+        &self.0.drone
+    }
+
+    #[getter]
+    fn stamp_ns(&self) -> i64 {
+        self.0.stamp_ns
+    }
+
+    #[getter]
+    fn camera(&self) -> PyCamera {
+        PyCamera(self.0.camera.clone())
+    }
+
+    #[getter]
+    fn world_from_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        rows(py, self.0.world_from_camera.to_matrix().concat(), 4)
+    }
+
+    #[getter]
+    fn heatmap<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let values = self.0.heatmap.values().to_vec();
+        values.into_pyarray(py).reshape(self.0.heatmap.shape())
+    }
+
+    fn __repr__(&self) -> String {
+        let [height, width] = self.0.heatmap.shape();
+        format!("View({:?}, stamp_ns={}, heatmap {height}x{width})", self.0.drone, self.0.stamp_ns)
+    }
+}
+
+fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
+    let flat = Array::<f64>::new(matrix, "world_from_camera", &[Some(4), Some(4)])?.to_vec()?;
+    let row = |i: usize| std::array::from_fn(|k| flat[4 * i + k]);
+    Pose::from_matrix(&[row(0), row(1), row(2), row(3)]).map_err(refuse)
+}
+
+fn heatmap(values: &Bound<'_, PyAny>) -> PyResult<Heatmap> {
+    let is_u8 = values
+        .cast::<PyUntypedArray>()
+        .is_ok_and(|array| array.dtype().is_equiv_to(&dtype::<u8>(values.py())));
+    let shape = [None, None];
+    let heatmap = if is_u8 {
+        let values = Array::<u8>::new(values, "heatmap", &shape)?;
+        Heatmap::from_u8(&values.to_vec()?, values.shape()[0], values.shape()[1])
+    } else {
+        let values = Array::<f32>::new(values, "heatmap", &shape)?;
+        Heatmap::new(values.to_vec()?, values.shape()[0], values.shape()[1])
+    };
+    heatmap.map_err(refuse)
+}

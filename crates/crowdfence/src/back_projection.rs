@@ -1,0 +1,269 @@
+//! View -> observation: which voxels the camera saw, and the mean heatmap value of each.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::{Result, require};
+use crate::raycast::Hit;
+use crate::terrain::Terrain;
+use crate::terrain::tree::Node;
+use crate::view::View;
+
+/// Which voxels count as seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coverage {
+    /// The voxels first hit by the ray of some pixel centre, as in the paper.
+    Rays,
+    /// Also voxels that no pixel centre hits (far away, at grazing angles) but whose own centre lies in the
+    /// image with nothing in front of it. They read the heatmap there and have pixel count 0.
+    Full,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    max_range_m: f64,
+    target_height_m: f64,
+    coverage: Coverage,
+}
+
+impl Projection {
+    /// `max_range_m` > 0 limits the distance along the ray. `target_height_m` >= 0 raises the terrain by the
+    /// height at which people are marked, which is the same as lowering the camera by it.
+    pub fn new(max_range_m: f64, target_height_m: f64, coverage: Coverage) -> Result<Projection> {
+        require(max_range_m.is_finite() && max_range_m > 0.0, "max_range_m", max_range_m, "finite and > 0")?;
+        require(
+            target_height_m.is_finite() && target_height_m >= 0.0,
+            "target_height_m",
+            target_height_m,
+            "finite and >= 0",
+        )?;
+        Ok(Projection { max_range_m, target_height_m, coverage })
+    }
+
+    pub fn max_range_m(&self) -> f64 {
+        self.max_range_m
+    }
+
+    pub fn target_height_m(&self) -> f64 {
+        self.target_height_m
+    }
+
+    pub fn coverage(&self) -> Coverage {
+        self.coverage
+    }
+}
+
+/// What one view says about the terrain. The first three are parallel and sorted by voxel id.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Observation {
+    pub voxel_ids: Vec<u32>,
+    /// m_i: mean heatmap value over the pixels whose ray first hits the voxel.
+    pub mean: Vec<f64>,
+    pub pixel_count: Vec<u32>,
+    /// With [`Coverage::Full`]: voxels in range whose centre lies in the image behind something else.
+    pub occluded_ids: Vec<u32>,
+}
+
+/// Back-projects a view. A camera inside an occupied voxel, or one that `target_height_m` would push through
+/// the terrain, sees nothing: its rays would pass below the surface and mark places it never saw.
+pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
+    let pose = &view.world_from_camera;
+    let height = projection.target_height_m;
+    if terrain.raycast(pose.translation, DVec3::NEG_Z, height).is_some() {
+        return Observation::default();
+    }
+    let caster = Caster {
+        view,
+        terrain,
+        origin: pose.translation - DVec3::Z * height,
+        max_range_m: projection.max_range_m,
+    };
+    let hit = caster.pixels();
+    match projection.coverage {
+        Coverage::Rays => hit,
+        Coverage::Full => caster.with_centres(hit),
+    }
+}
+
+/// One camera position looking at one terrain.
+struct Caster<'a> {
+    view: &'a View,
+    terrain: &'a Terrain,
+    origin: DVec3,
+    max_range_m: f64,
+}
+
+impl Caster<'_> {
+    /// Casts the ray of every pixel centre and averages the heatmap per voxel.
+    fn pixels(&self) -> Observation {
+        let camera = &self.view.camera;
+        let width = camera.width();
+        // Sorting (voxel, pixel) pairs groups the pixels of a voxel in image order, whatever the threads did.
+        let mut hits: Vec<u64> = (0..camera.height() * width)
+            .into_par_iter()
+            .filter_map(|pixel| {
+                let hit = self.cast(camera.pixel_ray(pixel % width, pixel / width)?)?;
+                Some(u64::from(hit.voxel_id) << 32 | u64::from(pixel))
+            })
+            .collect();
+        hits.par_sort_unstable();
+        let mut observation = Observation::default();
+        for group in hits.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let sum: f64 = group
+                .iter()
+                .map(|&hit| {
+                    let pixel = hit as u32;
+                    f64::from(self.view.value_at(pixel % width, pixel / width))
+                })
+                .sum();
+            observation.voxel_ids.push((group[0] >> 32) as u32);
+            observation.mean.push(sum / group.len() as f64);
+            observation.pixel_count.push(group.len() as u32);
+        }
+        observation
+    }
+
+    fn cast(&self, ray_camera: DVec3) -> Option<Hit> {
+        let direction = self.view.world_from_camera.rotation * ray_camera;
+        self.terrain.raycast(self.origin, direction, self.max_range_m)
+    }
+
+    /// Adds the voxels whose centre is visible although no pixel centre hits them, and lists the hidden ones.
+    fn with_centres(&self, hit: Observation) -> Observation {
+        let cone = self.viewing_cone();
+        let looks: Vec<(u32, Look)> = self
+            .voxels_inside(&cone)
+            .into_par_iter()
+            .filter(|(id, _)| hit.voxel_ids.binary_search(id).is_err())
+            .filter_map(|(id, center)| Some((id, self.look_at(id, center)?)))
+            .collect();
+        let mut rows: Vec<(u32, f64, u32)> = (0..hit.voxel_ids.len())
+            .map(|at| (hit.voxel_ids[at], hit.mean[at], hit.pixel_count[at]))
+            .collect();
+        let mut occluded_ids = Vec::new();
+        for (id, look) in looks {
+            match look {
+                Look::Seen(value) => rows.push((id, f64::from(value), 0)),
+                Look::Occluded => occluded_ids.push(id),
+            }
+        }
+        rows.sort_unstable_by_key(|row| row.0);
+        occluded_ids.sort_unstable();
+        Observation {
+            voxel_ids: rows.iter().map(|row| row.0).collect(),
+            mean: rows.iter().map(|row| row.1).collect(),
+            pixel_count: rows.iter().map(|row| row.2).collect(),
+            occluded_ids,
+        }
+    }
+
+    /// Depth test at a voxel's centre; None when it lies outside the image or the range.
+    fn look_at(&self, id: u32, center: DVec3) -> Option<Look> {
+        let to_center = center - self.origin;
+        let camera = &self.view.camera;
+        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * to_center)?;
+        if !camera.contains(pixel) {
+            return None;
+        }
+        let hit = self.terrain.raycast(self.origin, to_center, self.max_range_m)?;
+        Some(if hit.voxel_id == id {
+            Look::Seen(self.view.value_at(pixel.x as u32, pixel.y as u32))
+        } else if to_center.length() <= self.max_range_m {
+            Look::Occluded
+        } else {
+            return None;
+        })
+    }
+
+    /// Smallest cone around the optical axis that holds the rays of the image's border, widened by a pixel.
+    fn viewing_cone(&self) -> Cone {
+        let camera = &self.view.camera;
+        let (last_column, last_row) = (camera.width() - 1, camera.height() - 1);
+        let border = (0..=last_column)
+            .flat_map(|column| [(column, 0), (column, last_row)])
+            .chain((0..=last_row).flat_map(|row| [(0, row), (last_column, row)]));
+        // A blind border pixel gives no bound: then every direction is a candidate.
+        let angle = |ray: DVec3| ray.angle_between(DVec3::Z);
+        let widest = border
+            .map(|(column, row)| camera.pixel_ray(column, row).map_or(std::f64::consts::PI, angle))
+            .fold(0.0, f64::max);
+        Cone {
+            axis: self.view.world_from_camera.rotation * DVec3::Z,
+            half_angle: widest + 2.0 / camera.fx().min(camera.fy()),
+        }
+    }
+
+    /// Voxels whose centre may lie in the cone and in range.
+    fn voxels_inside(&self, cone: &Cone) -> Vec<(u32, DVec3)> {
+        let tree = self.terrain.tree();
+        let root = tree.depth() - 1;
+        let mut frontier = vec![TreeCell { node: tree.node(root, 0), low: [0; 3], level: root }];
+        // Breadth first down to the bricks, each level in parallel: nodes that miss the cone drop out early.
+        for _ in 0..root {
+            frontier = frontier
+                .par_iter()
+                .flat_map_iter(|cell| {
+                    cell.children().filter_map(|(child, low)| {
+                        let level = cell.level - 1;
+                        self.may_see(cone, low, 1 << (2 * (level + 1))).then(|| TreeCell {
+                            node: tree.node(level, child),
+                            low,
+                            level,
+                        })
+                    })
+                })
+                .collect();
+        }
+        frontier
+            .par_iter()
+            .flat_map_iter(|brick| {
+                brick
+                    .children()
+                    .filter(|(_, low)| self.may_see(cone, *low, 1))
+                    .map(|(id, _)| (id, self.terrain.center(id)))
+            })
+            .collect()
+    }
+
+    /// False only when no point of the cube (tree coordinates, side in voxels) is in the cone and in range.
+    fn may_see(&self, cone: &Cone, low: [u32; 3], side: u32) -> bool {
+        let side = f64::from(side);
+        let center = DVec3::from(low.map(f64::from)) + 0.5 * side;
+        let to_center = (center - self.terrain.tree_from_world(self.origin)) * self.terrain.voxel_size_m();
+        let radius = 0.5 * 3f64.sqrt() * side * self.terrain.voxel_size_m();
+        let distance = to_center.length();
+        if distance <= radius {
+            return true;
+        }
+        distance - radius <= self.max_range_m
+            && to_center.angle_between(cone.axis) - (radius / distance).asin() <= cone.half_angle
+    }
+}
+
+enum Look {
+    Seen(f32),
+    Occluded,
+}
+
+struct Cone {
+    axis: DVec3,
+    half_angle: f64,
+}
+
+struct TreeCell {
+    node: Node,
+    /// Lowest corner in tree coordinates.
+    low: [u32; 3],
+    level: u32,
+}
+
+impl TreeCell {
+    /// Index one level below (a voxel id at level 0) and lowest corner of each child.
+    fn children(&self) -> impl Iterator<Item = (u32, [u32; 3])> {
+        let (node, low, shift) = (self.node, self.low, 2 * self.level);
+        (0..64).filter(move |&cell| node.has(cell)).map(move |cell| {
+            let offset = [cell & 3, cell >> 2 & 3, cell >> 4];
+            (node.child(cell), std::array::from_fn(|k| low[k] + (offset[k] << shift)))
+        })
+    }
+}

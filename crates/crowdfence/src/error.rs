@@ -1,0 +1,97 @@
+//! Every way the core can refuse its input. Each message names the offending value and its bound.
+
+use thiserror::Error;
+
+use crate::camera::CameraError;
+use crate::terrain::octomap::OctomapError;
+use crate::terrain::triangles::TrianglesError;
+
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum Error {
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    #[error(transparent)]
+    Octomap(#[from] OctomapError),
+    #[error(transparent)]
+    Triangles(#[from] TrianglesError),
+
+    #[error("{name} is {value}; it must be {bound}")]
+    OutOfRange { name: &'static str, value: f64, bound: &'static str },
+    #[error("{name} has {actual} values; {expected} are needed")]
+    Length { name: &'static str, actual: usize, expected: usize },
+
+    // --- views
+    #[error("drone name is empty; every view needs the name of its drone")]
+    UnnamedDrone,
+    #[error("heatmap of {height} x {width} (rows x columns) is empty")]
+    EmptyHeatmap { height: usize, width: usize },
+    #[error("heatmap value at row {row}, column {column} is {value}; it must be inside [0, 1]")]
+    HeatmapValue { row: usize, column: usize, value: f32 },
+    #[error(
+        "heatmap of {height} x {width} (rows x columns) is no reduction of an image of {image_height} x {image_width} by one stride; resize it to the aspect of the image"
+    )]
+    HeatmapShape { height: usize, width: usize, image_height: u32, image_width: u32 },
+    #[error("pose holds {value} at row {row}, column {column}; every entry must be finite")]
+    PoseNotFinite { row: usize, column: usize, value: f64 },
+    #[error(
+        "pose is not rigid: {what} is off by {error:.3e}, bound {bound:.0e}; pass [R t; 0 0 0 1] with an orthonormal R of determinant +1"
+    )]
+    PoseNotRigid { what: &'static str, error: f64, bound: f64 },
+
+    // --- terrain
+    #[error("terrain has no occupied voxel")]
+    EmptyTerrain,
+    #[error("terrain spans {cells} voxels along {axis}; the tree holds at most {bound}. Use larger voxels")]
+    TerrainExtent { axis: char, cells: u64, bound: u64 },
+    #[error("terrain has {count} voxels; the bound is {bound}. Use larger voxels")]
+    TooManyVoxels { count: u64, bound: u64 },
+    #[error(
+        "point {index} at ({x}, {y}, {z}) cannot be placed on the voxel grid; coordinates must be finite and within 2^31 voxels of the origin"
+    )]
+    PointOffGrid { index: usize, x: f64, y: f64, z: f64 },
+    #[error("height at cell ({column}, {row}) is {value}; heights must be finite, or NaN for a hole")]
+    Height { column: usize, row: usize, value: f32 },
+    #[error("voxel id {id} does not exist; the terrain has ids 0 to {last}")]
+    VoxelId { id: i64, last: usize },
+    #[error("ray {index}: {what}")]
+    Ray { index: usize, what: &'static str },
+
+    // --- crowd map
+    #[error(
+        "stamp {stamp_ns} ns is not after the last instant, {last_ns} ns; instants must be integrated in order of time"
+    )]
+    StampNotAfter { stamp_ns: i64, last_ns: i64 },
+    #[error(
+        "stamp {stamp_ns} ns lies before the last instant, {last_ns} ns; a crowd map cannot be read in its past"
+    )]
+    ReadInPast { stamp_ns: i64, last_ns: i64 },
+    #[error(
+        "stamp {stamp_ns} ns is {gap_s} s after the last instant; the bound max_gap_s is {bound_s} s. Is a clock wrong?"
+    )]
+    StampJump { stamp_ns: i64, gap_s: f64, bound_s: f64 },
+    #[error(
+        "view of drone '{drone}' is stamped {offset_s} s away from its instant; the bound max_gap_s is {bound_s} s. Is a clock wrong?"
+    )]
+    ViewStamp { drone: String, offset_s: f64, bound_s: f64 },
+    #[error("drone '{drone}' appears twice in one instant; each drone gives at most one view")]
+    DuplicateDrone { drone: String },
+    #[error("drone '{drone}' makes the fleet {count} drones large; fleet_size is {fleet_size}")]
+    FleetTooLarge { drone: String, count: usize, fleet_size: usize },
+    #[error("not a crowd map: {what}")]
+    NotACrowdMap { what: &'static str },
+    #[error("crowd map has format version {version}; this build reads version {supported}")]
+    CrowdMapVersion { version: u32, supported: u32 },
+    #[error("crowd map is damaged at byte {offset}: {what}")]
+    DamagedCrowdMap { offset: usize, what: &'static str },
+    #[error(
+        "crowd map belongs to another terrain (fingerprint {found:016x}, this terrain has {expected:016x})"
+    )]
+    OtherTerrain { found: u64, expected: u64 },
+}
+
+/// Refuses a value that does not satisfy its bound (NaN satisfies none).
+pub(crate) fn require(ok: bool, name: &'static str, value: f64, bound: &'static str) -> Result<()> {
+    if ok { Ok(()) } else { Err(Error::OutOfRange { name, value, bound }) }
+}

@@ -1,0 +1,278 @@
+//! The known terrain: a sparse voxel surface. Voxel (i, j, k) is the half-open box from
+//! `origin + (i, j, k) * voxel_size_m` to `origin + (i + 1, j + 1, k + 1) * voxel_size_m`; ids are ranks in
+//! the tree and index every per-voxel array.
+
+pub mod height_map;
+pub mod octomap;
+pub(crate) mod tree;
+pub mod triangles;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result, require};
+use height_map::HeightMap;
+use octomap::Octomap;
+use tree::{MAX_EXTENT, Tree};
+
+/// Voxels of one terrain: ids stay below the two largest u32, which the crowd map uses as marks.
+pub const MAX_VOXELS: u64 = 1 << 31;
+
+#[derive(Debug, Clone)]
+pub struct Terrain {
+    origin: DVec3,
+    voxel_size_m: f64,
+    tree: Tree,
+    /// Grid index of tree coordinate (0, 0, 0): the lowest occupied index of each axis.
+    base: [i32; 3],
+    /// Occupied extent in voxels along each axis, counted from `base`.
+    extent: [u32; 3],
+}
+
+impl Terrain {
+    /// Voxels given by their grid indices; repeated indices count once.
+    pub fn from_indices(indices: &[[i32; 3]], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
+        check_frame(voxel_size_m, origin)?;
+        let (base, extent) = bounds(indices)?;
+        let depth = depth_for(extent)?;
+        if indices.len() as u64 > MAX_VOXELS {
+            return Err(Error::TooManyVoxels { count: indices.len() as u64, bound: MAX_VOXELS });
+        }
+        let mut keys: Vec<u64> = indices
+            .par_iter()
+            .map(|index| Tree::key(std::array::from_fn(|k| index[k].abs_diff(base[k])), depth))
+            .collect();
+        keys.par_sort_unstable();
+        Ok(Terrain { origin, voxel_size_m, tree: Tree::from_sorted_keys(&keys, depth), base, extent })
+    }
+
+    /// Occupied cells of a row-major [X, Y, Z] array.
+    pub fn from_occupancy(
+        occupied: &[bool],
+        shape: [usize; 3],
+        voxel_size_m: f64,
+        origin: DVec3,
+    ) -> Result<Terrain> {
+        let cells = shape.iter().product::<usize>();
+        if occupied.len() != cells {
+            return Err(Error::Length { name: "occupied", actual: occupied.len(), expected: cells });
+        }
+        for (axis, &cells) in ['x', 'y', 'z'].iter().zip(&shape) {
+            if cells as u64 > MAX_EXTENT {
+                return Err(Error::TerrainExtent { axis: *axis, cells: cells as u64, bound: MAX_EXTENT });
+            }
+        }
+        let plane = shape[1] * shape[2];
+        let indices: Vec<[i32; 3]> = occupied
+            .par_iter()
+            .enumerate()
+            .filter(|&(_, &occupied)| occupied)
+            .map(|(at, _)| [(at / plane) as i32, (at % plane / shape[2]) as i32, (at % shape[2]) as i32])
+            .collect();
+        Terrain::from_indices(&indices, voxel_size_m, origin)
+    }
+
+    /// The closed surface of a height map, see [`HeightMap::surface_voxels`].
+    pub fn from_height_map(map: &HeightMap, voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
+        check_frame(voxel_size_m, origin)?;
+        Terrain::from_indices(&map.surface_voxels(voxel_size_m)?, voxel_size_m, origin)
+    }
+
+    /// Every voxel that holds at least one of the points (world metres).
+    pub fn from_points(points: &[DVec3], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
+        check_frame(voxel_size_m, origin)?;
+        let indices = points
+            .par_iter()
+            .enumerate()
+            .map(|(index, &point)| {
+                let cell = ((point - origin) / voxel_size_m).floor();
+                if cell.is_finite() && cell.abs().max_element() < f64::from(i32::MAX) {
+                    Ok([cell.x as i32, cell.y as i32, cell.z as i32])
+                } else {
+                    Err(Error::PointOffGrid { index, x: point.x, y: point.y, z: point.z })
+                }
+            })
+            .collect::<Result<Vec<_>>>()?;
+        Terrain::from_indices(&indices, voxel_size_m, origin)
+    }
+
+    /// Every voxel that one of the triangles touches. `vertices` are world metres.
+    pub fn from_triangles(
+        vertices: &[DVec3],
+        triangles: &[[u32; 3]],
+        voxel_size_m: f64,
+        origin: DVec3,
+    ) -> Result<Terrain> {
+        check_frame(voxel_size_m, origin)?;
+        let vertices: Vec<DVec3> = vertices.iter().map(|&vertex| (vertex - origin) / voxel_size_m).collect();
+        let indices = triangles::voxelize_triangles(&vertices, triangles)?;
+        Terrain::from_indices(&indices, voxel_size_m, origin)
+    }
+
+    /// Occupied leaves of an OctoMap, pruned leaves expanded; `origin` is added to the file's coordinates.
+    pub fn from_octomap(map: &Octomap, origin: DVec3) -> Result<Terrain> {
+        let indices = map.occupied_voxels(MAX_VOXELS)?;
+        Terrain::from_indices(&indices, map.header.voxel_size_m, origin)
+    }
+
+    /// The same voxels in a frame in which grid index (0, 0, 0) starts at `origin`.
+    pub fn with_origin(&self, origin: DVec3) -> Result<Terrain> {
+        check_frame(self.voxel_size_m, origin)?;
+        Ok(Terrain { origin, ..self.clone() })
+    }
+
+    pub fn voxel_count(&self) -> usize {
+        self.tree.voxel_count()
+    }
+
+    pub fn voxel_size_m(&self) -> f64 {
+        self.voxel_size_m
+    }
+
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Memory of the tree.
+    pub fn tree_bytes(&self) -> usize {
+        self.tree.bytes()
+    }
+
+    /// Lowest and highest corner of the occupied voxels, world metres.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let low = DVec3::from(self.base.map(f64::from));
+        let high = low + DVec3::from(self.extent.map(f64::from));
+        (self.origin + low * self.voxel_size_m, self.origin + high * self.voxel_size_m)
+    }
+
+    /// Id of the voxel at a grid index.
+    pub fn id(&self, index: [i32; 3]) -> Option<u32> {
+        let coordinate: [i64; 3] = std::array::from_fn(|k| i64::from(index[k]) - i64::from(self.base[k]));
+        let inside = (0..3).all(|k| (0..i64::from(self.extent[k])).contains(&coordinate[k]));
+        inside.then(|| self.tree.id(coordinate.map(|c| c as u32))).flatten()
+    }
+
+    /// Grid index of voxel `id`, which must be below `voxel_count`.
+    pub fn index(&self, id: u32) -> [i32; 3] {
+        let coordinate = self.tree.coordinate(id);
+        std::array::from_fn(|k| self.base[k].wrapping_add_unsigned(coordinate[k]))
+    }
+
+    /// Centre of voxel `id`, world metres.
+    pub fn center(&self, id: u32) -> DVec3 {
+        let index = DVec3::from(self.index(id).map(f64::from));
+        self.origin + (index + 0.5) * self.voxel_size_m
+    }
+
+    /// Checks an id that came from outside.
+    pub fn check_id(&self, id: i64) -> Result<u32> {
+        if (0..self.voxel_count() as i64).contains(&id) {
+            Ok(id as u32)
+        } else {
+            Err(Error::VoxelId { id, last: self.voxel_count() - 1 })
+        }
+    }
+
+    /// Checksum of geometry and voxels: files that index voxels by id keep it to recognise their terrain.
+    pub fn fingerprint(&self) -> u64 {
+        let mut geometry = crc32fast::Hasher::new();
+        let numbers = self.origin.to_array().into_iter().chain([self.voxel_size_m]);
+        numbers.for_each(|number| geometry.update(&number.to_bits().to_le_bytes()));
+        self.base.iter().for_each(|index| geometry.update(&index.to_le_bytes()));
+        u64::from(geometry.finalize()) << 32 | u64::from(self.tree.checksum())
+    }
+
+    pub(crate) fn tree(&self) -> &Tree {
+        &self.tree
+    }
+
+    pub(crate) fn extent(&self) -> [u32; 3] {
+        self.extent
+    }
+
+    /// World point -> continuous tree coordinates, in which voxel (a, b, c) is the box from (a, b, c).
+    pub(crate) fn tree_from_world(&self, point_world: DVec3) -> DVec3 {
+        (point_world - self.origin) / self.voxel_size_m - DVec3::from(self.base.map(f64::from))
+    }
+}
+
+fn check_frame(voxel_size_m: f64, origin: DVec3) -> Result<()> {
+    require(voxel_size_m.is_finite() && voxel_size_m > 0.0, "voxel_size_m", voxel_size_m, "finite and > 0")?;
+    for (name, value) in ["origin x", "origin y", "origin z"].into_iter().zip(origin.to_array()) {
+        require(value.is_finite(), name, value, "finite")?;
+    }
+    Ok(())
+}
+
+fn bounds(indices: &[[i32; 3]]) -> Result<([i32; 3], [u32; 3])> {
+    let (low, high) = indices
+        .par_iter()
+        .map(|&index| (index, index))
+        .reduce_with(|a, b| {
+            (std::array::from_fn(|k| a.0[k].min(b.0[k])), std::array::from_fn(|k| a.1[k].max(b.1[k])))
+        })
+        .ok_or(Error::EmptyTerrain)?;
+    // An extent that overflows is refused by `depth_for`, which allows far less.
+    Ok((low, std::array::from_fn(|k| high[k].abs_diff(low[k]).saturating_add(1))))
+}
+
+fn depth_for(extent: [u32; 3]) -> Result<u32> {
+    let (axis, cells) = ['x', 'y', 'z']
+        .into_iter()
+        .zip(extent.map(u64::from))
+        .max_by_key(|&(_, cells)| cells)
+        .expect("three axes");
+    Tree::depth_for(cells).ok_or(Error::TerrainExtent { axis, cells, bound: MAX_EXTENT })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn occupancy_cells_become_voxels_at_their_place() {
+        let mut occupied = vec![false; 2 * 3 * 4];
+        occupied[4 * 3 + 4 * 2 + 3] = true; // (1, 2, 3) of a [2, 3, 4] array
+        let terrain =
+            Terrain::from_occupancy(&occupied, [2, 3, 4], 0.5, DVec3::new(10.0, 20.0, 30.0)).unwrap();
+        assert_eq!(terrain.voxel_count(), 1);
+        assert_eq!(terrain.index(0), [1, 2, 3]);
+        assert_eq!(terrain.center(0), DVec3::new(10.75, 21.25, 31.75));
+        assert_eq!(terrain.bounds(), (DVec3::new(10.5, 21.0, 31.5), DVec3::new(11.0, 21.5, 32.0)));
+    }
+
+    #[test]
+    fn points_far_from_the_origin_keep_their_voxel() {
+        let utm = DVec3::new(4.5e5, 5.2e6, 1.2e3);
+        let points = [utm + DVec3::new(0.24, 0.26, -0.01), utm + DVec3::new(0.1, 0.3, -0.2)];
+        let terrain = Terrain::from_points(&points, 0.25, DVec3::ZERO).unwrap();
+        assert_eq!(terrain.voxel_count(), 1);
+        assert_eq!(terrain.index(0), [1_800_000, 20_800_001, 4_799]);
+        assert_eq!(terrain.id([1_800_000, 20_800_001, 4_799]), Some(0));
+        assert_eq!(terrain.id([1_800_000, 20_800_001, 4_800]), None);
+    }
+
+    #[test]
+    fn what_cannot_be_a_terrain_is_refused_with_its_value() {
+        let refused = |result: Result<Terrain>| result.unwrap_err().to_string();
+        assert!(refused(Terrain::from_indices(&[], 1.0, DVec3::ZERO)).contains("no occupied voxel"));
+        assert!(
+            refused(Terrain::from_indices(&[[0; 3]], 0.0, DVec3::ZERO))
+                .contains("voxel_size_m is 0; it must be finite and > 0")
+        );
+        let far = [[0; 3], [0, 1 << 20, 0]];
+        assert!(refused(Terrain::from_indices(&far, 1.0, DVec3::ZERO)).contains("1048577 voxels along y"));
+        let nan = [DVec3::ZERO, DVec3::new(0.0, f64::NAN, 0.0)];
+        assert!(refused(Terrain::from_points(&nan, 1.0, DVec3::ZERO)).contains("point 1 at (0, NaN, 0)"));
+    }
+
+    #[test]
+    fn the_fingerprint_tells_terrains_apart() {
+        let one = Terrain::from_indices(&[[0, 0, 0], [1, 0, 0]], 1.0, DVec3::ZERO).unwrap();
+        let other_voxel = Terrain::from_indices(&[[0, 0, 0], [2, 0, 0]], 1.0, DVec3::ZERO).unwrap();
+        let moved = one.with_origin(DVec3::X).unwrap();
+        assert_eq!(one.fingerprint(), one.clone().fingerprint());
+        assert_ne!(one.fingerprint(), other_voxel.fingerprint());
+        assert_ne!(one.fingerprint(), moved.fingerprint());
+    }
+}

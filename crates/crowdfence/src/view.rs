@@ -1,0 +1,230 @@
+//! What one drone saw at one instant: heatmap, camera, pose and stamp.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+
+/// Largest deviation of R^T R from the identity, of det R from 1 and of the last row from (0, 0, 0, 1).
+/// Quaternions written with four decimals pass, a scaled or sheared matrix does not.
+const RIGID_TOLERANCE: f64 = 1e-4;
+
+#[derive(Debug, Clone)]
+pub struct View {
+    pub drone: String,
+    pub stamp_ns: i64,
+    pub camera: Arc<Camera>,
+    pub world_from_camera: Pose,
+    pub heatmap: Heatmap,
+}
+
+impl View {
+    pub fn new(
+        drone: impl Into<String>,
+        stamp_ns: i64,
+        camera: Arc<Camera>,
+        world_from_camera: Pose,
+        heatmap: Heatmap,
+    ) -> Result<View> {
+        let drone = drone.into();
+        if drone.is_empty() {
+            return Err(Error::UnnamedDrone);
+        }
+        heatmap.check_covers(&camera)?;
+        Ok(View { drone, stamp_ns, camera, world_from_camera, heatmap })
+    }
+
+    /// Heatmap value read by the pixel in `column` and `row` of the image.
+    pub fn value_at(&self, column: u32, row: u32) -> f32 {
+        // A cell covers width / columns pixels; the pixel reads the cell that holds its centre, which in
+        // integers is (2 i + 1) columns / (2 width).
+        let cell =
+            |pixel: u32, cells: usize, pixels: u32| (2 * pixel as usize + 1) * cells / (2 * pixels as usize);
+        let row = cell(row, self.heatmap.height, self.camera.height());
+        let column = cell(column, self.heatmap.width, self.camera.width());
+        self.heatmap.values[row * self.heatmap.width + column]
+    }
+}
+
+/// Rigid transform from camera axes to the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    pub rotation: DMat3,
+    pub translation: DVec3,
+}
+
+impl Pose {
+    /// From a row-major 4 x 4 matrix [R t; 0 0 0 1].
+    pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Pose> {
+        for (row, values) in rows.iter().enumerate() {
+            for (column, &value) in values.iter().enumerate() {
+                if !value.is_finite() {
+                    return Err(Error::PoseNotFinite { row, column, value });
+                }
+            }
+        }
+        let rotation = DMat3::from_cols_array_2d(&std::array::from_fn(|column| {
+            std::array::from_fn(|row| rows[row][column])
+        }));
+        let not_identity = rotation.transpose() * rotation - DMat3::IDENTITY;
+        let last_row = [rows[3][0], rows[3][1], rows[3][2], rows[3][3] - 1.0];
+        let largest = |values: &[f64]| values.iter().fold(0.0f64, |max, v| max.max(v.abs()));
+        for (what, error) in [
+            ("the last row", largest(&last_row)),
+            ("R^T R", largest(&not_identity.to_cols_array())),
+            ("det R", (rotation.determinant() - 1.0).abs()),
+        ] {
+            if error > RIGID_TOLERANCE {
+                return Err(Error::PoseNotRigid { what, error, bound: RIGID_TOLERANCE });
+            }
+        }
+        Ok(Pose { rotation, translation: DVec3::new(rows[0][3], rows[1][3], rows[2][3]) })
+    }
+
+    pub fn to_matrix(&self) -> [[f64; 4]; 4] {
+        let mut rows = [[0.0, 0.0, 0.0, 1.0]; 4];
+        for (row, values) in rows.iter_mut().take(3).enumerate() {
+            let r = self.rotation.row(row);
+            *values = [r.x, r.y, r.z, self.translation[row]];
+        }
+        rows
+    }
+}
+
+/// Detector output in [0, 1], row-major, at any stride of the image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Heatmap {
+    values: Vec<f32>,
+    height: usize,
+    width: usize,
+}
+
+impl Heatmap {
+    pub fn new(values: Vec<f32>, height: usize, width: usize) -> Result<Heatmap> {
+        if height == 0 || width == 0 {
+            return Err(Error::EmptyHeatmap { height, width });
+        }
+        if values.len() != height * width {
+            return Err(Error::Length { name: "heatmap", actual: values.len(), expected: height * width });
+        }
+        if let Some(at) = values.iter().position(|value| !(0.0..=1.0).contains(value)) {
+            return Err(Error::HeatmapValue { row: at / width, column: at % width, value: values[at] });
+        }
+        Ok(Heatmap { values, height, width })
+    }
+
+    /// 8-bit heatmap: value / 255.
+    pub fn from_u8(values: &[u8], height: usize, width: usize) -> Result<Heatmap> {
+        let values = values.iter().map(|&value| f32::from(value) / 255.0).collect();
+        Heatmap::new(values, height, width)
+    }
+
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// Rows and columns.
+    pub fn shape(&self) -> [usize; 2] {
+        [self.height, self.width]
+    }
+
+    /// A heatmap belongs to an image when one stride s, the same for rows and columns, explains both sides:
+    /// side = floor(pixels / s) or ceil(pixels / s). This catches swapped axes and squashed images.
+    fn check_covers(&self, camera: &Camera) -> Result<()> {
+        let strides = |pixels: u32, cells: usize| {
+            let (pixels, cells) = (f64::from(pixels), cells as f64);
+            (pixels / (cells + 1.0), pixels / (cells - 1.0)) // open interval; one cell has no upper bound
+        };
+        let (low_y, high_y) = strides(camera.height(), self.height);
+        let (low_x, high_x) = strides(camera.width(), self.width);
+        let not_larger = self.height <= camera.height() as usize && self.width <= camera.width() as usize;
+        if not_larger && low_x.max(low_y) < high_x.min(high_y) {
+            return Ok(());
+        }
+        Err(Error::HeatmapShape {
+            height: self.height,
+            width: self.width,
+            image_height: camera.height(),
+            image_width: camera.width(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Distortion;
+
+    fn view(width: u32, height: u32, heatmap: [usize; 2]) -> Result<View> {
+        let camera = Camera::new(width, height, 100.0, 100.0, 1.0, 1.0, Distortion::None).unwrap();
+        let values = (0..heatmap[0] * heatmap[1]).map(|i| i as f32 / 1e6).collect();
+        View::new(
+            "uav1",
+            0,
+            Arc::new(camera),
+            Pose::from_matrix(&IDENTITY).unwrap(),
+            Heatmap::new(values, heatmap[0], heatmap[1])?,
+        )
+    }
+
+    const IDENTITY: [[f64; 4]; 4] =
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+    #[test]
+    fn every_stride_is_accepted_and_swapped_axes_are_not() {
+        for heatmap in [[480, 640], [120, 160], [15, 20], [1, 1], [48, 64]] {
+            view(640, 480, heatmap).unwrap();
+        }
+        view(1920, 1080, [34, 60]).unwrap(); // stride 32 rounded up
+        for heatmap in [[160, 120], [128, 128], [480, 641]] {
+            let message = view(640, 480, heatmap).unwrap_err().to_string();
+            assert!(message.contains("image of 480 x 640"), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_pixel_reads_the_cell_under_its_centre() {
+        let view = view(6, 4, [2, 3]).unwrap(); // stride 2
+        assert_eq!(view.value_at(0, 0), 0.0);
+        assert_eq!(view.value_at(1, 1), 0.0);
+        assert_eq!(view.value_at(2, 1), 1e-6);
+        assert_eq!(view.value_at(5, 3), 5e-6);
+    }
+
+    #[test]
+    fn values_outside_zero_to_one_are_named_with_their_cell() {
+        for value in [-0.01, 1.01, f32::NAN, f32::INFINITY] {
+            let mut values = vec![0.0; 6];
+            values[4] = value;
+            let message = Heatmap::new(values, 2, 3).unwrap_err().to_string();
+            assert!(message.contains("row 1, column 1"), "{message}");
+        }
+        assert!(Heatmap::new(vec![], 0, 3).unwrap_err().to_string().contains("empty"));
+        assert_eq!(Heatmap::from_u8(&[0, 255, 51], 1, 3).unwrap().values(), [0.0, 1.0, 0.2]);
+    }
+
+    #[test]
+    fn only_rigid_finite_poses_pass() {
+        let mut scaled = IDENTITY;
+        scaled[1][1] = 1.001;
+        let mut mirrored = IDENTITY;
+        mirrored[2][2] = -1.0;
+        let mut projective = IDENTITY;
+        projective[3][0] = 0.1;
+        let mut nan = IDENTITY;
+        nan[0][3] = f64::NAN;
+        for (matrix, words) in [
+            (scaled, "R^T R is off"),
+            (mirrored, "det R is off"),
+            (projective, "the last row is off"),
+            (nan, "NaN at row 0, column 3"),
+        ] {
+            let message = Pose::from_matrix(&matrix).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+        let pose = Pose::from_matrix(&IDENTITY).unwrap();
+        assert_eq!(pose.to_matrix(), IDENTITY);
+    }
+}
