@@ -61,7 +61,7 @@ def _opencv_rays(camera: Camera, pixels: Array) -> Array:
     """Unit rays [N, 3]; NaN where OpenCV's own iteration did not come back to the pixel."""
     undistort = cv2.fisheye.undistortPoints if camera.model == "kannala_brandt" else cv2.undistortPoints
     plane = undistort(pixels[:, None], _matrix(camera), np.array(camera.distortion), criteria=UNTIL_CONVERGED)
-    rays = np.column_stack([np.asarray(plane).reshape(-1, 2), np.ones(len(pixels))])
+    rays = np.column_stack([np.asarray(plane, dtype=np.float64).reshape(-1, 2), np.ones(len(pixels))])
     miss_px = np.linalg.norm(_opencv_project(camera, rays) - pixels, axis=1)
     rays[miss_px > 1e-7] = np.nan
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -98,7 +98,7 @@ def test_project_agrees_with_opencv(cameras: Callable[[], Iterator[Camera]], max
         points = _directions(rng, max_angle_deg)
         pixels = camera.project(points)
         seen = ~np.isnan(pixels[:, 0])
-        seen_count += np.count_nonzero(seen)
+        seen_count += int(np.count_nonzero(seen))
         np.testing.assert_allclose(pixels[seen], _opencv_project(camera, points)[seen], rtol=0, atol=1e-6)
     # Beyond the fold OpenCV wraps points back into the image, so that there is nothing to agree with.
     assert seen_count > 0.9 * CAMERAS_PER_MODEL * POINTS_PER_CAMERA
@@ -116,7 +116,7 @@ def test_unproject_agrees_with_opencv(cameras: Callable[[], Iterator[Camera]], m
             continue  # a fold inside the image; too many of these would fail the count below
         expected = _opencv_rays(camera, pixels)
         known = ~np.isnan(expected[:, 0]) & (expected[:, 2] > np.cos(np.radians(max_angle_deg)))
-        compared += np.count_nonzero(known)
+        compared += int(np.count_nonzero(known))
         assert _angle_between(rays[known], expected[known]).max() < 1e-8
     assert compared > 0.7 * CAMERAS_PER_MODEL * POINTS_PER_CAMERA
 
