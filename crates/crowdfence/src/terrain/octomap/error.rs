@@ -5,7 +5,8 @@ use super::header::{BINARY_FIRST_LINE, FULL_FIRST_LINE};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OctomapError {
     #[error(
-        "not an OctoMap file: the first line is {found:?} instead of {BINARY_FIRST_LINE:?} or {FULL_FIRST_LINE:?}"
+        "not an OctoMap file: the first line is {found:?} instead of {BINARY_FIRST_LINE:?} \
+         or {FULL_FIRST_LINE:?}"
     )]
     FirstLine { found: String },
     #[error("OctoMap header without `{field}`")]
@@ -17,8 +18,8 @@ pub enum OctomapError {
     #[error("OctoMap header has the unknown keyword {keyword:?}; if it is a comment, start its line with #")]
     UnknownKeyword { keyword: String },
     #[error(
-        "OctoMap tree type {id:?} cannot be read from an .ot file (OcTree, OcTreeStamped and ColorOcTree can); \
-         save it as .bt, which has the same layout for every type"
+        "OctoMap tree type {id:?} cannot be read from an .ot file (OcTree, OcTreeStamped and \
+         ColorOcTree can); save it as .bt, which has the same layout for every type"
     )]
     UnsupportedTree { id: String },
     #[error("OctoMap of 0 nodes: nothing was mapped")]
@@ -47,7 +48,8 @@ pub enum OctomapError {
     #[error("voxel {voxel:?} does not fit an OctoMap, whose indices go from -32768 to 32767")]
     VoxelOutOfRange { voxel: [i32; 3] },
     #[error(
-        "{voxels} voxels with {colors} colours and {probabilities} probabilities; there must be one of each per voxel"
+        "{voxels} voxels with {colors} colours and {probabilities} probabilities; \
+         there must be one of each per voxel"
     )]
     LengthMismatch { voxels: usize, colors: usize, probabilities: usize },
     #[error("voxel {voxel:?} has the probability {probability}; it must lie in [0, 1]")]

@@ -166,7 +166,7 @@ fn header_fields_come_in_any_order_with_comments() {
     let expected = read(&file(HEADER_BT, 1, &[0, 0])).unwrap();
     for header in [
         "# Octomap OcTree binary file\n# (a comment)\n#\nres 0.5\nsize 1\nid OcTree\ndata\n",
-        "# Octomap OcTree binary file, more\r\n#data\r\n\r\n  id\tOcTree\r\nsize 1\r\nres 5e-1\r\ndata of the tree\r\n",
+        "# Octomap OcTree binary file, 2\r\n#data\r\n\r\n  id\tOcTree\r\nsize 1\r\nres 5e-1\r\ndata of it\r\n",
         "# Octomap OcTree binary file\nid OcTree size 1 res 0.5 # id Other\ndata\n",
     ] {
         assert_eq!(read(&[header.as_bytes(), &[0, 0]].concat()).as_ref(), Ok(&expected), "{header}");
