@@ -1,0 +1,130 @@
+"""Any recording -> a mission file with the same frames, poses and pixels."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from heapq import merge
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+from crowdfence.sources.mission_writer import MissionWriter
+from crowdfence.sources.pictures import as_png, picture_format
+from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+
+Progress = Callable[[int, int], None]
+"""Called with (frames done, frames in all)."""
+
+ValueT = TypeVar("ValueT")
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What a conversion wrote and what it could not."""
+
+    path: Path
+    frames: dict[str, int]
+    """Frames written per drone."""
+    poses: int
+    refused: list[RefusedFrame]
+    """Frames that are not in the file: those of the recording and those whose heatmap cannot be read."""
+    omitted: list[str]
+    """Pictures and truth that could not be read; their frames are in the file without them."""
+    size_bytes: int = field(default=0)
+
+
+def convert(
+    recording: Recording, path: str | PathLike[str], *, progress: Progress | None = None
+) -> Conversion:
+    """Write the recording as a mission file.
+
+    The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
+    Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
+    written; nothing is left behind then.
+    """
+    refused = list(recording.refused)
+    conversion = Conversion(
+        Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []
+    )
+    done = 0
+    with MissionWriter(
+        path, georeference=recording.georeference, terrain=recording.terrain, source=_source(recording)
+    ) as writer:
+        for drone in recording.drones:
+            writer.add_drone(drone)
+        for _, item in merge(_poses(recording), _frames(recording), key=lambda entry: entry[0]):
+            if isinstance(item, Frame):
+                _write_frame(writer, item, conversion)
+                done += 1
+                if progress is not None:
+                    progress(done, len(recording.frames))
+            else:
+                writer.add_pose(*item)
+        writer.add_refused(refused)
+    return Conversion(
+        conversion.path,
+        conversion.frames,
+        conversion.poses,
+        refused,
+        conversion.omitted,
+        conversion.path.stat().st_size,
+    )
+
+
+def _write_frame(writer: MissionWriter, frame: Frame, conversion: Conversion) -> None:
+    try:
+        heatmap = frame.heatmap() if frame.pixels.heatmap else None
+    except FrameError as error:
+        conversion.refused.append(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
+        return
+    pixels = frame.pixels
+    writer.add_camera(frame.drone, frame.camera)
+    writer.add_frame(
+        frame.drone,
+        frame.stamp_ns,
+        image=_read(pixels.image, lambda: _jpeg_or_png(frame.encoded_image()), frame, conversion),
+        heatmap=heatmap,
+        regions=_read(pixels.regions, frame.regions, frame, conversion),
+        silhouettes=_read(pixels.silhouettes, frame.silhouettes, frame, conversion),
+        depth_m=_read(pixels.depth_m, frame.depth_m, frame, conversion),
+    )
+    conversion.frames[frame.drone] += 1
+
+
+def _read(source: object, read: Callable[[], ValueT], frame: Frame, conversion: Conversion) -> ValueT | None:
+    if source is None:
+        return None
+    try:
+        return read()
+    except ValueError as error:
+        reason = error.reason if isinstance(error, FrameError) else str(error)
+        conversion.omitted.append(f"{frame.drone} at {frame.stamp_ns}: {reason}")
+        return None
+
+
+def _jpeg_or_png(data: bytes) -> bytes:
+    return data if picture_format(data) else as_png(data)
+
+
+def _frames(recording: Recording) -> Iterator[tuple[int, Any]]:
+    return ((frame.stamp_ns, frame) for frame in recording.frames)
+
+
+def _poses(recording: Recording) -> Iterator[tuple[int, Any]]:
+    per_drone = [
+        [
+            (int(stamp_ns), (drone, int(stamp_ns), position, quaternion))
+            for stamp_ns, position, quaternion in zip(
+                track.stamps_ns, track.positions, track.quaternions, strict=True
+            )
+        ]
+        for drone, track in recording.tracks().items()
+    ]
+    return merge(*per_drone, key=lambda entry: entry[0])
+
+
+def _pose_count(recording: Recording) -> int:
+    return sum(len(track) for track in recording.tracks().values())
+
+
+def _source(recording: Recording) -> str:
+    return f"{recording.manifest.get('kind', 'recording')} {recording.name}"

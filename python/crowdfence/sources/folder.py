@@ -1,0 +1,183 @@
+"""A plain folder of heatmaps and a table of camera poses: the form to produce from one's own logs.
+
+    poses.csv                          drone, stamp_ns, x, y, z, qw, qx, qy, qz
+    recording.json                     cameras, and optionally georeference and terrain
+    heatmaps/<drone>_<stamp_ns>.png    or .npy; one file is one frame
+    images/<drone>_<stamp_ns>.jpg      or .png; optional
+    truth/regions/<drone>_<stamp_ns>.png   optional, crowd number per pixel
+
+A row of poses.csv is the pose of a drone's camera: position in local east-north-up metres, unit quaternion
+that turns camera axes (OpenCV: right, down, forward) into east-north-up. Rows need not fall on frames; they
+are interpolated. recording.json:
+
+    {"cameras": {"uav1": {"width": 640, "height": 480, "fx": 381.4, "fy": 381.4, "cx": 320, "cy": 240,
+                          "model": "brown_conrady", "distortion": [k1, k2, p1, p2, k3]},
+                 "*": {... for all other drones ...}},
+     "georeference": {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0},
+     "terrain": "terrain/dem.tif"}
+
+`model` is pinhole (default), brown_conrady or kannala_brandt; cx and cy count from the outer corner of the
+first pixel, whose centre is at (0.5, 0.5).
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.sources.admission import Capture, Limits, admit
+from crowdfence.sources.csv_rows import integer, numbers, read_rows
+from crowdfence.sources.pictures import read_heatmap, read_regions
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.recording import PixelSources, Recording
+from crowdfence.sources.terrain_hint import find_terrain
+
+POSES_NAME = "poses.csv"
+DESCRIPTION_NAME = "recording.json"
+
+_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+_FILE_NAME = re.compile(r"(?P<drone>.+)_(?P<stamp>[0-9]{1,20})\.(?P<suffix>png|npy|jpe?g)", re.ASCII)
+
+
+def read_folder(folder: Path, limits: Limits) -> Recording:
+    """Open the folder that holds poses.csv. ValueError when the table or recording.json cannot be used."""
+    description = _read_description(folder / DESCRIPTION_NAME)
+    tracks, warnings = _read_tracks(folder / POSES_NAME)
+    heatmaps = _files_by_frame(folder / "heatmaps", ("png", "npy"), warnings)
+    images = _files_by_frame(folder / "images", ("jpg", "jpeg", "png"), warnings)
+    regions = _files_by_frame(folder / "truth" / "regions", ("png",), warnings)
+    captures: dict[str, list[Capture]] = {drone: [] for drone in sorted(tracks)}
+    for drone, stamp_ns in sorted(heatmaps.keys() | images.keys()):
+        key = drone, stamp_ns
+        camera = _camera(description, drone, folder / DESCRIPTION_NAME)
+        pixels = _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera)
+        fault = _ambiguous(heatmaps.get(key, []))
+        captures.setdefault(drone, []).append(Capture(stamp_ns, camera, pixels, fault))
+    if not captures:
+        raise ValueError(f"{folder} holds no frames: {POSES_NAME} has no row and heatmaps/ no file")
+    frames, refused = admit(captures, tracks, limits)
+    return Recording(
+        name=folder.resolve().name,
+        drones=tuple(sorted(captures)),
+        frames=frames,
+        georeference=_georeference(description, folder / DESCRIPTION_NAME),
+        terrain=_terrain(folder, description, warnings),
+        refused=refused,
+        warnings=tuple(warnings),
+        manifest={"kind": "folder", "path": str(folder)},
+        pose_tracks=tracks,
+    )
+
+
+def _read_tracks(path: Path) -> tuple[dict[str, PoseTrack], list[str]]:
+    stamps: dict[str, list[int]] = {}
+    poses: dict[str, list[list[float]]] = {}
+    faulty: list[str] = []
+    for line, row in read_rows(path, ["drone", "stamp_ns", *_POSE]):
+        if isinstance(row, str):
+            faulty.append(row)
+            continue
+        try:
+            stamp_ns, pose = integer(row, "stamp_ns"), numbers(row, _POSE)
+        except ValueError as error:
+            faulty.append(f"line {line}: {error}")
+            continue
+        stamps.setdefault(row["drone"], []).append(stamp_ns)
+        poses.setdefault(row["drone"], []).append(pose)
+    warnings = [f"{path.name}: {len(faulty)} rows cannot be read, first: {faulty[0]}"] if faulty else []
+    tracks = {}
+    for drone, values in poses.items():
+        positions, quaternions = [pose[:3] for pose in values], [pose[3:] for pose in values]
+        tracks[drone], remarks = track_from_rows(stamps[drone], positions, quaternions)
+        warnings.extend(f"{drone}: {remark}" for remark in remarks)
+    return tracks, warnings
+
+
+def _files_by_frame(
+    folder: Path, suffixes: tuple[str, ...], warnings: list[str]
+) -> dict[tuple[str, int], list[Path]]:
+    """Files `<drone>_<stamp_ns>.<suffix>` by (drone, stamp); anything else is reported."""
+    files: dict[tuple[str, int], list[Path]] = {}
+    strange = []
+    for path in sorted(folder.glob("*")):
+        match = _FILE_NAME.fullmatch(path.name)
+        if match is None or match["suffix"] not in suffixes:
+            strange.append(path.name)
+        else:
+            files.setdefault((match["drone"], int(match["stamp"])), []).append(path)
+    if strange:
+        warnings.append(
+            f"{len(strange)} files in {folder.name}/ are not named <drone>_<stamp_ns>.{'|'.join(suffixes)}, "
+            f"first: {strange[0]}"
+        )
+    return files
+
+
+def _ambiguous(heatmaps: list[Path]) -> str | None:
+    if len(heatmaps) < 2:
+        return None
+    return f"{len(heatmaps)} heatmaps for one frame: {', '.join(path.name for path in heatmaps)}"
+
+
+def _pixels(heatmaps: list[Path], images: list[Path], regions: list[Path], camera: Camera) -> PixelSources:
+    size = (camera.width, camera.height)
+    return PixelSources(
+        image=images[0].read_bytes if images else None,
+        heatmap=(lambda: read_heatmap(heatmaps[0], size)) if heatmaps else None,
+        regions=(lambda: read_regions(regions[0], size)) if regions else None,
+    )
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        description = json.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise ValueError(f"{path} is missing: it must hold the cameras of the drones") from None
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}") from error
+    if not isinstance(description, dict) or not isinstance(description.get("cameras"), dict):
+        raise ValueError(f'{path} must be an object with "cameras", an object by drone name')
+    return description
+
+
+def _camera(description: dict[str, Any], drone: str, path: Path) -> Camera:
+    cameras = description["cameras"]
+    entry = cameras.get(drone, cameras.get("*"))
+    if entry is None:
+        raise ValueError(f'{path} has no camera for drone {drone!r}: add cameras.{drone} or cameras."*"')
+    try:
+        width, height, fx, fy, cx, cy = (entry[key] for key in ("width", "height", "fx", "fy", "cx", "cy"))
+        model, distortion = entry.get("model", "pinhole"), entry.get("distortion")
+        if model == "kannala_brandt":
+            return Camera.fisheye(width, height, fx, fy, cx, cy, distortion or (0.0, 0.0, 0.0, 0.0))
+        if model not in ("pinhole", "brown_conrady"):
+            raise ValueError(f"unknown model {model!r} (pinhole, brown_conrady, kannala_brandt)")
+        return Camera.pinhole(width, height, fx, fy, cx, cy, distortion)
+    except KeyError as error:
+        raise ValueError(f"{path}: the camera of {drone!r} has no {error}") from error
+    except (TypeError, OverflowError, ValueError) as error:
+        raise ValueError(f"{path}: the camera of {drone!r} cannot be used: {error}") from error
+
+
+def _georeference(description: dict[str, Any], path: Path) -> Georeference | None:
+    entry = description.get("georeference")
+    if entry is None:
+        return None
+    try:
+        return Georeference(*(float(entry[key]) for key in ("latitude_deg", "longitude_deg", "height_m")))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: georeference needs latitude_deg, longitude_deg and height_m: {error!r}"
+        ) from error
+
+
+def _terrain(folder: Path, description: dict[str, Any], warnings: list[str]) -> Path | None:
+    if "terrain" not in description:
+        return find_terrain(folder)
+    terrain = folder / str(description["terrain"])
+    if not terrain.is_file():
+        warnings.append(f"the map that {DESCRIPTION_NAME} names, {description['terrain']}, is not there")
+        return None
+    return terrain

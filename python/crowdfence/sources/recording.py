@@ -1,0 +1,231 @@
+"""What every source yields: frames with known cameras and poses, their pixels still on disk."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Camera, View
+from crowdfence.georeference import Georeference
+from crowdfence.sources.pose_track import PoseTrack
+from crowdfence.sources.synchronize import group_instants
+
+Pixels = NDArray[Any]
+PixelsT = TypeVar("PixelsT")
+
+
+class FrameError(ValueError):
+    """Something of this frame cannot be used; the message names drone, stamp and reason."""
+
+    def __init__(self, drone: str, stamp_ns: int, reason: str) -> None:
+        super().__init__(f"frame of {drone} at {stamp_ns}: {reason}")
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedFrame:
+    """A frame that was recorded but does not take part, and why."""
+
+    drone: str
+    stamp_ns: int | None
+    """None when not even the stamp could be read."""
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.drone or '(unknown drone)'} at {self.stamp_ns}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class PixelSources:
+    """Where the pixels of one frame come from: functions called when pixels are wanted, None = not recorded.
+
+    image        encoded picture, the bytes as recorded (JPEG, PNG or PPM)
+    heatmap      [h, w] uint8 (value / 255) or float in [0, 1], at any stride of the image
+    regions      [H, W] crowd number per image pixel, 0 = none: truth, silhouettes merged and gaps filled
+    silhouettes  [H, W] bool, pixels that show a person of a crowd: truth, as segmented
+    depth_m      [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
+    """
+
+    image: Callable[[], bytes] | None = None
+    heatmap: Callable[[], Pixels] | None = None
+    regions: Callable[[], Pixels] | None = None
+    silhouettes: Callable[[], NDArray[np.bool_]] | None = None
+    depth_m: Callable[[], NDArray[np.float32]] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One image of one drone. Pixels are read when asked for, each time anew; nothing is kept in memory."""
+
+    drone: str
+    stamp_ns: int
+    camera: Camera
+    world_from_camera: NDArray[np.float64]
+    """Rigid transform [4, 4], camera axes (OpenCV) -> local ENU metres."""
+    pixels: PixelSources = field(default_factory=PixelSources, repr=False)
+
+    def heatmap(self) -> Pixels:
+        """Heatmap [h, w] as recorded. FrameError when there is none or it does not fit the image."""
+        heatmap = self._read("heatmap", self.pixels.heatmap)
+        self._check_heatmap_shape(heatmap.shape)
+        return heatmap
+
+    def encoded_image(self) -> bytes:
+        """The picture's bytes as recorded. FrameError when there is none."""
+        return self._read("image", self.pixels.image)
+
+    def image(self) -> NDArray[np.uint8]:
+        """The picture [H, W, 3], RGB. FrameError when there is none or it is damaged."""
+        from crowdfence.sources.pictures import decode_rgb
+
+        size = (self.camera.width, self.camera.height)
+        return self._read("image", lambda: decode_rgb(self.encoded_image(), size))
+
+    def regions(self) -> Pixels:
+        """True crowd number per image pixel [H, W], 0 = none. FrameError when not recorded or damaged."""
+        return self._read_at_image_size("crowd regions", self.pixels.regions)
+
+    def silhouettes(self) -> NDArray[np.bool_]:
+        """True where an image pixel shows a person of a crowd [H, W]. FrameError as for `regions`."""
+        return self._read_at_image_size("silhouettes", self.pixels.silhouettes)
+
+    def depth_m(self) -> NDArray[np.float32]:
+        """True depth along the camera's z axis [H, W], NaN = unknown. FrameError as for `regions`."""
+        return self._read_at_image_size("depth", self.pixels.depth_m)
+
+    def view(self, heatmap: Pixels | None = None) -> View:
+        """The frame for the core, with the recorded heatmap or the one given (a detector's).
+
+        FrameError when the heatmap cannot be read or the core refuses it (shape, range, NaN).
+        """
+        if heatmap is None:
+            heatmap = self.heatmap()
+        else:
+            self._check_heatmap_shape(np.shape(heatmap))
+        try:
+            return View(self.drone, self.stamp_ns, self.camera, self.world_from_camera, heatmap)
+        except ValueError as error:
+            raise self._error(str(error)) from error
+
+    def _read(self, what: str, read: Callable[[], PixelsT] | None) -> PixelsT:
+        if read is None:
+            raise self._error(f"has no {what}")
+        try:
+            return read()
+        except FrameError:
+            raise
+        except (OSError, ValueError) as error:
+            raise self._error(f"{what} cannot be read: {error}") from error
+
+    def _read_at_image_size(self, what: str, read: Callable[[], NDArray[Any]] | None) -> NDArray[Any]:
+        pixels = self._read(what, read)
+        expected = (self.camera.height, self.camera.width)
+        if pixels.shape != expected:
+            raise self._error(f"{what} have shape {pixels.shape}, the image has {expected}")
+        return pixels
+
+    def _check_heatmap_shape(self, shape: tuple[int, ...]) -> None:
+        width, height = self.camera.width, self.camera.height
+        if len(shape) != 2 or 0 in shape:
+            raise self._error(f"heatmap has shape {shape}, expected [h, w] with at least one value")
+        rows, columns = shape
+        if rows > height or columns > width:
+            raise self._error(f"heatmap of {columns}x{rows} is larger than its image of {width}x{height}")
+        # One stride for both axes, give or take the row or column that rounding adds or drops.
+        if abs(width * rows - height * columns) > max(width, height):
+            raise self._error(
+                f"heatmap of {columns}x{rows} does not have the proportions of its image of {width}x{height}"
+            )
+
+    def _error(self, reason: str) -> FrameError:
+        return FrameError(self.drone, self.stamp_ns, reason)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instant:
+    """Frames of different drones that count as simultaneous."""
+
+    stamp_ns: int
+    """The newest stamp of the group."""
+    frames: tuple[Frame, ...]
+    refuse: Callable[[RefusedFrame], None] = field(repr=False)
+    """Told of every frame that turns out to be unusable."""
+
+    def views(self) -> list[View]:
+        """The frames as views for the core. A frame that cannot be loaded is left out and becomes part of
+        the recording's `refused`; the others are not affected."""
+        views = []
+        for frame in self.frames:
+            try:
+                views.append(frame.view())
+            except FrameError as error:
+                self.refuse(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
+        return views
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A flight of one or more drones, whatever it was stored as. `open_recording` makes one."""
+
+    name: str
+    drones: tuple[str, ...]
+    """Every drone of the fleet, also one whose frames were all refused."""
+    frames: tuple[Frame, ...]
+    """All usable frames of all drones by stamp."""
+    georeference: Georeference | None
+    terrain: Path | None
+    """A map file that came with the recording."""
+    refused: list[RefusedFrame]
+    """Frames that do not take part. Grows when `Instant.views` meets pixels that cannot be read."""
+    warnings: tuple[str, ...]
+    """What the reader had to assume or could not read, one sentence each."""
+    manifest: dict[str, Any]
+    """What the source says about itself, ready for JSON."""
+    pose_tracks: Mapping[str, PoseTrack]
+
+    def frames_of(self, drone: str) -> list[Frame]:
+        """The frames of one drone by stamp. ValueError for a drone that is not in the recording."""
+        self._check_drones([drone])
+        return [frame for frame in self.frames if frame.drone == drone]
+
+    def tracks(self) -> dict[str, PoseTrack]:
+        """Camera poses over time per drone, at telemetry rate."""
+        return dict(self.pose_tracks)
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last stamp of the frames, None when there is no frame."""
+        return (self.frames[0].stamp_ns, self.frames[-1].stamp_ns) if self.frames else None
+
+    def instants(
+        self, tolerance_ms: float = 100.0, *, drones: Sequence[str] | None = None
+    ) -> Iterator[Instant]:
+        """Frames grouped by time: at most one per drone, first to last within `tolerance_ms`.
+
+        Every usable frame is in exactly one instant, and the stamps of the instants increase. `drones` limits
+        the fleet. ValueError for a negative tolerance or an unknown drone.
+        """
+        if not 0 <= tolerance_ms < float("inf"):
+            raise ValueError(f"tolerance_ms must be finite and not negative, got {tolerance_ms}")
+        fleet = set(self.drones if drones is None else drones)
+        self._check_drones(fleet)
+        frames = (frame for frame in self.frames if frame.drone in fleet)
+        return (
+            Instant(group[-1].stamp_ns, tuple(group), self._refuse)
+            for group in group_instants(frames, int(tolerance_ms * 1e6))
+        )
+
+    def _check_drones(self, drones: Sequence[str] | set[str]) -> None:
+        unknown = sorted(set(drones) - set(self.drones))
+        if unknown:
+            raise ValueError(
+                f"no drone {unknown[0]!r} in {self.name}: it holds {', '.join(self.drones) or 'none'}"
+            )
+
+    def _refuse(self, refused: RefusedFrame) -> None:
+        # Looking at an instant twice must not refuse its frames twice.
+        if refused not in self.refused:
+            self.refused.append(refused)

@@ -1,0 +1,115 @@
+"""The eight ROS 2 message types of a mission file, and the few fields of them that we read without a decoder.
+
+The definitions are the interfaces of common_interfaces and geometry2 as of ROS 2 Humble to Kilted, without
+comments. CDR does not describe itself; we decode with these texts, never with those found in a file.
+"""
+
+import struct
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+_TIME = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec")
+_HEADER = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id")
+_POINT = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z")
+_VECTOR3 = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
+_QUATERNION = ("geometry_msgs/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1")
+_POSE = ("geometry_msgs/Pose", "Point position\nQuaternion orientation")
+_TRANSFORM = ("geometry_msgs/Transform", "Vector3 translation\nQuaternion rotation")
+_TRANSFORM_STAMPED = (
+    "geometry_msgs/TransformStamped",
+    "std_msgs/Header header\nstring child_frame_id\nTransform transform",
+)
+_REGION = (
+    "sensor_msgs/RegionOfInterest",
+    "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify",
+)
+_CAMERA_INFO = """\
+std_msgs/Header header
+uint32 height
+uint32 width
+string distortion_model
+float64[] d
+float64[9] k
+float64[9] r
+float64[12] p
+uint32 binning_x
+uint32 binning_y
+RegionOfInterest roi"""
+_IMAGE = """\
+std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data"""
+
+
+def _definition(text: str, *parts: tuple[str, str]) -> str:
+    separator = "\n" + "=" * 80 + "\n"
+    return separator.join([text, *(f"MSG: {name}\n{part}" for name, part in parts)]) + "\n"
+
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
+DEFINITIONS = {
+    IMAGE: _definition(_IMAGE, _HEADER, _TIME),
+    COMPRESSED_IMAGE: _definition("std_msgs/Header header\nstring format\nuint8[] data", _HEADER, _TIME),
+    CAMERA_INFO: _definition(_CAMERA_INFO, _REGION, _HEADER, _TIME),
+    POSE_STAMPED: _definition(
+        "std_msgs/Header header\nPose pose", _POSE, _POINT, _QUATERNION, _HEADER, _TIME
+    ),
+    TF_MESSAGE: _definition(
+        "geometry_msgs/TransformStamped[] transforms",
+        _TRANSFORM_STAMPED,
+        _TRANSFORM,
+        _VECTOR3,
+        _QUATERNION,
+        _HEADER,
+        _TIME,
+    ),
+}
+
+
+def header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
+    """std_msgs/Header as the encoder takes it."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
+
+
+def decode(message_type: str, data: bytes) -> Any:
+    """A CDR message of one of the types above as an object with its fields.
+
+    ValueError when the bytes are too short or hold text that is not UTF-8.
+    """
+    try:
+        return _decoder(message_type)(data)
+    except (struct.error, IndexError, UnicodeDecodeError) as error:
+        raise ValueError(f"{len(data)} bytes are no {message_type}: {error}") from error
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Stamp of a CDR message that begins with a std_msgs/Header, without decoding the rest."""
+    if len(data) < 12:
+        raise ValueError(f"{len(data)} bytes are too few for a message header (12)")
+    order = "<" if data[1] & 1 else ">"
+    sec, nanosec = struct.unpack_from(f"{order}iI", data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+@cache
+def _decoder(message_type: str) -> Callable[[bytes], Any]:
+    from mcap.records import Schema
+    from mcap.well_known import MessageEncoding, SchemaEncoding
+    from mcap_ros2.decoder import DecoderFactory
+
+    text = DEFINITIONS[message_type].encode()
+    schema = Schema(id=1, name=message_type, encoding=SchemaEncoding.ROS2, data=text)
+    decoder = DecoderFactory().decoder_for(MessageEncoding.CDR, schema)
+    assert decoder is not None
+    return decoder
