@@ -12,8 +12,10 @@ use crate::arrays::{Array, points, refuse, rows};
 pub struct PyCamera(pub Arc<Camera>);
 
 impl PyCamera {
-    fn new(size: [u32; 2], focal: [f64; 2], center: [f64; 2], distortion: Distortion) -> PyResult<Self> {
-        Camera::new(size[0], size[1], focal[0], focal[1], center[0], center[1], distortion)
+    fn new(size: [i64; 2], focal: [f64; 2], center: [f64; 2], distortion: Distortion) -> PyResult<Self> {
+        // A side that is no u32 becomes 0, which the core refuses.
+        let [width, height] = size.map(|side| u32::try_from(side).unwrap_or(0));
+        Camera::new(width, height, focal[0], focal[1], center[0], center[1], distortion)
             .map(|camera| PyCamera(Arc::new(camera)))
             .map_err(refuse)
     }
@@ -24,8 +26,8 @@ impl PyCamera {
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=None))]
     fn pinhole(
-        width: u32,
-        height: u32,
+        width: i64,
+        height: i64,
         fx: f64,
         fy: f64,
         cx: f64,
@@ -42,8 +44,8 @@ impl PyCamera {
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=vec![0.0; 4]))]
     fn fisheye(
-        width: u32,
-        height: u32,
+        width: i64,
+        height: i64,
         fx: f64,
         fy: f64,
         cx: f64,

@@ -1,6 +1,6 @@
 //! View -> observation: which voxels the camera saw, and the mean heatmap value of each.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Result, require};
@@ -14,8 +14,8 @@ use crate::view::View;
 pub enum Coverage {
     /// The voxels first hit by the ray of some pixel centre, as in the paper.
     Rays,
-    /// Also voxels that no pixel centre hits (far away, at grazing angles) but whose own centre lies in the
-    /// image with nothing in front of it. They read the heatmap there and have pixel count 0.
+    /// Also voxels that no pixel centre hits (far away, at grazing angles) but of which a face centre lies in
+    /// the image with nothing in front of it. They read the heatmap there and have pixel count 0.
     Full,
 }
 
@@ -60,7 +60,7 @@ pub struct Observation {
     /// m_i: mean heatmap value over the pixels whose ray first hits the voxel.
     pub mean: Vec<f64>,
     pub pixel_count: Vec<u32>,
-    /// With [`Coverage::Full`]: voxels in range whose centre lies in the image behind something else.
+    /// With [`Coverage::Full`]: voxels in range of which all bare faces in the image lie behind something.
     pub occluded_ids: Vec<u32>,
 }
 
@@ -81,7 +81,7 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
     let hit = caster.pixels();
     match projection.coverage {
         Coverage::Rays => hit,
-        Coverage::Full => caster.with_centres(hit),
+        Coverage::Full => caster.with_faces(hit),
     }
 }
 
@@ -128,14 +128,14 @@ impl Caster<'_> {
         self.terrain.raycast(self.origin, direction, self.max_range_m)
     }
 
-    /// Adds the voxels whose centre is visible although no pixel centre hits them, and lists the hidden ones.
-    fn with_centres(&self, hit: Observation) -> Observation {
+    /// Adds the voxels of which a face is visible although no pixel centre hits them, and lists the hidden ones.
+    fn with_faces(&self, hit: Observation) -> Observation {
         let cone = self.viewing_cone();
         let looks: Vec<(u32, Look)> = self
             .voxels_inside(&cone)
             .into_par_iter()
-            .filter(|(id, _)| hit.voxel_ids.binary_search(id).is_err())
-            .filter_map(|(id, center)| Some((id, self.look_at(id, center)?)))
+            .filter(|id| hit.voxel_ids.binary_search(id).is_err())
+            .filter_map(|id| Some((id, self.look_at(id)?)))
             .collect();
         let mut rows: Vec<(u32, f64, u32)> = (0..hit.voxel_ids.len())
             .map(|at| (hit.voxel_ids[at], hit.mean[at], hit.pixel_count[at]))
@@ -143,7 +143,7 @@ impl Caster<'_> {
         let mut occluded_ids = Vec::new();
         for (id, look) in looks {
             match look {
-                Look::Seen(value) => rows.push((id, f64::from(value), 0)),
+                Look::Seen(value) => rows.push((id, value, 0)),
                 Look::Occluded => occluded_ids.push(id),
             }
         }
@@ -157,44 +157,75 @@ impl Caster<'_> {
         }
     }
 
-    /// Depth test at a voxel's centre; None when it lies outside the image or the range.
-    fn look_at(&self, id: u32, center: DVec3) -> Option<Look> {
-        let to_center = center - self.origin;
-        let camera = &self.view.camera;
-        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * to_center)?;
-        if !camera.contains(pixel) {
-            return None;
-        }
-        let hit = self.terrain.raycast(self.origin, to_center, self.max_range_m)?;
-        Some(if hit.voxel_id == id {
-            Look::Seen(self.view.value_at(pixel.x as u32, pixel.y as u32))
-        } else if to_center.length() <= self.max_range_m {
-            Look::Occluded
+    /// Depth test of a voxel's faces; None when nothing of it lies in the image and in range.
+    ///
+    /// The test goes to the centre of each bare face that is turned to the camera, not to the voxel's centre:
+    /// at a grazing angle the voxels in front hide every centre of a plain, while their tops are in full view.
+    fn look_at(&self, id: u32) -> Option<Look> {
+        let faces = self.bare_faces_towards_camera(id);
+        let looks: Vec<Option<f32>> = faces.filter_map(|face| self.look_at_face(id, face)).collect();
+        let seen: Vec<f32> = looks.iter().flatten().copied().collect();
+        if looks.is_empty() {
+            None
+        } else if seen.is_empty() {
+            Some(Look::Occluded)
         } else {
-            return None;
+            let sum: f64 = seen.iter().copied().map(f64::from).sum();
+            Some(Look::Seen(sum / seen.len() as f64))
+        }
+    }
+
+    /// Centres of the voxel's faces that are turned to the camera and have no voxel before them.
+    fn bare_faces_towards_camera(&self, id: u32) -> impl Iterator<Item = DVec3> {
+        let (index, center) = (self.terrain.index(id), self.terrain.center(id));
+        // A hair inside the voxel, so that the ray to a face enters the voxel behind it.
+        let to_face = 0.5 * self.terrain.voxel_size_m() * (1.0 - 1e-6);
+        DVec3::AXES.into_iter().enumerate().filter_map(move |(axis, normal)| {
+            let offset = (self.origin - center)[axis];
+            let mut neighbour = index;
+            neighbour[axis] = neighbour[axis].checked_add(offset.signum() as i32)?;
+            let bare = offset.abs() > to_face && self.terrain.id(neighbour).is_none();
+            bare.then_some(center + normal * offset.signum() * to_face)
         })
     }
 
-    /// Smallest cone around the optical axis that holds the rays of the image's border, widened by a pixel.
-    fn viewing_cone(&self) -> Cone {
-        let camera = &self.view.camera;
-        let (last_column, last_row) = (camera.width() - 1, camera.height() - 1);
-        let border = (0..=last_column)
-            .flat_map(|column| [(column, 0), (column, last_row)])
-            .chain((0..=last_row).flat_map(|row| [(0, row), (last_column, row)]));
-        // A blind border pixel gives no bound: then every direction is a candidate.
-        let angle = |ray: DVec3| ray.angle_between(DVec3::Z);
-        let widest = border
-            .map(|(column, row)| camera.pixel_ray(column, row).map_or(std::f64::consts::PI, angle))
-            .fold(0.0, f64::max);
-        Cone {
-            axis: self.view.world_from_camera.rotation * DVec3::Z,
-            half_angle: widest + 2.0 / camera.fx().min(camera.fy()),
+    /// None when the point lies outside the image or the range, Some(None) when something hides it, else the
+    /// heatmap value there.
+    fn look_at_face(&self, id: u32, face: DVec3) -> Option<Option<f32>> {
+        let to_face = face - self.origin;
+        if to_face.length() > self.max_range_m {
+            return None;
         }
+        let camera = &self.view.camera;
+        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * to_face)?;
+        if !camera.contains(pixel) {
+            return None;
+        }
+        let hit = self.terrain.raycast(self.origin, to_face, self.max_range_m);
+        let visible = hit.is_some_and(|hit| hit.voxel_id == id);
+        Some(visible.then(|| self.view.value_at(pixel.x as u32, pixel.y as u32)))
     }
 
-    /// Voxels whose centre may lie in the cone and in range.
-    fn voxels_inside(&self, cone: &Cone) -> Vec<(u32, DVec3)> {
+    /// Cone around the optical axis that holds the rays of the image's edge, every pixel corner of it. A
+    /// blind corner gives no bound: then every direction is a candidate.
+    fn viewing_cone(&self) -> Cone {
+        let camera = &self.view.camera;
+        let (width, height) = (camera.width(), camera.height());
+        let edge = (0..=width)
+            .flat_map(|u| [(u, 0), (u, height)])
+            .chain((0..=height).flat_map(|v| [(0, v), (width, v)]));
+        let angle = |(u, v): (u32, u32)| {
+            let ray = camera.unproject(DVec2::new(f64::from(u), f64::from(v)));
+            ray.map_or(std::f64::consts::PI, |ray| ray.angle_between(DVec3::Z))
+        };
+        // Between two corners of the edge the angle may be a little larger, by far less than a pixel.
+        let widest = edge.map(angle).fold(0.0, f64::max);
+        let axis = self.view.world_from_camera.rotation * DVec3::Z;
+        Cone { axis, half_angle: widest + 1.0 / camera.fx().min(camera.fy()) }
+    }
+
+    /// Voxels of which a part may lie in the cone and in range.
+    fn voxels_inside(&self, cone: &Cone) -> Vec<u32> {
         let tree = self.terrain.tree();
         let root = tree.depth() - 1;
         let mut frontier = vec![TreeCell { node: tree.node(root, 0), low: [0; 3], level: root }];
@@ -217,10 +248,7 @@ impl Caster<'_> {
         frontier
             .par_iter()
             .flat_map_iter(|brick| {
-                brick
-                    .children()
-                    .filter(|(_, low)| self.may_see(cone, *low, 1))
-                    .map(|(id, _)| (id, self.terrain.center(id)))
+                brick.children().filter(|(_, low)| self.may_see(cone, *low, 1)).map(|(id, _)| id)
             })
             .collect()
     }
@@ -241,7 +269,7 @@ impl Caster<'_> {
 }
 
 enum Look {
-    Seen(f32),
+    Seen(f64),
     Occluded,
 }
 
@@ -267,3 +295,6 @@ impl TreeCell {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

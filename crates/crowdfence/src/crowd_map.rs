@@ -119,7 +119,7 @@ impl CrowdMap {
     /// Time since `instant` in the unit of the method's decay.
     fn elapsed(&self, instant: u32, stamp_ns: i64, now: usize) -> f64 {
         match self.method.decay() {
-            Decay::PerSecond => seconds(stamp_ns - self.stamps_ns[instant as usize]),
+            Decay::PerSecond => seconds_between(self.stamps_ns[instant as usize], stamp_ns),
             Decay::PerFrame => (now - instant as usize) as f64,
         }
     }
@@ -161,7 +161,9 @@ impl CrowdMap {
             Look::Never => VoxelState::NeverSeen,
             Look::Occluded => VoxelState::Occluded,
             Look::At(_) if self.probability_now(id, stamp_ns) > threshold => VoxelState::Crowd,
-            Look::At(instant) if seconds(stamp_ns - self.stamps_ns[instant as usize]) > stale_after_s => {
+            Look::At(instant)
+                if seconds_between(self.stamps_ns[instant as usize], stamp_ns) > stale_after_s =>
+            {
                 VoxelState::Stale
             }
             Look::At(_) => VoxelState::Empty,
@@ -204,7 +206,7 @@ impl CrowdMap {
         if stamp_ns <= last_ns {
             return Err(Error::StampNotAfter { stamp_ns, last_ns });
         }
-        let gap_s = seconds(stamp_ns.saturating_sub(last_ns));
+        let gap_s = seconds_between(last_ns, stamp_ns);
         if gap_s > self.max_gap_s {
             return Err(Error::StampJump { stamp_ns, gap_s, bound_s: self.max_gap_s });
         }
@@ -234,7 +236,7 @@ impl CrowdMap {
                     fleet_size: self.method.fleet_size(),
                 });
             }
-            let offset_s = seconds(view_ns.saturating_sub(stamp_ns));
+            let offset_s = seconds_between(stamp_ns, *view_ns);
             if offset_s.abs() > self.max_gap_s {
                 return Err(Error::ViewStamp { drone: drone.clone(), offset_s, bound_s: self.max_gap_s });
             }
@@ -243,8 +245,8 @@ impl CrowdMap {
     }
 }
 
-fn seconds(ns: i64) -> f64 {
-    ns as f64 * 1e-9
+fn seconds_between(from_ns: i64, to_ns: i64) -> f64 {
+    to_ns.saturating_sub(from_ns) as f64 / 1e9
 }
 
 /// Voxels that any view sees, sorted by id, each with the values m of the views that see it, in view order.
@@ -260,3 +262,6 @@ fn by_voxel(observations: &[Observation]) -> Vec<(u32, Vec<f64>)> {
         .map(|group| (group[0].0, group.iter().map(|&(_, _, m)| m).collect()))
         .collect()
 }
+
+#[cfg(test)]
+mod tests;

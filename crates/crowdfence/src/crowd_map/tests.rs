@@ -1,0 +1,202 @@
+use glam::{DMat3, DVec3};
+
+use super::*;
+use crate::back_projection::Coverage;
+use crate::camera::{Camera, Distortion};
+use crate::opinion_pool::{OpinionPool, Rates, Unseen};
+use crate::temporal_blend::TemporalBlend;
+use crate::view::{Heatmap, Pose};
+
+const SECOND: i64 = 1_000_000_000;
+// Rates .9 / .05 and prior .2: P(A|1) = .18 / .22, P(A|0) = .02 / .78.
+const POSITIVE: f64 = 0.18 / 0.22;
+const NEGATIVE: f64 = 0.02 / 0.78;
+
+/// Two voxels far apart; `look` points a one-pixel camera at one of them.
+fn two_voxels() -> Arc<Terrain> {
+    Arc::new(Terrain::from_indices(&[[0, 0, 0], [50, 0, 0]], 1.0, DVec3::ZERO).unwrap())
+}
+
+fn look(drone: &str, voxel_x: f64, m: f32, stamp_ns: i64) -> View {
+    let camera = Camera::new(1, 1, 100.0, 100.0, 0.5, 0.5, Distortion::None).unwrap();
+    let down = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
+    let pose = Pose { rotation: down, translation: DVec3::new(voxel_x + 0.5, 0.5, 10.0) };
+    View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
+}
+
+fn paper(alpha: f64, decay: f64, unit: Decay, initial: Initial) -> Method {
+    let rates = Rates::new(0.9, 0.05).unwrap();
+    let pool = OpinionPool::new(rates, 0.2, 0.5, Unseen::Fleet, false).unwrap();
+    Method::Paper(Paper::new(pool, TemporalBlend::new(alpha, decay).unwrap(), 3, initial, unit).unwrap())
+}
+
+fn map(method: Method) -> CrowdMap {
+    CrowdMap::new(two_voxels(), method, Projection::new(100.0, 0.0, Coverage::Rays).unwrap(), 3600.0).unwrap()
+}
+
+#[track_caller]
+fn assert_close(actual: f64, expected: f64) {
+    assert!((actual - expected).abs() < 1e-9, "{actual} != {expected}");
+}
+
+#[test]
+fn three_instants_by_hand() {
+    // lambda = ln 2 / 10 s: beliefs halve every 10 s.
+    let mut map = map(paper(0.1, std::f64::consts::LN_2 / 10.0, Decay::PerSecond, Initial::Zero));
+    // One of three drones is sure of crowd at voxel 0, one is sure of none at voxel 1.
+    let one_sure = (POSITIVE + 2.0 * NEGATIVE) / 3.0;
+    map.integrate(&[look("a", 0.0, 1.0, 0), look("b", 50.0, 0.0, 0)], 0).unwrap();
+    assert_close(map.probability(0).unwrap()[0], 0.1 * one_sure);
+    assert_close(map.probability(0).unwrap()[1], 0.1 * NEGATIVE);
+    // 10 s later two drones see voxel 0 at m = .75 (weight .5 / 3 each); voxel 1 only fades.
+    let stamp = 10 * SECOND;
+    map.integrate(&[look("a", 0.0, 0.75, stamp), look("c", 0.0, 0.75, stamp)], stamp).unwrap();
+    let pooled = 2.0 * 0.5 / 3.0 * POSITIVE + NEGATIVE / 3.0;
+    let expected = 0.1 * pooled + 0.9 * 0.5 * 0.1 * one_sure;
+    assert_close(map.probability(stamp).unwrap()[0], expected);
+    assert_close(map.probability(stamp).unwrap()[1], 0.5 * 0.1 * NEGATIVE);
+    // Reading later fades both, from their own last look; reading changes nothing.
+    for _ in 0..2 {
+        let later = map.probability(30 * SECOND).unwrap();
+        assert_close(later[0], 0.25 * expected);
+        assert_close(later[1], 0.125 * 0.1 * NEGATIVE);
+    }
+}
+
+#[test]
+fn decay_per_frame_counts_instants() {
+    let mut map = map(paper(1.0, std::f64::consts::LN_2, Decay::PerFrame, Initial::Zero));
+    map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+    let sure = map.probability(0).unwrap()[0];
+    for frame in 1..=3 {
+        map.integrate(&[look("a", 50.0, 0.0, frame * SECOND)], frame * SECOND).unwrap();
+    }
+    assert_close(map.probability(100 * SECOND).unwrap()[0], sure / 8.0);
+}
+
+#[test]
+fn the_first_look_follows_the_switch() {
+    let first = |initial| {
+        let mut map = map(paper(0.25, 0.0, Decay::PerSecond, initial));
+        map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+        map.probability(0).unwrap()
+    };
+    let pooled = (POSITIVE + 2.0 * NEGATIVE) / 3.0;
+    assert_close(first(Initial::Zero)[0], 0.25 * pooled);
+    assert_close(first(Initial::Prior)[0], 0.25 * pooled + 0.75 * 0.2);
+    assert_close(first(Initial::FirstLook)[0], pooled);
+    assert_eq!(first(Initial::Zero)[1], 0.0);
+    assert_eq!(first(Initial::Prior)[1], 0.2);
+}
+
+#[test]
+fn or_never_forgets() {
+    let mut map = map(Method::Or(Or::new(2, 0.5).unwrap()));
+    map.integrate(&[look("a", 0.0, 0.51, 0), look("b", 50.0, 0.5, 0)], 0).unwrap();
+    map.integrate(&[look("a", 0.0, 0.0, SECOND)], SECOND).unwrap();
+    assert_eq!(map.probability(1000 * SECOND).unwrap(), [1.0, 0.0]);
+}
+
+#[test]
+fn unseen_empty_stale_and_crowd_are_different_states() {
+    let mut map = map(paper(1.0, 0.0, Decay::PerSecond, Initial::Zero));
+    let states = |map: &CrowdMap, stamp| map.state(stamp, 0.1, 30.0).unwrap();
+    assert_eq!(states(&map, 0), [VoxelState::NeverSeen; 2]);
+    map.integrate(&[look("a", 0.0, 0.0, 0)], 0).unwrap();
+    assert_eq!(states(&map, 30 * SECOND), [VoxelState::Empty, VoxelState::NeverSeen]);
+    assert_eq!(states(&map, 31 * SECOND), [VoxelState::Stale, VoxelState::NeverSeen]);
+    map.integrate(&[look("a", 0.0, 1.0, 40 * SECOND)], 40 * SECOND).unwrap();
+    assert_eq!(states(&map, 400 * SECOND), [VoxelState::Crowd, VoxelState::NeverSeen]);
+}
+
+#[test]
+fn a_place_behind_something_is_occluded_until_it_is_seen() {
+    let terrain = Terrain::from_indices(&[[0, 0, 0], [0, 0, 5]], 1.0, DVec3::ZERO).unwrap();
+    let projection = Projection::new(100.0, 0.0, Coverage::Full).unwrap();
+    let method = paper(0.1, 0.0, Decay::PerSecond, Initial::Zero);
+    let mut map = CrowdMap::new(Arc::new(terrain), method, projection, 3600.0).unwrap();
+    let mut above = look("a", 0.0, 0.0, 0);
+    map.integrate(&[above.clone()], 0).unwrap();
+    assert_eq!(map.state(0, 0.1, 30.0).unwrap(), [VoxelState::Occluded, VoxelState::Empty]);
+    above.world_from_camera.translation.z = 3.0; // below the roof
+    map.integrate(&[above], SECOND).unwrap();
+    assert_eq!(map.state(SECOND, 0.1, 30.0).unwrap()[0], VoxelState::Empty);
+}
+
+#[test]
+fn refused_input_leaves_the_map_as_it_was() {
+    let mut map = map(paper(0.1, 0.01, Decay::PerSecond, Initial::Zero));
+    map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+    let before = map.to_bytes();
+    let hours = 5 * 3600 * SECOND;
+    let cases: [(Vec<View>, i64, &str); 7] = [
+        (vec![], 0, "not after the last instant"),
+        (vec![], -SECOND, "not after the last instant"),
+        (vec![], hours, "18000 s after the last instant; the bound max_gap_s is 3600 s"),
+        (vec![look("a", 0.0, 1.0, hours)], SECOND, "stamped 17999 s away from its instant"),
+        (vec![look("a", 0.0, 1.0, SECOND); 2], SECOND, "'a' appears twice"),
+        (
+            ["b", "c", "d"].map(|drone| look(drone, 0.0, 1.0, SECOND)).to_vec(),
+            SECOND,
+            "'d' makes the fleet 4 drones large; fleet_size is 3",
+        ),
+        (vec![look("a", 0.0, 1.0, i64::MIN)], i64::MAX, "after the last instant"),
+    ];
+    for (views, stamp_ns, words) in cases {
+        let message = map.integrate(&views, stamp_ns).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+        assert_eq!(map.to_bytes(), before);
+    }
+    let message = map.probability(-1).unwrap_err().to_string();
+    assert!(message.contains("cannot be read in its past"), "{message}");
+}
+
+#[test]
+fn drones_may_come_and_go_within_the_fleet() {
+    let mut map = map(paper(0.1, 0.0, Decay::PerSecond, Initial::Zero));
+    for (second, drones) in [&["a", "b"][..], &["b"], &[], &["c", "a"]].into_iter().enumerate() {
+        let stamp = second as i64 * SECOND;
+        let views: Vec<View> = drones.iter().map(|drone| look(drone, 0.0, 0.5, stamp)).collect();
+        map.integrate(&views, stamp).unwrap();
+    }
+    assert_eq!(map.stamps_ns().len(), 4);
+}
+
+#[test]
+fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
+    let instants = |map: &mut CrowdMap, seconds: std::ops::Range<i64>| {
+        for second in seconds {
+            let m = (second as f32 * 0.37) % 1.0;
+            map.integrate(&[look("a", 0.0, m, second * SECOND)], second * SECOND).unwrap();
+        }
+    };
+    for method in [paper(0.1, 0.05, Decay::PerFrame, Initial::Prior), Method::Or(Or::new(1, 0.25).unwrap())] {
+        let mut whole = map(method);
+        instants(&mut whole, 0..10);
+        let mut resumed = CrowdMap::from_bytes(&whole.to_bytes(), two_voxels()).unwrap();
+        instants(&mut whole, 10..20);
+        instants(&mut resumed, 10..20);
+        assert_eq!(whole.to_bytes(), resumed.to_bytes());
+    }
+}
+
+#[test]
+fn a_file_of_another_terrain_version_or_kind_is_refused() {
+    let mut map = map(paper(0.1, 0.0, Decay::PerSecond, Initial::Zero));
+    map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+    let bytes = map.to_bytes();
+    let message = |data: &[u8]| CrowdMap::from_bytes(data, two_voxels()).unwrap_err().to_string();
+
+    let other = Terrain::from_indices(&[[0, 0, 0], [51, 0, 0]], 1.0, DVec3::ZERO).unwrap();
+    let refused = CrowdMap::from_bytes(&bytes, Arc::new(other)).unwrap_err().to_string();
+    assert!(refused.contains("another terrain"), "{refused}");
+    assert!(message(b"PNG").contains("too short"));
+    assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
+    let mut newer = bytes.clone();
+    newer[8] = 2;
+    assert!(message(&newer).contains("version 2; this build reads version 1"));
+    assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
+    let mut flipped = bytes.clone();
+    flipped[100] ^= 1;
+    assert!(message(&flipped).contains("checksum"));
+}
