@@ -27,7 +27,7 @@ def some_voxels() -> NDArray[np.int64]:
 
 
 def center(index: NDArray[np.int64]) -> NDArray[np.float64]:
-    return (np.asarray(index) + 0.5) * VOXEL_SIZE_M
+    return (np.asarray(index, dtype=np.float64) + 0.5) * VOXEL_SIZE_M
 
 
 def terrain_of(voxels: NDArray[np.int64]) -> Terrain:
