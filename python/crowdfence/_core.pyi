@@ -315,9 +315,14 @@ class CrowdMap:
     def state(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.uint8]:
-        """`VoxelState` per voxel [V]: unseen is never the same as empty."""
+        """`VoxelState` per voxel [V]: unseen is never the same as empty.
+
+        Crowd is P~ >= `threshold` (default: `default_threshold()`); what is not crowd is stale once its last
+        look is more than `stale_after_s` old."""
     def seen(self) -> NDArray[np.bool_]:
         """Union of the fields of view so far [V] (equation 4)."""
+    def seen_ids(self) -> NDArray[np.int64]:
+        """The same as sorted voxel ids. Costs what was seen, not the map."""
     def last_seen_ns(self) -> NDArray[np.int64]:
         """Stamp of the last look per voxel [V], -1 = never."""
     def default_threshold(self) -> float:

@@ -294,6 +294,10 @@ impl PyCrowdMap {
         Ok(seen.into_pyarray(py))
     }
 
+    fn seen_ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        Ok(id_array(py, &self.read(py, |map| Ok(map.seen_ids()))?))
+    }
+
     fn last_seen_ns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let stamps: Vec<i64> =
             self.read(py, |map| Ok(map.last_seen_ns().map(|stamp| stamp.unwrap_or(-1)).collect()))?;

@@ -151,16 +151,16 @@ impl CrowdMap {
         }
     }
 
-    /// What is known about every voxel: crowd is P~ > `threshold`, and what is not crowd is stale once its
+    /// What is known about every voxel: crowd is P~ >= `threshold`, and what is not crowd is stale once its
     /// last look is more than `stale_after_s` old.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
         self.check_read(stamp_ns)?;
-        require((0.0..=1.0).contains(&threshold), "threshold", threshold, "inside [0, 1]")?;
+        require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")?;
         require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
         let state = |id: u32| match self.beliefs.look(id) {
             Look::Never => VoxelState::NeverSeen,
             Look::Occluded => VoxelState::Occluded,
-            Look::At(_) if self.probability_now(id, stamp_ns) > threshold => VoxelState::Crowd,
+            Look::At(_) if self.probability_now(id, stamp_ns) >= threshold => VoxelState::Crowd,
             Look::At(instant)
                 if seconds_between(self.stamps_ns[instant as usize], stamp_ns) > stale_after_s =>
             {
@@ -169,6 +169,12 @@ impl CrowdMap {
             Look::At(_) => VoxelState::Empty,
         };
         Ok((0..self.terrain.voxel_count() as u32).into_par_iter().map(state).collect())
+    }
+
+    /// Voxels that somebody has seen, sorted: the union of the fields of view so far (equation 4). Costs what
+    /// was seen, not the map.
+    pub fn seen_ids(&self) -> Vec<u32> {
+        self.beliefs.seen_ids()
     }
 
     /// Stamp of the last look at every voxel, None = never.

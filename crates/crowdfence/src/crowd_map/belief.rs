@@ -101,6 +101,18 @@ impl BeliefStore {
         }
     }
 
+    pub fn seen_ids(&self) -> Vec<u32> {
+        let pages = self.pages.iter().enumerate().filter_map(|(number, page)| Some((number, page.as_ref()?)));
+        pages
+            .flat_map(|(number, page)| {
+                let looks = page.look.iter().enumerate();
+                looks
+                    .filter(|&(_, &look)| matches!(Look::from_code(look), Look::At(_)))
+                    .map(move |(slot, _)| (number * PAGE_VOXELS + slot) as u32)
+            })
+            .collect()
+    }
+
     fn page_mut(&mut self, id: u32) -> &mut Page {
         self.pages[id as usize / PAGE_VOXELS].get_or_insert_with(|| Box::new(Page::new()))
     }

@@ -98,6 +98,24 @@ fn or_never_forgets() {
 }
 
 #[test]
+fn only_voxels_that_somebody_saw_count_as_seen() {
+    let mut map = map(Method::Or(Or::new(1, 0.5).unwrap()));
+    assert!(map.seen_ids().is_empty());
+    map.integrate(&[look("a", 50.0, 0.0, 0)], 0).unwrap();
+    assert_eq!(map.seen_ids(), [1]);
+    assert_eq!(map.last_seen_ns().collect::<Vec<_>>(), [None, Some(0)]);
+}
+
+#[test]
+fn a_voxel_at_the_threshold_is_crowd() {
+    let mut map = map(Method::Or(Or::new(1, 0.5).unwrap()));
+    map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+    assert_eq!(map.state(0, 1.0, 30.0).unwrap()[0], VoxelState::Crowd);
+    let message = map.state(0, 0.0, 30.0).unwrap_err().to_string();
+    assert_eq!(message, "threshold is 0; it must be in (0, 1]");
+}
+
+#[test]
 fn unseen_empty_stale_and_crowd_are_different_states() {
     let mut map = map(paper(1.0, 0.0, Decay::PerSecond, Initial::Zero));
     let states = |map: &CrowdMap, stamp| map.state(stamp, 0.1, 30.0).unwrap();
