@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 VOXEL_SLOPE_WINDOW = 9
 """Cells along which the slope of a voxel terrain is measured. Voxel tops are whole steps: across 3 cells a
 single step reads as 27 degrees, and gentle slopes fall apart into strips. Across 9 cells it reads as at most
-9.5, a plane comes out within 0.5 to 1 degree (standard deviation), and a wall two voxels high still as 18."""
+9.5, planes of 8 degrees and more come out with a standard deviation of at most 1 degree, and a wall two
+voxels high still reads as 18."""
 
 _VOXELS_PER_BLOCK = 1 << 20
 _CELLS_PER_STRIP = 1 << 21
