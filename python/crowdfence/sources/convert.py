@@ -26,7 +26,7 @@ class Conversion:
     """Frames written per drone."""
     poses: int
     refused: list[RefusedFrame]
-    """Frames that are not in the file: those of the recording and those whose heatmap cannot be read."""
+    """Frames that are not in the file: those of the recording and those whose heatmap cannot be used."""
     omitted: list[str]
     """Pictures and truth that could not be read; their frames are in the file without them."""
     size_bytes: int = field(default=0)
@@ -73,6 +73,8 @@ def convert(
 def _write_frame(writer: MissionWriter, frame: Frame, conversion: Conversion) -> None:
     try:
         heatmap = frame.heatmap() if frame.pixels.heatmap else None
+        if heatmap is not None:
+            frame.view(heatmap)
     except FrameError as error:
         conversion.refused.append(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
         return

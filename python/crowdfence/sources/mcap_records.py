@@ -92,7 +92,12 @@ class McapFile:
     def _load_chunk(self, offset: int) -> bytes:
         with self.path.open("rb") as file:
             file.seek(offset)
-            _, length = _RECORD_HEADER.unpack(file.read(_RECORD_HEADER.size))
+            header = file.read(_RECORD_HEADER.size)
+            if len(header) < _RECORD_HEADER.size:
+                raise ValueError(
+                    f"{self.path} no longer reaches byte {offset}: it was cut after it was opened"
+                )
+            _, length = _RECORD_HEADER.unpack(header)
             return _unpack_chunk(file.read(min(length, MAX_CHUNK_BYTES)))
 
 

@@ -7,6 +7,7 @@ is missing.
 """
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -253,7 +254,7 @@ def _georeference(description: dict[str, str], warnings: list[str]) -> Georefere
 def _terrain(path: Path, description: dict[str, str], warnings: list[str]) -> Path | None:
     if "terrain" not in description:
         return None
-    terrain = path.parent / description["terrain"]
+    terrain = Path(os.path.normpath(path.parent.resolve() / description["terrain"]))
     if not terrain.is_file():
         warnings.append(f"the map that the file names, {description['terrain']}, is not there")
         return None

@@ -1,5 +1,6 @@
 """Writes the native mission file frame by frame. `mission_layout` describes it."""
 
+import contextlib
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -54,6 +55,7 @@ class MissionWriter:
     ) -> None:
         """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file."""
         self.path = Path(path)
+        description = _description(self.path, georeference, terrain, source)
         self._part_path = self.path.with_name(self.path.name + ".part")
         self._file = self._part_path.open("wb")
         self._mcap = Writer(self._file)
@@ -61,7 +63,7 @@ class MissionWriter:
         self._prefixes: dict[str, str] = {}
         self._cameras: dict[str, Camera] = {}
         self._last_stamp_ns: dict[tuple[str, str], int] = {}
-        self._mcap.add_metadata(METADATA, _description(self.path, georeference, terrain, source))
+        self._mcap.add_metadata(METADATA, description)
 
     def add_camera(self, drone: str, camera: Camera) -> None:
         """Intrinsics of the drone's frames from now on."""
@@ -142,7 +144,9 @@ class MissionWriter:
 
     def discard(self) -> None:
         """Stop writing and remove the partial file."""
-        self._file.close()
+        # Closing flushes, which fails again on a full disk; the file goes away all the same.
+        with contextlib.suppress(OSError):
+            self._file.close()
         self._part_path.unlink(missing_ok=True)
 
     def __enter__(self) -> "MissionWriter":
@@ -201,7 +205,8 @@ def _description(
         description["longitude_deg"] = repr(float(georeference.longitude_deg))
         description["height_m"] = repr(float(georeference.height_m))
     if terrain is not None:
-        description["terrain"] = os.path.relpath(terrain, path.parent).replace(os.sep, "/")
+        relative = os.path.relpath(Path(terrain).resolve(), path.parent.resolve())
+        description["terrain"] = relative.replace(os.sep, "/")
     return description
 
 

@@ -5,6 +5,7 @@ size than the camera says, or not of the expected kind.
 """
 
 import io
+import math
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -142,8 +143,23 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    # Mapping the file first makes numpy compare the declared shape with the file's size before it allocates.
-    try:
-        return np.array(np.load(path, mmap_mode="r", allow_pickle=False))
-    except (ValueError, EOFError) as error:
-        raise ValueError(f"{path.name} is not a usable .npy file: {error}") from error
+    # np.load allocates what the header claims, so the claim is compared with the file first.
+    with path.open("rb") as file:
+        try:
+            read_header = _NPY_HEADERS[np.lib.format.read_magic(file)]
+            shape, fortran_order, dtype = read_header(file)
+        except (ValueError, KeyError, EOFError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path.name} is not a usable .npy file: {error}") from error
+        if dtype != np.uint8 and not np.issubdtype(dtype, np.floating):
+            raise ValueError(f"{path.name} holds {dtype}: a heatmap is uint8 or float")
+        expected = math.prod(shape) * dtype.itemsize
+        left = path.stat().st_size - file.tell()
+        if left != expected:
+            raise ValueError(
+                f"{path.name} holds {left} bytes of values, its shape {shape} asks for {expected}"
+            )
+        values = np.frombuffer(file.read(expected), dtype=dtype)
+    return values.reshape(shape, order="F" if fortran_order else "C")
+
+
+_NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

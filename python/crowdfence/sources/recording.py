@@ -68,10 +68,8 @@ class Frame:
     pixels: PixelSources = field(default_factory=PixelSources, repr=False)
 
     def heatmap(self) -> Pixels:
-        """Heatmap [h, w] as recorded. FrameError when there is none or it does not fit the image."""
-        heatmap = self._read("heatmap", self.pixels.heatmap)
-        self._check_heatmap_shape(heatmap.shape)
-        return heatmap
+        """Heatmap [h, w] as recorded. FrameError when there is none or it is damaged."""
+        return self._read("heatmap", self.pixels.heatmap)
 
     def encoded_image(self) -> bytes:
         """The picture's bytes as recorded. FrameError when there is none."""
@@ -103,8 +101,6 @@ class Frame:
         """
         if heatmap is None:
             heatmap = self.heatmap()
-        else:
-            self._check_heatmap_shape(np.shape(heatmap))
         try:
             return View(self.drone, self.stamp_ns, self.camera, self.world_from_camera, heatmap)
         except ValueError as error:
@@ -126,19 +122,6 @@ class Frame:
         if pixels.shape != expected:
             raise self._error(f"{what} have shape {pixels.shape}, the image has {expected}")
         return pixels
-
-    def _check_heatmap_shape(self, shape: tuple[int, ...]) -> None:
-        width, height = self.camera.width, self.camera.height
-        if len(shape) != 2 or 0 in shape:
-            raise self._error(f"heatmap has shape {shape}, expected [h, w] with at least one value")
-        rows, columns = shape
-        if rows > height or columns > width:
-            raise self._error(f"heatmap of {columns}x{rows} is larger than its image of {width}x{height}")
-        # One stride for both axes, give or take the row or column that rounding adds or drops.
-        if abs(width * rows - height * columns) > max(width, height):
-            raise self._error(
-                f"heatmap of {columns}x{rows} does not have the proportions of its image of {width}x{height}"
-            )
 
     def _error(self, reason: str) -> FrameError:
         return FrameError(self.drone, self.stamp_ns, reason)
