@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from crowdfence import surface_grid
+from crowdfence import Camera, CrowdMap, Or, Terrain, View, surface_grid
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 
@@ -13,13 +13,14 @@ NEVER, OCCLUDED, EMPTY, STALE, CROWD = VoxelState
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-def one_column(*states: VoxelState) -> VoxelState:
-    indices = [(0, 0, k) for k in range(len(states))]
+def one_column(*states: VoxelState, spacing: int = 2) -> VoxelState:
+    """State of a column of voxels from the ground up, `spacing` levels apart (1 = stacked)."""
+    indices = [(0, 0, k * spacing) for k in range(len(states))]
     grid = SurfaceGrid.from_voxels(indices, 1.0, ORIGIN, np.full(len(states), 0.5), states)
     return VoxelState(grid.state[0, 0])
 
 
-def test_a_column_shows_its_most_dangerous_then_its_least_known_voxel() -> None:
+def test_a_column_shows_its_most_dangerous_then_its_least_known_level() -> None:
     assert one_column(EMPTY, EMPTY) == EMPTY
     assert one_column(EMPTY, STALE) == STALE
     assert one_column(STALE, OCCLUDED) == OCCLUDED
@@ -31,6 +32,13 @@ def test_a_column_shows_its_most_dangerous_then_its_least_known_voxel() -> None:
 def test_missing_data_never_becomes_empty(states: tuple[VoxelState, ...]) -> None:
     for order in itertools.permutations(states):
         assert (one_column(*order) == EMPTY) == (set(states) == {EMPTY})
+
+
+def test_a_buried_voxel_does_not_count_unless_it_is_crowd() -> None:
+    # A step of a slope: what is inside the ground can never be seen and nobody stands there.
+    assert one_column(NEVER, NEVER, EMPTY, spacing=1) == EMPTY
+    assert one_column(EMPTY, EMPTY, NEVER, spacing=1) == NEVER
+    assert one_column(CROWD, EMPTY, EMPTY, spacing=1) == CROWD
 
 
 def test_columns_of_a_small_map() -> None:
@@ -82,6 +90,38 @@ def test_blocks_give_the_same_grid_as_one_pass(monkeypatch: pytest.MonkeyPatch) 
     blocks = SurfaceGrid.from_voxels(indices, 1.0, ORIGIN, *arrays, crop="seen")
     for name in ("probability", "state", "top_index", "bottom_index", "last_seen_ns"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(blocks, name), err_msg=name)
+
+
+def test_a_crowd_map_gives_the_grid_of_its_arrays() -> None:
+    # Flat ground under half a roof, seen once from straight above.
+    occupied = np.zeros((12, 8, 4), dtype=bool)
+    occupied[:, :, 0] = True
+    occupied[:6, :, 3] = True
+    terrain = Terrain.from_occupancy(occupied, 1.0, (-6.0, -4.0, 100.0))
+    crowd_map = CrowdMap(terrain, Or(fleet_size=1))
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = (0.0, 0.0, 125.0)
+    camera = Camera.pinhole(60, 40, 250.0, 250.0, 30.0, 20.0)
+    heatmap = np.zeros((40, 60), dtype=np.float32)
+    heatmap[:, 45:] = 1.0
+    crowd_map.integrate([View("uav1", 7, camera, pose, heatmap)], 7)
+    grid = SurfaceGrid.from_crowd_map(crowd_map, 7, crop="surface")
+    ids = np.arange(terrain.voxel_count)
+    expected = SurfaceGrid.from_voxels(
+        terrain.voxel_indices(ids),
+        1.0,
+        terrain.origin,
+        crowd_map.probability(7),
+        crowd_map.state(7),
+        crowd_map.last_seen_ns(),
+    )
+    for name in ("probability", "state", "top_index", "bottom_index", "last_seen_ns"):
+        np.testing.assert_array_equal(getattr(grid, name), getattr(expected, name), err_msg=name)
+    # The picture is 6 m wide on the ground: x from -3 to 3, and the crowd begins at 1.5.
+    assert grid.state[:, 4].tolist() == [0, 0, 0, 0, 0, 0, EMPTY, CROWD, CROWD, 0, 0, 0]
+    assert grid.seen[3:6, 4].all()  # the roof, whose column stays unknown for the ground below
+    cropped = SurfaceGrid.from_crowd_map(crowd_map, 7, margin_m=0.0)
+    assert cropped.bounds_m == (-3.0, -2.0, 3.0, 2.0)
 
 
 @pytest.mark.parametrize(

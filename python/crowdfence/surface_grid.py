@@ -18,12 +18,14 @@ MAX_COLUMNS = 1 << 28
 """Largest grid that is built: 268 million columns, about 7 GB. Beyond it: an error, not a full memory."""
 
 _VOXELS_PER_BLOCK = 1 << 20  # 24 MB of indices at a time, however large the terrain is
+_UP = np.array([0, 0, 1], dtype=np.int64)
 _NO_TOP = np.iinfo(np.int32).min
 _NO_BOTTOM = np.iinfo(np.int32).max
 
-# A column shows the state of its most dangerous voxel and, short of crowd, of its least known one: it is
-# EMPTY only when every voxel in it is EMPTY. Ground under an overhang that nobody has looked at therefore
-# keeps its column NEVER_SEEN, however well the roof above it was seen.
+# A column is CROWD when any voxel of it is. Short of that it shows the least known of its standing places,
+# the voxels without a voxel on top of them: it is EMPTY only when all of them are. Ground under an overhang
+# that nobody has looked at therefore keeps its column NEVER_SEEN, however well the roof above it was seen.
+# Buried voxels do not count: on a slope every column hides some, and nobody can stand inside the ground.
 _LEAST_TO_MOST_URGENT = (
     VoxelState.EMPTY,
     VoxelState.STALE,
@@ -52,8 +54,8 @@ class SurfaceGrid:
     probability: NDArray[np.float64]
     """[X, Y] largest probability over the voxels of the column that were ever seen, NaN = none was."""
     state: NDArray[np.uint8]
-    """[X, Y] `VoxelState`: CROWD if any voxel is, otherwise the least known of them in the order NEVER_SEEN,
-    OCCLUDED, STALE, EMPTY. A column without terrain is NEVER_SEEN."""
+    """[X, Y] `VoxelState`: CROWD if any voxel is, otherwise the least known of the voxels that have no voxel
+    on top of them, in the order NEVER_SEEN, OCCLUDED, STALE, EMPTY. NEVER_SEEN without terrain."""
     top_index: NDArray[np.int32]
     """[X, Y] grid index k of the highest voxel; meaningless where `has_surface` is False."""
     bottom_index: NDArray[np.int32]
@@ -87,6 +89,7 @@ class SurfaceGrid:
         voxels = _Voxels(
             len(index_array),
             lambda ids: index_array[ids],
+            _buried_among(index_array),
             np.asarray(probability, dtype=np.float64),
             np.asarray(state, dtype=np.uint8),
             None if last_seen_ns is None else np.asarray(last_seen_ns, dtype=np.int64),
@@ -112,6 +115,7 @@ class SurfaceGrid:
         voxels = _Voxels(
             terrain.voxel_count,
             terrain.voxel_indices,
+            lambda indices: terrain.voxel_ids(indices + _UP) >= 0,
             crowd_map.probability(stamp_ns),
             crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s),
             crowd_map.last_seen_ns(),
@@ -156,7 +160,7 @@ class SurfaceGrid:
     @property
     def top_m(self) -> NDArray[np.float64]:
         """[X, Y] local height of the top of the highest voxel, NaN where there is none."""
-        return np.where(self.has_surface, self.height_m(self.top_index.astype(np.int64) + 1), np.nan)
+        return np.where(self.has_surface, self.height_m(self.top_index + 1.0), np.nan)
 
     def height_m(self, index: ArrayLike) -> NDArray[np.float64]:
         """Local height of the lower face of the voxels with grid index k = `index`."""
@@ -171,6 +175,9 @@ class SurfaceGrid:
 class _Voxels:
     count: int
     indices_of: Callable[[NDArray[np.int64]], NDArray[np.int64]]
+    """ids [N] -> grid indices [N, 3]"""
+    is_buried: Callable[[NDArray[np.int64]], NDArray[np.bool_]]
+    """grid indices [N, 3] -> whether a voxel lies on top [N]"""
     probability: NDArray[np.float64]
     state: NDArray[np.uint8]
     last_seen_ns: NDArray[np.int64] | None
@@ -200,6 +207,21 @@ class _Voxels:
                 ids = ids[_is_seen(self.state[start:stop])]
             if ids.size:
                 yield ids
+
+
+def _buried_among(indices: NDArray[np.int64]) -> Callable[[NDArray[np.int64]], NDArray[np.bool_]]:
+    """Whether a voxel lies on top of others, for plain arrays of indices."""
+    low = indices.min(axis=0, initial=0)
+    # One more level than there is, so that the level above the highest one is free.
+    span = indices.max(axis=0, initial=0) - low + (1, 1, 2)
+    occupied = np.unique(np.ravel_multi_index(tuple((indices - low).T), tuple(span)))
+
+    def is_buried(below: NDArray[np.int64]) -> NDArray[np.bool_]:
+        above = np.ravel_multi_index(tuple((below + _UP - low).T), tuple(span))
+        place = np.searchsorted(occupied, above)
+        return np.asarray(occupied[place.clip(max=len(occupied) - 1)] == above)
+
+    return is_buried
 
 
 def _is_seen(state: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -288,7 +310,8 @@ class _Columns:
         ids, column, level = ids[inside], column[inside], indices[inside, 2].astype(np.int32)
         flat = column[:, 0] * self.shape[1] + column[:, 1]
         state = voxels.state[ids]
-        np.maximum.at(self.urgency, flat, _URGENCY[state])
+        stands = ~voxels.is_buried(indices[inside]) | (state == VoxelState.CROWD)
+        np.maximum.at(self.urgency, flat[stands], _URGENCY[state[stands]])
         np.maximum.at(self.top_index, flat, level)
         np.minimum.at(self.bottom_index, flat, level)
         seen = _is_seen(state)

@@ -90,7 +90,7 @@ def find_zones(grid: SurfaceGrid, threshold: float, *, min_area_m2: float = 0.0)
         raise ValueError(f"threshold must be above 0 and at most 1, got {threshold}")
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
-    regions = sorted(_connected_regions(grid.probability >= threshold), key=_largest_first)
+    regions = sorted(_connected_regions(np.argwhere(grid.probability >= threshold)), key=_largest_first)
     kept = [region for region in regions if len(region) * grid.cell_area_m2 >= min_area_m2]
     dropped = regions[len(kept) :]
     return ZoneSet(
@@ -102,15 +102,42 @@ def find_zones(grid: SurfaceGrid, threshold: float, *, min_area_m2: float = 0.0)
     )
 
 
-def _connected_regions(crowd: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Cells (i, j) [N, 2] of each region, sorted by i then j."""
-    from scipy import ndimage
+def count_regions(columns: NDArray[np.int64], *, min_columns: int = 1) -> int:
+    """How many zones the distinct crowd columns (i, j) [N, 2] form, without outlining them."""
+    return sum(len(region) >= min_columns for region in _connected_regions(columns))
 
-    labels, count = ndimage.label(crowd, structure=np.ones((3, 3)))
-    cells = np.argwhere(crowd)
-    order = np.argsort(labels[crowd], kind="stable")
-    sizes = np.bincount(labels[crowd], minlength=count + 1)[1:]
-    return np.split(cells[order], np.cumsum(sizes)[:-1]) if count else []
+
+def _connected_regions(cells: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Cells (i, j) [N, 2] of each region, sorted by i then j.
+
+    Works on the list of cells, not on a raster, so that it costs what is crowd and not what lies between.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if len(cells) == 0:
+        return []
+    cells = cells[np.lexsort((cells[:, 1], cells[:, 0]))]
+    first, second = _touching_pairs(cells)
+    links = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(len(cells), len(cells)))
+    _, label = connected_components(links, directed=False)
+    order = np.argsort(label, kind="stable")
+    return np.split(cells[order], np.cumsum(np.bincount(label))[:-1])
+
+
+def _touching_pairs(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Positions in `cells` (sorted by i then j) of every two that share an edge or a corner."""
+    low = cells.min(axis=0)
+    # Two columns of padding: a step of one from either end of a row must not land in the next row.
+    stride = cells[:, 1].max() - low[1] + 3
+    key = (cells[:, 0] - low[0]) * stride + cells[:, 1] - low[1]
+    pairs = []
+    for step in (1, stride - 1, stride, stride + 1):
+        place = np.searchsorted(key, key + step).clip(max=len(key) - 1)
+        touching = np.flatnonzero(key[place] == key + step)
+        pairs.append(np.stack([touching, place[touching]]))
+    first, second = np.concatenate(pairs, axis=1)
+    return first, second
 
 
 def _largest_first(cells: NDArray[np.int64]) -> tuple[int, int, int]:

@@ -1,6 +1,6 @@
 """One colour map for every export: a state reads the same on the picture, in the OctoMap and in a GIS.
 
-Below the threshold: bluish green, turning pale towards it. Crowd: yellow to dark red, with lightness
+Below the threshold: pale green, turning paler towards it. Crowd: yellow to dark red, with lightness
 falling all the way, so that the order survives every kind of colour blindness and a black-and-white print.
 What was not seen has no hue at all and cannot be mistaken for either.
 """
@@ -15,45 +15,39 @@ Rgb = tuple[int, int, int]
 STATE_COLORS: dict[VoxelState, Rgb] = {
     VoxelState.NEVER_SEEN: (152, 152, 156),
     VoxelState.OCCLUDED: (84, 84, 90),
-    VoxelState.EMPTY: (88, 178, 158),
-    VoxelState.STALE: (96, 128, 196),
+    VoxelState.EMPTY: (148, 208, 154),
+    VoxelState.STALE: (112, 136, 194),
     VoxelState.CROWD: (214, 56, 30),
 }
 """Flat colour of a state, for legends and for exports that cannot show a ramp."""
 
-_EMPTY_RAMP = np.array([(88, 178, 158), (222, 232, 186)], dtype=np.float64)
+_EMPTY_RAMP = np.array([(148, 208, 154), (232, 238, 196)], dtype=np.float64)
 _CROWD_RAMP = np.array([(255, 214, 70), (250, 150, 40), (214, 56, 30), (112, 8, 38)], dtype=np.float64)
 
 
-def probability_colors(
-    probability: ArrayLike, threshold: float, full_scale: float = 1.0
-) -> NDArray[np.uint8]:
+def probability_colors(probability: ArrayLike, threshold: float) -> NDArray[np.uint8]:
     """Colours [..., 3] of the probabilities [...] of seen ground.
 
-    The ramp ends at `full_scale`; larger values get its last colour. Raises ValueError for NaN: ground that
-    was never seen has a state, not a probability.
+    Raises ValueError for NaN: ground that was never seen has a state, not a probability.
     """
     values = np.asarray(probability, dtype=np.float64)
     if np.isnan(values).any():
         raise ValueError("NaN has no place on the probability ramp; colour unseen ground by its state")
-    top = max(full_scale, np.nextafter(threshold, np.inf))
     below = _ramp(_EMPTY_RAMP, values / threshold)
-    above = _ramp(_CROWD_RAMP, (values - threshold) / (top - threshold))
+    above = _ramp(_CROWD_RAMP, (values - threshold) / max(1.0 - threshold, np.finfo(float).tiny))
     return np.where((values >= threshold)[..., None], above, below)
 
 
-def voxel_colors(
-    probability: ArrayLike, state: ArrayLike, threshold: float, full_scale: float = 1.0
-) -> NDArray[np.uint8]:
-    """Colours [V, 3] of voxels: EMPTY and CROWD by probability, the other states flat.
+def state_colors(probability: ArrayLike, state: ArrayLike, threshold: float) -> NDArray[np.uint8]:
+    """Colours [..., 3] of voxels or columns: EMPTY and CROWD by probability, the other states flat.
 
-    probability [V] is read only where the state is EMPTY or CROWD; state [V] holds `VoxelState`.
+    probability [...] is read only where the state is EMPTY or CROWD; state [...] holds `VoxelState`.
     """
     states = np.asarray(state, dtype=np.uint8)
     table = np.array([STATE_COLORS[known] for known in VoxelState], dtype=np.uint8)
     colors = table[states]
     ramped = (states == VoxelState.EMPTY) | (states == VoxelState.CROWD)
-    colors[ramped] = probability_colors(np.asarray(probability)[ramped], threshold, full_scale)
+    colors[ramped] = probability_colors(np.asarray(probability)[ramped], threshold)
     return colors
 
 

@@ -1,23 +1,34 @@
 """The map as OctoMap files, for octovis, RViz and everything else that reads them.
 
 Two files, because the plain format can only say "occupied": a binary tree (`.bt`) with the terrain, and a
-ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colors.py`). OctoMap has no
-place for a stamp, a threshold or a georeference; those are in the other exports.
+ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colors.py`).
+
+In both every voxel is occupied, because it is solid ground. The probability of crowd is not written as
+occupancy: ground that was seen empty would then read as free space, to fly through.
+
+OctoMap has no place for a frame, a stamp or a threshold. They stand in the header as a comment line,
+`# crowdfence {JSON}`, which readers skip.
 """
 
 from __future__ import annotations
 
+import json
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.exports.atomic import write_bytes
-from crowdfence.exports.colors import voxel_colors
+from crowdfence.exports.colors import STATE_COLORS, state_colors
+from crowdfence.exports.iso_time import iso_utc
+from crowdfence.exports.map_description import MapDescription
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
+
+OCCUPIED = 0.97
+"""Occupancy of every voxel: the library's own upper clamp, rounded down."""
 
 
 def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
@@ -27,7 +38,8 @@ def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
     """
     from crowdfence import _core
 
-    write_bytes(path, _core.write_octomap_binary(terrain, _every_id(terrain)))
+    data = _core.write_octomap_binary(terrain, _every_id(terrain))
+    write_bytes(path, _annotated(data, _frame(terrain)))
 
 
 def write_colored_octomap(
@@ -35,7 +47,7 @@ def write_colored_octomap(
     terrain: Terrain,
     probability: ArrayLike,
     state: ArrayLike,
-    threshold: float,
+    description: MapDescription,
 ) -> None:
     """Every voxel of the terrain as a coloured leaf of a ColorOcTree (`.ot`).
 
@@ -50,9 +62,39 @@ def write_colored_octomap(
     for name, array in (("probability", probabilities), ("state", states)):
         if array.shape != (terrain.voxel_count,):
             raise ValueError(f"{name} must have shape [{terrain.voxel_count}], got {list(array.shape)}")
-    colors = voxel_colors(probabilities, states, threshold)
-    write_bytes(path, _core.write_octomap_color(terrain, _every_id(terrain), colors, probabilities))
+    colors = state_colors(probabilities, states, description.threshold)
+    occupancy = np.full(terrain.voxel_count, OCCUPIED)
+    data = _core.write_octomap_color(terrain, _every_id(terrain), colors, occupancy)
+    write_bytes(path, _annotated(data, _frame(terrain) | _meaning(description)))
 
 
-def _every_id(terrain: Terrain) -> np.ndarray:
+def _every_id(terrain: Terrain) -> NDArray[np.int64]:
     return np.arange(terrain.voxel_count, dtype=np.int64)
+
+
+def _frame(terrain: Terrain) -> dict[str, Any]:
+    """Tree coordinates count from the terrain's origin, because OctoMap's grid always starts at zero."""
+    frame: dict[str, Any] = {"frame": "tree + origin_m = local east-north-up metres"}
+    frame["origin_m"] = list(terrain.origin)
+    if terrain.georeference is not None:
+        anchor = terrain.georeference
+        frame["anchor_wgs84"] = [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m]
+    return frame
+
+
+def _meaning(description: MapDescription) -> dict[str, Any]:
+    return {
+        "method": description.method,
+        "threshold": description.threshold,
+        "stamp_utc": iso_utc(description.stamp_ns),
+        "mission": description.mission,
+        "colors": {state.name: list(color) for state, color in STATE_COLORS.items()},
+    }
+
+
+def _annotated(data: bytes, content: dict[str, Any]) -> bytes:
+    """The file with a comment line after its first line, where the library's reader skips it."""
+    first_line, rest = data.split(b"\n", 1)
+    # ASCII JSON has no line breaks, whatever the mission is called.
+    comment = f"# crowdfence {json.dumps(content)}".encode("ascii")
+    return b"\n".join([first_line, comment, rest])

@@ -59,7 +59,8 @@ def azimuthal_equidistant_wkt(anchor: Georeference) -> str:
 def _in_projection(grid: SurfaceGrid, anchor: Georeference) -> RasterPlacement:
     wkt = azimuthal_equidistant_wkt(anchor)
     samples = _samples(grid)
-    lowest_m, highest_m = float(np.nanmin(grid.top_m)), float(np.nanmax(grid.top_m))
+    tops = grid.top_index[grid.has_surface]
+    lowest_m, highest_m = grid.height_m([int(tops.min()) + 1, int(tops.max()) + 1])
     middle = _on_map(samples, (lowest_m + highest_m) / 2, anchor, wkt)
     east = np.polynomial.Polynomial.fit(samples[:, 0], middle[:, 0], 1)
     north = np.polynomial.Polynomial.fit(samples[:, 1], middle[:, 1], 1)
