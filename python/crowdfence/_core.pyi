@@ -307,6 +307,10 @@ class CrowdMap:
         """Stamps of the instants integrated so far."""
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
         """Project, pool, blend. An error leaves the map as it was."""
+    def integrate_observations(
+        self, drones: Sequence[str], observations: Sequence[Observation], stamp_ns: int
+    ) -> Update:
+        """Pool, blend: the same for views that were projected onto this terrain before, one drone each."""
     def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
         """P~ per voxel [V], or of the voxels `ids`, at a stamp not before the last instant.
 

@@ -255,6 +255,23 @@ impl PyCrowdMap {
         .map_err(refuse)
     }
 
+    fn integrate_observations(
+        &self,
+        py: Python<'_>,
+        drones: Vec<String>,
+        observations: Vec<PyRef<'_, PyObservation>>,
+        stamp_ns: i64,
+    ) -> PyResult<PyUpdate> {
+        let observations = observations.iter().map(|observation| (*observation.0).clone()).collect();
+        py.detach(|| {
+            let drones: Vec<&str> = drones.iter().map(String::as_str).collect();
+            let mut map = self.map.write().expect("no writer panics");
+            map.integrate_observations(&drones, observations, stamp_ns)
+        })
+        .map(PyUpdate::new)
+        .map_err(refuse)
+    }
+
     #[pyo3(signature = (stamp_ns, ids=None))]
     fn probability<'py>(
         &self,

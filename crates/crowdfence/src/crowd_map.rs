@@ -67,13 +67,37 @@ impl CrowdMap {
         })
     }
 
-    /// Takes in the views of one instant, each drone at most once. An error leaves the map as it was.
+    /// Takes in the views of one instant, each drone at most once: project, pool, blend. An error leaves the
+    /// map as it was.
     pub fn integrate(&mut self, views: &[View], stamp_ns: i64) -> Result<Update> {
         self.check_stamp(stamp_ns)?;
-        let drones = self.check_views(views, stamp_ns)?;
-
+        self.check_view_stamps(views, stamp_ns)?;
+        self.check_drones(views.iter().map(|view| view.drone.as_str()))?;
         let observations: Vec<Observation> =
             views.par_iter().map(|view| project(view, &self.terrain, &self.projection)).collect();
+        let drones: Vec<&str> = views.iter().map(|view| view.drone.as_str()).collect();
+        self.integrate_observations(&drones, observations, stamp_ns)
+    }
+
+    /// The same for views that were projected before, onto this terrain: pool, blend. One drone an
+    /// observation.
+    pub fn integrate_observations(
+        &mut self,
+        drones: &[&str],
+        observations: Vec<Observation>,
+        stamp_ns: i64,
+    ) -> Result<Update> {
+        self.check_stamp(stamp_ns)?;
+        if drones.len() != observations.len() {
+            return Err(Error::Length { name: "drones", actual: drones.len(), expected: observations.len() });
+        }
+        let fleet = self.check_drones(drones.iter().copied())?;
+        for &id in
+            observations.iter().flat_map(|o| o.voxel_ids.last().into_iter().chain(o.occluded_ids.last()))
+        {
+            self.terrain.check_id(i64::from(id))?; // ids are sorted: the last one is the largest
+        }
+
         let seen = by_voxel(&observations);
         let probability: Vec<f64> = seen.par_iter().map(|(id, m)| self.fuse(*id, m, stamp_ns)).collect();
 
@@ -84,14 +108,10 @@ impl CrowdMap {
         for &id in observations.iter().flat_map(|o| &o.occluded_ids) {
             self.beliefs.mark_occluded(id);
         }
-        self.drones = drones;
+        self.drones = fleet;
         self.stamps_ns.push(stamp_ns);
-        Ok(Update {
-            stamp_ns,
-            voxel_ids: seen.into_iter().map(|(id, _)| id).collect(),
-            probability,
-            observations,
-        })
+        let voxel_ids = seen.into_iter().map(|(id, _)| id).collect();
+        Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
     /// Pool, then blend: the new P~ of a voxel that the drones with mean values `m` see now.
@@ -226,28 +246,35 @@ impl CrowdMap {
         }
     }
 
-    /// The drones known after this instant.
-    fn check_views(&self, views: &[View], stamp_ns: i64) -> Result<BTreeSet<String>> {
-        let mut drones = self.drones.clone();
-        let mut here = BTreeSet::new();
-        for View { drone, stamp_ns: view_ns, .. } in views {
-            if !here.insert(drone) {
-                return Err(Error::DuplicateDrone { drone: drone.clone() });
+    fn check_view_stamps(&self, views: &[View], stamp_ns: i64) -> Result<()> {
+        for view in views {
+            let offset_s = seconds_between(stamp_ns, view.stamp_ns);
+            if offset_s.abs() > self.max_gap_s {
+                let (drone, bound_s) = (view.drone.clone(), self.max_gap_s);
+                return Err(Error::ViewStamp { drone, offset_s, bound_s });
             }
-            drones.insert(drone.clone());
-            if drones.len() > self.method.fleet_size() {
+        }
+        Ok(())
+    }
+
+    /// The drones known after an instant with these.
+    fn check_drones<'a>(&self, here: impl Iterator<Item = &'a str>) -> Result<BTreeSet<String>> {
+        let mut fleet = self.drones.clone();
+        let mut seen_here = BTreeSet::new();
+        for drone in here {
+            if !seen_here.insert(drone) {
+                return Err(Error::DuplicateDrone { drone: drone.to_owned() });
+            }
+            fleet.insert(drone.to_owned());
+            if fleet.len() > self.method.fleet_size() {
                 return Err(Error::FleetTooLarge {
-                    drone: drone.clone(),
-                    count: drones.len(),
+                    drone: drone.to_owned(),
+                    count: fleet.len(),
                     fleet_size: self.method.fleet_size(),
                 });
             }
-            let offset_s = seconds_between(stamp_ns, *view_ns);
-            if offset_s.abs() > self.max_gap_s {
-                return Err(Error::ViewStamp { drone: drone.clone(), offset_s, bound_s: self.max_gap_s });
-            }
         }
-        Ok(drones)
+        Ok(fleet)
     }
 }
 

@@ -18,6 +18,10 @@ use tree::{MAX_EXTENT, Tree};
 /// Voxels of one terrain: ids stay below the two largest u32, which the crowd map uses as marks.
 pub const MAX_VOXELS: u64 = 1 << 31;
 
+/// Voxels that an OctoMap may expand to. A file of a hundred bytes can claim 2^48 of them; this many take
+/// about 3 GB while they are sorted in.
+pub const MAX_OCTOMAP_VOXELS: u64 = 1 << 27;
+
 #[derive(Debug, Clone)]
 pub struct Terrain {
     origin: DVec3,
@@ -109,9 +113,10 @@ impl Terrain {
         Terrain::from_indices(&indices, voxel_size_m, origin)
     }
 
-    /// Occupied leaves of an OctoMap, pruned leaves expanded; `origin` is added to the file's coordinates.
+    /// Occupied leaves of an OctoMap, pruned leaves expanded to at most [`MAX_OCTOMAP_VOXELS`]; `origin` is
+    /// added to the file's coordinates.
     pub fn from_octomap(map: &Octomap, origin: DVec3) -> Result<Terrain> {
-        let indices = map.occupied_voxels(MAX_VOXELS)?;
+        let indices = map.occupied_voxels(MAX_OCTOMAP_VOXELS)?;
         Terrain::from_indices(&indices, map.header.voxel_size_m, origin)
     }
 

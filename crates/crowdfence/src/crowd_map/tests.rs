@@ -170,6 +170,29 @@ fn refused_input_leaves_the_map_as_it_was() {
 }
 
 #[test]
+fn views_projected_before_give_the_same_map() {
+    let method = paper(0.3, 0.01, Decay::PerSecond, Initial::Zero);
+    let (mut by_views, mut by_observations) = (map(method), map(method));
+    for second in 0..5 {
+        let stamp = second * SECOND;
+        let views = [look("a", 0.0, 0.2 * second as f32, stamp), look("b", 0.0, 0.9, stamp)];
+        let update = by_views.integrate(&views, stamp).unwrap();
+        by_observations.integrate_observations(&["a", "b"], update.observations, stamp).unwrap();
+    }
+    assert_eq!(by_views.to_bytes(), by_observations.to_bytes());
+}
+
+#[test]
+fn an_observation_of_another_terrain_is_refused() {
+    let mut map = map(paper(0.3, 0.01, Decay::PerSecond, Initial::Zero));
+    let foreign =
+        Observation { voxel_ids: vec![2], mean: vec![1.0], pixel_count: vec![1], occluded_ids: vec![] };
+    let message = map.integrate_observations(&["a"], vec![foreign], 0).unwrap_err().to_string();
+    assert_eq!(message, "voxel id 2 does not exist; the terrain has ids 0 to 1");
+    assert!(map.stamps_ns().is_empty());
+}
+
+#[test]
 fn drones_may_come_and_go_within_the_fleet() {
     let mut map = map(paper(0.1, 0.0, Decay::PerSecond, Initial::Zero));
     for (second, drones) in [&["a", "b"][..], &["b"], &[], &["c", "a"]].into_iter().enumerate() {

@@ -1,0 +1,3 @@
+from crowdfence.cli import main
+
+main()

@@ -1,0 +1,68 @@
+"""The application: commands, version, and how errors leave it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from crowdfence import __version__
+from crowdfence.cli import console, convert, demo, doctor, evaluate, inspect, run
+
+FAILED = 1
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="crowdfence",
+    help="Crowds seen by a fleet of drones: a crowd map on 3D terrain, and no-fly zones.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data goes to stdout, progress to stderr.",
+)
+app.command("run")(run.run)
+app.command("inspect")(inspect.inspect)
+app.command("convert")(convert.convert)
+app.command("evaluate")(evaluate.evaluate)
+app.command("demo")(demo.demo)
+app.command("doctor")(doctor.doctor)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"crowdfence {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line; a failure is one line on stderr. CROWDFENCE_DEBUG=1 shows where it came from."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        console.fail("interrupted")
+        sys.exit(INTERRUPTED)
+    except ModuleNotFoundError as error:
+        _reraise_for_debugging()
+        console.fail(f"{error.name} is not installed; `crowdfence doctor` says how to get it")
+        sys.exit(FAILED)
+    except (OSError, ValueError) as error:
+        _reraise_for_debugging()
+        console.fail(console.one_line(error))
+        sys.exit(FAILED)
+
+
+def _reraise_for_debugging() -> None:
+    if os.environ.get("CROWDFENCE_DEBUG"):
+        raise  # noqa: PLE0704 - called from an except clause only

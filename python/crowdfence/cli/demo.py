@@ -1,0 +1,25 @@
+"""`crowdfence demo`: the main job on the recording that comes with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crowdfence.cli import options
+from crowdfence.cli.run import fuse_and_report
+from crowdfence.config import RunConfig
+
+RECORDING = Path(__file__).parent.parent / "demo_data" / "race.mcap"
+CONFIG = RunConfig(min_area_m2=4.0)
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("out/demo"),
+    as_json: options.Json = False,
+) -> None:
+    """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
+    from crowdfence.sources import open_recording
+
+    fuse_and_report(open_recording(RECORDING), None, CONFIG, output, as_json=as_json)

@@ -1,0 +1,116 @@
+"""Options that several commands share, and how they become a configuration."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crowdfence.config import RunConfig
+
+_DEFAULT = RunConfig()
+_METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and zones"
+
+
+class MethodName(str, Enum):
+    """Fusion methods."""
+
+    paper = "paper"
+    or_ = "or"
+
+
+class Unseen(str, Enum):
+    fleet = "fleet"
+    visible = "visible"
+
+
+class Initial(str, Enum):
+    zero = "zero"
+    prior = "prior"
+    first = "first"
+
+
+class DecayUnit(str, Enum):
+    second = "second"
+    frame = "frame"
+
+
+class Coverage(str, Enum):
+    rays = "rays"
+    full = "full"
+
+
+RecordingPath = Annotated[
+    Path, typer.Argument(help="Mission file (.mcap), AirSim recording folder, or folder with poses.csv.")
+]
+TerrainPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--terrain", "-t", help="Map: .bt .ot .tif .las .laz .ply .obj. Default: the recording's own."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+
+Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]
+Alpha = Annotated[
+    float, typer.Option("--alpha", rich_help_panel=_METHOD, help="Weight of the newest instant, in (0, 1].")
+]
+DecayPerS = Annotated[
+    float, typer.Option("--decay-per-s", rich_help_panel=_METHOD, help="lambda of equation 3, >= 0.")
+]
+DecayUnitOption = Annotated[
+    DecayUnit, typer.Option("--decay-unit", rich_help_panel=_METHOD, help="Unit of lambda.")
+]
+UnseenOption = Annotated[
+    Unseen,
+    typer.Option("--unseen", rich_help_panel=_METHOD, help="Drones that do not see a voxel vote, or do not."),
+]
+Normalise = Annotated[
+    bool, typer.Option("--normalise", rich_help_panel=_METHOD, help="Divide the weights by their sum.")
+]
+InitialOption = Annotated[
+    Initial, typer.Option("--initial", rich_help_panel=_METHOD, help="Belief before the first look.")
+]
+TruePositiveRate = Annotated[float, typer.Option("--tpr", rich_help_panel=_RATES, help="P(B = 1 | A = 1).")]
+FalsePositiveRate = Annotated[float, typer.Option("--fpr", rich_help_panel=_RATES, help="P(B = 1 | A = 0).")]
+Prior = Annotated[
+    float | None,
+    typer.Option(
+        "--prior", rich_help_panel=_RATES, help="P(A = 1). Default: share of the map fit for landing."
+    ),
+]
+BThreshold = Annotated[
+    float,
+    typer.Option("--b-threshold", rich_help_panel=_RATES, help="A view calls a voxel crowd above this."),
+]
+FleetSize = Annotated[
+    int | None,
+    typer.Option("--fleet-size", rich_help_panel=_RATES, help="N. Default: the recording's drones."),
+]
+MaxRangeM = Annotated[
+    float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")
+]
+TargetHeightM = Annotated[
+    float,
+    typer.Option("--target-height-m", rich_help_panel=_MAP, help="Height above ground at which people are marked."),
+]
+CoverageOption = Annotated[
+    Coverage,
+    typer.Option("--coverage", rich_help_panel=_MAP, help="Voxels hit by pixel rays, or all visible ones."),
+]
+ToleranceMs = Annotated[
+    float, typer.Option("--tolerance-ms", rich_help_panel=_MAP, help="Frames this close form one instant.")
+]
+Threshold = Annotated[
+    float | None,
+    typer.Option("--threshold", rich_help_panel=_MAP, help="Crowd from this probability. Default: the method's."),
+]
+MinAreaM2 = Annotated[
+    float, typer.Option("--min-area-m2", rich_help_panel=_MAP, help="Drop smaller zones (they are counted).")
+]
+StaleAfterS = Annotated[
+    float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
+]
+DEFAULT = _DEFAULT

@@ -1,0 +1,139 @@
+"""`crowdfence run`: fuse a recording and write the results."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+from crowdfence.cli.options import DEFAULT
+from crowdfence.config import RunConfig
+
+if TYPE_CHECKING:
+    from crowdfence.pipeline import Run
+    from crowdfence.sources.recording import Recording
+
+MOST_ZONES_SHOWN = 12
+
+
+def run(
+    recording: options.RecordingPath,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
+    terrain: options.TerrainPath = None,
+    method: options.Method = options.MethodName.paper,
+    alpha: options.Alpha = DEFAULT.alpha,
+    decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
+    decay_unit: options.DecayUnitOption = options.DecayUnit.second,
+    unseen: options.UnseenOption = options.Unseen.fleet,
+    normalise: options.Normalise = False,
+    initial: options.InitialOption = options.Initial.zero,
+    tpr: options.TruePositiveRate = DEFAULT.true_positive_rate,
+    fpr: options.FalsePositiveRate = DEFAULT.false_positive_rate,
+    prior: options.Prior = None,
+    b_threshold: options.BThreshold = DEFAULT.b_threshold,
+    fleet_size: options.FleetSize = None,
+    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    target_height_m: options.TargetHeightM = DEFAULT.target_height_m,
+    coverage: options.CoverageOption = options.Coverage.rays,
+    tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
+    threshold: options.Threshold = None,
+    min_area_m2: options.MinAreaM2 = DEFAULT.min_area_m2,
+    stale_after_s: options.StaleAfterS = DEFAULT.stale_after_s,
+    as_json: options.Json = False,
+) -> None:
+    """Fuse a recording onto a map and write the crowd map, the zones and a picture."""
+    config = RunConfig(
+        method=method.value,
+        true_positive_rate=tpr,
+        false_positive_rate=fpr,
+        prior=prior,
+        b_threshold=b_threshold,
+        fleet_size=fleet_size,
+        unseen=unseen.value,
+        normalise=normalise,
+        alpha=alpha,
+        decay_per_s=decay_per_s,
+        decay_unit=decay_unit.value,
+        initial=initial.value,
+        max_range_m=max_range_m,
+        target_height_m=target_height_m,
+        coverage=coverage.value,
+        tolerance_ms=tolerance_ms,
+        threshold=threshold,
+        min_area_m2=min_area_m2,
+        stale_after_s=stale_after_s,
+    )
+    from crowdfence.sources import open_recording
+
+    fuse_and_report(open_recording(recording), terrain, config, output, as_json=as_json)
+
+
+def fuse_and_report(
+    recording: Recording, terrain_path: Path | None, config: RunConfig, output: Path, *, as_json: bool
+) -> None:
+    """The whole job with progress, then the summary."""
+    from crowdfence import pipeline
+    from crowdfence.results import write_results
+
+    terrain = pipeline.open_terrain(recording, terrain_path)
+    started = time.perf_counter()
+    with console.progress("fusing", len(recording.frames), "frames") as advance:
+
+        def show(step: pipeline.Step) -> None:
+            for _ in step.instant.frames:
+                advance()
+
+        finished = pipeline.run(recording, terrain, config, on_step=show)
+    seconds = time.perf_counter() - started
+    summary = write_results(finished, output)
+    if as_json:
+        console.print_json(summary)
+    else:
+        _report(summary, finished, seconds, output)
+
+
+def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> None:
+    out = console.stdout()
+    frames = sum(summary["frames"].values())
+    area = summary["area_m2"]
+    out.print(
+        console.facts(
+            f"{summary['recording']}: {summary['instants']} instants of {len(summary['frames'])} drones",
+            {
+                "time": f"{summary['first_instant']} + {summary['duration_s']:.1f} s",
+                "frames": f"{frames} integrated in {seconds:.1f} s ({frames / seconds:.1f} per second), "
+                f"{len(summary['refused'])} refused",
+                "terrain": f"{run.terrain!r}, {summary['terrain']['seen_voxels']} voxels seen",
+                "method": f"{run.crowd_map.method!r}",
+                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
+                "empty": f"{area['empty']:.0f} m2 seen lately, {area['stale']:.0f} m2 too long ago",
+            },
+        )
+    )
+    out.print(_zone_table(summary))
+    for reason in [*summary["warnings"], *summary["refused"]]:
+        console.warn(reason)
+    out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+
+
+def _zone_table(summary: dict[str, Any]) -> Any:
+    from rich.table import Table
+
+    zones = summary["zones"]
+    more = f", the largest {MOST_ZONES_SHOWN}" if len(zones) > MOST_ZONES_SHOWN else ""
+    table = Table(title=f"{len(zones)} zones{more}", title_justify="left", title_style="bold", box=None)
+    table.add_column("zone")
+    table.add_column("area m2", justify="right")
+    table.add_column("largest P", justify="right")
+    for zone in zones[:MOST_ZONES_SHOWN]:
+        table.add_row(zone["id"], f"{zone['area_m2']:.0f}", f"{zone['probability_max']:.2f}")
+    return table
+
+
+def _written() -> list[str]:
+    from crowdfence.results import FILES
+
+    return list(FILES)

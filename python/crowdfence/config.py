@@ -1,0 +1,116 @@
+"""One typed configuration of a run, complete by default."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+from crowdfence._core import CrowdMap, Or, Paper, Rates, Terrain
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """How a recording is fused. The defaults follow the paper; values are checked where they are used."""
+
+    method: Literal["paper", "or"] = "paper"
+
+    true_positive_rate: float = 0.9
+    """P(B = 1 | A = 1) of the detector, inside (0, 1)."""
+    false_positive_rate: float = 0.02
+    """P(B = 1 | A = 0), inside (0, 1)."""
+    prior: float | None = None
+    """P(A = 1), inside (0, 1); None: the share of the terrain that is suitable for landing."""
+    b_threshold: float = 0.5
+    """A view calls a voxel crowd when its mean heatmap value is above this."""
+    fleet_size: int | None = None
+    """N of equation 1; None: the drones of the recording."""
+    unseen: Literal["fleet", "visible"] = "fleet"
+    """What drones that do not see a voxel say: m = 0 with full weight as printed, or nothing."""
+    normalise: bool = False
+    """Divide the weights of equation 2 by their sum."""
+
+    alpha: float = 0.1
+    """Weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1."""
+    decay_per_s: float = 0.0005
+    """lambda of equation 3, >= 0, per `decay_unit`."""
+    decay_unit: Literal["second", "frame"] = "second"
+    initial: Literal["zero", "prior", "first"] = "zero"
+    """P~ before the first look; "first" takes the first look whole."""
+
+    max_range_m: float = 300.0
+    """Rays end here."""
+    target_height_m: float = 0.0
+    """Height above the ground at which people are marked; 0 is the paper's."""
+    coverage: Literal["rays", "full"] = "rays"
+    """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
+
+    tolerance_ms: float = 100.0
+    """Frames of different drones this close in time form one instant."""
+
+    threshold: float | None = None
+    """Probability from which ground is crowd; None: the method's own (`CrowdMap.default_threshold`)."""
+    min_area_m2: float = 0.0
+    """Smaller regions are dropped from the zones, and counted."""
+    stale_after_s: float = 30.0
+    """Empty ground not seen for longer is stale: no evidence of absence any more."""
+
+    def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
+        """An empty crowd map on a terrain for a fleet of `drones`. ValueError for values out of bounds."""
+        return CrowdMap(
+            terrain,
+            self._method(terrain, drones if self.fleet_size is None else self.fleet_size),
+            max_range_m=self.max_range_m,
+            target_height_m=self.target_height_m,
+            coverage=self.coverage,
+        )
+
+    def _method(self, terrain: Terrain, fleet_size: int) -> Paper | Or:
+        if self.method == "or":
+            return Or(fleet_size=fleet_size, b_threshold=self.b_threshold)
+        if self.method != "paper":
+            raise ValueError(f'method is {self.method!r}; it must be "paper" or "or"')
+        return Paper(
+            Rates(self.true_positive_rate, self.false_positive_rate),
+            _landing_prior(terrain) if self.prior is None else self.prior,
+            alpha=self.alpha,
+            decay_per_s=self.decay_per_s,
+            fleet_size=fleet_size,
+            b_threshold=self.b_threshold,
+            unseen=self.unseen,
+            normalise=self.normalise,
+            initial=self.initial,
+            decay_unit=self.decay_unit,
+        )
+
+    def parameters(self, crowd_map: CrowdMap) -> dict[str, str | int | float | bool]:
+        """What the run really used, for files that explain themselves."""
+        used = {name: value for name, value in asdict(self).items() if name not in _OF_ZONES}
+        used["fleet_size"] = crowd_map.method.fleet_size
+        if isinstance(crowd_map.method, Paper):
+            used["prior"] = crowd_map.method.prior
+        else:
+            used = {name: value for name, value in used.items() if name not in _OF_PAPER}
+        return used
+
+
+_OF_ZONES = ("method", "threshold", "min_area_m2", "stale_after_s")
+_OF_PAPER = (
+    "true_positive_rate",
+    "false_positive_rate",
+    "prior",
+    "unseen",
+    "normalise",
+    "alpha",
+    "decay_per_s",
+    "decay_unit",
+    "initial",
+)
+
+
+def _landing_prior(terrain: Terrain) -> float:
+    from crowdfence.evaluation.landing_prior import landing_prior
+
+    try:
+        return landing_prior(terrain)
+    except ValueError as error:
+        raise ValueError(f"no prior can be taken from this terrain: {error}") from error
