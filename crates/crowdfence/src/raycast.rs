@@ -10,7 +10,8 @@
 //!   distance 0;
 //! - a ray through an edge or corner crosses the x plane before y before z and touches the voxels between:
 //!   it cannot slip through two voxels that share an edge only;
-//! - a voxel counts when the ray enters it at no more than the range.
+//! - a voxel counts when the ray enters it at no more than the range;
+//! - a ray that starts further than 2^40 voxels from the map hits nothing: float64 could not follow it.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,7 +34,7 @@ impl Terrain {
     pub fn raycast(&self, origin: DVec3, direction: DVec3, max_range_m: f64) -> Option<Hit> {
         let ray = Ray {
             origin: self.tree_from_world(origin).to_array(),
-            inverse: direction.normalize().to_array().map(f64::recip),
+            inverse: unit(direction).to_array().map(f64::recip),
             range: max_range_m / self.voxel_size_m(),
         };
         ray.first_hit(self.tree(), self.extent())
@@ -65,18 +66,27 @@ impl Terrain {
     }
 }
 
+/// Voxels from the map along one axis.
+const FARTHEST_ORIGIN: f64 = (1u64 << 40) as f64;
+
 /// Says why a ray cannot be cast.
 fn check_ray(index: usize, origin: DVec3, direction: DVec3) -> Result<()> {
     let what = if !origin.is_finite() {
         "origin is not finite"
     } else if !direction.is_finite() {
         "direction is not finite"
-    } else if !direction.normalize().is_finite() {
+    } else if !unit(direction).is_finite() {
         "direction has no length"
     } else {
         return Ok(());
     };
     Err(Error::Ray { index, what })
+}
+
+/// Direction of length 1; not finite when the length is 0. Its square may overflow, so the largest component
+/// is taken out first.
+fn unit(direction: DVec3) -> DVec3 {
+    (direction / direction.abs().max_element()).normalize()
 }
 
 /// A ray in tree coordinates: lengths count voxels.
@@ -116,6 +126,9 @@ impl Ray {
 
     /// First voxel of the box [0, extent) on the ray and the distance to it.
     fn enter(&self, extent: [u32; 3]) -> Option<([i64; 3], f64)> {
+        if self.origin.iter().any(|o| o.abs() > FARTHEST_ORIGIN) {
+            return None;
+        }
         let mut voxel = self.origin.map(|o| o.floor() as i64);
         let mut entry: Option<Crossing> = None;
         for axis in 0..3 {
@@ -139,6 +152,11 @@ impl Ray {
             return Some((voxel, 0.0));
         };
         for axis in (0..3).filter(|&axis| axis != entry.axis) {
+            // A ray that passes the box far beside it must not be followed there voxel by voxel.
+            let beside = self.origin[axis] + entry.distance / self.inverse[axis];
+            if !(-1.0..=f64::from(extent[axis]) + 1.0).contains(&beside) {
+                return None;
+            }
             voxel[axis] = self.advance(axis, voxel[axis], entry);
             if !(0..i64::from(extent[axis])).contains(&voxel[axis]) {
                 return None;
@@ -321,6 +339,29 @@ mod tests {
     }
 
     #[test]
+    fn the_length_of_the_direction_does_not_matter() {
+        let map = terrain(&[[0, 0, 0]]);
+        for length in [1e-300, 1e-160, 1.0, 1e160, 1e300] {
+            let hit = cast(&map, [0.5, 0.5, 9.0], [0.0, 0.0, -length], 1e3);
+            assert_eq!(hit, Some(([0, 0, 0], 8.0)), "length {length}");
+        }
+    }
+
+    #[test]
+    fn rays_that_pass_far_beside_the_map_end() {
+        let map = terrain(&[[0, 0, 0], [9, 9, 9]]);
+        for (origin, direction) in [
+            ([0.5, -200.0, 0.5], [1.0, 1e-307, 0.0]), // would reach the map's side at an infinite distance
+            ([0.5, -200.0, 0.5], [1.0, 1e-200, 0.0]),
+            ([-1e308, 0.0, 0.0], [1.0, 1.0, 0.0]),
+            ([0.5, 0.5, 1e20], [0.0, 0.0, -1.0]),
+            ([0.5, 0.5, -1e300], [0.0, 0.0, 1.0]),
+        ] {
+            assert_eq!(cast(&map, origin, direction, f64::INFINITY), None, "from {origin:?}");
+        }
+    }
+
+    #[test]
     fn rays_that_cannot_be_cast_are_named() {
         let error = check_ray(7, DVec3::ZERO, DVec3::ZERO).unwrap_err();
         assert_eq!(error.to_string(), "ray 7: direction has no length");
@@ -350,6 +391,16 @@ mod tests {
         }
     }
 
+    /// From the smallest to the largest float64, either sign, and ordinary numbers.
+    fn any_magnitude() -> impl Strategy<Value = f64> {
+        let exponent = (-323.0..308.0f64, any::<bool>());
+        prop_oneof![
+            2 => exponent.prop_map(|(e, positive)| 10f64.powf(e) * if positive { 1.0 } else { -1.0 }),
+            1 => -30.0..30.0f64,
+            1 => Just(0.0),
+        ]
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
@@ -372,6 +423,18 @@ mod tests {
             };
             let hit = ray.first_hit(map.tree(), map.extent()).map(|(id, _)| map.index(id));
             prop_assert_eq!(hit, march(&voxels, origin, direction, 200));
+        }
+
+        /// Absurd numbers end in a hit or in none, not in a panic or an endless march.
+        #[test]
+        fn any_finite_ray_ends(
+            origin in prop::array::uniform3(any_magnitude()),
+            direction in prop::array::uniform3(any_magnitude()),
+        ) {
+            prop_assume!(direction != [0.0; 3]);
+            let map = terrain(&[[0, 0, 0], [1, 1, 1], [20, 3, 7]]);
+            let hit = cast(&map, origin, direction, f64::INFINITY);
+            prop_assert!(hit.is_none_or(|(_, distance)| distance >= 0.0 && distance.is_finite()));
         }
 
         /// General directions against dense sampling of the ray.
