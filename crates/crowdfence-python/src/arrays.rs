@@ -2,7 +2,9 @@
 
 use crowdfence::Error;
 use glam::DVec3;
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
@@ -20,13 +22,16 @@ pub struct Array<'py, T: Element> {
 impl<'py, T: Element + Copy> Array<'py, T> {
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Option<usize>]) -> PyResult<Self> {
         let py = value.py();
+        let numpy = py.import("numpy")?;
+        let named = |error: PyErr| PyValueError::new_err(format!("{name}: {}", error.value(py)));
+        let given = numpy.call_method1("asarray", (value,)).map_err(named)?;
+        check_element_type(&given, &T::get_dtype(py), name)?;
         let options: Bound<'py, PyDict> =
             [("dtype", T::get_dtype(py).into_any()), ("order", "C".into_pyobject(py)?.into_any())]
                 .into_py_dict(py)?;
-        let array = py
-            .import("numpy")?
-            .call_method("asarray", (value,), Some(&options))
-            .map_err(|error| PyValueError::new_err(format!("{name}: {}", error.value(py))))?
+        let array = numpy
+            .call_method("asarray", (given,), Some(&options))
+            .map_err(named)?
             .cast_into::<PyArrayDyn<T>>()?;
         let sides = array.shape();
         let fits = sides.len() == shape.len()
@@ -49,6 +54,23 @@ impl<'py, T: Element + Copy> Array<'py, T> {
     pub fn to_vec(&self) -> PyResult<Vec<T>> {
         Ok(self.array.try_readonly()?.as_slice()?.to_vec())
     }
+}
+
+/// numpy would turn id 0.7 into 0 and an occupancy of NaN into true without a word.
+fn check_element_type<'py>(
+    given: &Bound<'py, PyAny>,
+    wanted: &Bound<'py, PyArrayDescr>,
+    name: &str,
+) -> PyResult<()> {
+    let dtype = given.getattr("dtype")?;
+    let kind: char = dtype.getattr("kind")?.extract()?;
+    let is_empty = given.getattr("size")?.extract::<usize>()? == 0; // [] has an element type by accident
+    let numpy = given.py().import("numpy")?;
+    let fits = || numpy.call_method1("can_cast", (&dtype, wanted, "same_kind"))?.extract::<bool>();
+    if is_empty || matches!(kind, 'b' | 'i' | 'u') || fits()? {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("{name} has elements of type {dtype}; they must be {wanted}")))
 }
 
 /// Points or directions [N, 3].

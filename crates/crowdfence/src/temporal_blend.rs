@@ -55,7 +55,13 @@ impl TemporalBlend {
         }
         (0..expected)
             .map(|at| {
-                require(elapsed[at] >= 0.0, "elapsed_s", elapsed[at], ">= 0")?;
+                let elapsed_s = elapsed[at];
+                require(
+                    elapsed_s.is_finite() && elapsed_s >= 0.0,
+                    "elapsed_s",
+                    elapsed_s,
+                    "finite and >= 0",
+                )?;
                 require((0.0..=1.0).contains(&previous[at]), "previous", previous[at], "inside [0, 1]")?;
                 if !seen[at] {
                     return Ok(self.fade(previous[at], elapsed[at]));
@@ -100,6 +106,14 @@ mod tests {
         let blend = TemporalBlend::new(0.1, 0.05).unwrap();
         let settled = (0..2000).fold(0.0, |p, _| blend.blend(p, 1.0, 1.0));
         assert_close(settled, 0.1 / (1.0 - 0.9 * (-0.05f64).exp()));
+    }
+
+    #[test]
+    fn an_endless_gap_is_refused() {
+        // Without decay it would be 0 * infinity.
+        let blend = TemporalBlend::new(0.5, 0.0).unwrap();
+        let message = blend.blend_all(&[0.5], &[f64::INFINITY], &[0.5], &[true]).unwrap_err().to_string();
+        assert_eq!(message, "elapsed_s is inf; it must be finite and >= 0");
     }
 
     #[test]
