@@ -165,7 +165,7 @@ def test_truth_of_another_size_is_not_laid_over_the_picture(recorded):
     edit_settings(recorded, shrink)
     recording = open_recording(recorded)
     assert (
-        "uav1: planar depth: another size or field of view than the colour picture's, not read"
+        "uav1: planar depth: not read, its size or field of view is not the colour picture's"
         in recording.warnings
     )
     assert recording.frames_of("uav1")[0].pixels.depth_m is None
@@ -273,6 +273,16 @@ def test_file_names_on_another_clock(tmp_path):
     np.testing.assert_array_equal(frames[1].heatmap(), heatmap("uav_2", EPOCH_NS + 137 * MS + 12_345))
 
 
+def test_vehicles_on_two_clocks_are_not_mixed(tmp_path):
+    """Telemetry on the file names' clock for one vehicle only; the others fall back to the table's."""
+    folder = write_airsim(tmp_path / "rec", flight())
+    for name in ("uav_2", "uav3"):
+        (folder / "telemetry" / f"{name}.csv").unlink()
+    edit_table(folder, lambda lines: [line.replace("\t1760000", "\t1760018", 1) for line in lines])
+    with pytest.raises(ValueError, match=r"'uav1' come from the file names, those of 'uav.*' from the table"):
+        open_recording(folder)
+
+
 def test_truth_pairs_by_order_when_every_file_has_its_own_nanoseconds(recorded):
     def later_depth(lines):
         return [line.replace("345.pfm", "999.pfm") for line in lines]
@@ -324,6 +334,41 @@ def test_a_downward_camera_needs_its_mount(tmp_path):
         open_recording(folder)
 
 
+def test_one_camera_of_several(recorded):
+    """The one with the most pictures, or the one asked for; the rest is named."""
+    other = "img_uav1_bottom_center_0_1.png"
+    edit_table(recorded, lambda lines: [lines[0], lines[1] + f";{other}", *lines[2:]])
+    recording = open_recording(recorded)
+    assert "uav1: only camera 'front_center' is read, not bottom_center" in recording.warnings
+    assert len(recording.frames_of("uav1")) == 6
+    with pytest.raises(
+        ValueError, match="no picture of camera 'left' of 'uav1'; its cameras are bottom_center, front"
+    ):
+        open_recording(recorded, camera="left")
+
+
+def test_a_vehicle_without_pictures_stays_in_the_fleet(recorded):
+    def blind(lines):
+        return [line if "uav3" not in line else line.rsplit("\t", 1)[0] + "\t" for line in lines]
+
+    edit_table(recorded, blind)
+    recording = open_recording(recorded)
+    assert recording.drones == ("uav1", "uav3", "uav_2") and recording.frames_of("uav3") == []
+    assert "uav3: airsim_rec.txt lists no picture of it: it has no frames" in recording.warnings
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"crowd_colors": [(0, 0, 256)]}, r"crowd_colors holds \(0, 0, 256\)"),
+        ({"pose_delay_ms": float("nan")}, "pose_delay_ms is nan"),
+    ],
+)
+def test_options_that_make_no_sense(recorded, options, message):
+    with pytest.raises(ValueError, match=message):
+        open_recording(recorded, **options)
+
+
 def test_pose_delay_shifts_the_poses(recorded):
     """A pose logged 20 ms late belongs to the picture taken 20 ms before its stamp."""
     for frame in open_recording(recorded, pose_delay_ms=20.0).frames[:6]:
@@ -365,6 +410,7 @@ def test_an_empty_table(recorded, content):
     ("change", "message"),
     [
         (lambda s: s["OriginGeopoint"].update(Latitude="north"), "Latitude is 'north', expected a number"),
+        (lambda s: s["OriginGeopoint"].update(Latitude=10**400), "Latitude is '1000"),
         (lambda s: s.update(Vehicles=[1]), "Vehicles is not an object but list"),
         (
             lambda s: s["Vehicles"]["uav1"]["Cameras"]["front_center"]["CaptureSettings"][0].update(
@@ -380,8 +426,9 @@ def test_unusable_settings_name_the_value(recorded, change, message):
         open_recording(recorded)
 
 
-def test_settings_that_are_no_json(recorded):
-    (recorded / "settings.json").write_text("{")
+@pytest.mark.parametrize("content", ["{", "[" * 100_000, "\x00"])
+def test_settings_that_are_no_json(recorded, content):
+    (recorded / "settings.json").write_text(content)
     with pytest.raises(ValueError, match=r"settings.json is not JSON"):
         open_recording(recorded)
 

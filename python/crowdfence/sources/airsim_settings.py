@@ -53,7 +53,7 @@ class AirSimSettings:
             return AirSimSettings({}, None)
         try:
             content = json.loads(path.read_text(encoding="utf-8-sig"))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not JSON: {error}") from error
         if not isinstance(content, dict):
             raise ValueError(
@@ -161,8 +161,8 @@ class AirSimSettings:
 
     def _number(self, owner: dict[str, Any], key: str, default: float | None) -> float:
         value = owner.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{self._name}: {key} is {value!r}, expected a number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+            raise ValueError(f"{self._name}: {key} is {str(value)[:40]!r}, expected a number")
         return float(value)
 
     @property

@@ -135,7 +135,7 @@ def _read_description(path: Path) -> dict[str, Any]:
         description = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise ValueError(f"{path} is missing: it must hold the cameras of the drones") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is not JSON: {error}") from error
     if not isinstance(description, dict) or not isinstance(description.get("cameras"), dict):
         raise ValueError(f'{path} must be an object with "cameras", an object by drone name')
@@ -167,7 +167,7 @@ def _georeference(description: dict[str, Any], path: Path) -> Georeference | Non
         return None
     try:
         return Georeference(*(float(entry[key]) for key in ("latitude_deg", "longitude_deg", "height_m")))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"{path}: georeference needs latitude_deg, longitude_deg and height_m: {error!r}"
         ) from error

@@ -139,8 +139,9 @@ class _Content:
     def _take_refused(self, text: str) -> None:
         try:
             for row in json.loads(text):
-                self.refused.append(RefusedFrame(row["drone"], row["stamp_ns"], row["reason"]))
-        except (ValueError, KeyError, TypeError) as error:
+                stamp_ns = None if row["stamp_ns"] is None else int(row["stamp_ns"])
+                self.refused.append(RefusedFrame(str(row["drone"]), stamp_ns, str(row["reason"])))
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             self.warnings.append(f"the list of refused frames in the file is damaged: {error!r}")
 
     def _ignore_topic(self, message: StoredMessage, expected: str) -> None:

@@ -105,7 +105,7 @@ def read_pfm(path: Path, size: Size) -> NDArray[np.float32]:
 
 
 def picture_format(data: bytes) -> str | None:
-    """ "jpeg" or "png" by the first bytes, None for anything else."""
+    """What the first bytes say, "jpeg" or "png"; None for anything else."""
     if data.startswith(b"\xff\xd8\xff"):
         return "jpeg"
     return "png" if data.startswith(b"\x89PNG\r\n\x1a\n") else None
