@@ -9,7 +9,13 @@ from typing import Annotated
 import typer
 
 from crowdfence import __version__
-from crowdfence.cli import console, convert, demo, doctor, evaluate, inspect, run
+from crowdfence.cli import console
+from crowdfence.cli.convert import convert
+from crowdfence.cli.demo import demo
+from crowdfence.cli.doctor import doctor
+from crowdfence.cli.evaluate import evaluate
+from crowdfence.cli.inspect import inspect
+from crowdfence.cli.run import run
 
 FAILED = 1
 INTERRUPTED = 130
@@ -23,12 +29,12 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data goes to stdout, progress to stderr.",
 )
-app.command("run")(run.run)
-app.command("inspect")(inspect.inspect)
-app.command("convert")(convert.convert)
-app.command("evaluate")(evaluate.evaluate)
-app.command("demo")(demo.demo)
-app.command("doctor")(doctor.doctor)
+app.command("run")(run)
+app.command("inspect")(inspect)
+app.command("convert")(convert)
+app.command("evaluate")(evaluate)
+app.command("demo")(demo)
+app.command("doctor")(doctor)
 
 
 def _print_version(wanted: bool) -> None:

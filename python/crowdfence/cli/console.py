@@ -60,7 +60,7 @@ def facts(title: str, rows: dict[str, str]) -> Table:
 def progress(what: str, total: int, unit: str) -> Iterator[Any]:
     """A progress bar on stderr with rate and time left; silent when stderr is no terminal.
 
-    Yields a function to call once per unit done.
+    Yields a function to call with the number of units done since the last call.
     """
     from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -82,7 +82,7 @@ def progress(what: str, total: int, unit: str) -> Iterator[Any]:
     )
     with bar:
         task = bar.add_task(what, total=total)
-        yield lambda: bar.advance(task)
+        yield lambda units=1: bar.advance(task, units)
 
 
 def _escaped(text: str) -> str:

@@ -81,12 +81,9 @@ def fuse_and_report(
     terrain = pipeline.open_terrain(recording, terrain_path)
     started = time.perf_counter()
     with console.progress("fusing", len(recording.frames), "frames") as advance:
-
-        def show(step: pipeline.Step) -> None:
-            for _ in step.instant.frames:
-                advance()
-
-        finished = pipeline.run(recording, terrain, config, on_step=show)
+        finished = pipeline.run(
+            recording, terrain, config, on_step=lambda step: advance(len(step.instant.frames))
+        )
     seconds = time.perf_counter() - started
     summary = write_results(finished, output)
     if as_json:

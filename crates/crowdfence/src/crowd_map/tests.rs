@@ -170,6 +170,21 @@ fn refused_input_leaves_the_map_as_it_was() {
 }
 
 #[test]
+fn by_default_a_crowd_that_one_drone_sees_is_marked_at_the_fourth_look() {
+    // One sure view of three pools to P = (POSITIVE + 2 NEGATIVE) / 3 = .290; the threshold is a quarter of the
+    // way from NEGATIVE to it, .0917. After n looks P~ = P (1 - .9^n): .0786 for n = 3, .0997 for n = 4.
+    let method = paper(0.1, 0.0, Decay::PerSecond, Initial::Zero);
+    let mut map = map(method);
+    let looks = [0, 1, 2, 3].map(|second| {
+        map.integrate(&[look("a", 0.0, 1.0, second * SECOND)], second * SECOND).unwrap();
+        map.state(second * SECOND, method.default_threshold(), 30.0).unwrap()[0]
+    });
+    assert_eq!(looks, [VoxelState::Empty, VoxelState::Empty, VoxelState::Empty, VoxelState::Crowd]);
+    let one_view = (POSITIVE + 2.0 * NEGATIVE) / 3.0;
+    assert_close(method.default_threshold(), 0.75 * NEGATIVE + 0.25 * one_view);
+}
+
+#[test]
 fn views_projected_before_give_the_same_map() {
     let method = paper(0.3, 0.01, Decay::PerSecond, Initial::Zero);
     let (mut by_views, mut by_observations) = (map(method), map(method));

@@ -1,0 +1,155 @@
+"""`crowdfence evaluate`: score methods on a recording that holds truth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+from crowdfence.cli.options import DEFAULT
+from crowdfence.config import RunConfig
+
+if TYPE_CHECKING:
+    from crowdfence.evaluation.detector_rates import Confusion
+    from crowdfence.evaluation.replay import Score
+
+GATE_NOT_MET = 3
+
+
+def evaluate(
+    recording: options.RecordingPath,
+    terrain: options.TerrainPath = None,
+    method: Annotated[
+        list[options.MethodName] | None,
+        typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
+    ] = None,
+    alpha: Annotated[
+        list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
+    ] = None,
+    decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
+    unseen: options.UnseenOption = options.Unseen.fleet,
+    normalise: options.Normalise = False,
+    initial: options.InitialOption = options.Initial.zero,
+    tpr: options.TruePositiveRate = DEFAULT.true_positive_rate,
+    fpr: options.FalsePositiveRate = DEFAULT.false_positive_rate,
+    measured_rates: Annotated[
+        bool, typer.Option("--measured-rates", help="Use the rates that the truth shows, per heatmap cell.")
+    ] = False,
+    prior: options.Prior = None,
+    b_threshold: options.BThreshold = DEFAULT.b_threshold,
+    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    target_height_m: options.TargetHeightM = DEFAULT.target_height_m,
+    coverage: options.CoverageOption = options.Coverage.rays,
+    tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
+    threshold: options.Threshold = None,
+    min_iou: Annotated[
+        float | None, typer.Option("--min-iou", help="Exit with 3 unless every row reaches this mean IoU.")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Mean IoU (equation 4) of the methods against the truth that the recording holds."""
+    from crowdfence import pipeline
+    from crowdfence.evaluation.replay import measured_rates as count_rates
+    from crowdfence.evaluation.replay import score
+    from crowdfence.sources import open_recording
+
+    source = open_recording(recording)
+    counts = count_rates(source)
+    if measured_rates:
+        rates = counts.rates()
+        tpr, fpr = rates.true_positive, rates.false_positive
+    shared = RunConfig(
+        true_positive_rate=tpr,
+        false_positive_rate=fpr,
+        prior=prior,
+        b_threshold=b_threshold,
+        unseen=unseen.value,
+        normalise=normalise,
+        decay_per_s=decay_per_s,
+        initial=initial.value,
+        max_range_m=max_range_m,
+        target_height_m=target_height_m,
+        coverage=coverage.value,
+        tolerance_ms=tolerance_ms,
+        threshold=threshold,
+    )
+    configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
+    ground = pipeline.open_terrain(source, terrain)
+    with console.progress("scoring", len(source.frames), "frames") as advance:
+        scores = score(source, ground, configs, on_instant=lambda instant: advance(len(instant.frames)))
+    if as_json:
+        console.print_json({"detector": _rates(counts), "scores": [_as_json(row) for row in scores]})
+    else:
+        _print(source.name, counts, scores)
+    if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
+        console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
+        raise typer.Exit(GATE_NOT_MET)
+
+
+def _configs(shared: RunConfig, methods: list[options.MethodName], alphas: list[float]) -> list[RunConfig]:
+    configs = []
+    if options.MethodName.or_ in methods:
+        configs.append(replace(shared, method="or"))
+    if options.MethodName.paper in methods:
+        configs += [replace(shared, method="paper", alpha=alpha) for alpha in alphas]
+    return configs
+
+
+def _rates(counts: Confusion) -> dict[str, Any]:
+    estimates = {
+        "true_positive_rate": counts.true_positive_rate(),
+        "false_positive_rate": counts.false_positive_rate(),
+    }
+    return {name: estimate._asdict() for name, estimate in estimates.items()}
+
+
+def _as_json(row: Score) -> dict[str, Any]:
+    best_threshold, best = row.sweep.best()
+    return {
+        "config": asdict(row.config),
+        "threshold": row.threshold,
+        "mean_iou": row.iou.mean,
+        "std_iou": row.iou.std,
+        "best_threshold": best_threshold,
+        "best_mean_iou": best.mean,
+        "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
+    }
+
+
+def _print(name: str, counts: Confusion, scores: list[Score]) -> None:
+    from rich.table import Table
+
+    tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
+    out = console.stdout()
+    table = Table(
+        title=f"{name}: mean IoU inside what was seen so far",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+    )
+    table.add_column("method", no_wrap=True)
+    for column in ("threshold", "mean IoU", "std", "best threshold", "mean IoU there"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in scores:
+        best_threshold, best = row.sweep.best()
+        table.add_row(
+            _label(row.config),
+            f"{row.threshold:.3f}",
+            f"{row.iou.mean:.3f}",
+            f"{row.iou.std:.3f}",
+            f"{best_threshold:.2f}",
+            f"{best.mean:.3f}",
+        )
+    out.print(table)
+    out.print(
+        f"detector, per heatmap cell: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}. The best threshold is chosen "
+        "on this very recording."
+    )
+
+
+def _label(config: RunConfig) -> str:
+    if config.method == "or":
+        return "or"
+    return f"paper, alpha {config.alpha:g}"
