@@ -153,7 +153,7 @@ def _wgs84_from(crs: CRS) -> Transformer:
         raise ValueError(
             f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: PROJ's geoid grid for them "
             "is not installed. Install it (projsync, proj-data), or use the horizontal part of the CRS and"
-            " add the geoid height yourself"
+            " add the height of the geoid yourself (for maps: height_offset_m)"
         ) from error
 
 

@@ -1,0 +1,81 @@
+"""Map files -> `Terrain`, one module per kind of file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from crowdfence.maps.map_error import MapError
+
+if TYPE_CHECKING:
+    from crowdfence._core import Terrain
+    from crowdfence.georeference import Georeference
+
+__all__ = ["MapError", "open_terrain"]
+
+SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
+
+
+def open_terrain(
+    path: str | PathLike[str],
+    *,
+    voxel_size_m: float | None = None,
+    georeference: Georeference | None = None,
+    **options: Any,
+) -> Terrain:
+    """Read a map file as a terrain in local ENU metres.
+
+    `georeference` is the anchor of the local frame, as a rule that of the recording. Maps with a coordinate
+    reference system are brought into its tangent plane; without an anchor they get one in their middle, and
+    `terrain.georeference` says where. `voxel_size_m` None lets the file decide.
+
+    | suffix | kind | options |
+    |---|---|---|
+    | .bt .ot | OctoMap, see `maps.octomap` | origin |
+    | .tif .tiff | height model, see `maps.geotiff` | band, nodata and those below |
+    | .las .laz (also .copc.laz) | lidar points, see `maps.lidar` | surface, max_hole_m and those below |
+    | both of these | | crs, height_unit, height_offset_m, assume_local |
+    | .ply .obj | mesh, see `maps.mesh` | up, unit_m, origin |
+
+    MapError (a ValueError) names the file, what is wrong with it and what to do; TypeError for an option that
+    the kind of file does not have.
+    """
+    path = Path(path)
+    reader = _reader(path)
+    try:
+        terrain: Terrain = reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+    except MapError:
+        raise
+    except (ValueError, OSError, MemoryError) as error:
+        raise MapError(path, str(error) or type(error).__name__) from error
+    return terrain
+
+
+def _reader(path: Path) -> Callable[..., Terrain]:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        known = " ".join(SUFFIXES)
+        raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
+    if path.is_dir():
+        raise MapError(path, "is a directory, not a map file")
+    if not path.exists():
+        raise MapError(path, "no such file")
+    if path.stat().st_size == 0:
+        raise MapError(path, "the file is empty (0 bytes)")
+    if suffix in (".bt", ".ot"):
+        from crowdfence.maps.octomap import open_octomap
+
+        return open_octomap
+    if suffix in (".tif", ".tiff"):
+        from crowdfence.maps.geotiff import open_geotiff
+
+        return open_geotiff
+    if suffix in (".las", ".laz"):
+        from crowdfence.maps.lidar import open_lidar
+
+        return open_lidar
+    from crowdfence.maps.mesh import open_mesh
+
+    return open_mesh

@@ -1,0 +1,152 @@
+"""Height models as GeoTIFF -> Terrain."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps.height_raster import HeightRaster
+from crowdfence.maps.map_error import MapError
+from crowdfence.maps.raster_projection import RasterProjection
+from crowdfence.maps.source_frame import HeightRules, HeightUnit, chosen_crs
+from crowdfence.maps.tangent_grid import NODE_SPACING_M, LocalGrid, resample
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+# 16 km2 at 0.5 m are 64 million columns; the core needs about 30 bytes a voxel while it builds the tree.
+MAX_COLUMNS = 100_000_000
+# A country at 10 m or a county at 1 m.
+MAX_PIXELS = 1_000_000_000
+# Side of the pixel window that is held at a time.
+_WINDOW_SIDE = 4096
+
+
+def open_geotiff(
+    path: Path,
+    *,
+    voxel_size_m: float | None = None,
+    georeference: Georeference | None = None,
+    band: int | None = None,
+    nodata: float | None = None,
+    crs: str | int | CRS | None = None,
+    height_unit: HeightUnit = "auto",
+    height_offset_m: float | None = None,
+    assume_local: bool = False,
+) -> Terrain:
+    """Height model -> closed voxel surface in the local frame, sampled at the middle of every voxel column.
+
+    Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
+    the true tangent plane of the anchor, curvature of the earth included. Without `georeference` the anchor
+    is the middle of the raster at the lowest height, rounded down to whole metres. Without `voxel_size_m`
+    voxels are as large as pixels, rounded to two digits.
+
+    - `band`: which one holds heights (1 = first); must be given when there are several.
+    - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are
+      holes, never height zero, and nothing is interpolated across them.
+    - `crs`: stands above the one in the file. `assume_local=True`: for files without one; pixels then lie in
+      local metres as their transform says.
+    - `height_unit`: "m", "ft", "us-ft", or "auto" (see `maps.source_frame.HeightRules`).
+    - `height_offset_m`: added to all heights. Heights count from the WGS84 ellipsoid, unless the reference
+      system has a vertical part whose geoid grid PROJ has installed. Most height models count from a geoid
+      without saying so: pass its height above the ellipsoid at the place (45 to 55 m in the Alps).
+
+    MapError for a file without reference system, transform or any height, implausible heights, sizes that do
+    not fit into memory, a raster more than 200 km from the anchor, and damaged files.
+    """
+    if voxel_size_m is not None and not (math.isfinite(voxel_size_m) and voxel_size_m > 0):
+        raise MapError(path, f"voxel_size_m is {voxel_size_m}, must be finite and > 0")
+    rules = HeightRules(height_unit, height_offset_m)
+    with _dataset(path) as dataset:
+        raster = HeightRaster(path, dataset, _height_band(path, dataset, band), nodata)
+        in_file = _crs(path, dataset) if crs is None else None
+        known_crs = chosen_crs(in_file, crs, assume_local=assume_local)
+        projection = RasterProjection.of(raster, known_crs, georeference, rules)
+        terrain = _terrain(path, projection, voxel_size_m)
+    terrain.georeference = projection.frame.georeference
+    return terrain
+
+
+@contextmanager
+def _dataset(path: Path) -> Iterator[Any]:
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # an error of our own where it matters
+        try:
+            # Only this driver: other formats (VRT) can name further files and addresses.
+            dataset = rasterio.open(path, driver="GTiff")
+        except Exception as error:  # not all of GDAL's errors have a public name
+            raise MapError(path, f"not a readable GeoTIFF ({error})") from error
+    with dataset:
+        if dataset.width * dataset.height > MAX_PIXELS:
+            raise MapError(
+                path,
+                f"has {dataset.width} x {dataset.height} pixels, the bound is {MAX_PIXELS}; cut it to the "
+                "area of the flight (gdal_translate -projwin)",
+            )
+        yield dataset
+
+
+def _height_band(path: Path, dataset: Any, band: int | None) -> int:
+    from rasterio.enums import ColorInterp
+
+    if band is None:
+        meanings = zip(dataset.indexes, dataset.colorinterp, strict=True)
+        candidates = [number for number, meaning in meanings if meaning is not ColorInterp.alpha]
+        if len(candidates) != 1:
+            raise MapError(path, f"has {dataset.count} bands; say which one holds heights, such as band=1")
+        band = int(candidates[0])
+    if not 1 <= band <= dataset.count:
+        raise MapError(path, f"band is {band}, the file has bands 1 to {dataset.count}")
+    if np.dtype(dataset.dtypes[band - 1]).kind not in "iuf":
+        raise MapError(path, f"band {band} is of type {dataset.dtypes[band - 1]}; heights are real numbers")
+    return band
+
+
+def _crs(path: Path, dataset: Any) -> CRS | None:
+    from pyproj import CRS
+
+    try:
+        if not dataset.crs:
+            return None
+        crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+    except Exception as error:  # GDAL, rasterio and PROJ each have their own for a damaged one
+        raise MapError(path, f"its coordinate reference system is damaged ({error}); pass crs") from error
+    return None if crs.is_engineering else crs  # "local" or "unnamed" systems have no place on Earth
+
+
+def _terrain(path: Path, projection: RasterProjection, voxel_size_m: float | None) -> Terrain:
+    pixel_size_m = projection.pixel_size_m()
+    size_m = float(f"{pixel_size_m:.1e}") if voxel_size_m is None else voxel_size_m
+    bounds = projection.local_bounds()
+    # Multiples of the voxel size, so that terrains in the same frame share their voxel grid.
+    low, high = np.floor(bounds[0] / size_m), np.ceil(bounds[1] / size_m)
+    columns = np.maximum(high[:2] - low[:2], 1)
+    if columns.prod() > MAX_COLUMNS:
+        fitting_m = math.sqrt((bounds[1, :2] - bounds[0, :2]).prod() / MAX_COLUMNS)
+        raise MapError(
+            path,
+            f"{columns[0]:.0f} x {columns[1]:.0f} columns of {size_m:g} m are more than {MAX_COLUMNS}; pass "
+            f"a voxel_size_m above {fitting_m:.3g}, or cut the file to the area of the flight",
+        )
+    origin = low * size_m
+    heights = resample(
+        LocalGrid(origin[0], origin[1], size_m, (int(columns[0]), int(columns[1]))),
+        projection.source_from_local,
+        projection.sample,
+        up_range_m=(float(bounds[0, 2]), float(bounds[1, 2])),
+        base_up_m=float(origin[2]),
+        block_cells=int(np.clip(_WINDOW_SIDE * pixel_size_m / size_m, 1, 512)),
+        node_spacing_m=0.0 if projection.bends else NODE_SPACING_M,
+    )
+    return Terrain.from_height_map(heights, size_m, size_m, origin=origin.tolist())

@@ -1,0 +1,136 @@
+"""One band of a GeoTIFF as heights: missing data, scale, plausibility, and bilinear sampling anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.maps.map_error import MapError
+
+# Land lies between -430 m and 8850 m. Values outside these wide bounds are undeclared marks of missing data.
+LOWEST_PLAUSIBLE_M = -1_000.0
+HIGHEST_PLAUSIBLE_M = 10_000.0
+
+_STRIP_PIXELS = 1 << 24
+
+
+@dataclass(frozen=True, slots=True)
+class HeightRaster:
+    """Open raster band. In continuous pixel coordinates the pixel (row, column) covers [column, column + 1) x
+    [row, row + 1); its height belongs to its centre."""
+
+    path: Path
+    dataset: Any
+    band: int
+    nodata: float | None
+
+    @property
+    def width(self) -> int:
+        return int(self.dataset.width)
+
+    @property
+    def height(self) -> int:
+        return int(self.dataset.height)
+
+    def read(self, rows: slice, columns: slice) -> NDArray[np.float64]:
+        """Heights as written in the file (scale and offset applied), NaN where data is missing."""
+        window = ((rows.start, rows.stop), (columns.start, columns.stop))
+        try:
+            raw = self.dataset.read(self.band, window=window, masked=True)
+        except Exception as error:  # not all of GDAL's errors have a public name
+            raise MapError(
+                self.path,
+                f"rows {rows.start} to {rows.stop - 1} cannot be read ({error.__cause__ or error}): the file "
+                "is truncated or damaged",
+            ) from error
+        missing = np.ma.getmaskarray(raw).copy()
+        values = np.ma.getdata(raw).astype(np.float64)
+        if self.nodata is not None:
+            missing |= values == self.nodata
+        missing |= ~np.isfinite(values)
+        values *= self.dataset.scales[self.band - 1]
+        values += self.dataset.offsets[self.band - 1]
+        values[missing] = np.nan
+        return values
+
+    def range(self, unit_m: float) -> tuple[float, float]:
+        """Lowest and highest height as written in the file.
+
+        MapError when no pixel has a height, or when one lies outside the plausible -1000 to 10000 m: that is
+        how missing data looks that the file does not declare.
+        """
+        lowest, highest = math.inf, -math.inf
+        for first_row, strip in self._strips():
+            if np.isnan(strip).all():
+                continue
+            lowest, highest = min(lowest, float(np.nanmin(strip))), max(highest, float(np.nanmax(strip)))
+            for value in (lowest, highest):
+                if not LOWEST_PLAUSIBLE_M <= value * unit_m <= HIGHEST_PLAUSIBLE_M:
+                    row, column = (int(index) for index in np.argwhere(strip == value)[0])
+                    raise MapError(
+                        self.path,
+                        f"height {value!r} at row {first_row + row}, column {column} lies outside "
+                        f"[{LOWEST_PLAUSIBLE_M:g}, {HIGHEST_PLAUSIBLE_M:g}] m. If it marks missing data, "
+                        f"pass nodata={value!r}; otherwise check band and height_unit",
+                    )
+        if lowest > highest:
+            raise MapError(self.path, "no pixel has a height: all are marked as missing")
+        return lowest, highest
+
+    def _strips(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        rows = max(1, _STRIP_PIXELS // self.width)
+        for first in range(0, self.height, rows):
+            yield first, self.read(slice(first, min(first + rows, self.height)), slice(0, self.width))
+
+    def sample(self, column: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights at continuous pixel coordinates, NaN outside of all pixels that have one.
+
+        Bilinear between pixel centres. Missing neighbours take no part, so that inside a pixel with a height
+        there is always one, between the heights around it, and a pixel without height stays a hole of exactly
+        its size.
+        """
+        inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
+        result = np.full(column.shape, np.nan)
+        if not inside.any():
+            return result
+        window, top, left = self._padded_window(column[inside], row[inside])
+        result[inside] = _bilinear(window, column[inside] - left, row[inside] - top)
+        return result
+
+    def _padded_window(
+        self, column: NDArray[np.float64], row: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], int, int]:
+        """Pixels around all positions, NaN beyond the raster, and the window's top row and left column."""
+        top, bottom = math.floor(row.min()) - 1, math.floor(row.max()) + 2
+        left, right = math.floor(column.min()) - 1, math.floor(column.max()) + 2
+        rows = slice(max(top, 0), min(bottom, self.height))
+        columns = slice(max(left, 0), min(right, self.width))
+        window = np.full((bottom - top, right - left), np.nan)
+        window[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = self.read(
+            rows, columns
+        )
+        return window, top, left
+
+
+def _bilinear(
+    window: NDArray[np.float64], column: NDArray[np.float64], row: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Weighted mean of the heights of the four nearest pixels; NaN where the own pixel has none."""
+    left, top = np.floor(column - 0.5).astype(np.intp), np.floor(row - 0.5).astype(np.intp)
+    right_share, bottom_share = column - 0.5 - left, row - 0.5 - top
+    total, weights = np.zeros(column.shape), np.zeros(column.shape)
+    for down, row_share in ((0, 1 - bottom_share), (1, bottom_share)):
+        for across, column_share in ((0, 1 - right_share), (1, right_share)):
+            height = window[top + down, left + across]
+            weight = np.where(np.isnan(height), 0.0, row_share * column_share)
+            total += weight * np.where(weight > 0, height, 0.0)
+            weights += weight
+    own = window[row.astype(np.intp), column.astype(np.intp)]
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isnan(own), np.nan, total / weights)

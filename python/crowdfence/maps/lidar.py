@@ -1,0 +1,237 @@
+"""Lidar point clouds (.las, .laz, .copc.laz) -> Terrain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps.ground_surface import triangulate
+from crowdfence.maps.las_header import check_las_header
+from crowdfence.maps.map_error import MapError
+from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
+from crowdfence.maps.source_frame import (
+    MAX_DISTANCE_M,
+    HeightRules,
+    HeightUnit,
+    SourceFrame,
+    chosen_crs,
+    source_frame,
+)
+from crowdfence.maps.voxel_size import round_voxel_size_m
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+Surface = Literal["ground", "all"]
+# Points [N, 3] in local metres and which of them are ground [N].
+Chunks = Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]
+
+# Classes of ASPRS LAS 1.4 R15, tables 9 and 17.
+GROUND = 2
+NOISE = (7, 18)
+
+MAX_COLUMNS = 20_000_000
+MAX_VOXELS = 100_000_000
+# Triangulating takes about 10 seconds for a million points.
+MAX_GROUND_COLUMNS = 5_000_000
+
+_CHUNK_POINTS = 1_000_000
+
+
+def open_lidar(
+    path: Path,
+    *,
+    voxel_size_m: float | None = None,
+    georeference: Georeference | None = None,
+    surface: Surface | None = None,
+    max_hole_m: float = 50.0,
+    crs: str | int | CRS | None = None,
+    height_unit: HeightUnit = "auto",
+    height_offset_m: float | None = None,
+    assume_local: bool = False,
+) -> Terrain:
+    """Lidar points -> voxel surface in the local frame.
+
+    - `surface="ground"`: the points of class 2, averaged per voxel column and joined by triangles, so that no
+      ray falls through between two points. `surface="all"`: every voxel that holds a point (roofs, canopies
+      with air below) on top of that ground; without ground class the lowest point of a column is its ground.
+      None: "ground" where the file has that class, else "all". Points marked as noise (classes 7 and 18) or
+      withheld are left out.
+    - `max_hole_m`: wider gaps stay holes.
+    - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
+
+    Without `voxel_size_m` it follows the mean distance of neighbouring points, rounded up to 1, 2 or 5 times
+    a power of ten. Without `georeference` the anchor is the middle of the file at its lowest height, rounded
+    down to whole metres.
+
+    MapError for a file without reference system, without usable points, with fewer points than its header
+    says, more than 200 km from the anchor, too large for the voxel size, or damaged.
+    """
+    if surface not in (None, "ground", "all"):
+        raise MapError(path, f"surface is {surface!r}, must be 'ground' or 'all'")
+    for name, value in (("max_hole_m", max_hole_m), ("voxel_size_m", voxel_size_m)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise MapError(path, f"{name} is {value}, must be finite and > 0")
+    with _reader(path) as reader:
+        low, high = _bounds(path, reader.header)
+        in_file = _crs(path, reader.header) if crs is None else None
+        known_crs = chosen_crs(in_file, crs, assume_local=assume_local)
+        frame = _frame(known_crs, georeference, HeightRules(height_unit, height_offset_m), low, high)
+        corners = frame.local_from_source(*np.stack([low, high], axis=-1))
+        if voxel_size_m is None:
+            area_m2 = float(np.abs(corners[1, :2] - corners[0, :2]).prod())
+            voxel_size_m = round_voxel_size_m(math.sqrt(area_m2 / reader.header.point_count))
+        keys = VoxelKeys(voxel_size_m, near=corners.mean(axis=0))
+        survey = _Survey.of(_chunks(path, reader, frame), keys, only_ground=surface == "ground")
+    terrain = survey.terrain(path, surface, max_hole_m)
+    terrain.georeference = frame.georeference
+    return terrain
+
+
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    """What is kept of a cloud: mean ground point and lowest point per column, voxels that hold a point."""
+
+    keys: VoxelKeys
+    ground: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    voxel_centers: NDArray[np.float64]
+
+    @staticmethod
+    def of(chunks: Chunks, keys: VoxelKeys, *, only_ground: bool) -> _Survey:
+        ground = Gathered(summed, "columns with ground", MAX_COLUMNS)
+        low = Gathered(lowest, "columns", MAX_COLUMNS)
+        voxels = Gathered(np.unique, "voxels", MAX_VOXELS)
+        for points, is_ground in chunks:
+            ground_points = points[is_ground]
+            ground.add(cells(keys.columns_of(ground_points), ground_points))
+            other = points[:0] if only_ground else points
+            low.add(cells(keys.columns_of(other), other))
+            voxels.add(keys.of(other))
+        return _Survey(keys, means(ground.rows()), means(low.rows()), keys.centers(voxels.rows()))
+
+    def terrain(self, path: Path, surface: Surface | None, max_hole_m: float) -> Terrain:
+        if surface == "ground" and len(self.ground) == 0:
+            raise MapError(path, "has no point of the ground class (2); pass surface='all'")
+        vertices = self.ground if len(self.ground) else self.lowest
+        if len(vertices) == 0:
+            raise MapError(path, "has no usable point: all are noise or withheld")
+        size_m = self.keys.voxel_size_m
+        if len(vertices) > MAX_GROUND_COLUMNS:
+            fitting_m = size_m * math.sqrt(len(vertices) / MAX_GROUND_COLUMNS)
+            raise MapError(
+                path,
+                f"{len(vertices)} columns of {size_m:g} m hold ground, the bound is {MAX_GROUND_COLUMNS}; "
+                f"pass a voxel_size_m above {fitting_m:.3g}",
+            )
+        triangles = triangulate(vertices, max_hole_m)
+        ground = Terrain.from_triangles(vertices, triangles, size_m) if len(triangles) else None
+        if surface == "all" or len(self.ground) == 0:
+            return self._with_all_points(ground)
+        if ground is None:
+            raise MapError(
+                path,
+                f"its ground points lie on one line or further apart than max_hole_m = {max_hole_m:g}: "
+                "they make no surface",
+            )
+        return ground
+
+    def _with_all_points(self, ground: Terrain | None) -> Terrain:
+        centers = [self.voxel_centers]
+        if ground is not None:
+            centers.append(ground.voxel_centers(np.arange(ground.voxel_count)))
+        return Terrain.from_points(np.concatenate(centers), self.keys.voxel_size_m)
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    try:
+        import laspy
+    except ImportError as error:
+        raise MapError(path, "reading lidar needs laspy: pip install 'crowdfence[lidar]'") from error
+    check_las_header(path)
+    with _damage(path):
+        reader = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs)
+    with reader:
+        if reader.header.point_count == 0:
+            raise MapError(path, "holds no points")
+        yield reader
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Whatever laspy and its decompressor stumble over becomes a MapError, panics of the latter included."""
+    try:
+        yield
+    except (MapError, KeyboardInterrupt, SystemExit, MemoryError):
+        raise
+    except BaseException as error:
+        raise MapError(
+            path, f"not a readable lidar file ({type(error).__name__}: {error}): truncated or damaged"
+        ) from error
+
+
+def _bounds(path: Path, header: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    low, high = np.asarray(header.mins, np.float64), np.asarray(header.maxs, np.float64)
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
+        raise MapError(path, f"its header gives the bounds {low.tolist()} to {high.tolist()}: it is damaged")
+    return low, high
+
+
+def _crs(path: Path, header: Any) -> CRS | None:
+    with _damage(path):
+        crs: CRS | None = header.parse_crs()
+    return crs
+
+
+def _frame(
+    crs: CRS | None,
+    georeference: Georeference | None,
+    rules: HeightRules,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> SourceFrame:
+    x, y = ((low + high) / 2)[:2].tolist()
+    return source_frame(
+        crs, georeference, rules, rules.metres_per_height(crs), center=(x, y), lowest=float(low[2])
+    )
+
+
+def _chunks(path: Path, reader: Any, frame: SourceFrame) -> Chunks:
+    """The usable points."""
+    count = 0
+    chunks = reader.chunk_iterator(_CHUNK_POINTS)
+    while True:
+        with _damage(path):
+            chunk = next(chunks, None)
+            if chunk is None:
+                break
+            x, y, z = (np.asarray(values, np.float64) for values in (chunk.x, chunk.y, chunk.z))
+            kind = np.asarray(chunk.classification)
+            usable = ~(np.isin(kind, NOISE) | np.asarray(chunk.withheld, bool))
+        points = frame.local_from_source(x, y, z)
+        far = np.abs(points[:, :2]).max(axis=1) > MAX_DISTANCE_M
+        if frame.crs is not None and far.any():
+            first = int(np.argmax(far))
+            raise MapError(
+                path,
+                f"point {count + first} at ({x[first]}, {y[first]}) lies more than "
+                f"{MAX_DISTANCE_M / 1000:.0f} km from the anchor: the file is damaged",
+            )
+        count += len(points)
+        yield points[usable], (kind == GROUND)[usable]
+    if count != reader.header.point_count:
+        raise MapError(
+            path,
+            f"its header promises {reader.header.point_count} points, but there are {count}: it is truncated "
+            "or damaged",
+        )

@@ -1,0 +1,110 @@
+"""Triangle meshes (.ply, .obj) -> Terrain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps.map_error import MapError
+from crowdfence.maps.voxel_size import round_voxel_size_m
+
+
+def open_mesh(
+    path: Path,
+    *,
+    voxel_size_m: float | None = None,
+    georeference: Georeference | None = None,
+    up: Literal["z", "y"] = "z",
+    unit_m: float = 1.0,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Terrain:
+    """Every voxel that a triangle touches.
+
+    Vertices are local: x east, y north, z up, in units of `unit_m` metres.
+    `up="y"` is for files whose y axis points up, as many modelling tools write them: their (x, y, z) becomes
+    (x, -z, y). `origin` is then added, in metres. Textures and materials are not read. Without `voxel_size_m`
+    it is a thousandth of the longest side, rounded up to 1, 2 or 5 times a power of ten and at least 5 cm.
+    A mesh knows no place on Earth, so `georeference` is taken as given.
+    """
+    if up not in ("z", "y"):
+        raise MapError(path, f"up is {up!r}, must be 'z' or 'y'")
+    if not (math.isfinite(unit_m) and unit_m > 0):
+        raise MapError(path, f"unit_m is {unit_m}, must be finite and > 0")
+    vertices, triangles = _read(path)
+    vertices = vertices * unit_m
+    if up == "y":
+        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=-1)
+    vertices += np.asarray(origin, np.float64)
+    if voxel_size_m is None:
+        voxel_size_m = round_voxel_size_m(float(np.ptp(vertices, axis=0).max()) / 1000)
+    terrain = Terrain.from_triangles(vertices, triangles, voxel_size_m)
+    terrain.georeference = georeference
+    return terrain
+
+
+def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Finite vertices [N, 3] and triangles [M, 3] with existing vertices, both not empty."""
+    mesh = _parse(path)
+    vertices = np.asarray(getattr(mesh, "vertices", np.empty((0, 3))), np.float64)
+    triangles = np.asarray(getattr(mesh, "faces", np.empty((0, 3))), np.int64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise MapError(path, f"its vertices have the shape {list(vertices.shape)}, must be [N, 3]")
+    if len(triangles) == 0:
+        raise MapError(
+            path,
+            "holds no triangles. Points alone leave gaps in the ground; write them as .las to use them",
+        )
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise MapError(path, f"vertex {first} is {vertices[first].tolist()}; coordinates must be finite")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise MapError(
+            path,
+            f"triangles use vertices {int(triangles.min())} to {int(triangles.max())}, but there are "
+            f"{len(vertices)}: the file is damaged",
+        )
+    return vertices, triangles
+
+
+def _parse(path: Path) -> Any:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MapError(path, "reading meshes needs trimesh: pip install 'crowdfence[mesh]'") from error
+
+    data, kind = path.read_bytes(), path.suffix.lower()[1:]
+    if kind == "ply":
+        _check_ply_lines(path, data)
+    else:  # names of materials may be in any encoding and do not matter
+        data = data.decode("utf-8", errors="replace").encode()
+    try:
+        # Bytes instead of a path: without a folder to look in, no texture or material can be opened.
+        return trimesh.load_mesh(
+            BytesIO(data), file_type=kind, process=False, maintain_order=True, skip_materials=True
+        )
+    except Exception as error:  # trimesh raises whatever its parsers stumble over
+        raise MapError(path, f"not a readable mesh ({type(error).__name__}: {error})") from error
+
+
+def _check_ply_lines(path: Path, data: bytes) -> None:
+    """An ASCII .ply has one line per element; the parser would take what is there without a word."""
+    head, _, body = data.partition(b"end_header")
+    words = [line.split() for line in head.splitlines()]
+    if [b"format", b"ascii"] not in [line[:2] for line in words]:
+        return
+    counts = [line[2] for line in words if len(line) == 3 and line[0] == b"element"]
+    promised = sum(int(count) for count in counts if count.isdigit())
+    lines = sum(1 for line in body.splitlines() if line.strip())
+    if lines < promised:
+        raise MapError(
+            path, f"its header promises {promised} elements, but {lines} lines follow: truncated or damaged"
+        )

@@ -1,0 +1,92 @@
+"""Pixels of a georeferenced raster <-> local metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.georeference import Georeference
+from crowdfence.maps.height_raster import HeightRaster
+from crowdfence.maps.map_error import MapError
+from crowdfence.maps.source_frame import HeightRules, SourceFrame, source_frame
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+# Closer to a pole, degrees of a geographic system bend too much to be interpolated.
+NEAR_POLE_DEG = 85.0
+
+
+@dataclass(frozen=True, slots=True)
+class RasterProjection:
+    """`height_range`: lowest and highest height as written in the file. `source_from_pixel`: affine transform
+    from continuous pixel coordinates (column, row) to x, y of `frame`."""
+
+    raster: HeightRaster
+    frame: SourceFrame
+    height_range: tuple[float, float]
+    source_from_pixel: Any
+
+    @staticmethod
+    def of(
+        raster: HeightRaster, crs: CRS | None, georeference: Georeference | None, rules: HeightRules
+    ) -> RasterProjection:
+        """MapError where pixels have no place or no area, and for a raster without plausible heights."""
+        transform = raster.dataset.transform
+        if crs is not None and transform.is_identity:
+            raise MapError(raster.path, "has no geotransform: nothing says where its pixels lie on Earth")
+        if transform.is_degenerate or not all(math.isfinite(value) for value in transform):
+            raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
+        metres_per_height = rules.metres_per_height(crs, raster.dataset.units[raster.band - 1])
+        height_range = raster.range(metres_per_height)
+        center = transform * (raster.width / 2, raster.height / 2)
+        frame = source_frame(
+            crs, georeference, rules, metres_per_height, center=center, lowest=height_range[0]
+        )
+        return RasterProjection(raster, frame, height_range, transform)
+
+    @property
+    def bends(self) -> bool:
+        """Whether source coordinates change too unevenly to be interpolated over 100 m."""
+        crs, anchor = self.frame.crs, self.frame.georeference
+        return bool(crs and crs.is_geographic and anchor and abs(anchor.latitude_deg) > NEAR_POLE_DEG)
+
+    def source_from_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Local metres [N, 3] -> (x, y, height) [N, 3]; longitudes continue across the date line."""
+        source = self.frame.source_from_local(points)
+        if self.frame.crs is not None and self.frame.crs.is_geographic:
+            turn = 2 * math.pi / float(self.frame.crs.axis_info[0].unit_conversion_factor)
+            west = (self.source_from_pixel * (self.raster.width / 2, self.raster.height / 2))[0] - turn / 2
+            source[:, 0] = west + (source[:, 0] - west) % turn
+        return source
+
+    def sample(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of the surface at source coordinates, NaN for holes."""
+        return self.raster.sample(*(~self.source_from_pixel * (x, y)))
+
+    def pixel_size_m(self) -> float:
+        """Shorter side of the middle pixel."""
+        column, row = self.raster.width / 2, self.raster.height / 2
+        corners = self._local_from_pixel(
+            np.array([column, column + 1, column]), np.array([row, row, row + 1]), self.height_range[0]
+        )
+        return float(np.linalg.norm(corners[1:] - corners[0], axis=1).min())
+
+    def local_bounds(self) -> NDArray[np.float64]:
+        """[2, 3]: box around outline and middle of the raster at its lowest and its highest height."""
+        share = np.linspace(0, 1, 65)
+        zero, one = np.zeros_like(share), np.ones_like(share)
+        column = np.concatenate([share, one, share, zero, [0.5]]) * self.raster.width
+        row = np.concatenate([zero, share, one, share, [0.5]]) * self.raster.height
+        points = np.concatenate([self._local_from_pixel(column, row, height) for height in self.height_range])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def _local_from_pixel(
+        self, column: NDArray[np.float64], row: NDArray[np.float64], height: float
+    ) -> NDArray[np.float64]:
+        x, y = self.source_from_pixel * (column, row)
+        return self.frame.local_from_source(x, y, np.full(x.shape, height))

@@ -1,0 +1,157 @@
+"""From the coordinates written in a map file to local metres and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.georeference import Georeference
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+HeightUnit = Literal["auto", "m", "ft", "us-ft"]
+
+METRES_PER_UNIT = {"m": 1.0, "ft": 0.3048, "us-ft": 1200 / 3937}
+
+# The plumb line this far from the anchor leans 1.8 degrees; a map beyond it belongs to another flight.
+MAX_DISTANCE_M = 200_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeightRules:
+    """What the caller says about the heights in a file.
+
+    `unit`: "m", "ft" (international foot), "us-ft" (survey foot), or "auto": the unit of the vertical
+    reference system, else of the file's own label, else of the horizontal axes where those are lengths, else
+    metres. `offset_m` is added to every height, for instance the height of the geoid above the ellipsoid;
+    when given, it stands for the vertical datum, and a vertical axis in the file tells only the unit.
+    """
+
+    unit: HeightUnit = "auto"
+    offset_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit != "auto" and self.unit not in METRES_PER_UNIT:
+            raise ValueError(f"height_unit is {self.unit!r}, must be 'auto', 'm', 'ft' or 'us-ft'")
+        if self.offset_m is not None and not math.isfinite(self.offset_m):
+            raise ValueError(f"height_offset_m is {self.offset_m}, must be finite")
+
+    def metres_per_height(self, crs: CRS | None, label: str | None = None) -> float:
+        """Metres per unit of the file's heights; `label` is how the file itself calls the unit."""
+        if self.unit != "auto":
+            return METRES_PER_UNIT[self.unit]
+        if crs is not None and len(crs.axis_info) > 2:
+            return float(crs.axis_info[2].unit_conversion_factor)
+        if label:
+            return _labelled_unit_m(label)
+        if crs is not None and crs.is_projected:
+            return float(crs.axis_info[0].unit_conversion_factor)
+        return 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFrame:
+    """The frame of one map file.
+
+    `crs` None: x and y are local metres already. `metres_per_height` holds for the heights in the file,
+    `metres_per_axis` for the vertical axis of `crs` (1 where it has none).
+    """
+
+    crs: CRS | None
+    georeference: Georeference | None
+    metres_per_height: float
+    metres_per_axis: float
+    height_offset_m: float
+
+    def local_from_source(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], height: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Coordinates as written in the file, each [N] -> local metres [N, 3]."""
+        z = (height * self.metres_per_height + self.height_offset_m) / self.metres_per_axis
+        if self.crs is None or self.georeference is None:
+            return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+        return self.georeference.local_from_projected(self.crs, x, y, z)
+
+    def source_from_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Local metres [N, 3] -> coordinates as written in the file (x, y, height) [N, 3]."""
+        if self.crs is None or self.georeference is None:
+            source = points.copy()
+        else:
+            source = self.georeference.projected_from_local(self.crs, points)
+        height_m = source[:, 2] * self.metres_per_axis - self.height_offset_m
+        source[:, 2] = height_m / self.metres_per_height
+        return source
+
+
+def source_frame(
+    crs: CRS | None,
+    georeference: Georeference | None,
+    rules: HeightRules,
+    metres_per_height: float,
+    *,
+    center: tuple[float, float],
+    lowest: float,
+) -> SourceFrame:
+    """Frame of a file whose middle is `center` (x, y) and whose lowest height is `lowest`, as written in it.
+
+    Without `georeference` the anchor becomes that middle at the lowest height, rounded down to whole metres.
+    ValueError for a vertical datum that PROJ cannot convert and for a file too far away from the anchor.
+    """
+    offset_m = rules.offset_m or 0.0
+    if crs is None:
+        return SourceFrame(None, georeference, metres_per_height, 1.0, offset_m)
+    if rules.offset_m is not None:
+        crs = horizontal_part(crs)
+    metres_per_axis = float(crs.axis_info[2].unit_conversion_factor) if len(crs.axis_info) > 2 else 1.0
+    z = (lowest * metres_per_height + offset_m) / metres_per_axis
+    if georeference is None:
+        middle = Georeference.from_projected(crs, *center, z)
+        georeference = Georeference(middle.latitude_deg, middle.longitude_deg, math.floor(middle.height_m))
+    distance_m = float(np.linalg.norm(georeference.local_from_projected(crs, *center, z)))
+    if distance_m > MAX_DISTANCE_M:
+        raise ValueError(
+            f"the middle of the map is {distance_m / 1000:.0f} km away from the anchor {georeference}; the "
+            f"bound is {MAX_DISTANCE_M / 1000:.0f} km. Another map, or latitude and longitude exchanged?"
+        )
+    return SourceFrame(crs, georeference, metres_per_height, metres_per_axis, offset_m)
+
+
+def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_local: bool) -> CRS | None:
+    """The reference system to use, None for local metres; ValueError when there is none or one too many.
+
+    `stated` is the caller's word and stands above the file's; `assume_local` is for files without any.
+    """
+    from pyproj import CRS
+
+    found = in_file if stated is None else CRS.from_user_input(stated)
+    if assume_local and found is not None:
+        raise ValueError(
+            f"assume_local contradicts the reference system {found.name!r}; leave one of them out"
+        )
+    if not assume_local and found is None:
+        raise ValueError(
+            "the file has no coordinate reference system; pass crs='EPSG:...' if you know it, or "
+            "assume_local=True if its coordinates are local metres (east, north)"
+        )
+    return found
+
+
+def horizontal_part(crs: CRS) -> CRS:
+    """The CRS without its vertical axis."""
+    return crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+
+
+def _labelled_unit_m(label: str) -> float:
+    words = label.lower().replace("_", " ").replace("-", " ").strip()
+    if words in ("m", "metre", "metres", "meter", "meters"):
+        return METRES_PER_UNIT["m"]
+    if words in ("ft", "foot", "feet", "international foot", "international feet"):
+        return METRES_PER_UNIT["ft"]
+    if words in ("us ft", "ftus", "usft", "us survey foot", "us survey feet", "foot us", "survey foot"):
+        return METRES_PER_UNIT["us-ft"]
+    raise ValueError(f"the file gives heights in {label!r}; pass height_unit='m', 'ft' or 'us-ft'")
