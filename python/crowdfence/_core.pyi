@@ -118,11 +118,16 @@ class Terrain:
         cell's centre; cell (i, j) covers origin + [i, i + 1) x [j, j + 1) * cell_size_m. NaN is a hole.
         The surface is closed: a column also fills the step down to its lowest neighbour."""
     @staticmethod
-    def from_points(points: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Terrain:
+    def from_points(
+        points: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Terrain:
         """Every voxel that holds at least one of the points [N, 3] (world metres)."""
     @staticmethod
     def from_triangles(
-        vertices: ArrayLike, triangles: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
+        vertices: ArrayLike,
+        triangles: ArrayLike,
+        voxel_size_m: float,
+        origin: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Terrain:
         """Every voxel that a triangle touches. vertices [N, 3] world metres, triangles [M, 3] indices."""
     @staticmethod
@@ -354,8 +359,6 @@ class CrowdMap:
 def write_octomap_binary(terrain: Terrain, ids: ArrayLike) -> bytes:
     """OctoMap `.bt` file content: the voxels `ids` [N], occupied."""
 
-def write_octomap_color(
-    terrain: Terrain, ids: ArrayLike, colors: ArrayLike, probability: ArrayLike
-) -> bytes:
+def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, probability: ArrayLike) -> bytes:
     """OctoMap `.ot` file content (ColorOcTree): voxels `ids` [N], colors [N, 3] uint8, probability [N]
     as occupancy."""

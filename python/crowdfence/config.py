@@ -10,7 +10,10 @@ from crowdfence._core import CrowdMap, Or, Paper, Rates, Terrain
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """How a recording is fused. The defaults follow the paper; values are checked where they are used."""
+    """How a recording is fused. The defaults follow the paper.
+
+    What the core uses is checked there; what is used after the last frame is checked here, before the first.
+    """
 
     method: Literal["paper", "or"] = "paper"
 
@@ -53,6 +56,14 @@ class RunConfig:
     """Smaller regions are dropped from the zones, and counted."""
     stale_after_s: float = 30.0
     """Empty ground not seen for longer is stale: no evidence of absence any more."""
+
+    def __post_init__(self) -> None:
+        if self.threshold is not None and not 0.0 < self.threshold <= 1.0:
+            raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
+        for name in ("min_area_m2", "stale_after_s"):
+            value = getattr(self, name)
+            if not value >= 0.0:
+                raise ValueError(f"{name} is {value:g}; it must be >= 0")
 
     def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
         """An empty crowd map on a terrain for a fleet of `drones`. ValueError for values out of bounds."""

@@ -91,9 +91,7 @@ def run(
     return Run(recording, terrain, config, crowd_map, threshold, rows, last_views)
 
 
-def steps(
-    recording: Recording, crowd_map: CrowdMap, threshold: float, config: RunConfig
-) -> Iterator[Step]:
+def steps(recording: Recording, crowd_map: CrowdMap, threshold: float, config: RunConfig) -> Iterator[Step]:
     """Integrate instant after instant. The figures of a row cost what was seen, not the map."""
     min_columns = math.ceil(config.min_area_m2 / crowd_map.terrain.voxel_size_m**2)
     for instant in recording.instants(config.tolerance_ms):

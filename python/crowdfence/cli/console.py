@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -83,6 +83,19 @@ def progress(what: str, total: int, unit: str) -> Iterator[Any]:
     with bar:
         task = bar.add_task(what, total=total)
         yield lambda units=1: bar.advance(task, units)
+
+
+@contextmanager
+def working() -> Iterator[Callable[[str], None]]:
+    """One line on stderr that says what is being done; silent when stderr is no terminal.
+
+    Yields a function to call when the next step begins.
+    """
+    if not sys.stderr.isatty():
+        yield lambda step: None
+        return
+    with stderr().status("") as status:
+        yield lambda step: status.update(_escaped(step))
 
 
 def _escaped(text: str) -> str:

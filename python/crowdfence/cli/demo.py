@@ -16,7 +16,9 @@ CONFIG = RunConfig(min_area_m2=4.0)
 
 
 def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("out/demo"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "out/demo"
+    ),
     as_json: options.Json = False,
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""

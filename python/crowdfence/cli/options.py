@@ -89,12 +89,12 @@ FleetSize = Annotated[
     int | None,
     typer.Option("--fleet-size", rich_help_panel=_RATES, help="N. Default: the recording's drones."),
 ]
-MaxRangeM = Annotated[
-    float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")
-]
+MaxRangeM = Annotated[float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")]
 TargetHeightM = Annotated[
     float,
-    typer.Option("--target-height-m", rich_help_panel=_MAP, help="Height above ground at which people are marked."),
+    typer.Option(
+        "--target-height-m", rich_help_panel=_MAP, help="Height above ground at which people are marked."
+    ),
 ]
 CoverageOption = Annotated[
     Coverage,
@@ -105,7 +105,9 @@ ToleranceMs = Annotated[
 ]
 Threshold = Annotated[
     float | None,
-    typer.Option("--threshold", rich_help_panel=_MAP, help="Crowd from this probability. Default: the method's."),
+    typer.Option(
+        "--threshold", rich_help_panel=_MAP, help="Crowd from this probability. Default: the method's."
+    ),
 ]
 MinAreaM2 = Annotated[
     float, typer.Option("--min-area-m2", rich_help_panel=_MAP, help="Drop smaller zones (they are counted).")

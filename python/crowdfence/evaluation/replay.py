@@ -125,5 +125,3 @@ def _require_truth(recording: Recording, frames: Sequence[Frame]) -> None:
         raise ValueError(
             f"{recording.name} holds no truth: no frame has crowd regions or a segmentation with crowd"
         )
-
-
