@@ -35,8 +35,8 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(BIN)/ruff check python tests benchmarks
-	$(BIN)/ruff format --check python tests benchmarks
+	$(BIN)/ruff check python tests scripts benchmarks
+	$(BIN)/ruff format --check python tests scripts benchmarks
 	$(BIN)/mypy
 
 test-rust:

@@ -27,7 +27,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data goes to stdout, progress to stderr.",
+    epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data on stdout, progress on stderr.",
 )
 app.command("run")(run)
 app.command("inspect")(inspect)
@@ -71,4 +71,4 @@ def main() -> None:
 
 def _reraise_for_debugging() -> None:
     if os.environ.get("CROWDFENCE_DEBUG"):
-        raise  # noqa: PLE0704 - called from an except clause only
+        raise

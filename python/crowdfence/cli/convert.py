@@ -15,7 +15,7 @@ def convert(
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
     as_json: options.Json = False,
 ) -> None:
-    """Write a recording as a mission file (MCAP with ROS 2 messages) that gives the same views bit for bit."""
+    """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
     from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert as write_mission
 

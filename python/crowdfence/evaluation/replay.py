@@ -37,7 +37,7 @@ class Score:
 
 
 def crowd_mask(frame: Frame) -> NDArray[np.bool_]:
-    """True crowd pixels [H, W]: the recorded regions, or silhouettes merged and filled. FrameError without."""
+    """True crowd pixels [H, W]: recorded regions, or silhouettes merged and filled. FrameError without."""
     if frame.pixels.regions is not None:
         return frame.regions() > 0
     return crowd_regions(frame.silhouettes(), closing_px=CLOSING_PX)

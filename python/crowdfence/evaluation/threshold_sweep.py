@@ -1,4 +1,4 @@
-"""Equation 4 at many thresholds at once: the threshold decides more than anything else in the paper's method."""
+"""Equation 4 at many thresholds at once: no other choice decides more in the paper's method."""
 
 from __future__ import annotations
 
