@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+    from rich.console import Console, RenderableType
 
 
 def stdout() -> Console:
@@ -44,16 +43,18 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=2, ensure_ascii=False))
 
 
-def facts(title: str, rows: dict[str, str]) -> Table:
-    """Two columns: what, value."""
+def facts(title: str, rows: dict[str, str]) -> RenderableType:
+    """A title, then two columns: what, value."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None)
+    table = Table(show_header=False, box=None)
     table.add_column(style="dim")
     table.add_column(overflow="fold")
     for name, value in rows.items():
         table.add_row(name, _escaped(value))
-    return table
+    return Group(Text(title, style="bold"), table)  # a table's own title wraps at the table's width
 
 
 @contextmanager

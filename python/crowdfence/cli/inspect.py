@@ -1,0 +1,130 @@
+"""`crowdfence inspect`: what is in a map, a recording or a saved crowd map."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdfence.cli import console, options
+from crowdfence.inspection import InspectionOptions
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from crowdfence.inspection.crowd_map import CrowdMapReport
+    from crowdfence.inspection.terrain import MapReport, TerrainReport
+
+DEFAULT = InspectionOptions()
+
+
+def inspect(
+    file: Annotated[
+        Path, typer.Argument(help="Map, recording (.mcap or folder) or saved crowd map (.crowdmap).")
+    ],
+    terrain: Annotated[
+        Path | None,
+        typer.Option(
+            "--terrain", "-t", help="Map below a recording (default: its own), or of a saved crowd map."
+        ),
+    ] = None,
+    tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
+    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    samples: Annotated[
+        int, typer.Option("--samples", min=1, help="Instants whose views are compared on the terrain.")
+    ] = DEFAULT.sampled_instants,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave out the landing prior and the overlap of views.")
+    ] = False,
+    check_pixels: Annotated[
+        bool, typer.Option("--check-pixels", help="Read the pixels of every frame to find damaged ones.")
+    ] = False,
+    as_json: options.Json = False,
+) -> None:
+    """Say what is in a file: size, time span, gaps, cameras, flight, and how the views overlap."""
+    from crowdfence.inspection import inspect_file
+    from crowdfence.inspection.crowd_map import CrowdMapReport
+    from crowdfence.inspection.terrain import MapReport
+
+    with console.working() as tell:
+        report = inspect_file(
+            file,
+            terrain=terrain,
+            options=InspectionOptions(tolerance_ms, max_range_m, samples, quick, check_pixels),
+            tell=tell,
+        )
+    if as_json:
+        console.print_json(asdict(report))
+    elif isinstance(report, MapReport):
+        out = console.stdout()
+        header, terrain_facts = _map_facts(report)
+        out.print(header)
+        out.print()
+        out.print(terrain_facts)
+    elif isinstance(report, CrowdMapReport):
+        console.stdout().print(_crowd_map_facts(report))
+    else:
+        from crowdfence.cli.recording_tables import print_recording
+
+        print_recording(console.stdout(), report)
+
+
+def _terrain_facts(report: TerrainReport) -> dict[str, str]:
+    """Size and place of a terrain, one fact a row."""
+    spans = zip("xyz", report.low_m, report.high_m, strict=True)
+    place = report.georeference
+    return {
+        "voxels": f"{report.voxels:,} of {report.voxel_size_m:g} m",
+        "extent": " x ".join(f"{length:,.1f}" for length in report.extent_m) + " m (east, north, up)",
+        "bounds": ", ".join(f"{axis} {low:,.1f} to {high:,.1f}" for axis, low, high in spans) + " m",
+        "georeference": "none: local metres only"
+        if place is None
+        else f"(0, 0, 0) is {place.latitude_deg:.7f}, {place.longitude_deg:.7f} deg, {place.height_m:.1f} m "
+        "above the ellipsoid (WGS84)",
+    }
+
+
+def _map_facts(report: MapReport) -> tuple[RenderableType, RenderableType]:
+    """What the file says, what becomes of it."""
+    header = {name.replace("_", " "): f"{value}" for name, value in report.file.items()}
+    rows = _terrain_facts(report.terrain)
+    rows["memory"] = f"{_megabytes(report.tree_bytes)} ({report.tree_bytes_per_voxel:.2f} bytes a voxel)"
+    if report.columns is None:
+        rows["columns"] = "not counted: the map spans too many"
+    else:
+        columns = report.columns
+        rows["columns"] = f"{columns.columns:,}, {columns.overhang_share:.1%} with overhangs"
+    if report.landing_prior is None:
+        rows["landing prior"] = f"none: {report.no_landing_prior}"
+    else:
+        rows["landing prior"] = f"{report.landing_prior:.3f} (share of the columns suitable for landing)"
+    rows["fingerprint"] = report.terrain.fingerprint
+    title = f"{report.path}: {report.kind}, {_megabytes(report.bytes)}"
+    return console.facts(title, header), console.facts("As a terrain", rows)
+
+
+def _crowd_map_facts(report: CrowdMapReport) -> RenderableType:
+    rows = {
+        "format version": f"{report.version}",
+        "terrain": f"{report.terrain_voxels:,} voxels, fingerprint {report.terrain_fingerprint}",
+    }
+    content = report.content
+    if content is None:
+        rows["content"] = "needs the map that it was made on: give it with --terrain"
+    else:
+        rows |= {
+            "method": content.method,
+            "instants": f"{content.instants}, {content.first_instant or '-'} + {content.duration_s:.1f} s",
+            "voxels": ", ".join(
+                f"{count:,} {state.replace('_', ' ')}" for state, count in content.states.items()
+            ),
+            "threshold": f"{content.threshold:.4f}",
+            "highest P": "-" if content.highest_probability is None else f"{content.highest_probability:.4f}",
+        }
+    return console.facts(f"{report.path}: crowd map, {_megabytes(report.bytes)}", rows)
+
+
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"

@@ -1,0 +1,96 @@
+"""What is in a file: maps, recordings and saved crowd maps, measured rather than believed.
+
+The reports are frozen dataclasses of plain values: `dataclasses.asdict` makes JSON of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crowdfence.inspection.crowd_map import CrowdMapReport
+    from crowdfence.inspection.recording import RecordingReport
+    from crowdfence.inspection.terrain import MapReport
+
+__all__ = ["InspectionOptions", "inspect_file"]
+
+
+@dataclass(frozen=True, slots=True)
+class InspectionOptions:
+    """How closely to look."""
+
+    tolerance_ms: float = 100.0
+    """Frames of different drones this close in time form one instant."""
+    max_range_m: float = 300.0
+    """Views end here."""
+    sampled_instants: int = 12
+    """Instants, evenly spread, whose views are projected onto the terrain."""
+    quick: bool = False
+    """Leave out what takes seconds: the landing prior of a map, the overlap of views."""
+    check_pixels: bool = False
+    """Read the heatmap, image and truth of every frame; what cannot be read is reported as refused."""
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.max_range_m < float("inf")):
+            raise ValueError(f"max_range_m is {self.max_range_m}, must be finite and > 0")
+        if self.sampled_instants < 1:
+            raise ValueError(f"sampled_instants is {self.sampled_instants}, must be at least 1")
+
+
+def inspect_file(
+    path: str | PathLike[str],
+    *,
+    terrain: str | PathLike[str] | None = None,
+    options: InspectionOptions | None = None,
+    tell: Callable[[str], None] = lambda stage: None,
+) -> MapReport | RecordingReport | CrowdMapReport:
+    """Report on a map (.bt .ot .tif .las .laz .ply .obj), a recording (.mcap, folder) or a saved crowd map.
+
+    `terrain` is the map below a recording (default: its own) or the one that a crowd map was made on. `tell`
+    is called with a few words whenever the next step begins.
+
+    OSError for a path that cannot be read; ValueError for one that is none of these, that is damaged, or for
+    a `terrain` that does not fit.
+    """
+    from crowdfence.inspection.crowd_map import inspect_crowd_map
+    from crowdfence.inspection.recording import inspect_recording
+    from crowdfence.inspection.terrain import inspect_map
+
+    path = Path(path)
+    terrain_path = None if terrain is None else Path(terrain)
+    options = options or InspectionOptions()
+    kind = _kind(path)
+    if kind == "map":
+        if terrain_path is not None:
+            raise ValueError(f"{path} is a map itself; --terrain goes with recordings and crowd maps")
+        return inspect_map(path, options, tell)
+    if kind == "crowd map":
+        return inspect_crowd_map(path, terrain_path, tell)
+    return inspect_recording(path, terrain_path, options, tell)
+
+
+def _kind(path: Path) -> str:
+    from crowdfence.inspection.crowd_map import MAGIC as CROWD_MAP_MAGIC
+    from crowdfence.maps import SUFFIXES
+    from crowdfence.sources.mission_layout import MAGIC as MCAP_MAGIC
+
+    path.stat()  # FileNotFoundError and PermissionError name the file
+    if path.is_dir():
+        return "recording"
+    suffix = path.suffix.lower()
+    if suffix in SUFFIXES:
+        return "map"
+    with path.open("rb") as file:
+        head = file.read(8)
+    if suffix == ".crowdmap" or head == CROWD_MAP_MAGIC:
+        return "crowd map"
+    if suffix == ".mcap" or head == MCAP_MAGIC:
+        return "recording"
+    raise ValueError(
+        f"{path} is none of: a map ({' '.join(SUFFIXES)}), a recording (.mcap, or a folder with "
+        "airsim_rec.txt or poses.csv), a saved crowd map (.crowdmap)"
+    )

@@ -1,0 +1,100 @@
+"""What a saved crowd map holds."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from crowdfence._core import CrowdMap, Terrain
+from crowdfence.exports.iso_time import iso_utc
+from crowdfence.voxel_state import VoxelState
+
+MAGIC = b"CROWDMAP"
+# Magic, version u32, payload length u64, then of the payload: terrain fingerprint u64, voxel count u64.
+_HEAD = struct.Struct("<8sIQQQ")
+
+
+@dataclass(frozen=True, slots=True)
+class CrowdMapContent:
+    """State at the last instant, with the method's own threshold."""
+
+    method: str
+    fleet_size: int
+    instants: int
+    first_instant: str | None
+    """ISO 8601 UTC; None before the first instant."""
+    last_instant: str | None
+    duration_s: float
+    threshold: float
+    states: dict[str, int]
+    """State -> voxels."""
+    highest_probability: float | None
+    """Over the voxels that were seen, None when none was."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrowdMapReport:
+    """The head of the file and, with the terrain that it was made on, what it holds."""
+
+    path: str
+    bytes: int
+    version: int
+    terrain_fingerprint: str
+    """Of the terrain that it was made on, 16 hexadecimal digits."""
+    terrain_voxels: int
+    content: CrowdMapContent | None
+    """None when no terrain was given: the voxels mean nothing without it."""
+
+
+def inspect_crowd_map(
+    path: Path, terrain_path: Path | None, tell: Callable[[str], None] = lambda stage: None
+) -> CrowdMapReport:
+    """ValueError for a damaged file and for another terrain than its own."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD.size)
+    if len(head) < _HEAD.size or not head.startswith(MAGIC):
+        raise ValueError(f"{path} is not a crowd map: it does not begin with {MAGIC.decode()} and its header")
+    _, version, _, fingerprint, voxels = _HEAD.unpack(head)
+    content = None
+    if terrain_path is not None:
+        tell(f"reading {terrain_path.name}")
+        terrain = Terrain.open(terrain_path)
+        tell(f"reading {path.name}")
+        content = _content(_load(path, terrain, terrain_path))
+    return CrowdMapReport(
+        path=str(path),
+        bytes=path.stat().st_size,
+        version=version,
+        terrain_fingerprint=f"{fingerprint:016x}",
+        terrain_voxels=voxels,
+        content=content,
+    )
+
+
+def _load(path: Path, terrain: Terrain, terrain_path: Path) -> CrowdMap:
+    try:
+        return CrowdMap.load(path, terrain)
+    except ValueError as error:
+        raise ValueError(f"{path} with {terrain_path}: {error}") from error
+
+
+def _content(crowd_map: CrowdMap) -> CrowdMapContent:
+    stamps_ns = crowd_map.stamps_ns
+    first_ns, last_ns = (int(stamps_ns[0]), int(stamps_ns[-1])) if len(stamps_ns) else (0, 0)
+    states = np.bincount(crowd_map.state(last_ns), minlength=len(VoxelState))
+    seen_ids = crowd_map.seen_ids()
+    return CrowdMapContent(
+        method=repr(crowd_map.method),
+        fleet_size=crowd_map.method.fleet_size,
+        instants=len(stamps_ns),
+        first_instant=iso_utc(first_ns) if len(stamps_ns) else None,
+        last_instant=iso_utc(last_ns) if len(stamps_ns) else None,
+        duration_s=(last_ns - first_ns) / 1e9,
+        threshold=crowd_map.default_threshold(),
+        states={state.name.lower(): int(states[state]) for state in VoxelState},
+        highest_probability=float(crowd_map.probability(last_ns, seen_ids).max()) if seen_ids.size else None,
+    )

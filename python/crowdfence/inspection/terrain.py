@@ -1,0 +1,141 @@
+"""What a map file becomes as a terrain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
+from crowdfence.surface_grid import MAX_COLUMNS
+
+if TYPE_CHECKING:
+    from crowdfence.inspection import InspectionOptions
+
+_VOXELS_PER_BLOCK = 1 << 20
+_UP = np.array([0, 0, 1], dtype=np.int64)
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainReport:
+    """Size and place of a terrain in its local frame (east, north, up)."""
+
+    voxels: int
+    voxel_size_m: float
+    low_m: Point
+    """Lowest corner of the occupied voxels, local metres."""
+    high_m: Point
+    extent_m: Point
+    georeference: Georeference | None
+    fingerprint: str
+    """Checksum that a crowd map names its terrain by, 16 hexadecimal digits."""
+
+    @staticmethod
+    def of(terrain: Terrain) -> TerrainReport:
+        low, high = terrain.bounds
+        return TerrainReport(
+            voxels=terrain.voxel_count,
+            voxel_size_m=terrain.voxel_size_m,
+            low_m=_point(low),
+            high_m=_point(high),
+            extent_m=_point(high - low),
+            georeference=terrain.georeference,
+            fingerprint=f"{terrain.fingerprint:016x}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnReport:
+    """The terrain seen from above."""
+
+    columns: int
+    """Columns that hold a voxel."""
+    overhangs: int
+    """Columns with air between two voxels: roofs, crowns, bridges."""
+    overhang_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapReport:
+    """A map file: what it says about itself and the terrain that it becomes."""
+
+    path: str
+    kind: str
+    bytes: int
+    file: Facts
+    """What the file's own header says, by name with the unit."""
+    terrain: TerrainReport
+    tree_bytes: int
+    tree_bytes_per_voxel: float
+    columns: ColumnReport | None
+    """None when the terrain spans more columns than can be counted."""
+    landing_prior: float | None
+    """Share of the columns that is suitable for landing, the paper's prior; None when it was not taken."""
+    no_landing_prior: str | None
+    """Why there is none."""
+
+
+def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], None]) -> MapReport:
+    """MapError (a ValueError) for a file that cannot become a terrain."""
+    tell(f"reading {path.name}")
+    terrain = Terrain.open(path)
+    tell("counting columns")
+    columns = count_columns(terrain)
+    prior, reason = (None, "left out") if options.quick else _landing_prior(terrain, tell)
+    return MapReport(
+        path=str(path),
+        kind=map_file_kind(path),
+        bytes=path.stat().st_size,
+        file=map_file_facts(path),
+        terrain=TerrainReport.of(terrain),
+        tree_bytes=terrain.tree_bytes,
+        tree_bytes_per_voxel=terrain.tree_bytes / terrain.voxel_count,
+        columns=columns,
+        landing_prior=prior,
+        no_landing_prior=reason,
+    )
+
+
+def count_columns(terrain: Terrain) -> ColumnReport | None:
+    """Columns and overhangs; None when the terrain spans more than `MAX_COLUMNS` columns.
+
+    A run of voxels ends where a voxel has none on top of it, so the columns with several such ends have air
+    between voxels. Voxels are read in blocks; memory is one byte per column of the bounding box.
+    """
+    corners = (terrain.bounds - np.asarray(terrain.origin)) / terrain.voxel_size_m
+    lowest, end = np.rint(corners[:, :2]).astype(np.int64)
+    shape = end - lowest
+    if int(shape[0]) * int(shape[1]) > MAX_COLUMNS:
+        return None
+    runs = np.zeros(int(shape[0]) * int(shape[1]), dtype=np.uint8)
+    for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
+        ids = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count))
+        indices = terrain.voxel_indices(ids)
+        tops = indices[terrain.voxel_ids(indices + _UP) < 0, :2] - lowest
+        column, ends = np.unique(tops[:, 0] * shape[1] + tops[:, 1], return_counts=True)
+        runs[column] = np.minimum(runs[column] + ends, 2)  # one, or more than one
+    columns, overhangs = int(np.count_nonzero(runs)), int(np.count_nonzero(runs > 1))
+    return ColumnReport(columns, overhangs, overhangs / columns)
+
+
+def _landing_prior(terrain: Terrain, tell: Callable[[str], None]) -> tuple[float | None, str | None]:
+    """(prior, None), or (None, why there is none)."""
+    from crowdfence.evaluation.landing_prior import landing_prior
+
+    tell("taking the landing prior")
+    try:
+        return landing_prior(terrain), None
+    except ValueError as error:
+        return None, str(error)
+
+
+def _point(values: NDArray[np.float64]) -> Point:
+    return float(values[0]), float(values[1]), float(values[2])
