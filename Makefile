@@ -45,6 +45,13 @@ test-rust:
 test-python: setup
 	$(BIN)/pytest
 
+fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
+	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map
+
+bench: setup ## the figures of benchmarks/README.md
+	$(BIN)/python benchmarks/terrain_scale.py
+	$(BIN)/python benchmarks/lazy_decay.py
+
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
 	  --quiet requirements.in -o requirements.txt
