@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 MAX_COLUMNS = 100_000_000
 # A country at 10 m or a county at 1 m.
 MAX_PIXELS = 1_000_000_000
+# GDAL holds the pieces that it touches as a whole.
+MAX_BLOCK_PIXELS = 100_000_000
 # Side of the pixel window that is held at a time.
 _WINDOW_SIDE = 4096
 
@@ -78,23 +80,41 @@ def open_geotiff(
 @contextmanager
 def _dataset(path: Path) -> Iterator[Any]:
     import rasterio
-    from rasterio.errors import NotGeoreferencedWarning
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # an error of our own where it matters
         try:
             # Only this driver: other formats (VRT) can name further files and addresses.
             dataset = rasterio.open(path, driver="GTiff")
-        except Exception as error:  # not all of GDAL's errors have a public name
+        except RasterioError as error:
             raise MapError(path, f"not a readable GeoTIFF ({error})") from error
     with dataset:
-        if dataset.width * dataset.height > MAX_PIXELS:
-            raise MapError(
-                path,
-                f"has {dataset.width} x {dataset.height} pixels, the bound is {MAX_PIXELS}; cut it to the "
-                "area of the flight (gdal_translate -projwin)",
-            )
-        yield dataset
+        _check_size(path, dataset)
+        try:
+            yield dataset
+        except Exception as error:
+            # GDAL complains about damage late, at any access, and with types that have no public name.
+            if not type(error).__module__.startswith("rasterio."):
+                raise
+            raise MapError(path, f"truncated or damaged ({error})") from error
+
+
+def _check_size(path: Path, dataset: Any) -> None:
+    pixels = dataset.width * dataset.height
+    if pixels > MAX_PIXELS:
+        raise MapError(
+            path,
+            f"has {dataset.width} x {dataset.height} pixels, the bound is {MAX_PIXELS}; cut it to the area "
+            "of the flight (gdal_translate -projwin)",
+        )
+    block = max(rows * columns for rows, columns in dataset.block_shapes)
+    if block > MAX_BLOCK_PIXELS:
+        raise MapError(
+            path,
+            f"stores {block} pixels in one piece, the bound is {MAX_BLOCK_PIXELS}; rewrite it in tiles "
+            "(gdal_translate -co TILED=YES)",
+        )
 
 
 def _height_band(path: Path, dataset: Any, band: int | None) -> int:
@@ -115,12 +135,13 @@ def _height_band(path: Path, dataset: Any, band: int | None) -> int:
 
 def _crs(path: Path, dataset: Any) -> CRS | None:
     from pyproj import CRS
+    from pyproj.exceptions import CRSError
 
+    if not dataset.crs:
+        return None
     try:
-        if not dataset.crs:
-            return None
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
-    except Exception as error:  # GDAL, rasterio and PROJ each have their own for a damaged one
+    except CRSError as error:
         raise MapError(path, f"its coordinate reference system is damaged ({error}); pass crs") from error
     return None if crs.is_engineering else crs  # "local" or "unnamed" systems have no place on Earth
 

@@ -40,10 +40,12 @@ class HeightRaster:
 
     def read(self, rows: slice, columns: slice) -> NDArray[np.float64]:
         """Heights as written in the file (scale and offset applied), NaN where data is missing."""
+        from rasterio.errors import RasterioError
+
         window = ((rows.start, rows.stop), (columns.start, columns.stop))
         try:
             raw = self.dataset.read(self.band, window=window, masked=True)
-        except Exception as error:  # not all of GDAL's errors have a public name
+        except RasterioError as error:
             raise MapError(
                 self.path,
                 f"rows {rows.start} to {rows.stop - 1} cannot be read ({error.__cause__ or error}): the file "

@@ -84,7 +84,9 @@ def _parse(path: Path) -> Any:
     data, kind = path.read_bytes(), path.suffix.lower()[1:]
     if kind == "ply":
         _check_ply_lines(path, data)
-    else:  # names of materials may be in any encoding and do not matter
+    else:
+        _check_obj_faces(path, data)
+        # Names of materials may be in any encoding; they do not matter.
         data = data.decode("utf-8", errors="replace").encode()
     try:
         # Bytes instead of a path: without a folder to look in, no texture or material can be opened.
@@ -93,6 +95,15 @@ def _parse(path: Path) -> Any:
         )
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         raise MapError(path, f"not a readable mesh ({type(error).__name__}: {error})") from error
+
+
+def _check_obj_faces(path: Path, data: bytes) -> None:
+    """A face of less than three corners is what a cut file ends with; the parser would leave it out."""
+    for number, line in enumerate(data.splitlines(), start=1):
+        if line.startswith(b"f ") and not line.endswith(b"\\") and len(line.split()) < 4:
+            raise MapError(
+                path, f"line {number} gives a face {len(line.split()) - 1} corners: truncated or damaged"
+            )
 
 
 def _check_ply_lines(path: Path, data: bytes) -> None:

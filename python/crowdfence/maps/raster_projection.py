@@ -43,7 +43,7 @@ class RasterProjection:
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
         metres_per_height = rules.metres_per_height(crs, raster.dataset.units[raster.band - 1])
         height_range = raster.range(metres_per_height)
-        center = transform * (raster.width / 2, raster.height / 2)
+        center = _applied(transform, raster.width / 2, raster.height / 2)
         frame = source_frame(
             crs, georeference, rules, metres_per_height, center=center, lowest=height_range[0]
         )
@@ -60,13 +60,14 @@ class RasterProjection:
         source = self.frame.source_from_local(points)
         if self.frame.crs is not None and self.frame.crs.is_geographic:
             turn = 2 * math.pi / float(self.frame.crs.axis_info[0].unit_conversion_factor)
-            west = (self.source_from_pixel * (self.raster.width / 2, self.raster.height / 2))[0] - turn / 2
+            middle = _applied(self.source_from_pixel, self.raster.width / 2, self.raster.height / 2)
+            west = middle[0] - turn / 2
             source[:, 0] = west + (source[:, 0] - west) % turn
         return source
 
     def sample(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height of the surface at source coordinates, NaN for holes."""
-        return self.raster.sample(*(~self.source_from_pixel * (x, y)))
+        return self.raster.sample(*_applied(~self.source_from_pixel, x, y))
 
     def pixel_size_m(self) -> float:
         """Shorter side of the middle pixel."""
@@ -88,5 +89,10 @@ class RasterProjection:
     def _local_from_pixel(
         self, column: NDArray[np.float64], row: NDArray[np.float64], height: float
     ) -> NDArray[np.float64]:
-        x, y = self.source_from_pixel * (column, row)
+        x, y = _applied(self.source_from_pixel, column, row)
         return self.frame.local_from_source(x, y, np.full(x.shape, height))
+
+
+def _applied(affine: Any, column: Any, row: Any) -> tuple[Any, Any]:
+    """The affine transform of numbers or arrays (its own operator for this changes between versions)."""
+    return affine.a * column + affine.b * row + affine.c, affine.d * column + affine.e * row + affine.f

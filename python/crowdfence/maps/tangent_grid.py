@@ -64,7 +64,8 @@ def resample(
         east = grid.east_centers_m(rows.start, rows.stop)
         north = grid.north_centers_m(columns.start, columns.stop)
         chart = _BlockChart.of(east, north, stride, up_range_m, source_from_local)
-        heights[rows, columns] = _surface_up_m(chart, sample) - base_up_m
+        # To the micrometre: ground exactly on the face between two voxels must not flicker between them.
+        heights[rows, columns] = np.round(_surface_up_m(chart, sample) - base_up_m, 6)
     return heights
 
 

@@ -57,8 +57,13 @@ fn voxelize_up_to(
         .par_chunks(BATCH)
         .map(|batch| {
             let mut list = VoxelList { voxels: Vec::new(), unreported: 0, total: &total, bound };
+            let corners = |triangle: &[u32; 3]| triangle.map(|index| vertices[index as usize]);
+            // A gross mistake of scale is seen before any voxel is made.
+            if batch.iter().map(|triangle| fewest_voxels(corners(triangle))).sum::<f64>() > bound as f64 {
+                return Err(TrianglesError::TooManyVoxels { bound });
+            }
             for triangle in batch {
-                list.add_triangle(triangle.map(|index| vertices[index as usize]))?;
+                list.add_triangle(corners(triangle))?;
             }
             Ok(list.finish())
         })
@@ -87,6 +92,11 @@ fn check(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(), TrianglesErro
             count: vertices.len(),
         }),
     }
+}
+
+/// Every column that the triangle covers in plan has a voxel, whichever axis the columns run along.
+fn fewest_voxels(corners: [DVec3; 3]) -> f64 {
+    (corners[1] - corners[0]).cross(corners[2] - corners[0]).abs().max_element() / 2.0
 }
 
 /// Voxels of one batch. All batches share one count, so that memory stays bounded whatever the triangles are.
@@ -273,10 +283,11 @@ mod tests {
 
     #[test]
     fn too_many_voxels_are_refused_before_they_are_made() {
-        // 10^18 and 10^9 voxels: making them would end neither soon nor well.
+        // 10^18 voxels and twice 10^9: making them would end neither soon nor well.
         for corners in [
             [[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 1e9, 0.0]],
             [[0.0, 0.0, 0.0], [0.0, 0.0, 1e9], [0.0, 0.5, 0.0]],
+            [[0.0, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, 5e8, 0.0]],
         ] {
             let error = voxelize_up_to(200_000, &corners.map(DVec3::from), &[[0, 1, 2]]).unwrap_err();
             assert_eq!(error, TrianglesError::TooManyVoxels { bound: 200_000 });

@@ -1,0 +1,135 @@
+"""Meshes written by hand as .ply and .obj, read back as terrain."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from crowdfence import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps.voxel_size import round_voxel_size_m
+
+SQUARE = np.array([[0.5, 0.5, 2.5], [3.5, 0.5, 2.5], [3.5, 3.5, 2.5], [0.5, 3.5, 2.5]])
+TWO = [(0, 1, 2), (0, 2, 3)]
+PLY = """ply
+format {format} 1.0
+comment TextureFile missing.png
+element vertex {vertices}
+property float x
+property float y
+property float z
+element face {faces}
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def ascii_ply(vertices=SQUARE, faces=TWO):
+    lines = [" ".join(map(str, vertex)) for vertex in vertices]
+    lines += [" ".join(map(str, (len(face), *face))) for face in faces]
+    head = PLY.format(format="ascii", vertices=len(vertices), faces=len(faces))
+    return (head + "\n".join(lines) + "\n").encode()
+
+
+def binary_ply(vertices=SQUARE, faces=TWO):
+    head = PLY.format(format="binary_little_endian", vertices=len(vertices), faces=len(faces))
+    body = np.asarray(vertices, "<f4").tobytes()
+    return head.encode() + body + b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+
+
+def obj(vertices=SQUARE, faces=TWO):
+    lines = ["mtllib missing.mtl", "o one", "usemtl stone"]
+    lines += [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += ["f " + " ".join(str(index + 1) for index in face) for face in faces]
+    return "\n".join(lines).encode()
+
+
+def voxel_set(terrain):
+    return {tuple(index) for index in terrain.voxel_indices(np.arange(terrain.voxel_count))}
+
+
+FLAT = {(i, j, 2) for i in range(4) for j in range(4)}
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.ply", ascii_ply()),
+        ("b.ply", binary_ply()),
+        ("quad.ply", ascii_ply(faces=[(0, 1, 2, 3)])),
+        ("c.obj", obj()),
+        ("quad.obj", obj(faces=[(0, 1, 2, 3)])),
+        ("latin1.obj", "# Höhe über Meer\n".encode("latin-1") + obj()),
+    ],
+)
+def test_every_kind_of_file_gives_the_same_voxels(tmp_path, name, data):
+    path = tmp_path / name
+    path.write_bytes(data)
+    anchor = Georeference(46.5, 8.0, 1200.0)
+    terrain = Terrain.open(path, voxel_size_m=1.0, georeference=anchor)
+    assert voxel_set(terrain) == FLAT
+    assert terrain.georeference == anchor
+
+
+def test_y_up_units_and_origin(tmp_path):
+    # Centimetres with y up: (x, y, z) becomes (x, -z, y).
+    path = tmp_path / "a.obj"
+    path.write_bytes(obj(SQUARE[:, [0, 2, 1]] * [100, 100, -100]))
+    terrain = open_terrain(path, voxel_size_m=1.0, up="y", unit_m=0.01, origin=(10, 0, -2))
+    assert voxel_set(terrain) == {(i + 10, j, k - 2) for i, j, k in FLAT}
+
+
+def test_voxels_are_a_thousandth_of_the_longest_side(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_bytes(ascii_ply(SQUARE * [100, 1, 1]))
+    assert open_terrain(path).voxel_size_m == 0.5
+
+
+@pytest.mark.parametrize(
+    ("wanted_m", "chosen_m"), [(0.0, 0.05), (0.05, 0.05), (0.3, 0.5), (1.0, 1.0), (1.01, 2.0), (7.0, 10.0)]
+)
+def test_round_voxel_sizes(wanted_m, chosen_m):
+    assert round_voxel_size_m(wanted_m) == pytest.approx(chosen_m)
+
+
+BROKEN = [
+    ("cut.ply", ascii_ply()[:-8], "promises 6 elements, but 5 lines follow: truncated"),
+    ("lines.ply", ascii_ply().replace(b"face 2", b"face 2000000000"), "promises 2000000004 elements"),
+    ("bytes.ply", binary_ply()[:-5], "not a readable mesh"),
+    ("huge.ply", binary_ply().replace(b"vertex 4", b"vertex 4000000000"), "not a readable mesh"),
+    ("text.ply", b"a picture of a hill", "not a readable mesh"),
+    ("points.ply", ascii_ply(faces=[]), "holds no triangles"),
+    ("index.ply", ascii_ply(faces=[(0, 1, 4)]), "use vertices 0 to 4, but there are 4"),
+    ("negative.ply", ascii_ply(faces=[(0, 1, -1)]), "use vertices -1 to 1, but there are 4"),
+    ("nan.ply", ascii_ply([[0, 0, 0], [1, math.nan, 0], [0, 1, 0]], [(0, 1, 2)]), "vertex 1 is .*nan"),
+    ("index.obj", obj(faces=[(0, 1, 8)]), "not a readable mesh"),
+    ("cut.obj", obj()[:-3], "line 9 gives a face 1 corner"),
+    ("points.obj", obj(faces=[]), "holds no triangles"),
+]
+
+
+@pytest.mark.parametrize(("name", "data", "message"), BROKEN, ids=[name for name, *_ in BROKEN])
+def test_broken_meshes_are_refused(tmp_path, name, data, message):
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(MapError, match=message) as caught:
+        open_terrain(path, voxel_size_m=1.0)
+    assert caught.value.path == path
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"up": "x"}, "up is 'x', must be 'z' or 'y'"),
+        ({"unit_m": 0}, "unit_m is 0, must be finite and > 0"),
+        ({"voxel_size_m": -1}, "voxel_size_m"),
+        ({"voxel_size_m": 1e-5}, "voxels"),
+    ],
+)
+def test_impossible_options_are_refused(tmp_path, options, message):
+    path = tmp_path / "a.ply"
+    path.write_bytes(ascii_ply())
+    with pytest.raises(MapError, match=message):
+        open_terrain(path, **options)
