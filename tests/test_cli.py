@@ -136,7 +136,22 @@ def test_a_plain_folder_runs_with_a_georeferenced_height_model(tmp_path: Path) -
         raster.write(np.full((300, 300), 1175.0, np.float32), 1)
     done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2, "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["terrain"]["seen_voxels"] > 100
+    terrain = json.loads(done.stdout)["terrain"]
+    assert terrain["seen_voxels"] > 100
+    assert terrain["voxel_size_m"] == 4.0
+
+
+def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
+    recording = write_folder(tmp_path / "plain", flight())
+    mesh = tmp_path / "plain.obj"
+    corners = [(-600, -600), (600, -600), (600, 600), (-600, 600)]
+    mesh.write_text("".join(f"v {x / 10} {y / 10} -2.5\n" for x, y in corners) + "f 1 2 3\nf 1 3 4\n")
+    common = ("run", recording, "-t", mesh, "--prior", 0.2, "--json", "--voxel-size-m", 5)
+    done = crowdfence(*common, "-o", tmp_path / "out", "--terrain-option", "unit_m=10")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["terrain"]["voxel_size_m"] == 5.0
+    for option, message in (("units=10", "units"), ("unit_m", "must be NAME=VALUE")):
+        assert message in error_line(crowdfence(*common, "-o", tmp_path / "no", "--terrain-option", option))
 
 
 def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,15 +49,19 @@ class Run:
         return int(self.crowd_map.stamps_ns[-1])
 
 
-def open_terrain(recording: Recording, path: Path | None) -> Terrain:
+def open_terrain(recording: Recording, path: Path | None, **options: Any) -> Terrain:
     """The map to project onto: `path`, or else the one that came with the recording.
 
-    Georeferenced maps are brought into the recording's local frame. ValueError when there is no map.
+    Georeferenced maps are brought into the recording's local frame; `options` are those of
+    `maps.open_terrain`. ValueError when there is no map or an option does not belong to its kind.
     """
     chosen = path or recording.terrain
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
-    return Terrain.open(chosen, georeference=recording.georeference)
+    try:
+        return Terrain.open(chosen, georeference=recording.georeference, **options)
+    except TypeError as error:
+        raise ValueError(f"{chosen}: {error}") from error
 
 
 def run(

@@ -22,6 +22,8 @@ def demo(
     as_json: options.Json = False,
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
+    from crowdfence import pipeline
     from crowdfence.sources import open_recording
 
-    fuse_and_report(open_recording(RECORDING), None, CONFIG, output, as_json=as_json)
+    recording = open_recording(RECORDING)
+    fuse_and_report(recording, pipeline.open_terrain(recording, None), CONFIG, output, as_json=as_json)

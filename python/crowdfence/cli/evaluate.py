@@ -21,6 +21,8 @@ GATE_NOT_MET = 3
 def evaluate(
     recording: options.RecordingPath,
     terrain: options.TerrainPath = None,
+    voxel_size_m: options.VoxelSizeM = None,
+    terrain_option: options.TerrainOption = None,
     method: Annotated[
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
@@ -76,7 +78,7 @@ def evaluate(
         threshold=threshold,
     )
     configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
-    ground = pipeline.open_terrain(source, terrain)
+    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     with console.progress("scoring", len(source.frames), "frames") as advance:
         scores = score(source, ground, configs, on_instant=lambda instant: advance(len(instant.frames)))
     if as_json:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -49,6 +50,17 @@ TerrainPath = Annotated[
     Path | None,
     typer.Option(
         "--terrain", "-t", help="Map: .bt .ot .tif .las .laz .ply .obj. Default: the recording's own."
+    ),
+]
+VoxelSizeM = Annotated[
+    float | None, typer.Option("--voxel-size-m", help="Size of the map's voxels. Default: the file decides.")
+]
+TerrainOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--terrain-option",
+        metavar="NAME=VALUE",
+        help="Option of the map reader, such as surface=ground, height_unit=ft, up=y; may be repeated.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
@@ -116,3 +128,20 @@ StaleAfterS = Annotated[
     float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
 ]
 DEFAULT = _DEFAULT
+
+
+def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict[str, Any]:
+    """Options of the map reader; values that read as JSON are numbers, booleans or lists, others are text.
+
+    ValueError for a pair without "=".
+    """
+    options: dict[str, Any] = {} if voxel_size_m is None else {"voxel_size_m": voxel_size_m}
+    for pair in pairs or []:
+        name, equals, value = pair.partition("=")
+        if not (name and equals):
+            raise ValueError(f"--terrain-option {pair!r} must be NAME=VALUE")
+        try:
+            options[name] = json.loads(value)
+        except json.JSONDecodeError:
+            options[name] = value
+    return options

@@ -13,6 +13,7 @@ from crowdfence.cli.options import DEFAULT
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
+    from crowdfence import Terrain
     from crowdfence.pipeline import Run
     from crowdfence.sources.recording import Recording
 
@@ -23,6 +24,8 @@ def run(
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     terrain: options.TerrainPath = None,
+    voxel_size_m: options.VoxelSizeM = None,
+    terrain_option: options.TerrainOption = None,
     method: options.Method = options.MethodName.paper,
     alpha: options.Alpha = DEFAULT.alpha,
     decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
@@ -66,19 +69,21 @@ def run(
         min_area_m2=min_area_m2,
         stale_after_s=stale_after_s,
     )
+    from crowdfence import pipeline
     from crowdfence.sources import open_recording
 
-    fuse_and_report(open_recording(recording), terrain, config, output, as_json=as_json)
+    source = open_recording(recording)
+    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    fuse_and_report(source, ground, config, output, as_json=as_json)
 
 
 def fuse_and_report(
-    recording: Recording, terrain_path: Path | None, config: RunConfig, output: Path, *, as_json: bool
+    recording: Recording, terrain: Terrain, config: RunConfig, output: Path, *, as_json: bool
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
     from crowdfence.results import write_results
 
-    terrain = pipeline.open_terrain(recording, terrain_path)
     started = time.perf_counter()
     with console.progress("fusing", len(recording.frames), "frames") as advance:
         finished = pipeline.run(
