@@ -75,11 +75,12 @@ class HeightRaster:
             for value in (lowest, highest):
                 if not LOWEST_PLAUSIBLE_M <= value * unit_m <= HIGHEST_PLAUSIBLE_M:
                     row, column = (int(index) for index in np.argwhere(strip == value)[0])
+                    raw = (value - self.dataset.offsets[self.band - 1]) / self.dataset.scales[self.band - 1]
                     raise MapError(
                         self.path,
                         f"height {value!r} at row {first_row + row}, column {column} lies outside "
                         f"[{LOWEST_PLAUSIBLE_M:g}, {HIGHEST_PLAUSIBLE_M:g}] m. If it marks missing data, "
-                        f"pass nodata={value!r}; otherwise check band and height_unit",
+                        f"pass nodata={raw!r}; otherwise check band and height_unit",
                     )
         if lowest > highest:
             raise MapError(self.path, "no pixel has a height: all are marked as missing")
