@@ -38,6 +38,7 @@ lint: setup
 	$(BIN)/ruff check python tests scripts benchmarks
 	$(BIN)/ruff format --check python tests scripts benchmarks
 	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest crowdfence._core
 
 test-rust:
 	cargo test --locked -p crowdfence

@@ -16,6 +16,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.georeference import Georeference
 
+__all__ = [
+    "Camera",
+    "CrowdMap",
+    "Observation",
+    "Or",
+    "Paper",
+    "Rates",
+    "Terrain",
+    "Update",
+    "View",
+    "__version__",
+    "blend",
+    "pool",
+    "project",
+    "write_octomap_binary",
+    "write_octomap_color",
+]
+
 __version__: str
 
 @final
@@ -75,14 +93,14 @@ class Camera:
 class View:
     """What one drone saw at one instant."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         drone: str,
         stamp_ns: int,
         camera: Camera,
         world_from_camera: ArrayLike,
         heatmap: ArrayLike,
-    ) -> None:
+    ) -> View:
         """`world_from_camera` [4, 4] rigid transform, camera axes -> local ENU metres; `heatmap` [h, w]
         float32/float64 in [0, 1] or uint8 (value / 255), at any stride of the image."""
     @property
@@ -205,7 +223,7 @@ def project(
 class Rates:
     """Detector rates: true_positive = P(B=1 | A=1), false_positive = P(B=1 | A=0), both inside (0, 1)."""
 
-    def __init__(self, true_positive: float, false_positive: float) -> None: ...
+    def __new__(cls, true_positive: float, false_positive: float) -> Rates: ...
     @property
     def true_positive(self) -> float: ...
     @property
@@ -242,8 +260,8 @@ def blend(
 class Paper:
     """Method `paper`: equations 1-3 with a switch for everything that the paper leaves open."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         rates: Rates,
         prior: float,
         *,
@@ -255,7 +273,7 @@ class Paper:
         normalise: bool = False,
         initial: Literal["zero", "prior", "first"] = "zero",
         decay_unit: Literal["second", "frame"] = "second",
-    ) -> None: ...
+    ) -> Paper: ...
     @property
     def rates(self) -> Rates: ...
     @property
@@ -278,7 +296,7 @@ class Paper:
 class Or:
     """Baseline `or`: a voxel once called crowd (m > b_threshold in any view) stays crowd."""
 
-    def __init__(self, *, fleet_size: int, b_threshold: float = 0.5) -> None: ...
+    def __new__(cls, *, fleet_size: int, b_threshold: float = 0.5) -> Or: ...
     @property
     def fleet_size(self) -> int: ...
     @property
@@ -304,8 +322,8 @@ class Update:
 class CrowdMap:
     """Probability of crowd per terrain voxel over time."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         terrain: Terrain,
         method: Paper | Or,
         *,
@@ -313,7 +331,7 @@ class CrowdMap:
         target_height_m: float = 0.0,
         coverage: Literal["rays", "full"] = "rays",
         max_gap_s: float = 3600.0,
-    ) -> None: ...
+    ) -> CrowdMap: ...
     @property
     def terrain(self) -> Terrain: ...
     @property

@@ -42,7 +42,7 @@ impl PyCamera {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=vec![0.0; 4]))]
+    #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=vec![0.0; 4]), text_signature = "(width, height, fx, fy, cx, cy, distortion=(0.0, 0.0, 0.0, 0.0))")]
     fn fisheye(
         width: i64,
         height: i64,

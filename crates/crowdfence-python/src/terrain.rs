@@ -27,6 +27,9 @@ impl PyTerrain {
     }
 }
 
+/// Voxel id and distance per ray.
+type Hits<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
 /// Voxel ids [N] that all exist.
 pub fn checked_ids(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
     Array::<i64>::new(ids, "ids", &[None])?
@@ -39,7 +42,7 @@ pub fn checked_ids(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u3
 #[pymethods]
 impl PyTerrain {
     #[staticmethod]
-    #[pyo3(signature = (occupied, voxel_size_m, origin=[0.0; 3]))]
+    #[pyo3(signature = (occupied, voxel_size_m, origin=[0.0; 3]), text_signature = "(occupied, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn from_occupancy(
         py: Python<'_>,
         occupied: &Bound<'_, PyAny>,
@@ -55,7 +58,7 @@ impl PyTerrain {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (height_m, cell_size_m, voxel_size_m=None, origin=[0.0; 3]))]
+    #[pyo3(signature = (height_m, cell_size_m, voxel_size_m=None, origin=[0.0; 3]), text_signature = "(height_m, cell_size_m, voxel_size_m=None, origin=(0.0, 0.0, 0.0))")]
     fn from_height_map(
         py: Python<'_>,
         height_m: &Bound<'_, PyAny>,
@@ -75,7 +78,7 @@ impl PyTerrain {
     }
 
     #[staticmethod]
-    #[pyo3(name = "from_points", signature = (points, voxel_size_m, origin=[0.0; 3]))]
+    #[pyo3(name = "from_points", signature = (points, voxel_size_m, origin=[0.0; 3]), text_signature = "(points, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn py_from_points(
         py: Python<'_>,
         points: &Bound<'_, PyAny>,
@@ -89,7 +92,7 @@ impl PyTerrain {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (vertices, triangles, voxel_size_m, origin=[0.0; 3]))]
+    #[pyo3(signature = (vertices, triangles, voxel_size_m, origin=[0.0; 3]), text_signature = "(vertices, triangles, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn from_triangles(
         py: Python<'_>,
         vertices: &Bound<'_, PyAny>,
@@ -109,7 +112,7 @@ impl PyTerrain {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (data, *, origin=[0.0; 3]))]
+    #[pyo3(signature = (data, *, origin=[0.0; 3]), text_signature = "(data, *, origin=(0.0, 0.0, 0.0))")]
     fn from_octomap(py: Python<'_>, data: Cow<'_, [u8]>, origin: [f64; 3]) -> PyResult<Self> {
         py.detach(|| Terrain::from_octomap(&octomap::read(&data)?, origin.into()))
             .map(PyTerrain::new)
@@ -175,7 +178,7 @@ impl PyTerrain {
         origins: &Bound<'py, PyAny>,
         directions: &Bound<'py, PyAny>,
         max_range_m: f64,
-    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<Hits<'py>> {
         let origins = points(origins, "origins")?;
         let directions = points(directions, "directions")?;
         let (ids, distances): (Vec<i64>, Vec<f64>) = py
