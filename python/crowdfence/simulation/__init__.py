@@ -1,0 +1,1 @@
+"""Synthetic multi-drone missions with truth from the world: scene, people, flight, rendering, recording."""

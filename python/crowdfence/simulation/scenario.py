@@ -1,0 +1,143 @@
+"""One scenario: everything that a simulated mission is made from, apart from the seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.simulation.plan_checks import (
+    ScenarioError,
+    require_one_of,
+    require_positive,
+    require_within,
+)
+from crowdfence.simulation.plans import (
+    CameraPlan,
+    CrowdDefinition,
+    CrowdPlan,
+    CyclistPlan,
+    FlightPlan,
+    LandscapePlan,
+    TroublePlan,
+    WalkerPlan,
+)
+
+__all__ = [
+    "BUILT_IN",
+    "SEASONS",
+    "CameraPlan",
+    "CrowdDefinition",
+    "CrowdPlan",
+    "CyclistPlan",
+    "FlightPlan",
+    "LandscapePlan",
+    "Scenario",
+    "ScenarioError",
+    "TroublePlan",
+    "WalkerPlan",
+    "load_scenario",
+]
+
+SEASONS = ("summer", "autumn", "winter", "dry")
+BUILT_IN = ("race", "festival", "street", "beach", "empty")
+MAX_DRONES = 64
+ALPINE_VALLEY = Georeference(46.5, 8.0, 1200.0)
+EPOCH_NS = 1_767_225_600_000_000_000
+"""Start of a mission unless the scenario says otherwise: 2026-01-01 00:00 UTC."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A mission to simulate; the world is a function of it, the seed and the time since its start.
+
+    `frames` per drone at `fps`; `epoch_ns` is the stamp of the mission's start; `georeference` anchors the
+    local ENU metres. ScenarioError (a ValueError) names the parameter that cannot be simulated.
+    """
+
+    name: str
+    description: str
+    landscape: LandscapePlan
+    crowds: tuple[CrowdPlan, ...] = ()
+    walkers: WalkerPlan = field(default_factory=WalkerPlan)
+    cyclists: CyclistPlan = field(default_factory=CyclistPlan)
+    flight: FlightPlan = field(default_factory=FlightPlan)
+    camera: CameraPlan = field(default_factory=CameraPlan)
+    drones: int = 3
+    frames: int = 1056
+    fps: float = 10.0
+    season: str = "summer"
+    time_of_day_h: float = 15.0
+    voxel_size_m: float = 0.5
+    crowd_definition: CrowdDefinition = field(default_factory=CrowdDefinition)
+    trouble: TroublePlan = field(default_factory=TroublePlan)
+    georeference: Georeference = ALPINE_VALLEY
+    epoch_ns: int = EPOCH_NS
+
+    def __post_init__(self) -> None:
+        require_within("drones", self.drones, 1, MAX_DRONES)
+        require_within("frames", self.frames, 1, 10_000_000)
+        require_positive("fps", self.fps, 240.0)
+        require_one_of("season", self.season, SEASONS)
+        require_within("time_of_day_h", self.time_of_day_h, 0.0, 24.0)
+        require_within("voxel_size_m", self.voxel_size_m, 0.1, 20.0)
+        require_within("epoch_ns", self.epoch_ns, 0, 4_000_000_000_000_000_000)
+        if self.flight.pattern == "follow" and self.cyclists.count < 1:
+            raise ScenarioError('flight.pattern "follow" needs cyclists.count of at least 1, got 0')
+        if self.cyclists.count and not self.landscape.road:
+            raise ScenarioError(f"cyclists.count {self.cyclists.count} needs landscape.road = true")
+        for kind, pairs in (("joins_s", self.trouble.joins_s), ("leaves_s", self.trouble.leaves_s)):
+            for drone, _ in pairs:
+                if drone < 0:
+                    raise ScenarioError(f"trouble.{kind} names drone {drone}; drones count from 0")
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last capture."""
+        return (self.frames - 1) / self.fps
+
+    @property
+    def drone_names(self) -> tuple[str, ...]:
+        """ "uav1", "uav2", ... in the order of the drone numbers 0, 1, ..."""
+        return tuple(f"uav{number + 1}" for number in range(self.drones))
+
+    def intrinsics(self) -> Camera:
+        """The camera of every drone: square pixels, centre in the middle, the trouble's lens distortion."""
+        plan = self.camera
+        focal_px = plan.width / 2.0 / math.tan(math.radians(plan.hfov_deg) / 2.0)
+        distortion = list(self.trouble.lens_distortion) or None
+        return Camera.pinhole(
+            plan.width, plan.height, focal_px, focal_px, plan.width / 2.0, plan.height / 2.0, distortion
+        )
+
+
+def load_scenario(name_or_path: str | Path, **overrides: Any) -> Scenario:
+    """A built-in scenario ("race", "festival", "street", "beach", "empty") or a TOML file of the same form.
+
+    `overrides` replace values of the file: `frames=90`, `camera={"width": 320, "height": 240}` (a mapping
+    changes only the keys that it names), `trouble=TroublePlan()`; None leaves a value as it is.
+
+    Raises ScenarioError for an unknown name, key or value (naming it and the file), OSError when the file
+    cannot be read.
+    """
+    from crowdfence.simulation.scenario_file import merged, read_toml, scenario_from_tables
+
+    path = _path_of(name_or_path)
+    tables = read_toml(path)
+    given: Mapping[str, Any] = {key: value for key, value in overrides.items() if value is not None}
+    return scenario_from_tables(merged(tables, given), default_name=path.stem, source=str(path))
+
+
+def _path_of(name_or_path: str | Path) -> Path:
+    if str(name_or_path) in BUILT_IN:
+        return Path(__file__).parent / "scenarios" / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.exists():
+        raise ScenarioError(
+            f"unknown scenario {str(name_or_path)!r}: choose one of {', '.join(BUILT_IN)} or a .toml file"
+        )
+    return path
