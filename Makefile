@@ -29,7 +29,7 @@ $(VENV)/.installed: requirements.txt
 	@touch $@
 
 $(VENV)/.built: $(VENV)/.installed $(CORE)
-	$(BIN)/maturin develop --release --locked --quiet
+	PIP_QUIET=1 $(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
 lint: setup

@@ -105,11 +105,12 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
         console.facts(
             f"{summary['recording']}: {summary['instants']} instants of {len(summary['frames'])} drones",
             {
-                "time": f"{summary['first_instant']} + {summary['duration_s']:.1f} s",
+                "time": f"{summary['first_instant'][:19]}Z, {summary['duration_s']:.1f} s",
                 "frames": f"{frames} integrated in {seconds:.1f} s ({frames / seconds:.1f} per second), "
                 f"{len(summary['refused'])} refused",
-                "terrain": f"{run.terrain!r}, {summary['terrain']['seen_voxels']} voxels seen",
-                "method": f"{run.crowd_map.method!r}",
+                "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
+                f"{summary['terrain']['seen_voxels']:,} of them seen",
+                "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
                 "empty": f"{area['empty']:.0f} m2 seen lately, {area['stale']:.0f} m2 too long ago",
             },
@@ -119,6 +120,17 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
     for reason in [*summary["warnings"], *summary["refused"]]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+
+
+def _method(summary: dict[str, Any]) -> str:
+    used = summary["parameters"]
+    if summary["method"] == "or":
+        return f"or, b > {used['b_threshold']:g}"
+    return (
+        f"paper, alpha {used['alpha']:g}, lambda {used['decay_per_s']:g} per {used['decay_unit']}, prior "
+        f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "
+        f"N {used['fleet_size']}"
+    )
 
 
 def _zone_table(summary: dict[str, Any]) -> Any:
