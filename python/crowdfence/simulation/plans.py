@@ -90,10 +90,10 @@ class CrowdPlan:
     offset_m: float = 0.8
     length_m: float = 20.0
     depth_m: float = 4.0
-    spacing_m: float = 0.7
+    spacing_m: float = 0.6
     motion: str = "march"
     speed_m_s: float = 0.3
-    reach_m: float = 60.0
+    reach_m: float = 45.0
     x_m: float = 0.0
     y_m: float = 0.0
     heading_deg: float = 0.0
