@@ -61,12 +61,12 @@ class Cyclists:
     def spread(self, t_s: ArrayLike) -> NDArray[np.float64]:
         """1 where the riders are `gap_m` apart, 0 where they ride together."""
         t = np.asarray(t_s, np.float64)
-        together = np.zeros_like(t)
+        spread = np.ones_like(t)
         for start, end in self.plan.together_s:
             # Whoever is together at the start of the mission has not come from anywhere.
             come = smooth_step((t - start) / self.plan.change_s + 1.0) if start > 0.0 else np.ones_like(t)
-            together = np.maximum(together, come * (1.0 - smooth_step((t - end) / self.plan.change_s)))
-        return np.asarray(1.0 - together)
+            spread *= 1.0 - come * (1.0 - smooth_step((t - end) / self.plan.change_s))
+        return np.asarray(spread)
 
     def ways_m(self, t_s: ArrayLike) -> NDArray[np.float64]:
         """Way [..., C] ridden by each cyclist; the first one is in front."""

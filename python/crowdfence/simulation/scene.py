@@ -1,0 +1,57 @@
+"""A scene: everything that can be seen, as a function of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crowdfence.simulation.cyclists import Cyclists, build_cyclists
+from crowdfence.simulation.flight import Flight, build_flight
+from crowdfence.simulation.landscape import build_landscape
+from crowdfence.simulation.landscape.landscape import Landscape
+from crowdfence.simulation.light import Light, daylight
+from crowdfence.simulation.people import People, build_people
+from crowdfence.simulation.plan_checks import ScenarioError
+from crowdfence.simulation.scenario import Scenario
+
+MAX_SEED = 2**32 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The world of one mission. Nothing in it changes: people, cyclists and drones are asked for a time, so
+    any frame can be made without the frames before it, in any process."""
+
+    scenario: Scenario
+    seed: int
+    landscape: Landscape
+    people: People
+    cyclists: Cyclists
+    flight: Flight
+    light: Light
+
+    def cyclist_instance_ids(self) -> range:
+        """Instance ids of the cyclists; those of people are 1 .. `people.count`, in their order."""
+        first = self.people.count + 1
+        return range(first, first + self.cyclists.count)
+
+
+def build_scene(scenario: Scenario, seed: int) -> Scene:
+    """The scene of `scenario` for one `seed` in [0, 2^32): equal for equal arguments, in every process.
+
+    Raises ScenarioError for a seed out of range and for a plan that the landscape of this seed cannot hold.
+    """
+    if not 0 <= seed <= MAX_SEED:
+        raise ScenarioError(f"seed must be between 0 and {MAX_SEED}, got {seed}")
+    landscape = build_landscape(scenario.landscape, seed)
+    cyclists = build_cyclists(scenario, seed, landscape)
+    return Scene(
+        scenario,
+        seed,
+        landscape,
+        build_people(scenario, seed, landscape),
+        cyclists,
+        build_flight(scenario, seed, landscape, cyclists),
+        daylight(
+            scenario.season, scenario.time_of_day_h, seed, latitude_deg=scenario.georeference.latitude_deg
+        ),
+    )
