@@ -226,10 +226,15 @@ class TroublePlan:
     """What goes wrong. 0 (or nothing) switches a trouble off; `TroublePlan()` is a perfect mission.
 
     Offsets and biases are drawn once per drone and noise and jitter anew per row, all normal with the given
-    standard deviation; fractions are of the frames or of the telemetry rows. `late_ms` is how much longer a
-    late frame takes to arrive. `joins_s` and `leaves_s` are pairs (drone number, time).
+    standard deviation; fractions are of the frames or of the telemetry rows. `trigger_spread_ms`: the
+    drones' cameras expose up to so long after each other. `clock_offset_ms`: a drone's stamps, of images and
+    telemetry alike, are off the true time. `clock_jitter_ms`: the stamp of an image is off its exposure.
+    `late_ms` is how much longer a late frame takes to arrive. `joins_s` and `leaves_s` are pairs (drone
+    number, time). `lens_distortion` is k1, k2, p1, p2[, k3] as in OpenCV, `rolling_exposure_ms` the time
+    between the exposures of the first and the last image row.
     """
 
+    trigger_spread_ms: float = 0.0
     clock_offset_ms: float = 0.0
     clock_jitter_ms: float = 0.0
     telemetry_hz: float = 50.0
@@ -250,6 +255,7 @@ class TroublePlan:
     rolling_exposure_ms: float = 0.0
 
     def __post_init__(self) -> None:
+        require_within("trouble.trigger_spread_ms", self.trigger_spread_ms, 0.0, 1000.0)
         require_within("trouble.clock_offset_ms", self.clock_offset_ms, 0.0, 10_000.0)
         require_within("trouble.clock_jitter_ms", self.clock_jitter_ms, 0.0, 1000.0)
         require_within("trouble.telemetry_hz", self.telemetry_hz, 1.0, 1000.0)

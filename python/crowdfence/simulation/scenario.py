@@ -46,6 +46,7 @@ __all__ = [
 SEASONS = ("summer", "autumn", "winter", "dry")
 BUILT_IN = ("race", "festival", "street", "beach", "empty")
 MAX_DRONES = 64
+MAX_INSTANCES = 65_535
 ALPINE_VALLEY = Georeference(46.5, 8.0, 1200.0)
 EPOCH_NS = 1_767_225_600_000_000_000
 """Start of a mission unless the scenario says otherwise: 2026-01-01 00:00 UTC."""
@@ -90,6 +91,11 @@ class Scenario:
             raise ScenarioError('flight.pattern "follow" needs cyclists.count of at least 1, got 0')
         if self.cyclists.count and not self.landscape.road:
             raise ScenarioError(f"cyclists.count {self.cyclists.count} needs landscape.road = true")
+        people = sum(crowd.people for crowd in self.crowds) + self.walkers.count + self.cyclists.count
+        if people > MAX_INSTANCES:
+            raise ScenarioError(
+                f"crowds, walkers and cyclists are {people} together; instance ids allow {MAX_INSTANCES}"
+            )
         for kind, pairs in (("joins_s", self.trouble.joins_s), ("leaves_s", self.trouble.leaves_s)):
             for drone, _ in pairs:
                 if drone < 0:
