@@ -37,6 +37,8 @@ class Ground:
     """Signed distance to the centre line of the nearest road, positive on its left."""
     road_arc_m: NDArray[np.float32]
     """Distance along the nearest road."""
+    water_depth_m: NDArray[np.float32] | None = None
+    """Depth of the water under the drawn surface, 0 on land; None where there is no water at all."""
 
     def height_at(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Height in metres at points x, y, exactly on the triangles."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.simulation.landscape.building import Building
 from crowdfence.simulation.landscape.ground import Ground
 from crowdfence.simulation.landscape.obstacles import Obstacles
 from crowdfence.simulation.landscape.props import Props
@@ -19,8 +20,8 @@ class Landscape:
 
     surface: Ground
     road: Road | None
-    solids: tuple[TriangleMesh, ...]
-    """Buildings and bridges: with the ground, the known map."""
+    buildings: tuple[Building, ...]
+    """With the ground, the known map."""
     props: tuple[Props, ...]
     """Things that no map knows."""
     places: Mapping[str, NDArray[np.float64]]
@@ -38,6 +39,11 @@ class Landscape:
     def extent_m(self) -> tuple[float, float, float, float]:
         """(west, south, east, north) of the ground."""
         return self.surface.lattice.extent_m
+
+    @property
+    def solids(self) -> tuple[TriangleMesh, ...]:
+        """The meshes of the buildings, overhanging roofs included."""
+        return tuple(building.mesh for building in self.buildings)
 
     def height_m(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Height of the ground at points x, y, exactly on the triangles; the edge's height outside."""

@@ -40,7 +40,7 @@ class Props:
     position: NDArray[np.float64]
     """[N, 3] foot on the ground, local ENU metres."""
     heading_rad: NDArray[np.float64]
-    """[N] direction of the thing's front (its +y axis turned by heading - 90 degrees), from east."""
+    """[N] direction of the thing's front, counter-clockwise from east."""
     scale: NDArray[np.float64]
     """[N] factor on the mesh, which is drawn in metres."""
     color: NDArray[np.uint8]

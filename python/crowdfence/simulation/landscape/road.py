@@ -63,6 +63,8 @@ class Road:
     centre: CentreLine
     half_width_m: float
     height_at: Height
+    marked: bool = True
+    """Has edge lines and a broken middle line."""
 
     @property
     def length_m(self) -> float:

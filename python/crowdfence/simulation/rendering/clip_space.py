@@ -1,0 +1,76 @@
+"""Matrices from the world to OpenGL's clip space, and what lies inside them.
+
+The image's row 0 is at y = -1, so that rows come back from the driver top first; triangles that face the
+camera then turn clockwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.simulation.rendering.sample_lattice import SampleLattice
+
+Array = NDArray[np.float64]
+
+NEAR_M, FAR_M = 0.6, 9000.0
+
+
+def rigid_inverse(transform: Array) -> Array:
+    """Inverse of a rotation and translation [4, 4]."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = transform[:3, :3].T
+    inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return inverse
+
+
+def clip_from_camera(lattice: SampleLattice) -> Array:
+    """Projection of a pinhole with OpenCV axes; w is the distance along the optical axis."""
+    matrix = np.zeros((4, 4))
+    matrix[0, 0], matrix[0, 2] = 2.0 * lattice.fx / lattice.width, 2.0 * lattice.cx / lattice.width - 1.0
+    matrix[1, 1], matrix[1, 2] = 2.0 * lattice.fy / lattice.height, 2.0 * lattice.cy / lattice.height - 1.0
+    matrix[2, 2] = (FAR_M + NEAR_M) / (FAR_M - NEAR_M)
+    matrix[2, 3] = -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+    matrix[3, 2] = 1.0
+    return matrix
+
+
+def side_planes(clip_from_world: Array) -> Array:
+    """Left, right, top, bottom and near plane [5, 4]; positive inside, in metres."""
+    x, y, z, w = clip_from_world
+    planes = np.stack([w + x, w - x, w + y, w - y, w + z])
+    return np.asarray(planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
+
+
+def inside(planes: Array, center: Array, radius_m: ArrayLike) -> NDArray[np.bool_]:
+    """Which spheres (center [N, 3], radius) reach into the planes' intersection."""
+    distance = center @ planes[:, :3].T + planes[:, 3]
+    return np.asarray((distance > -np.asarray(radius_m)[..., None]).all(axis=1))
+
+
+def light_from_world(
+    sun_direction: ArrayLike, focus: Array, radius_m: float, texels: int, depth_m: float
+) -> Array:
+    """Orthographic clip space along the sun's rays: a disc of `radius_m` around `focus`, +-`depth_m` deep.
+
+    The focus is snapped to whole texels so that shadows do not crawl when it moves."""
+    sun = np.asarray(sun_direction, np.float64)
+    side = np.cross([0.0, 0.0, 1.0] if abs(sun[2]) < 0.999 else [1.0, 0.0, 0.0], sun)
+    side /= np.linalg.norm(side)
+    axes = np.stack([side, np.cross(sun, side), -sun])
+    center = axes @ focus
+    texel = 2.0 * radius_m / texels
+    center[:2] = np.round(center[:2] / texel) * texel
+    matrix = np.eye(4)
+    scale = np.array([1.0 / radius_m, 1.0 / radius_m, 1.0 / depth_m])
+    matrix[:3, :3] = axes * scale[:, None]
+    matrix[:3, 3] = -center * scale
+    return matrix
+
+
+def texture_from_clip(bias_m: float, depth_m: float) -> Array:
+    """Clip space -> [0, 1] texture space, with depths moved `bias_m` towards the light."""
+    matrix = np.diag([0.5, 0.5, 0.5, 1.0])
+    matrix[:3, 3] = 0.5
+    matrix[2, 3] -= 0.5 * bias_m / depth_m
+    return matrix

@@ -1,0 +1,259 @@
+"""Renders a scene with OpenGL: colour, class, instance and depth from the same fragments."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence._core import Camera
+from crowdfence.simulation.rendering.building_painter import BuildingPainter
+from crowdfence.simulation.rendering.clip_space import clip_from_camera, rigid_inverse, side_planes
+from crowdfence.simulation.rendering.film import Development, Film
+from crowdfence.simulation.rendering.frame import RenderedFrame
+from crowdfence.simulation.rendering.ground_painter import GroundPainter
+from crowdfence.simulation.rendering.instances import COLUMNS
+from crowdfence.simulation.rendering.mesh_catalogue import cyclist_family, people_family, prop_families
+from crowdfence.simulation.rendering.noise_texture import noise_texture
+from crowdfence.simulation.rendering.opengl_context import open_context
+from crowdfence.simulation.rendering.picture_settings import PictureSettings
+from crowdfence.simulation.rendering.sample_lattice import lattice_for
+from crowdfence.simulation.rendering.season_palette import SNOW_ON_THINGS
+from crowdfence.simulation.rendering.shader_program import build_program, set_uniforms
+from crowdfence.simulation.rendering.shadow_maps import ShadowMaps, caster_planes
+from crowdfence.simulation.rendering.sky_painter import SkyPainter
+from crowdfence.simulation.rendering.stage_cast import (
+    cyclist_batches,
+    people_batches,
+    people_rows,
+    prop_batches,
+)
+from crowdfence.simulation.rendering.thing_painter import Batch, ThingPainter
+
+if TYPE_CHECKING:
+    from crowdfence.simulation.scene import Scene
+
+_NOISE_UNIT = 3
+_NEAR_SHADOW_M = (40.0, 120.0)
+_ROLLING_MARGIN_M = 4.0
+
+
+class Renderer:
+    """Takes pictures of one scene with one camera. Use as a context manager; one per process or thread.
+
+    `supersample` 1, 2 or 3: samples per pixel along each axis for the colours; labels and depth are always
+    sampled exactly at pixel centres. NoOpenGL when this machine cannot render; ValueError for a lens that
+    sees more than 160 degrees.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        *,
+        supersample: int = 2,
+        picture: PictureSettings | None = None,
+    ) -> None:
+        self._scene, self._picture = scene, picture or PictureSettings()
+        self._lattice = lattice_for(camera, supersample)
+        self._context = open_context()
+        self._context.front_face = "cw"  # rows are top first, which mirrors the picture
+        self._film = Film(self._context, self._lattice)
+        self._build(scene)
+        self.description = f"{self._context.info['GL_RENDERER']}, OpenGL {self._context.info['GL_VERSION']}"
+        """The driver that makes the pictures."""
+
+    def _build(self, scene: Scene) -> None:
+        context, light, landscape = self._context, scene.light, scene.landscape
+        families = {**prop_families(), "person": people_family(), "cyclist": cyclist_family()}
+        self._props = prop_batches(landscape, families, light.season)
+        largest = max(
+            [len(batch.rows) for batch in self._props] + [scene.people.count, scene.cyclists.count, 64]
+        )
+        self._thing_program = build_program(context, "thing.vert", "thing.frag")
+        self._shadow_program = build_program(context, "thing_shadow.vert", "shadow.frag")
+        self._things = ThingPainter(context, self._thing_program, self._shadow_program, families, largest)
+        self._ground = GroundPainter(context, landscape, light.season, light.sun_direction, scene.seed)
+        self._buildings = BuildingPainter(context, landscape.buildings)
+        self._sky = SkyPainter(context)
+        self._noise = noise_texture(context, 7)
+        self._kinds = len(families["person"].variants)
+        self._shadows = ShadowMaps(context, light.sun_direction)
+        set_uniforms(self._thing_program, {"u_snow": SNOW_ON_THINGS[light.season]})
+        self._draw_standing_shadows()
+
+    def _draw_standing_shadows(self) -> None:
+        west, south, east, north = self._scene.landscape.extent_m
+        center = np.array([(west + east) / 2, (south + north) / 2, 0.0])
+        self._context.enable_only(self._context.DEPTH_TEST)
+        radius_m = float(np.hypot(east - west, north - south)) / 2
+
+        def cast(clip: NDArray[np.float64]) -> None:
+            self._cast(clip, self._props, level=1)
+
+        self._shadows.draw_far(center, radius_m, cast)
+
+    def _cast(self, clip: NDArray[np.float64], batches: list[Batch], level: int) -> None:
+        set_uniforms(self._shadow_program, {"u_shadow_clip_from_world": clip})
+        self._things.cast(batches, caster_planes(clip), level)
+        self._buildings.cast(clip)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the context and everything in it."""
+        self._context.release()
+
+    def render(
+        self,
+        t_s: float,
+        world_from_camera: ArrayLike,
+        *,
+        world_from_camera_end: ArrayLike | None = None,
+        exposure_s: float = 0.0,
+        exposure_velocity: ArrayLike | None = None,
+        noise_seed: int = 0,
+    ) -> RenderedFrame:
+        """The scene at `t_s` from a camera at `world_from_camera` [4, 4] (OpenCV axes in local ENU metres).
+
+        `world_from_camera_end` turns on the rolling exposure: the first row is taken at `world_from_camera`,
+        the last at this pose. `exposure_velocity` [6] (metres and radians per second in camera axes) and
+        `exposure_s` blur colours by the camera's motion. `noise_seed` varies the sensor's noise."""
+        start = _pose(world_from_camera)
+        end = start if world_from_camera_end is None else _pose(world_from_camera_end)
+        moving = self._moving(t_s)
+        eye = (start[:3, 3] + end[:3, 3]) / 2
+        self._context.enable_only(self._context.DEPTH_TEST)
+        self._draw_moving_shadows(start, moving, t_s)
+        self._paint(start, end, eye, moving, t_s)
+        blur = None
+        if self._picture.motion_blur and exposure_s > 0 and exposure_velocity is not None:
+            blur = _moved(np.asarray(exposure_velocity, np.float64) * exposure_s)
+        return self._film.develop(Development(self._picture.noise_sigma, noise_seed, blur))
+
+    def _moving(self, t_s: float) -> list[Batch]:
+        scene = self._scene
+        people, cyclists = scene.people.at(t_s), scene.cyclists.at(t_s)
+        rows = people_rows(
+            people.position,
+            people.heading_rad,
+            people.speed_m_s,
+            people.phase,
+            people.arms,
+            people.in_crowd,
+            scene.people.colors,
+            scene.people.height_m,
+        )
+        return people_batches(rows, scene.people.kind, self._kinds) + cyclist_batches(
+            cyclists.position,
+            cyclists.heading_rad,
+            cyclists.pitch_rad,
+            cyclists.pedal_phase,
+            scene.people.count + 1,
+        )
+
+    def _draw_moving_shadows(self, pose: NDArray[np.float64], moving: list[Batch], t_s: float) -> None:
+        focus, radius_m = self._shadow_focus(pose)
+        set_uniforms(self._shadow_program, {"u_time_s": t_s})
+
+        def cast(clip: NDArray[np.float64]) -> None:
+            self._cast(clip, [*self._props, *moving], level=1)
+
+        self._shadows.draw_near(focus, radius_m, cast)
+
+    def _shadow_focus(self, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Where the optical axis meets the ground (at most 120 m ahead), and how much around it is in view."""
+        eye, ahead = pose[:3, 3], pose[:3, 2]
+        reach = np.linspace(2.0, 160.0, 80)
+        points = eye + reach[:, None] * ahead
+        below = points[:, 2] < self._scene.landscape.height_m(points[:, 0], points[:, 1])
+        distance = float(reach[np.argmax(below)]) if below.any() else 120.0
+        distance = min(distance, 110.0)
+        return eye + distance * ahead, float(np.clip(1.1 * distance, *_NEAR_SHADOW_M))
+
+    def _paint(
+        self,
+        start: NDArray[np.float64],
+        end: NDArray[np.float64],
+        eye: NDArray[np.float64],
+        moving: list[Batch],
+        t_s: float,
+    ) -> None:
+        projection = clip_from_camera(self._lattice)
+        clip_from_world = np.stack([projection @ rigid_inverse(pose) for pose in (start, end)])
+        rolling = not np.array_equal(start, end)
+        planes = side_planes(clip_from_world[0])
+        if rolling:
+            planes = planes + np.array([0.0, 0.0, 0.0, _ROLLING_MARGIN_M])
+        uniforms = {
+            **self._air(eye, t_s),
+            "u_clip_from_world": clip_from_world,
+            "u_world_from_clip": np.stack([_ray_from_clip(projection, pose) for pose in (start, end)]),
+            "u_rolling": rolling,
+        }
+        for program in (
+            self._thing_program,
+            self._ground.program,
+            self._buildings.program,
+            self._sky.program,
+        ):
+            set_uniforms(program, uniforms)
+        self._film.lattice_target.use()
+        self._film.lattice_target.clear(depth=1.0)
+        # Nearest first: what is hidden then costs nothing.
+        self._things.paint([*moving, *self._props], planes, eye)
+        self._buildings.paint()
+        self._ground.paint(planes, eye)
+        self._sky.paint()
+
+    def _air(self, eye: NDArray[np.float64], t_s: float) -> dict[str, Any]:
+        light = self._scene.light
+        self._noise.use(_NOISE_UNIT)
+        return {
+            "u_sun_direction": light.sun_direction,
+            "u_sun_color": light.sun_color,
+            "u_sky_color": light.sky_color,
+            "u_haze_color": light.haze_color,
+            "u_haze_per_m": light.haze_per_m,
+            "u_cloud_cover": light.cloud_cover,
+            "u_exposure": light.exposure,
+            "u_time_s": t_s,
+            "u_eye": tuple(eye),
+            "u_noise": _NOISE_UNIT,
+            **self._shadows.uniforms(),
+        }
+
+
+def _pose(world_from_camera: ArrayLike) -> NDArray[np.float64]:
+    pose = np.asarray(world_from_camera, np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"world_from_camera must be a finite [4, 4] transform, got shape {pose.shape}")
+    return pose
+
+
+def _ray_from_clip(projection: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Clip x, y (w = 1) -> ray in the world, by the lattice's pinhole."""
+    ray = np.zeros((4, 4))
+    ray[0, 0], ray[0, 3] = 1.0 / projection[0, 0], -projection[0, 2] / projection[0, 0]
+    ray[1, 1], ray[1, 3] = 1.0 / projection[1, 1], -projection[1, 2] / projection[1, 1]
+    ray[2, 3] = 1.0
+    turn = np.eye(4)
+    turn[:3, :3] = pose[:3, :3]
+    return np.asarray(turn @ ray)
+
+
+def _moved(step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Camera at the end of a small motion from camera at its start; step = (metres, radians) in camera axes."""
+    x, y, z = step[3:]
+    pose = np.eye(4)
+    pose[:3, :3] += np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    pose[:3, 3] = step[:3]
+    return np.linalg.inv(pose)

@@ -1,0 +1,95 @@
+#version 330
+// From the sample lattice to the image: one label and depth per pixel, exactly where the pixel's centre ray
+// goes; colour filtered, blurred by the motion of the camera and grained like a sensor's.
+layout(location = 0) out vec4 out_color;
+layout(location = 1) out uvec2 out_label;
+layout(location = 2) out float out_depth;
+uniform sampler2D u_color;
+uniform usampler2D u_label;
+uniform sampler2D u_depth;
+uniform sampler2D u_sample;      // per pixel: where its centre lies on the lattice, in samples
+uniform int u_samples_per_pixel; // along each axis
+uniform bool u_distorted;
+uniform mat4 u_later_from_now;   // lattice position of a sample when the exposure ends: see motion()
+uniform vec4 u_pinhole;          // fx, fy, cx, cy of the lattice
+uniform bool u_blurred;
+uniform float u_noise_sigma;     // standard deviation at mid grey, of 1
+uniform uint u_seed;
+
+const int BLUR_STEPS = 5;
+
+uint scrambled(uint x) {  // PCG hash (Jarzynski and Olano 2020)
+    x = x * 747796405u + 2891336453u;
+    x = ((x >> ((x >> 28u) + 4u)) ^ x) * 277803737u;
+    return (x >> 22u) ^ x;
+}
+
+float bell(inout uint state) {  // sum of four uniforms: mean 0, variance 1
+    float total = 0.0;
+    for (int k = 0; k < 4; ++k) {
+        state = scrambled(state);
+        total += float(state >> 8u) / 16777216.0;
+    }
+    return (total - 2.0) * 1.7320508;
+}
+
+vec3 filtered(vec2 at) {
+    if (u_samples_per_pixel == 1) return texture(u_color, at / vec2(textureSize(u_color, 0))).rgb;
+    vec2 size = vec2(textureSize(u_color, 0));
+    if (u_samples_per_pixel == 2) {  // 1 2 1 by four bilinear taps: a tent centred on the pixel
+        vec2 h = vec2(0.5, -0.5);
+        return 0.25 * (texture(u_color, (at + h.xx) / size).rgb + texture(u_color, (at + h.xy) / size).rgb
+                     + texture(u_color, (at + h.yx) / size).rgb + texture(u_color, (at + h.yy) / size).rgb);
+    }
+    vec3 total = vec3(0.0);
+    for (int j = -1; j <= 1; ++j)
+        for (int i = -1; i <= 1; ++i) total += texture(u_color, (at + vec2(i, j)) / size).rgb;
+    return total / 9.0;
+}
+
+vec2 motion(vec2 at, float depth) {
+    vec3 now = vec3((at - u_pinhole.zw) / u_pinhole.xy, 1.0) * min(depth, 1.0e5);
+    vec3 later = (u_later_from_now * vec4(now, 1.0)).xyz;
+    if (later.z < 0.1) return vec2(0.0);
+    return u_pinhole.zw + u_pinhole.xy * later.xy / later.z - at;
+}
+
+// 1 / depth is linear across a plane in the image, so between four samples of one thing it interpolates exactly.
+float depth_between(vec2 at, ivec2 nearest, uvec2 label) {
+    ivec2 low = ivec2(floor(at - 0.5));
+    vec2 share = at - 0.5 - vec2(low);
+    vec4 inverse;
+    float least = 1.0e30, most = 0.0;
+    for (int k = 0; k < 4; ++k) {
+        ivec2 tap = low + ivec2(k & 1, k >> 1);
+        if (texelFetch(u_label, tap, 0).xy != label) return texelFetch(u_depth, nearest, 0).x;
+        float depth = texelFetch(u_depth, tap, 0).x;
+        inverse[k] = 1.0 / depth;
+        least = min(least, depth);
+        most = max(most, depth);
+    }
+    if (most > 1.1 * least) return texelFetch(u_depth, nearest, 0).x;
+    return 1.0 / mix(mix(inverse.x, inverse.y, share.x), mix(inverse.z, inverse.w, share.x), share.y);
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec2 at = texelFetch(u_sample, pixel, 0).xy;
+    ivec2 nearest = ivec2(floor(at));
+    out_label = texelFetch(u_label, nearest, 0).xy;
+    out_depth = u_distorted ? depth_between(at, nearest, out_label) : texelFetch(u_depth, nearest, 0).x;
+    vec3 color = filtered(at);
+    if (u_blurred) {
+        vec2 path = motion(at, texelFetch(u_depth, nearest, 0).x);
+        for (int k = 1; k < BLUR_STEPS; ++k)
+            color += filtered(at + path * (float(k) / float(BLUR_STEPS - 1) - 0.5));
+        color /= float(BLUR_STEPS);
+    }
+    if (u_noise_sigma > 0.0) {
+        uint state = scrambled(uint(pixel.x) + scrambled(uint(pixel.y) + scrambled(u_seed)));
+        float grey = dot(color, vec3(0.299, 0.587, 0.114));
+        vec3 grain = vec3(bell(state), bell(state), bell(state));
+        color += u_noise_sigma * (0.55 + 0.9 * sqrt(max(grey, 0.0))) * mix(vec3(grain.g), grain, 0.55);
+    }
+    out_color = vec4(clamp(color, 0.0, 1.0), 1.0);
+}

@@ -1,0 +1,51 @@
+#version 330
+#include "air.glsl"
+#include "outputs.glsl"
+in vec3 v_world;
+in vec3 v_normal;
+in vec3 v_color;
+in vec3 v_local;
+in float v_depth;
+flat in uvec2 v_label;
+flat in float v_seed;
+uniform int u_material;  // 0 plain, 1 foliage, 2 stone, 3 clothed figure
+uniform float u_snow;    // 0-1: how white upward faces are
+
+void main() {
+    vec3 normal = normalize(v_normal);
+    vec3 albedo = v_color;
+    float openness = 1.0, gloss = 0.0;
+    if (u_material == 1) {
+        vec4 clump = texture(u_noise, (v_local.xy + v_local.z * vec2(1.3, 0.7)) / 2.9 + v_seed);
+        vec4 leaf = texture(u_noise, (v_local.yz + v_local.x * vec2(0.6, 1.1)) / 0.85);
+        albedo *= 0.42 + 1.15 * clump.x * (0.35 + leaf.y);
+        normal = normalize(normal + 1.1 * (vec3(leaf.xz, clump.y) - 0.5) + vec3(0.0, 0.0, 0.2));
+        openness = 0.72 + 0.28 * normal.z;
+    } else {
+        if (!gl_FrontFacing) normal = -normal;
+        vec4 grain = texture(u_noise, vec2(v_local.x * 1.3 + v_seed * 7.0, v_local.z * 0.9 + v_local.y));
+        if (u_material == 2) {
+            albedo *= 0.55 + 0.9 * grain.x;
+            normal = normalize(normal + 0.9 * (grain.yzw - 0.5));
+        } else if (u_material == 3) {
+            albedo *= 0.84 + 0.32 * grain.x;
+            // One in four wears stripes.
+            if (v_seed < 0.25 && v_local.z > 1.0 && v_local.z < 1.42 && fract(v_local.z * 9.0) < 0.4) albedo *= 0.55;
+            openness = 0.62 + 0.38 * clamp(v_local.z, 0.0, 1.0);
+        } else {
+            albedo *= 0.92 + 0.16 * grain.x;
+            gloss = 0.05;
+        }
+    }
+    albedo = mix(albedo, vec3(0.82, 0.85, 0.90), u_snow * smoothstep(0.25, 0.6, normal.z));
+    float sun = sunlight(v_world + normal * 0.06) * cloud_shadow(v_world);
+    vec3 color = lit(albedo, normal, sun, openness);
+    if (gloss > 0.0) {
+        vec3 mirrored = reflect(normalize(v_world - u_eye), normal);
+        color += gloss * sun * u_sun_color * pow(max(dot(mirrored, u_sun_direction), 0.0), 14.0);
+        color += 0.05 * u_sky_color * clamp(mirrored.z, 0.0, 1.0);
+    }
+    out_color = vec4(tone_mapped(through_air(color, v_world)), 1.0);
+    out_label = v_label;
+    out_depth = v_depth;
+}
