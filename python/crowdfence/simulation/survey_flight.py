@@ -1,0 +1,128 @@
+"""Drones on survey lines: each flies to and fro over its strip of a square, one above the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
+from crowdfence.simulation.landscape.landscape import Landscape
+from crowdfence.simulation.plan_checks import ScenarioError
+from crowdfence.simulation.plans import FlightPlan
+from crowdfence.simulation.random_streams import Stream, stream
+from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.top_surface import TopSurface
+
+_SPACING_M = 1.0
+_CLEARANCE_M = 8.0
+_TURN_M = 12.0
+_HEIGHT_ROUNDING_M = 14.0
+_SWEEP_RAD = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A closed way: position [x, y, least height] by arc length."""
+
+    curve: CubicSpline
+    length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyFlight:
+    """Drone i flies `loops[i]` round and round in its own band of heights."""
+
+    plan: FlightPlan
+    loops: tuple[Loop, ...]
+    start_m: NDArray[np.float64]
+    rhythm: NDArray[np.float64]
+    """[drones, 3, 2] angular speed and phase of height, tilt and sweep."""
+
+    @staticmethod
+    def over(scenario: Scenario, seed: int, landscape: Landscape) -> SurveyFlight:
+        """The survey of `scenario`; ScenarioError when its square leaves the landscape."""
+        plan, drones = scenario.flight, scenario.drones
+        _require_inside(plan, landscape)
+        rng = stream(seed, Stream.FLIGHT)
+        top = TopSurface.of(landscape, plan.altitude_m[0], _CLEARANCE_M)
+        loops = tuple(_loop(_corners(plan, drone, drones), top) for drone in range(drones))
+        period_s = rng.uniform([50.0, 23.0, 13.0], [80.0, 41.0, 27.0], (drones, 3))
+        phase = rng.uniform(0.0, 2 * np.pi, (drones, 3))
+        start = np.array([rng.uniform(0.0, loop.length_m) for loop in loops])
+        return SurveyFlight(plan, loops, start, np.stack([2 * np.pi / period_s, phase], axis=-1))
+
+    def position(self, drone: int, t_s: float) -> NDArray[np.float64]:
+        """Body [3]."""
+        x, y, lowest = self._on_loop(drone, t_s)
+        low, high = self.plan.altitude_m
+        band = (drone + 0.5 + 0.45 * self._wave(drone, 0, t_s)) / len(self.loops)
+        return np.array([x, y, lowest + (high - low) * band])
+
+    def heading_rad(self, drone: int, t_s: float) -> float:
+        """Along the line; in turns a little ahead of it."""
+        ahead = self._on_loop(drone, t_s + 0.7)[:2] - self._on_loop(drone, t_s - 0.3)[:2]
+        return float(np.arctan2(ahead[1], ahead[0]))
+
+    def look(self, drone: int, t_s: float, camera: NDArray[np.float64]) -> tuple[float, float]:
+        """Ahead and to both sides in turn, between the planned tilts."""
+        low, high = np.radians(self.plan.tilt_deg)
+        tilt = low + (high - low) * (0.5 + 0.5 * self._wave(drone, 1, t_s))
+        return self.heading_rad(drone, t_s) + _SWEEP_RAD * self._wave(drone, 2, t_s), float(tilt)
+
+    def _on_loop(self, drone: int, t_s: float) -> NDArray[np.float64]:
+        loop = self.loops[drone]
+        return np.asarray(loop.curve(np.mod(self.start_m[drone] + self.plan.speed_m_s * t_s, loop.length_m)))
+
+    def _wave(self, drone: int, kind: int, t_s: float) -> float:
+        speed, phase = self.rhythm[drone, kind]
+        return float(np.sin(speed * t_s + phase))
+
+
+def _require_inside(plan: FlightPlan, landscape: Landscape) -> None:
+    west, south, east, north = landscape.extent_m
+    half = 0.5 * plan.area_m
+    if plan.x_m - half < west or plan.x_m + half > east or plan.y_m - half < south or plan.y_m + half > north:
+        raise ScenarioError(
+            f"flight.area_m {plan.area_m:g} around ({plan.x_m:g}, {plan.y_m:g}) leaves the landscape, which "
+            f"reaches from ({west:.0f}, {south:.0f}) to ({east:.0f}, {north:.0f})"
+        )
+
+
+def _corners(plan: FlightPlan, drone: int, drones: int) -> NDArray[np.float64]:
+    """Corners [K, 2] of a closed way up and down over the strip of one drone.
+
+    Strips of even drones lie side by side from west to east and are flown north and south, those of odd
+    drones from south to north and are flown east and west, so that ways cross.
+    """
+    half, across = 0.5 * plan.area_m, drone % 2
+    share = (drones + 1 - across) // 2
+    width = plan.area_m / share
+    lines = max(2, 2 * round(0.5 * width / plan.line_spacing_m))
+    place = -half + width * (drone // 2 + (np.arange(lines) + 0.5) / lines)
+    along = np.where(np.arange(lines) % 2 == 0, -half, half)
+    corners = np.stack([np.repeat(place, 2), np.stack([along, -along], axis=-1).ravel()], axis=-1)
+    return np.array([plan.x_m, plan.y_m]) + (corners[:, ::-1] if across else corners)
+
+
+def _loop(corners: NDArray[np.float64], top: TopSurface) -> Loop:
+    """The way through `corners` and back to the first, rounded, with the least height along it."""
+    closed = np.concatenate([corners, corners[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=-1))])
+    arc = np.linspace(0.0, along[-1], max(8, round(along[-1] / _SPACING_M)), endpoint=False)
+    way = np.stack([np.interp(arc, along, closed[:, axis]) for axis in (0, 1)], axis=-1)
+    way = gaussian_filter1d(way, _TURN_M / (arc[1] - arc[0]), axis=0, mode="wrap")
+    step = np.linalg.norm(np.diff(np.concatenate([way, way[:1]]), axis=0), axis=-1)
+    length = float(step.sum())
+    # Widening by the reach of the rounding keeps the rounded height above what it was rounded from.
+    widened = maximum_filter1d(top.at(way), 1 + 2 * round(3 * _HEIGHT_ROUNDING_M), mode="wrap")
+    height = gaussian_filter1d(widened, _HEIGHT_ROUNDING_M, mode="wrap", truncate=3.0)
+    points = np.column_stack([way, height])
+    return Loop(
+        CubicSpline(
+            np.concatenate([[0.0], np.cumsum(step)]), np.concatenate([points, points[:1]]), bc_type="periodic"
+        ),
+        length,
+    )
