@@ -2,12 +2,18 @@
 
 from collections.abc import Callable
 
+from crowdfence.simulation.landscape.beach import build_beach
+from crowdfence.simulation.landscape.field import build_field
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.landscape.mountain_road import build_mountain_road
+from crowdfence.simulation.landscape.street import build_street
 from crowdfence.simulation.plans import LandscapePlan
 
 _BUILDERS: dict[str, Callable[[LandscapePlan, int], Landscape]] = {
     "mountain_road": build_mountain_road,
+    "field": build_field,
+    "street": build_street,
+    "beach": build_beach,
 }
 
 

@@ -13,6 +13,9 @@ from crowdfence.simulation.landscape.props import Props
 from crowdfence.simulation.landscape.road import Road
 from crowdfence.simulation.landscape.triangle_mesh import TriangleMesh
 
+WADING_DEPTH_M = 0.8
+"""Nobody goes deeper into the water."""
+
 
 @dataclass(frozen=True, slots=True)
 class Landscape:
@@ -27,8 +30,6 @@ class Landscape:
     places: Mapping[str, NDArray[np.float64]]
     """Named points and lines [N, 3] on the ground where people gather or pass."""
     obstacles: Obstacles
-    sea_reach_m: float = np.inf
-    """How far south of the waterline people wade (landscapes with a sea)."""
 
     @property
     def ground(self) -> TriangleMesh:
@@ -58,4 +59,7 @@ class Landscape:
         px, py = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
         west, south, east, north = self.extent_m
         outside = (px < west + 1) | (px > east - 1) | (py < south + 1) | (py > north - 1)
-        return outside | self.obstacles.blocked(px, py, radius_m) | (py < -self.sea_reach_m)
+        blocked = outside | self.obstacles.blocked(px, py, radius_m)
+        if self.surface.water_depth_m is not None:
+            blocked |= self.surface.lattice.interpolate(self.surface.water_depth_m, px, py) > WADING_DEPTH_M
+        return blocked

@@ -4,11 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.simulation.landscape.furnishing import CAR_COLORS, CLOTH_COLORS, Furnishing
+from crowdfence.simulation.landscape.greenery import (
+    Extent,
+    plant_bushes,
+    plant_trees,
+    stand_look_alikes,
+    strew_rocks,
+)
 from crowdfence.simulation.landscape.ground import Ground, cover_weights
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.landscape.noise import fractal_noise
+from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_step
 from crowdfence.simulation.landscape.road import CentreLine, Road
-from crowdfence.simulation.landscape.scatter import clusters, scatter
+from crowdfence.simulation.landscape.scatter import Acceptance, scatter
 from crowdfence.simulation.landscape.surface_lattice import SurfaceLattice, square_lattice
 from crowdfence.simulation.plans import LandscapePlan
 
@@ -53,17 +60,17 @@ def _ground(
     arc, lateral = centre.nearest(x, y)
     distance = np.abs(lateral)
     size = lattice.rows - 1
-    rolling = _tiled(fractal_noise(size, 4, 7, rng))
-    crest = _tiled(fractal_noise(size, 3, 8, rng, ridged=True, gain=0.52))
-    bumps = _tiled(fractal_noise(size, size // 12, 3, rng))
+    rolling = closed(fractal_noise(size, 4, 7, rng))
+    crest = closed(fractal_noise(size, 3, 8, rng, ridged=True, gain=0.52))
+    bumps = closed(fractal_noise(size, size // 12, 3, rng))
     profile = 11.0 * np.sin(arc / 250.0 + rng.uniform(0, 6.0)) + 5.0 * np.sin(arc / 105.0)
     valley = 1.0 - np.exp(-((distance / 190.0) ** 2))
     # Uphill on the left, downhill to the stream on the right, then ridges on both sides.
     flank = 26.0 * np.tanh(lateral / 70.0)
     ridges = valley * plan.relief_m * (0.15 + 0.55 * rolling + 1.15 * np.clip(crest - 0.28, 0.0, None))
     wild = flank + ridges + 7.0 * rolling + 1.1 * bumps
-    hill = _smoothstep(VERGE_M, 46.0, distance)
-    near_bumps = 0.5 * bumps * _smoothstep(HALF_WIDTH_M + 1.5, 12.0, distance)
+    hill = smooth_step(VERGE_M, 46.0, distance)
+    near_bumps = 0.5 * bumps * smooth_step(HALF_WIDTH_M + 1.5, 12.0, distance)
     height = (profile + hill * wild + near_bumps).astype(np.float32)
     slope = np.hypot(*np.gradient(height.astype(np.float64), lattice.step_m))
     cover = _cover(slope, height, distance, rolling, bumps, plan.relief_m)
@@ -80,10 +87,10 @@ def _ground(
 def _cover(
     slope: Array, height: NDArray[np.float32], distance: Array, rolling: Array, bumps: Array, relief_m: float
 ) -> NDArray[np.uint8]:
-    rock = _smoothstep(0.55, 0.95, slope + 0.25 * bumps)
-    snow = _smoothstep(0.50, 0.72, height / max(relief_m, 1.0) + 0.25 * rolling) * (1 - 0.8 * rock)
-    dirt = 0.75 * _smoothstep(0.12, 0.45, bumps + 0.5 * rolling) * (1 - rock) * (1 - snow)
-    gravel = 1.0 - _smoothstep(HALF_WIDTH_M + 1.0, HALF_WIDTH_M + 4.5, distance + 3.0 * bumps)
+    rock = smooth_step(0.55, 0.95, slope + 0.25 * bumps)
+    snow = smooth_step(0.50, 0.72, height / max(relief_m, 1.0) + 0.25 * rolling) * (1 - 0.8 * rock)
+    dirt = 0.75 * smooth_step(0.12, 0.45, bumps + 0.5 * rolling) * (1 - rock) * (1 - snow)
+    gravel = 1.0 - smooth_step(HALF_WIDTH_M + 1.0, HALF_WIDTH_M + 4.5, distance + 3.0 * bumps)
     keep = 1.0 - gravel
     return cover_weights(
         distance.shape, rock=rock * keep, snow=snow * keep, dirt=dirt * keep, gravel=0.9 * gravel
@@ -92,7 +99,7 @@ def _cover(
 
 def _furnish(plan: LandscapePlan, surface: Ground, road: Road, things: Furnishing) -> None:
     _roadside(plan, road, things)
-    lattice, rng = surface.lattice, things.rng
+    lattice = surface.lattice
     extent = lattice.extent_m
     height = surface.height_m.astype(np.float64)
     slope = np.hypot(*np.gradient(height, lattice.step_m))
@@ -111,38 +118,22 @@ def _furnish(plan: LandscapePlan, surface: Ground, road: Road, things: Furnishin
         margin = lattice.interpolate(surface.road_margin_m, x, y)
         return np.asarray((margin > 8.5) * np.exp(-np.maximum(margin, 0.0) / 120.0))
 
-    x, y = scatter(plan.bushes, extent, rng, open_ground)
-    green = np.array([[70, 98, 42], [92, 110, 48], [58, 84, 48], [112, 116, 58]], np.uint8)
-    things.place("bush", x, y, scale=rng.lognormal(-0.15, 0.35, len(x)), color=things.choose(green, len(x)))
-    x, y = scatter(plan.rocks, extent, rng, open_ground)
-    grey = np.array([[136, 132, 126], [116, 112, 108], [150, 142, 130]], np.uint8)
-    size = np.clip(rng.lognormal(-0.5, 0.6, len(x)), 0.2, 3.0)
-    things.place("rock", x, y, scale=size, color=things.choose(grey, len(x)), sink_m=0.1)
-    x, y = clusters(plan.animals, _middle(extent, 0.5), rng, spread_m=14.0)
-    good = (lattice.interpolate(surface.road_margin_m, x, y) > 14) & things.free(x, y, 1.5)
-    cow = np.array([[96, 62, 42], [180, 170, 158], [60, 48, 42]], np.uint8)
-    things.place("cow", x[good], y[good], color=things.choose(cow, int(good.sum())))
+    plant_bushes(things, plan.bushes, extent, open_ground)
+    strew_rocks(things, plan.rocks, extent, open_ground)
+    stand_look_alikes(things, plan.sculptures, plan.animals, extent, open_ground)
 
 
-def _trees(plan: LandscapePlan, things: Furnishing, wood: object, extent: tuple[float, ...]) -> None:
+def _trees(plan: LandscapePlan, things: Furnishing, wood: Acceptance, extent: Extent) -> None:
     rng = things.rng
-    x, y = scatter(plan.trees, extent, rng, wood)  # type: ignore[arg-type]
+    x, y = scatter(plan.trees, extent, rng, wood)
     pull = rng.random(len(x)) < 0.65
     # Two thirds huddle: pull them towards the cell centres of a coarse noise so that groves appear.
     grove_x, grove_y = np.round(x / 46.0) * 46.0, np.round(y / 46.0) * 46.0
     spread = rng.normal(0.0, 9.0, (2, len(x)))
     moved_x, moved_y = np.where(pull, grove_x + spread[0], x), np.where(pull, grove_y + spread[1], y)
-    good = wood(moved_x, moved_y) > 0.0  # type: ignore[operator]
+    good = wood(moved_x, moved_y) > 0.0
     x, y = moved_x[good], moved_y[good]
-    species = rng.choice(3, len(x), p=[0.62, 0.26, 0.12])
-    leaf = np.array([[74, 104, 44], [96, 120, 50], [62, 92, 48]], np.uint8)
-    needle = np.array([[40, 68, 44], [34, 58, 42], [52, 78, 46]], np.uint8)
-    kinds = (("conifer", needle, 0.0), ("broadleaf", leaf, -0.05), ("birch", leaf, -0.1))
-    for index, (kind, palette, log_scale) in enumerate(kinds):
-        mine = species == index
-        count = int(mine.sum())
-        scale = rng.lognormal(log_scale, 0.28, count)
-        things.place(kind, x[mine], y[mine], scale=scale, color=things.choose(palette, count), sink_m=0.15)  # type: ignore[arg-type]
+    plant_trees(things, x, y, shares=(0.62, 0.26, 0.12))
 
 
 def _roadside(plan: LandscapePlan, road: Road, things: Furnishing) -> None:
@@ -184,18 +175,3 @@ def _rows_of_barriers(count: int, road: Road, things: Furnishing) -> None:
         things.place(
             "barrier", point[:, 0], point[:, 1], heading_rad=road.heading_rad(s), color=(150, 155, 162)
         )
-
-
-def _middle(extent: tuple[float, float, float, float], share: float) -> tuple[float, float, float, float]:
-    west, south, east, north = extent
-    return west * share, south * share, east * share, north * share
-
-
-def _smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Array:
-    t = np.clip((np.asarray(value, np.float64) - low) / (high - low), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
-
-
-def _tiled(periodic: Array) -> Array:
-    """One more row and column, equal to the first: lattice points, not cells."""
-    return np.pad(periodic, (0, 1), mode="wrap")

@@ -1,7 +1,7 @@
 """Gradient noise on a grid (Perlin 1985), summed over octaves: the irregularity of ground and textures."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 def _fade(t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,3 +46,14 @@ def fractal_noise(
         amplitude *= gain
         cells *= 2
     return total / weight
+
+
+def closed(periodic: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Periodic noise [N, N] with its first row and column repeated at the end: values for N + 1 lattice points."""
+    return np.pad(periodic, (0, 1), mode="wrap")
+
+
+def smooth_step(low: float, high: float, value: ArrayLike) -> NDArray[np.float64]:
+    """0 below `low`, 1 above `high`, smooth in between."""
+    t = np.clip((np.asarray(value, np.float64) - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))

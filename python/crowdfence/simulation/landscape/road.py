@@ -71,7 +71,7 @@ class Road:
         return self.centre.length_m
 
     def position(self, s_m: ArrayLike, lateral_m: ArrayLike = 0.0) -> NDArray[np.float64]:
-        """Points [..., 3] on the ground at distance `s_m` along the road, `lateral_m` to the left of its middle."""
+        """Points [..., 3] on the ground `s_m` along the road, `lateral_m` to the left of its middle."""
         x, y, heading = self.centre.at(s_m)
         lateral = np.asarray(lateral_m, np.float64)
         x, y = x - np.sin(heading) * lateral, y + np.cos(heading) * lateral

@@ -15,9 +15,10 @@ def scatter(
     rng: np.random.Generator,
     acceptance: Acceptance | None = None,
 ) -> tuple[Points, Points]:
-    """Up to `count` points x, y in (west, south, east, north); each is kept with probability `acceptance(x, y)`.
+    """Up to `count` points x, y in (west, south, east, north); each is kept with
+    probability `acceptance(x, y)`.
 
-    Gives up, with fewer points, after drawing 60 times as many: the ground may have no room for more."""
+    Gives up, with fewer points, after drawing 60 times as many points: the ground may have no room for more."""
     west, south, east, north = extent_m
     kept_x: list[Points] = []
     kept_y: list[Points] = []
@@ -34,22 +35,3 @@ def scatter(
     if not kept_x:
         return np.zeros(0), np.zeros(0)
     return np.concatenate(kept_x)[:count], np.concatenate(kept_y)[:count]
-
-
-def clusters(
-    count: int,
-    extent_m: tuple[float, float, float, float],
-    rng: np.random.Generator,
-    *,
-    spread_m: float,
-    per_cluster: float = 9.0,
-) -> tuple[Points, Points]:
-    """`count` points in groups of about `per_cluster`, spread normally by `spread_m` around random centres."""
-    west, south, east, north = extent_m
-    groups = max(1, round(count / per_cluster))
-    centre_x, centre_y = rng.uniform(west, east, groups), rng.uniform(south, north, groups)
-    group = rng.integers(0, groups, count)
-    return (
-        np.clip(centre_x[group] + rng.normal(0.0, spread_m, count), west, east),
-        np.clip(centre_y[group] + rng.normal(0.0, spread_m, count), south, north),
-    )
