@@ -104,7 +104,9 @@ IMPOSSIBLE = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "message"), IMPOSSIBLE, ids=[message[:40] for _, message in IMPOSSIBLE])
+@pytest.mark.parametrize(
+    ("overrides", "message"), IMPOSSIBLE, ids=[message[:40] for _, message in IMPOSSIBLE]
+)
 def test_impossible_parameters_are_refused_by_name(overrides: dict[str, object], message: str) -> None:
     with pytest.raises(ScenarioError) as refusal:
         load_scenario("race", **overrides)
@@ -123,7 +125,7 @@ def test_own_file_and_its_mistakes(tmp_path: Path) -> None:
     parade = load_scenario(path)
     assert (parade.name, parade.drones, parade.landscape.kind) == ("parade", 2, "field")
     assert parade.crowds == (CrowdPlan(people=12, place="ground"),)
-    for content in ('drones = 2', "drones = [", "\x00\xff"):
+    for content in ("drones = 2", "drones = [", "\x00\xff"):
         path.write_bytes(content.encode("latin-1"))
         with pytest.raises(ScenarioError, match=r"parade\.toml: (landscape is missing|not a TOML file)"):
             load_scenario(path)

@@ -16,7 +16,7 @@ MAX_RANGE_M = 300.0
 OVERLAPPING_SHARE = 0.1
 """An instant counts as overlapping from this share of the smaller footprint on."""
 
-_PIXEL_STEP = 4
+_PIXELS_ACROSS = 160
 _CELLS_PER_AXIS = 1 << 20
 
 
@@ -28,9 +28,10 @@ def footprint_cells(
     max_range_m: float = MAX_RANGE_M,
 ) -> NDArray[np.int64]:
     """Sorted numbers of the ground cells of `CELL_M` that an image shows, from its depth [H, W] along z
-    (inf = sky). Every fourth pixel of every fourth row is looked at."""
+    (inf = sky). Of large images a grid of about 160 pixels across is looked at."""
     height, width = depth_m.shape
-    row, column = np.mgrid[_PIXEL_STEP // 2 : height : _PIXEL_STEP, _PIXEL_STEP // 2 : width : _PIXEL_STEP]
+    step = max(1, width // _PIXELS_ACROSS)
+    row, column = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     depth = np.asarray(depth_m[row, column], np.float64).ravel()
     rays = camera.unproject(np.stack([column.ravel() + 0.5, row.ravel() + 0.5], axis=-1))
     distance = depth / rays[:, 2]
