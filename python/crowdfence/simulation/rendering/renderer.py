@@ -14,7 +14,6 @@ from crowdfence.simulation.rendering.clip_space import clip_from_camera, rigid_i
 from crowdfence.simulation.rendering.film import Development, Film
 from crowdfence.simulation.rendering.frame import RenderedFrame
 from crowdfence.simulation.rendering.ground_painter import GroundPainter
-from crowdfence.simulation.rendering.instances import COLUMNS
 from crowdfence.simulation.rendering.mesh_catalogue import cyclist_family, people_family, prop_families
 from crowdfence.simulation.rendering.noise_texture import noise_texture
 from crowdfence.simulation.rendering.opengl_context import open_context

@@ -78,7 +78,8 @@ vec3 sea(vec4 mid, vec4 fine, out vec3 normal) {
 void main() {
     vec4 broad = texture(u_noise, v_world.xy / 61.0);
     vec4 mid = texture(u_noise, v_world.xy / 7.3 + 0.08 * broad.zw);
-    vec4 fine = texture(u_noise, v_world.xy / 1.3 + v_world.z * 0.07);
+    // Bent by the coarser noise, so that its tiling does not show.
+    vec4 fine = texture(u_noise, v_world.xy / 1.3 + v_world.z * 0.07 + 0.55 * (mid.xz - 0.5));
     vec3 normal = normalize(v_normal);
     bool road = v_road.x < 0.0;
     vec3 color;
