@@ -51,10 +51,12 @@ def guide_line_of(plan: CrowdPlan, number: int, landscape: Landscape) -> tuple[G
         heading = np.pi / 2.0 - np.radians(plan.heading_deg)
         line = GuideLine.straight(plan.x_m, plan.y_m, heading)
         return line, 0.5 * line.length_m
+    if plan.place == "way":
+        return GuideLine.through(np.array(plan.way_m), CORNER_ROUNDING_M), 0.0
     if plan.place == "road" and landscape.road is not None:
         return road_line(landscape), 0.0
     if plan.place not in landscape.places:
-        known = ", ".join(["ground", *(["road"] if landscape.road else []), *landscape.places])
+        known = ", ".join(["ground", "way", *(["road"] if landscape.road else []), *landscape.places])
         raise ScenarioError(
             f"crowds[{number - 1}].place {plan.place!r} is not in this landscape; it has {known}"
         )

@@ -72,10 +72,11 @@ class LandscapePlan:
 class CrowdPlan:
     """One crowd: a band of people beside or on a line of the landscape.
 
-    `place` names the line: "road", a place of the landscape such as "shore" or "street_1", or "ground" for
-    the straight line through (`x_m`, `y_m`) in direction `heading_deg` (clockwise from north). The crowd is
-    centred `along_m` metres along the line (from its start; on "ground" from the point), on one `side` of
-    it, `offset_m` from the edge of the road or from the line, and fills `length_m` x `depth_m`.
+    `place` names the line: "road", a place of the landscape such as "shore" or "street_1", "way" for the
+    line through the points `way_m` (east, north; corners are rounded), or "ground" for the straight line
+    through (`x_m`, `y_m`) in direction `heading_deg` (clockwise from north). The crowd is centred `along_m`
+    metres along the line (from its start; on "ground" from the point), on one `side` of it, `offset_m` from
+    the edge of the road or from the line, and fills `length_m` x `depth_m`.
     `spacing_m` is the least distance between two of its people when it is densest.
 
     `motion`: "march" moves along the line at `speed_m_s` and turns back smoothly after `reach_m`; "stand"
@@ -97,6 +98,7 @@ class CrowdPlan:
     x_m: float = 0.0
     y_m: float = 0.0
     heading_deg: float = 0.0
+    way_m: tuple[tuple[float, float], ...] = ()
     gather_s: float = 30.0
     disperse_s: float = 80.0
     scatter: float = 4.0
@@ -113,6 +115,11 @@ class CrowdPlan:
         require_positive("crowds.reach_m", self.reach_m, 1000.0)
         require_within("crowds.scatter", self.scatter, 1.0, 20.0)
         require_windows("crowds.gather_s, disperse_s", [(self.gather_s, self.disperse_s)])
+        if (self.place == "way") != (len(self.way_m) >= 2):
+            raise ScenarioError(
+                f'crowds.way_m needs at least two points for place "way" and none for others, got '
+                f"{len(self.way_m)} for {self.place!r}"
+            )
         needed_m2 = self.people * self.spacing_m**2
         if needed_m2 > self.length_m * self.depth_m:
             raise ScenarioError(
