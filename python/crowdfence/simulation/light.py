@@ -60,7 +60,7 @@ def daylight(season: str, time_of_day_h: float, seed: int, *, latitude_deg: floa
     sun = (strength * 1.0, strength * (0.94 - 0.38 * warm), strength * (0.84 - 0.66 * warm))
     sky_strength = (0.20 + 0.55 * dusk) * (1.0 + 0.3 * cloud_cover)
     sky = (sky_strength * (0.62 + 0.1 * warm), sky_strength * 0.76, sky_strength * 1.0)
-    haze_color = (0.30 + 0.42 * dusk + 0.2 * warm, 0.30 + 0.48 * dusk + 0.02 * warm, 0.34 + 0.52 * dusk)
+    haze_color = (0.26 + 0.30 * dusk + 0.22 * warm, 0.28 + 0.37 * dusk + 0.02 * warm, 0.33 + 0.44 * dusk)
     return Light(season, direction, sun, sky, haze_color, haze, cloud_cover, 0.62 + 0.6 * (1.0 - dusk))
 
 

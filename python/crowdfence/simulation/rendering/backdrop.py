@@ -10,6 +10,8 @@ from crowdfence.simulation.landscape.noise import fractal_noise
 from crowdfence.simulation.rendering.ground_tiles import VERTEX
 
 _RINGS = np.array([0.998, 1.02, 1.08, 1.2, 1.4, 1.7, 2.1, 2.6, 3.2, 4.0, 5.0, 6.5, 8.5])
+_LEAST_HILLS_M = 90.0
+_ALPINE_RELIEF_M = 100.0  # lower hills carry woods in place of rock and snow
 _SPACING = 8  # lattice points between two spokes
 
 
@@ -21,7 +23,7 @@ def backdrop(ground: Ground, relief_m: float, seed: int) -> tuple[NDArray[np.voi
     noise = fractal_noise(256, 5, 5, np.random.default_rng([seed, 601]), ridged=True)
     xy = flat[None] * _RINGS[:, None, None]
     cell = (xy / np.abs(flat).max() * 17.0 + 128).astype(int) % 256
-    hills = np.clip(noise[cell[..., 1], cell[..., 0]], 0, 1) * relief_m * 1.9
+    hills = np.clip(noise[cell[..., 1], cell[..., 0]], 0, 1) * max(1.9 * relief_m, _LEAST_HILLS_M)
     out = np.clip((_RINGS - 1.05) / 2.2, 0, 1)[:, None] ** 1.3
     land = edge["cover"][:, Cover.WATER] < 128
     height = edge["position"][:, 2] * (1 - out) + out * hills
@@ -31,10 +33,12 @@ def backdrop(ground: Ground, relief_m: float, seed: int) -> tuple[NDArray[np.voi
     vertices = np.zeros((rings, spokes), VERTEX)
     vertices["position"] = np.concatenate([xy, height[..., None]], axis=-1)
     vertices["normal"] = _normals(vertices["position"])
-    vertices["cover"] = _cover(edge["cover"], vertices, out, relief_m)
+    vertices["cover"] = _cover(edge["cover"], vertices, relief_m)
     vertices["road"] = [1e3, 1e3, 0.0]
-    vertices["light"][..., 0] = 255
-    vertices["light"][..., 1] = np.where(land[None], 225, edge["light"][:, 1])
+    # Distant woods are darker than meadows.
+    woods = np.where(out > 0.05, 120 + 100 * noise[cell[..., 0], cell[..., 1]], 225)
+    vertices["light"][..., 0] = np.clip(woods + 40, 0, 255)
+    vertices["light"][..., 1] = np.where(land[None], np.clip(woods, 0, 255), edge["light"][:, 1])
     return vertices.reshape(-1), _strips(rings, spokes)
 
 
@@ -66,17 +70,18 @@ def _normals(position: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _cover(
-    edge: NDArray[np.uint8], vertices: NDArray[np.void], out: NDArray[np.float64], relief_m: float
+    edge: NDArray[np.uint8], vertices: NDArray[np.void], relief_m: float
 ) -> NDArray[np.uint8]:
     wild = np.zeros((*vertices.shape, len(Cover)))
-    steep = np.clip((0.93 - vertices["normal"][..., 2]) / 0.12, 0, 1)
-    high = np.clip((vertices["position"][..., 2] - 0.55 * relief_m) / (0.3 * relief_m + 1.0), 0, 1)
+    alpine = 1.0 if relief_m > _ALPINE_RELIEF_M else 0.0
+    steep = alpine * np.clip((0.93 - vertices["normal"][..., 2]) / 0.12, 0, 1)
+    high = alpine * np.clip((vertices["position"][..., 2] - 0.55 * relief_m) / (0.3 * relief_m), 0, 1)
     wild[..., Cover.ROCK] = steep
     wild[..., Cover.SNOW] = high * (1 - 0.6 * steep)
     wild[..., Cover.GRASS] = np.clip(1 - steep - high, 0, 1)
     wild *= 255 / np.maximum(wild.sum(axis=-1, keepdims=True), 1e-9)
     water = edge[None, :, Cover.WATER] > 127
-    share = np.where(water, 0.0, np.clip(out * 4.0, 0, 1))
+    share = np.where(water, 0.0, np.clip((_RINGS - 1.0) / 0.05, 0, 1)[:, None])
     return np.asarray(edge[None] * (1 - share[..., None]) + wild * share[..., None], dtype=np.uint8)
 
 

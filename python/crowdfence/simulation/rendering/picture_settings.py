@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class PictureSettings:
     """Settings that touch colours only: labels and depth are those of the middle of the exposure."""
 
-    noise_sigma: float = 0.012
+    noise_sigma: float = 0.007
     """Standard deviation of the sensor's noise at mid grey, of full scale 1."""
     motion_blur: bool = True
     """Blur along the motion of the camera when the pose at the end of the exposure is given."""

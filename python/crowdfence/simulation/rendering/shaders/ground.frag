@@ -25,7 +25,9 @@ vec3 natural_ground(vec4 broad, vec4 mid, vec4 fine) {
     color += a.y * tone_of(1, mid.x) * (0.60 + 0.8 * fine.x);
     color += a.z * tone_of(2, mid.w) * (0.45 + 1.1 * fine.y * (0.5 + mid.x));
     color += a.w * tone_of(3, mid.x) * (0.88 + 0.24 * fine.w);
-    color += b.x * tone_of(4, 0.6 * broad.z + 0.4 * fine.y) * (0.84 + 0.32 * fine.z);
+    // Sand is dark where waves have wetted it.
+    float wet = smoothstep(0.0, 0.5, v_cover_b.z);
+    color += b.x * tone_of(4, 0.6 * broad.z + 0.4 * fine.y) * (0.84 + 0.32 * fine.z) * (1.0 - 0.45 * wet);
     color += b.w * tone_of(7, fine.w) * (0.50 + 1.0 * fine.y * (0.4 + mid.x));
     return color / (dot(a, vec4(1.0)) + b.x + b.w + 1e-4);
 }
@@ -60,7 +62,7 @@ vec3 asphalt(vec4 broad, vec4 mid, vec4 fine) {
 vec3 sea(vec4 mid, vec4 fine, out vec3 normal) {
     vec4 swell = texture(u_noise, v_world.xy / 23.0 + vec2(0.013, 0.021) * u_time_s);
     vec4 ripple = texture(u_noise, v_world.yx / 5.1 - vec2(0.05, 0.03) * u_time_s);
-    float calm = 1.0 / (1.0 + v_depth / 160.0);
+    float calm = 1.0 / (1.0 + v_depth / 90.0);
     normal = normalize(vec3((swell.xy - 0.5) * 0.45 * calm + (ripple.xy - 0.5) * 0.4 * calm, 1.0));
     vec3 ray = normalize(v_world - u_eye);
     vec3 mirrored = reflect(ray, normal);
@@ -70,9 +72,9 @@ vec3 sea(vec4 mid, vec4 fine, out vec3 normal) {
     vec3 sky = mix(u_haze_color, u_sky_color, clamp(mirrored.z * 1.6, 0.0, 1.0));
     vec3 color = mix(body, sky, fresnel) + 0.5 * u_sun_color * pow(max(dot(mirrored, u_sun_direction), 0.0), 90.0);
     float wash = v_light.y + 0.05 * sin(0.7 * u_time_s + 6.0 * swell.z) + 0.12 * (ripple.z - 0.5);
-    float foam = smoothstep(0.84, 0.93, wash) * smoothstep(0.30, 0.60, ripple.w + 0.2 * swell.x);
+    float foam = smoothstep(0.88, 0.97, wash) * smoothstep(0.42, 0.68, ripple.w + 0.2 * (swell.x - 0.5));
     float crest = smoothstep(0.035, 0.0, abs(fract(wash * 3.0 - 0.04 * u_time_s) - 0.5)) * smoothstep(0.45, 0.8, v_light.y);
-    return mix(color, 0.55 * u_sun_color + u_sky_color, clamp(foam + 0.5 * crest * ripple.x, 0.0, 0.85));
+    return mix(color, 0.45 * u_sun_color + 0.8 * u_sky_color, clamp(0.8 * foam + 0.35 * crest * ripple.x, 0.0, 0.8));
 }
 
 void main() {

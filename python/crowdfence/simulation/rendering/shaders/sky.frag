@@ -5,7 +5,7 @@ in vec3 v_ray;
 
 void main() {
     vec3 ray = normalize(v_ray);
-    vec3 color = mix(1.04 * u_haze_color, 1.30 * u_sky_color, pow(clamp(1.7 * ray.z, 0.0, 1.0), 0.55));
+    vec3 color = mix(1.04 * u_haze_color, u_sky_color * vec3(0.50, 0.82, 1.20), pow(clamp(1.9 * ray.z, 0.0, 1.0), 0.5));
     float sunward = max(dot(ray, u_sun_direction), 0.0);
     if (ray.z > 0.015) {
         vec2 at = ray.xy / (ray.z + 0.14) + u_time_s * vec2(0.0012, 0.0005);

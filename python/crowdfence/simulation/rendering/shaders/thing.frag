@@ -18,6 +18,8 @@ void main() {
     if (u_material == 1) {
         vec4 clump = texture(u_noise, (v_local.xy + v_local.z * vec2(1.3, 0.7)) / 2.9 + v_seed);
         vec4 leaf = texture(u_noise, (v_local.yz + v_local.x * vec2(0.6, 1.1)) / 0.85);
+        // Gaps between leaves; in winter few are left.
+        if (leaf.w < 0.40 + 0.16 * u_snow && v_depth < 140.0) discard;
         albedo *= 0.42 + 1.15 * clump.x * (0.35 + leaf.y);
         normal = normalize(normal + 1.1 * (vec3(leaf.xz, clump.y) - 0.5) + vec3(0.0, 0.0, 0.2));
         openness = 0.72 + 0.28 * normal.z;
@@ -37,7 +39,9 @@ void main() {
             gloss = 0.05;
         }
     }
-    albedo = mix(albedo, vec3(0.82, 0.85, 0.90), u_snow * smoothstep(0.25, 0.6, normal.z));
+    // People shake it off.
+    float snow = u_material == 3 ? 0.0 : u_snow * smoothstep(0.25, 0.6, normal.z);
+    albedo = mix(albedo, vec3(0.82, 0.85, 0.90), u_material == 1 ? 0.6 * snow : snow);
     float sun = sunlight(v_world + normal * 0.06) * cloud_shadow(v_world);
     vec3 color = lit(albedo, normal, sun, openness);
     if (gloss > 0.0) {
