@@ -133,6 +133,7 @@ def _camp_and_cars(plan: LandscapePlan, things: Furnishing) -> None:
 
 def _green(plan: LandscapePlan, surface: Ground, things: Furnishing) -> None:
     lattice, extent = surface.lattice, surface.lattice.extent_m
+    west, south, east, north = extent
 
     def away(x: Array, y: Array) -> Array:
         far = smooth_step(ARENA_M + 15.0, ARENA_M + 70.0, np.maximum(np.abs(x), np.abs(y)))
@@ -143,6 +144,8 @@ def _green(plan: LandscapePlan, surface: Ground, things: Furnishing) -> None:
     plant_trees(things, x, y, shares=(0.1, 0.7, 0.2))
     plant_bushes(things, plan.bushes, extent, away)
     strew_rocks(things, plan.rocks, extent, away)
-    stand_look_alikes(things, plan.sculptures, plan.animals, tuple(0.7 * side for side in extent), away)
+    stand_look_alikes(
+        things, plan.sculptures, plan.animals, (0.7 * west, 0.7 * south, 0.7 * east, 0.7 * north), away
+    )
     x, y = scatter(14, extent, things.rng, away)
     things.place("bale", x, y)

@@ -115,7 +115,7 @@ class Furnishing:
     def beside(
         self, road: Road, count: int, lateral_m: tuple[float, float]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """x, y and heading of the road for `count` random points at a distance `lateral_m` to either side of it."""
+        """x, y and the road's heading for `count` random points `lateral_m` to either side of it."""
         s = self.rng.uniform(20.0, max(road.length_m - 20.0, 21.0), count)
         side = self.rng.choice([-1.0, 1.0], count)
         point = road.position(s, side * self.rng.uniform(*lateral_m, count))

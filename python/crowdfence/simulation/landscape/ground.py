@@ -1,4 +1,4 @@
-"""The ground: heights, what covers it, where the road lies. All of it linear on the triangles that are drawn."""
+"""The ground: heights, what covers it, where the road lies; all linear on the triangles drawn."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -54,7 +54,7 @@ class Ground:
 
 
 def cover_weights(shape: tuple[int, ...], **weights: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Weights by name of cover (lower case), each [rows, columns] >= 0, normalised to 255; the rest is grass."""
+    """Weights by name of cover (lower case), each [rows, columns] >= 0, scaled to 255; the rest is grass."""
     total = np.zeros((*shape, len(Cover)))
     for name, weight in weights.items():
         total[..., Cover[name.upper()]] = np.clip(weight, 0.0, 1.0)

@@ -55,7 +55,7 @@ class Landscape:
         return self.surface.on_road(x, y)
 
     def blocked(self, x: ArrayLike, y: ArrayLike, radius_m: float) -> NDArray[np.bool_]:
-        """Whether a person of `radius_m` cannot stand at each point: an obstacle, deep water or off the map."""
+        """Where a person of `radius_m` cannot stand: in an obstacle, in deep water, off the map."""
         px, py = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
         west, south, east, north = self.extent_m
         outside = (px < west + 1) | (px > east - 1) | (py < south + 1) | (py > north - 1)

@@ -49,7 +49,7 @@ def fractal_noise(
 
 
 def closed(periodic: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Periodic noise [N, N] with its first row and column repeated at the end: values for N + 1 lattice points."""
+    """Periodic noise [N, N] with its first row and column repeated at the end: N + 1 lattice points."""
     return np.pad(periodic, (0, 1), mode="wrap")
 
 

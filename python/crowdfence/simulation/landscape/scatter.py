@@ -18,7 +18,7 @@ def scatter(
     """Up to `count` points x, y in (west, south, east, north); each is kept with
     probability `acceptance(x, y)`.
 
-    Gives up, with fewer points, after drawing 60 times as many points: the ground may have no room for more."""
+    Gives up, with fewer points, after drawing 60 times as many: there may be no room for more."""
     west, south, east, north = extent_m
     kept_x: list[Points] = []
     kept_y: list[Points] = []

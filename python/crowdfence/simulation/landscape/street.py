@@ -1,4 +1,4 @@
-"""A town: streets at right angles, houses with courtyards, a square, a park and two streets for walkers only."""
+"""A town: streets at right angles, houses with courtyards, a square, a park, two streets for walkers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
 from crowdfence.simulation.plans import LandscapePlan
 
-# Multiples of 4 m: for cells of 1, 2 or 4 m every edge of road and pavement lies on lattice lines and is sharp.
+# Multiples of 4 m: with cells of 1, 2 or 4 m the edges of road and pavement lie on lattice lines, sharp.
 BLOCK_M = 72.0
 HALF_WIDTH_M = 4.0
 PAVED_M = 8.0  # from the middle of a street to the houses
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def build_street(plan: LandscapePlan, seed: int) -> Landscape:
-    """Streets every 72 m; the two through the origin are for walkers. Houses fill the blocks from the middle."""
+    """Streets every 72 m, the two through the origin for walkers; houses fill blocks from the middle."""
     rng = np.random.default_rng([seed, 121])
     surface = _ground(plan, rng)
     things = Furnishing(surface, np.random.default_rng([seed, 122]))
@@ -55,10 +55,10 @@ def _places(surface: Ground) -> dict[str, Array]:
     return {name: np.stack([x, y, surface.height_at(x, y)], axis=-1) for name, (x, y) in lines.items()}
 
 
-def _to_street(values: Array) -> tuple[Array, NDArray[np.int64]]:
+def _to_street(values: NDArray[np.floating]) -> tuple[Array, NDArray[np.int64]]:
     """Signed distance to the nearest street line across one axis, and which one it is."""
     index = np.round(values / BLOCK_M).astype(np.int64)
-    return values - BLOCK_M * index, index
+    return np.asarray(values - BLOCK_M * index), index
 
 
 def _ground(plan: LandscapePlan, rng: np.random.Generator) -> Ground:
@@ -89,7 +89,7 @@ def _ground(plan: LandscapePlan, rng: np.random.Generator) -> Ground:
 def _houses(
     plan: LandscapePlan, surface: Ground, things: Furnishing, rng: np.random.Generator
 ) -> tuple[Building, ...]:
-    west, south, east, north = surface.lattice.extent_m
+    _, _, east, north = surface.lattice.extent_m
     reach = int(min(east, north) // BLOCK_M)
     blocks = [
         (i, j) for i in range(-reach, reach) for j in range(-reach, reach) if (i, j) not in (PLAZA, PARK)

@@ -1,4 +1,4 @@
-"""Land (or sea) from the edge of the map to the horizon. It is seen, but no map knows it: nobody flies there."""
+"""Land (or sea) from the edge of the map to the horizon. Seen, but on no map: nobody flies there."""
 
 from __future__ import annotations
 
@@ -69,9 +69,7 @@ def _normals(position: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(np.where(normal[..., 2:] < 0, -normal, normal), dtype=np.float32)
 
 
-def _cover(
-    edge: NDArray[np.uint8], vertices: NDArray[np.void], relief_m: float
-) -> NDArray[np.uint8]:
+def _cover(edge: NDArray[np.uint8], vertices: NDArray[np.void], relief_m: float) -> NDArray[np.uint8]:
     wild = np.zeros((*vertices.shape, len(Cover)))
     alpine = 1.0 if relief_m > _ALPINE_RELIEF_M else 0.0
     steep = alpine * np.clip((0.93 - vertices["normal"][..., 2]) / 0.12, 0, 1)

@@ -73,12 +73,12 @@ def ground_tiles(ground: Ground, sun_direction: tuple[float, float, float]) -> G
         raise ValueError(
             f"ground of {lattice.columns - 1} x {lattice.rows - 1} cells is not a multiple of 64"
         )
-    row, column = np.meshgrid(
+    rows, columns = np.meshgrid(
         np.arange(0, lattice.rows - 1, TILE_CELLS),
         np.arange(0, lattice.columns - 1, TILE_CELLS),
         indexing="ij",
     )
-    row, column = row.ravel(), column.ravel()
+    row, column = rows.ravel(), columns.ravel()
     half_m = TILE_CELLS * lattice.step_m / 2
     heights = [
         ground.height_m[j : j + TILE_CELLS + 1, i : i + TILE_CELLS + 1]

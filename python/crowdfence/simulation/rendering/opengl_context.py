@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import moderngl
@@ -24,7 +24,8 @@ def open_context() -> moderngl.Context:
             'rendering needs the Python package moderngl: pip install "crowdfence[simulation]"'
         ) from error
     try:
-        return moderngl.create_context(standalone=True, require=_GL_VERSION, backend="egl")  # type: ignore[call-arg]
+        settings: Any = {"backend": "egl"}
+        return moderngl.create_context(standalone=True, require=_GL_VERSION, **settings)
     except Exception as error:  # the binding raises plain Exception for everything that EGL refuses
         raise NoOpenGL(
             f"no OpenGL {_GL_VERSION / 100:.1f} through EGL ({error}); on Debian or Ubuntu: {INSTALL_LINE}. "

@@ -12,7 +12,7 @@ class PictureSettings:
     noise_sigma: float = 0.007
     """Standard deviation of the sensor's noise at mid grey, of full scale 1."""
     motion_blur: bool = True
-    """Blur along the motion of the camera when the pose at the end of the exposure is given."""
+    """Blur along the motion of the camera when a pose one exposure later is given."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.noise_sigma <= 0.5:

@@ -1,8 +1,8 @@
 """Labels and depth of a scene without OpenGL: the core's raycaster, exact triangles, and capsules for people.
 
 The ground and the buildings are the very triangles that the renderer draws. A person is an upright capsule of
-the person's height, a cyclist three capsules. Trees, cars and other props, and the land beyond the map's edge,
-are left out: what they would hide is seen.
+the person's height, a cyclist three capsules. Trees, cars and other props are left out, and so is the land
+beyond the map's edge: what they would hide is seen.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _MAX_RANGE_M = 4000.0
+_UP = np.array([0.0, 0.0, 1.0])
 _BODY_RADIUS_SHARE = 0.11  # of a person's height
 # A cyclist of scale 1: bicycle, back and legs, as (start, end, radius) in metres, front along +x.
 _CYCLIST = (
@@ -49,7 +50,7 @@ class _Capsule:
 
 
 class LabelRaycaster:
-    """Makes `RenderedFrame`s whose `rgb` is None; used like `Renderer`, and as exact at the pixels' centres."""
+    """Makes `RenderedFrame`s whose `rgb` is None; used like `Renderer`, as exact at pixel centres."""
 
     description = "labels by raycasting, no OpenGL"
 
@@ -110,7 +111,7 @@ class LabelRaycaster:
         for index, (foot, height) in enumerate(zip(people.position, scene.people.height_m, strict=True)):
             radius = _BODY_RADIUS_SHARE * float(height)
             label = SceneClass.CROWD if people.in_crowd[index] else SceneClass.GROUND
-            low, high = foot + [0, 0, radius], foot + [0, 0, float(height) - radius]
+            low, high = foot + radius * _UP, foot + (float(height) - radius) * _UP
             capsules.append(_Capsule(low, high, radius, int(label), index + 1))
         for index, (foot, heading) in enumerate(zip(cyclists.position, cyclists.heading_rad, strict=True)):
             c, s = np.cos(heading), np.sin(heading)

@@ -14,7 +14,12 @@ from crowdfence.simulation.rendering.clip_space import clip_from_camera, rigid_i
 from crowdfence.simulation.rendering.film import Development, Film
 from crowdfence.simulation.rendering.frame import RenderedFrame
 from crowdfence.simulation.rendering.ground_painter import GroundPainter
-from crowdfence.simulation.rendering.mesh_catalogue import cyclist_family, people_family, prop_families
+from crowdfence.simulation.rendering.mesh_catalogue import (
+    MeshFamily,
+    cyclist_family,
+    people_family,
+    prop_families,
+)
 from crowdfence.simulation.rendering.noise_texture import noise_texture
 from crowdfence.simulation.rendering.opengl_context import open_context
 from crowdfence.simulation.rendering.picture_settings import PictureSettings
@@ -66,7 +71,8 @@ class Renderer:
 
     def _build(self, scene: Scene) -> None:
         context, light, landscape = self._context, scene.light, scene.landscape
-        families = {**prop_families(), "person": people_family(), "cyclist": cyclist_family()}
+        families: dict[str, MeshFamily] = {str(kind): family for kind, family in prop_families().items()}
+        families |= {"person": people_family(), "cyclist": cyclist_family()}
         self._props = prop_batches(landscape, families, light.season)
         largest = max(
             [len(batch.rows) for batch in self._props] + [scene.people.count, scene.cyclists.count, 64]
@@ -117,15 +123,15 @@ class Renderer:
         world_from_camera: ArrayLike,
         *,
         world_from_camera_end: ArrayLike | None = None,
-        exposure_s: float = 0.0,
-        exposure_velocity: ArrayLike | None = None,
+        world_from_camera_blurred: ArrayLike | None = None,
         noise_seed: int = 0,
     ) -> RenderedFrame:
         """The scene at `t_s` from a camera at `world_from_camera` [4, 4] (OpenCV axes in local ENU metres).
 
         `world_from_camera_end` turns on the rolling exposure: the first row is taken at `world_from_camera`,
-        the last at this pose. `exposure_velocity` [6] (metres and radians per second in camera axes) and
-        `exposure_s` blur colours by the camera's motion. `noise_seed` varies the sensor's noise."""
+        the last at this pose, those between at poses in between. `world_from_camera_blurred` is where the
+        camera is one exposure time later: colours are blurred along that motion, half of it to either side.
+        `noise_seed` varies the sensor's noise."""
         start = _pose(world_from_camera)
         end = start if world_from_camera_end is None else _pose(world_from_camera_end)
         moving = self._moving(t_s)
@@ -134,8 +140,8 @@ class Renderer:
         self._draw_moving_shadows(start, moving, t_s)
         self._paint(start, end, eye, moving, t_s)
         blur = None
-        if self._picture.motion_blur and exposure_s > 0 and exposure_velocity is not None:
-            blur = _moved(np.asarray(exposure_velocity, np.float64) * exposure_s)
+        if self._picture.motion_blur and world_from_camera_blurred is not None:
+            blur = rigid_inverse(_pose(world_from_camera_blurred)) @ start
         return self._film.develop(Development(self._picture.noise_sigma, noise_seed, blur))
 
     def _moving(self, t_s: float) -> list[Batch]:
@@ -169,7 +175,7 @@ class Renderer:
         self._shadows.draw_near(focus, radius_m, cast)
 
     def _shadow_focus(self, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Where the optical axis meets the ground (at most 120 m ahead), and how much around it is in view."""
+        """Where the optical axis meets the ground (at most 110 m ahead), and how far to draw around it."""
         eye, ahead = pose[:3, 3], pose[:3, 2]
         reach = np.linspace(2.0, 160.0, 80)
         points = eye + reach[:, None] * ahead
@@ -247,12 +253,3 @@ def _ray_from_clip(projection: NDArray[np.float64], pose: NDArray[np.float64]) -
     turn = np.eye(4)
     turn[:3, :3] = pose[:3, :3]
     return np.asarray(turn @ ray)
-
-
-def _moved(step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Camera at the end of a small motion from camera at its start; step = (metres, radians) in camera axes."""
-    x, y, z = step[3:]
-    pose = np.eye(4)
-    pose[:3, :3] += np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    pose[:3, 3] = step[:3]
-    return np.linalg.inv(pose)

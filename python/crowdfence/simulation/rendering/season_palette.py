@@ -62,5 +62,6 @@ def foliage_colors(kind: PropKind, summer: NDArray[np.uint8], season: str) -> ND
     # Each plant turns by its own amount and towards its own colour, chosen by its summer shade.
     choice = summer.astype(np.int64).sum(axis=1)
     turned = palette[choice % len(palette)] * (0.85 + 0.3 * ((choice % 7) / 6.0))[:, None]
-    share = {"autumn": 0.55 + 0.45 * ((choice % 5) / 4.0), "winter": np.ones(len(choice)), "dry": 0.35 + 0.5 * ((choice % 5) / 4.0)}[season]  # fmt: skip
+    least = {"autumn": 0.55, "winter": 1.0, "dry": 0.35}[season]
+    share = least + (1.0 - least) * ((choice % 5) / 4.0)
     return np.asarray(np.clip(summer + share[:, None] * (turned - summer), 0, 255), dtype=np.uint8)

@@ -28,7 +28,7 @@ def build_program(context: moderngl.Context, vertex: str, fragment: str) -> mode
 
 
 def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
-    """Set those uniforms that the program uses; matrices and arrays are numpy, row-major as written on paper."""
+    """Set those uniforms that the program uses; matrices and arrays are numpy, as written on paper."""
     for name, value in values.items():
         if name not in program:
             continue

@@ -1,4 +1,4 @@
-"""Two shadow maps: one of everything that stands still, drawn once; one around the view, drawn every frame."""
+"""Two shadow maps: one of all that stands still, drawn once; one around the view, drawn every frame."""
 
 from __future__ import annotations
 

@@ -7,8 +7,8 @@ from crowdfence.simulation.rendering.meshes.shape import Shape, ball, box, joine
 def cow(detail: int) -> Shape:
     """Grazing cow, 2.3 m long. Slot 0 is the coat."""
     sides = (5, 6, 9)[detail]
-    body = loft([(0, 0, -0.95, 0.24, 0.2), (0, 0, -0.7, 0.36, 0.32), (0, 0, 0.2, 0.40, 0.36), (0, 0, 0.75, 0.34, 0.28),
-                 (0, 0, 0.95, 0.2, 0.16)], sides)  # fmt: skip
+    rings = [(-0.95, 0.24, 0.2), (-0.7, 0.36, 0.32), (0.2, 0.40, 0.36), (0.75, 0.34, 0.28), (0.95, 0.2, 0.16)]
+    body = loft([(0, 0, *ring) for ring in rings], sides)
     along = body.turned([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]).moved((0, 0, 1.0)).painted(slot=0)
     neck = tube((0.8, 0, 1.1), (1.25, 0, 0.75), 0.2, sides, end_radius=0.13).painted(slot=0)
     head = ball((1.38, 0, 0.58), (0.2, 0.13, 0.26), rings=3, sides=sides).painted(slot=0)

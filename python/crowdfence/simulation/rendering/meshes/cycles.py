@@ -12,7 +12,7 @@ WHEEL_RADIUS_M = 0.34
 
 
 def cyclist() -> Shape:
-    """Rider on a road bicycle, front along +x. Legs hang straight down from the hip; the shader bends them."""
+    """Rider on a road bicycle, front along +x. Legs hang down from the hip; the shader bends them."""
     return joined([*_bicycle(), *_rider()])
 
 

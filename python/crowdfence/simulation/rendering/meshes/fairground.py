@@ -22,11 +22,9 @@ def tent(detail: int) -> Shape:
     """Ridge tent for two, 2.6 m x 2 m, 1.3 m high."""
     ridge = [(-1.0, 0, 1.15), (0.9, 0, 1.3)]
     floor = [(-1.35, 1.0, 0), (-1.35, -1.0, 0), (1.3, -1.05, 0), (1.3, 1.05, 0)]
-    faces = [(0, 2, 3), (0, 5, 1), (0, 1, 4), (0, 4, 3), (0, 3, 2)]
     points = [*ridge, *floor]
     roof = shape_of(points, [(0, 5, 2), (0, 1, 5), (1, 0, 3), (1, 3, 4), (0, 2, 3)], smooth=False)
     door = shape_of(points, [(1, 4, 5)], smooth=False)
-    del faces
     return joined([roof.painted(slot=CLOTH), door.painted((110, 110, 110), CLOTH)])
 
 

@@ -1,4 +1,4 @@
-"""Trees and bushes: soft clouds of leaves and tiers of needles. Slot 0 of an instance is the foliage colour."""
+"""Trees and bushes: soft clouds of leaves and tiers of needles. Slot 0 is the foliage colour."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def _crown(
     detail: int,
     rng: np.random.Generator,
 ) -> list[Shape]:
-    """Leaf clouds inside an egg between two heights; their normals lean outwards so that the crown reads as one."""
+    """Leaf clouds in an egg between two heights; normals lean outwards so that the crown reads as one."""
     middle = np.array([0.0, 0.0, (low_m + high_m) / 2])
     half = np.array([radius_m, radius_m, (high_m - low_m) / 2])
     parts = []

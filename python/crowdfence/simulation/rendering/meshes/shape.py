@@ -1,4 +1,4 @@
-"""Drawable triangles with normals, colours and limbs, and the simple solids that figures are put together from.
+"""Drawable triangles with normals, colours and limbs, and the solids that figures are made of.
 
 Meshes are in metres, foot at the origin, front along +x, z up.
 """

@@ -16,7 +16,7 @@ uniform bool u_blurred;
 uniform float u_noise_sigma;     // standard deviation at mid grey, of 1
 uniform uint u_seed;
 
-const int BLUR_STEPS = 5;
+const int BLUR_STEPS = 7;
 
 uint scrambled(uint x) {  // PCG hash (Jarzynski and Olano 2020)
     x = x * 747796405u + 2891336453u;
