@@ -66,6 +66,8 @@ PACKAGES = (
     Package("matplotlib", "matplotlib.figure", "picture of the map"),
     Package("typer", "typer", "command line"),
     Package("rich", "rich.console", "command line"),
+    # Python has it built in since 3.11, as tomllib.
+    *([Package("tomli", "tomli", "configuration files")] if sys.version_info < (3, 11) else ()),
     Package("laspy", "laspy", "lidar maps (.las .laz)", extra="lidar"),
     Package("lazrs", "lazrs", "compressed lidar maps (.laz)", extra="lidar"),
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
@@ -111,7 +113,7 @@ def check_package(package: Package, minimum: str | None) -> Check:
     try:
         module = importlib.import_module(package.module)
     except ModuleNotFoundError as error:
-        if error.name is not None and package.module.startswith(error.name):
+        if f"{package.module}.".startswith(f"{error.name}."):
             return Check(group, name, "missing", package.purpose, install)
         return Check(group, name, "broken", f"{package.purpose}: {_one_line(error)}", install)
     except Exception as error:  # a broken package may raise anything
@@ -137,8 +139,8 @@ def check_geoid() -> Check:
         Georeference(46.5, 8.0, 0.0).local_from_projected("EPSG:4326+5773", 8.0, 46.5, 0.0)
     except ValueError:
         return Check("optional", name, "missing", purpose, "pyproj sync --file us_nga_egm96_15")
-    except Exception as error:  # pyproj itself is missing or broken
-        return Check("optional", name, "broken", f"{purpose}: {_one_line(error)}", "repair pyproj first")
+    except Exception as error:  # pyproj itself is missing or broken, which its own check reports
+        return Check("optional", name, "broken", f"{purpose}: {_one_line(error)}")
     return Check("optional", name, "ok", purpose)
 
 
@@ -172,6 +174,8 @@ def check_egl() -> Check:
 def _tried(group: Group, name: str, trial: Callable[[], str], remedy: str) -> Check:
     try:
         return Check(group, name, "ok", trial())
+    except ModuleNotFoundError as error:  # the package's own check says how to get it
+        return Check(group, name, "broken", f"{error.name} is missing")
     except Exception as error:  # that it fails is the finding, however it does
         return Check(group, name, "broken", _one_line(error), remedy)
 
