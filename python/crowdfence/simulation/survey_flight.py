@@ -20,7 +20,7 @@ _SPACING_M = 1.0
 _CLEARANCE_M = 8.0
 _TURN_M = 12.0
 _HEIGHT_ROUNDING_M = 14.0
-_SWEEP_RAD = 0.6
+_SWEEP_RAD, _INWARD_RAD, _FADE_M = 0.35, 1.3, 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +62,19 @@ class SurveyFlight:
         return np.array([x, y, lowest + (high - low) * band])
 
     def heading_rad(self, drone: int, t_s: float) -> float:
-        """Along the line; in turns a little ahead of it."""
-        ahead = self._on_loop(drone, t_s + 0.7)[:2] - self._on_loop(drone, t_s - 0.3)[:2]
+        """Along the line; turns begin a little before those of the way and are slower."""
+        ahead = self._on_loop(drone, t_s + 2.2)[:2] - self._on_loop(drone, t_s - 1.4)[:2]
         return float(np.arctan2(ahead[1], ahead[0]))
 
     def look(self, drone: int, t_s: float, camera: NDArray[np.float64]) -> tuple[float, float]:
-        """Ahead and to both sides in turn, between the planned tilts."""
+        """Ahead, to both sides in turn and rather to the side of the square's middle; tilts as planned."""
         low, high = np.radians(self.plan.tilt_deg)
         tilt = low + (high - low) * (0.5 + 0.5 * self._wave(drone, 1, t_s))
-        return self.heading_rad(drone, t_s) + _SWEEP_RAD * self._wave(drone, 2, t_s), float(tilt)
+        heading = self.heading_rad(drone, t_s)
+        x, y = np.array([self.plan.x_m, self.plan.y_m]) - camera[:2]
+        # Above the middle every side is as good: the turn fades instead of swinging round.
+        turn = _INWARD_RAD * (y * np.cos(heading) - x * np.sin(heading)) / (np.hypot(x, y) + _FADE_M)
+        return heading + turn + _SWEEP_RAD * self._wave(drone, 2, t_s), float(tilt)
 
     def _on_loop(self, drone: int, t_s: float) -> NDArray[np.float64]:
         loop = self.loops[drone]
