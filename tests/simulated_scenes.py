@@ -8,6 +8,6 @@ from crowdfence.simulation.scene import Scene, build_scene
 SEED = 7
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=5)
 def scene_of(name: str) -> Scene:
     return build_scene(load_scenario(name), SEED)

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from crowdfence._core import Terrain
 from crowdfence.simulation.flight import build_flight
 from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M, body_attitude, camera_attitude
+from crowdfence.simulation.landscape.triangle_mesh import merged
 from crowdfence.simulation.plans import FlightPlan
 from crowdfence.simulation.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
@@ -178,6 +180,18 @@ def test_survey_stays_over_its_square() -> None:
         way = positions(scene, drone, np.arange(0.0, 600.0, 2.0))
         assert np.abs(way[:, :2]).max() <= half + 0.01
         assert np.ptp(way[:, :2], axis=0).min() > 30.0
+
+
+def test_survey_flies_clear_of_houses() -> None:
+    """Against the very triangles of the houses, as voxels of the core."""
+    scene = scene_of("street")
+    houses = merged(scene.landscape.solids)
+    voxels = Terrain.from_triangles(houses.vertices, houses.triangles, 1.0)
+    for drone in range(scene.scenario.drones):
+        way = positions(scene, drone, np.arange(0.0, 90.0, 0.5))
+        _, below_m = voxels.raycast(way, np.broadcast_to(-UP, way.shape), 200.0)
+        assert below_m.min() > scene.scenario.flight.altitude_m[0] - 1.5
+        assert np.isfinite(below_m).any(), "some of the way leads over houses"
 
 
 def test_survey_outside_the_landscape_is_refused() -> None:

@@ -290,3 +290,50 @@ def test_times_may_be_asked_in_any_order() -> None:
     first = people.at(50.0).position
     people.at(3.0)
     np.testing.assert_array_equal(people.at(50.0).position, first)
+
+
+# The other scenarios
+
+
+@pytest.mark.parametrize("name", ["festival", "street", "beach"])
+def test_people_of_every_scenario_stand_free_and_apart(name: str) -> None:
+    scene = scene_of(name)
+    for t_s in np.linspace(0.0, scene.scenario.duration_s, 12):
+        state = scene.people.at(float(t_s))
+        x, y, z = state.position.T
+        assert not scene.landscape.blocked(x, y, 0.1).any()
+        np.testing.assert_array_equal(z, scene.landscape.height_m(x, y))
+        assert nearest_m(state.position[:, :2]).min() >= 0.5
+        assert state.speed_m_s.max() < 2.3
+
+
+def test_festival_gathers_and_disperses() -> None:
+    """The crowd in front of the stage is a crowd only between gather_s and disperse_s."""
+    people = scene_of("festival").people
+    stage = people.crowd_id == 1
+    before, between, after = (people.at(t_s).in_crowd[stage].mean() for t_s in (0.0, 60.0, 137.0))
+    assert between > 0.97
+    assert before < 0.5 and after < 0.5
+
+
+def test_on_the_beach_density_decides_what_is_a_crowd() -> None:
+    scene = scene_of("beach")
+    people = scene.people
+    wide = replace(people, definition=replace(people.definition, radius_m=8.0))
+    shares = [
+        [part.at(10.0).in_crowd[people.crowd_id == number].mean() for number in (1, 2, 3)]
+        for part in (people, wide)
+    ]
+    assert shares[0][0] > 0.95, "0.9 m apart"
+    assert max(shares[0][1:]) < 0.3, "2.2 m and 4.5 m apart"
+    assert min(shares[1]) > 0.9, "to a definition with a radius of 8 m all three are crowds"
+
+
+def test_a_crowd_turns_the_corner() -> None:
+    people = scene_of("street").people
+    turning = people.crowd_id == 1
+    headings = [people.crowds[0].line.heading_rad(at) for at in (30.0, 190.0)]
+    assert headings == pytest.approx([0.0, np.pi / 2], abs=0.02)
+    start, end = (people.positions(t_s)[turning, :2].mean(axis=0) for t_s in (0.0, 89.0))
+    assert start[0] < -20.0 and abs(start[1]) < 3.0
+    assert end[1] > 5.0 and abs(end[0]) < 6.0

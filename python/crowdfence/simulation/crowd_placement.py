@@ -84,7 +84,7 @@ def _require_walking(plan: CrowdPlan, number: int) -> None:
     speed = way_m * _SMOOTH_STEP_PEAK / (0.75 * plan.gather_s) + abs(plan.speed_m_s)
     if speed > MAX_WALKING_M_S:
         raise ScenarioError(
-            f"crowds[{number - 1}].gather_s {plan.gather_s:g} makes people hurry at {speed:.1f} m/s, "
+            f"crowds[{number - 1}].gather_s {plan.gather_s:g} makes people hurry at {speed:.2f} m/s, "
             f"more than {MAX_WALKING_M_S:g} m/s: give them more time or less scatter"
         )
 

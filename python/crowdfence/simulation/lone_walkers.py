@@ -16,7 +16,7 @@ from crowdfence.simulation.random_streams import Stream, stream
 APART_M = 6.0
 """A walker never comes closer than this to where a crowd passes or another walker walks."""
 
-_WALKED_POINTS = 24
+_WALKED_POINTS = 96
 _TRIES_PER_WALKER = 400
 _NEAR_CROWD_M = (8.0, 45.0)
 
@@ -102,8 +102,8 @@ def _free_walk(
         if any(np.hypot(*(row[:2] - other[:2])) < row[2] + other[2] + APART_M for other in others):
             continue
         angle = np.linspace(0.0, 2 * np.pi, _WALKED_POINTS, endpoint=False)
-        one = LoneWalkers(row[None, :2], row[None, 2:4], row[4:5], row[5:6], row[6:7])
-        way = np.concatenate([one._on_ellipse(np.array([step])) for step in angle])
+        same = np.repeat(row[None], _WALKED_POINTS, axis=0)
+        way = LoneWalkers(same[:, :2], same[:, 2:4], same[:, 4], same[:, 5], same[:, 6])._on_ellipse(angle)
         if avoid is not None and avoid.query(way)[0].min() < APART_M:
             continue
         if not landscape.blocked(way[:, 0], way[:, 1], 0.6).any() and not _on_road(landscape, way):
