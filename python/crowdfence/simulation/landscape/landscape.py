@@ -13,7 +13,7 @@ from crowdfence.simulation.landscape.props import Props
 from crowdfence.simulation.landscape.road import Road
 from crowdfence.simulation.landscape.triangle_mesh import TriangleMesh
 
-WADING_DEPTH_M = 0.8
+WADING_DEPTH_M = 0.35
 """Nobody goes deeper into the water."""
 
 

@@ -54,22 +54,28 @@ vec2 motion(vec2 at, float depth) {
     return u_pinhole.zw + u_pinhole.xy * later.xy / later.z - at;
 }
 
-// 1 / depth is linear across a plane in the image, so between four samples of one thing it interpolates exactly.
-float depth_between(vec2 at, ivec2 nearest, uvec2 label) {
-    ivec2 low = ivec2(floor(at - 0.5));
-    vec2 share = at - 0.5 - vec2(low);
-    vec4 inverse;
-    float least = 1.0e30, most = 0.0;
-    for (int k = 0; k < 4; ++k) {
-        ivec2 tap = low + ivec2(k & 1, k >> 1);
-        if (texelFetch(u_label, tap, 0).xy != label) return texelFetch(u_depth, nearest, 0).x;
-        float depth = texelFetch(u_depth, tap, 0).x;
-        inverse[k] = 1.0 / depth;
-        least = min(least, depth);
-        most = max(most, depth);
+// Change of 1 / depth along one axis per sample, from the neighbour on the side of `towards` or else the other;
+// 0 where neither shows the same surface.
+float inverse_slope(ivec2 at, ivec2 axis, float towards, uvec2 label, float depth) {
+    int side = towards < 0.0 ? -1 : 1;
+    for (int attempt = 0; attempt < 2; ++attempt) {
+        ivec2 tap = at + side * axis;
+        float other = texelFetch(u_depth, tap, 0).x;
+        if (texelFetch(u_label, tap, 0).xy == label && max(other, depth) < 1.1 * min(other, depth))
+            return (1.0 / other - 1.0 / depth) * float(side);
+        side = -side;
     }
-    if (most > 1.1 * least) return texelFetch(u_depth, nearest, 0).x;
-    return 1.0 / mix(mix(inverse.x, inverse.y, share.x), mix(inverse.z, inverse.w, share.x), share.y);
+    return 0.0;
+}
+
+// 1 / depth is linear across a plane in the image, so near a sample of the plane its slope gives the depth exactly.
+float depth_between(vec2 at, ivec2 nearest, uvec2 label) {
+    float depth = texelFetch(u_depth, nearest, 0).x;
+    vec2 offset = at - vec2(nearest) - 0.5;
+    float inverse = 1.0 / depth;
+    inverse += offset.x * inverse_slope(nearest, ivec2(1, 0), offset.x, label, depth);
+    inverse += offset.y * inverse_slope(nearest, ivec2(0, 1), offset.y, label, depth);
+    return 1.0 / inverse;
 }
 
 void main() {

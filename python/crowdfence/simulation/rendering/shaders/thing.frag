@@ -19,7 +19,7 @@ void main() {
         vec4 clump = texture(u_noise, (v_local.xy + v_local.z * vec2(1.3, 0.7)) / 2.9 + v_seed);
         vec4 leaf = texture(u_noise, (v_local.yz + v_local.x * vec2(0.6, 1.1)) / 0.85);
         // Gaps between leaves; in winter few are left.
-        if (leaf.w < 0.40 + 0.16 * u_snow && v_depth < 140.0) discard;
+        if (leaf.w < 0.40 + 0.08 * u_snow && v_depth < 140.0) discard;
         albedo *= 0.42 + 1.15 * clump.x * (0.35 + leaf.y);
         normal = normalize(normal + 1.1 * (vec3(leaf.xz, clump.y) - 0.5) + vec3(0.0, 0.0, 0.2));
         openness = 0.72 + 0.28 * normal.z;
