@@ -70,13 +70,18 @@ def test_every_dependency_that_the_package_declares_is_tried(
 
 
 def test_a_missing_extra_names_its_command_and_does_not_fail(tmp_path: Path) -> None:
-    hidden = hide(tmp_path, "laspy", "trimesh")
+    hidden = hide(tmp_path, "laspy", "trimesh", "moderngl")
     done = doctor("--json", hidden=hidden)
     assert done.returncode == 0, done.stdout
     checks = checks_of(done)
     assert (checks["laspy"]["state"], checks["laspy"]["group"]) == ("missing", "optional")
     assert checks["laspy"]["remedy"] == "pip install 'crowdfence[lidar]'"
     assert checks["trimesh"]["remedy"] == "pip install 'crowdfence[mesh]'"
+    assert checks["moderngl"]["remedy"] == "pip install 'crowdfence[sim]'"
+    assert (checks["OpenGL (EGL)"]["detail"], checks["OpenGL (EGL)"]["remedy"]) == (
+        "moderngl is missing",
+        None,
+    )
     text = doctor(hidden=hidden)
     assert text.returncode == 0
     assert "pip install 'crowdfence[lidar]'" in text.stdout.replace("\n   ", " ")

@@ -17,6 +17,7 @@ from crowdfence.inspection.camera import CameraReport
 from crowdfence.inspection.depth_agreement import depth_agreement
 from crowdfence.inspection.recording import group_trouble
 from crowdfence.inspection.timing import Timing
+from crowdfence.inspection.view_overlap import share_of_smaller
 from crowdfence.sources.recording import Frame, PixelSources, RefusedFrame
 from recordings import flight, write_airsim
 
@@ -187,6 +188,12 @@ def test_overlap_of_views_by_hand(with_terrain: dict[str, Any]) -> None:
     assert pairs["alpha", "echo"] == {"drones": ["alpha", "echo"], "instants": 0, "mean_share": None}
 
 
+def test_overlap_is_a_share_of_the_smaller_view() -> None:
+    small, large = np.array([3, 5]), np.array([1, 2, 3, 4])
+    assert share_of_smaller(small, large) == share_of_smaller(large, small) == 0.5
+    assert share_of_smaller(small, np.array([], dtype=np.int64)) is None
+
+
 def test_fewer_samples_still_hold_the_first_and_the_last_instant(recording: Path) -> None:
     terrain = write_octomap(recording.parent / "plain.bt", plain())
     content = report(recording, "-t", terrain, "--max-range-m", 50, "--samples", 2)
@@ -342,6 +349,19 @@ def test_geotiff_in_feet(tmp_path: Path) -> None:
     assert header["metres_per_height"] == pytest.approx(1200 / 3937)
     assert content["terrain"]["georeference"]["height_m"] == 304.0  # 304.8 m, rounded down
     assert content["terrain"]["voxel_size_m"] == pytest.approx(3.0)  # 10 ft = 3.048 m, two digits
+
+
+def test_options_of_the_map_reader(tmp_path: Path) -> None:
+    path = tmp_path / "local.tif"
+    transform = rasterio.Affine(1.0, 0.0, 0.0, 0.0, -1.0, 30.0)
+    profile = {"driver": "GTiff", "width": 40, "height": 30, "count": 1, "dtype": "float32"}
+    with rasterio.open(path, "w", **profile, transform=transform) as dataset:
+        dataset.write(np.full((30, 40), 5.0, dtype=np.float32), 1)
+    assert "no coordinate reference system" in error_line(path)
+    content = report(path, "--quick", "--terrain-option", "assume_local=true", "--voxel-size-m", 2)
+    assert content["file"]["reference_system"] == "none"
+    assert (content["terrain"]["voxel_size_m"], content["terrain"]["voxels"]) == (2.0, 20 * 15)
+    assert "up" in error_line(path, "--terrain-option", "up=y")  # an option of meshes
 
 
 def test_lidar_and_mesh_headers(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Literal
 
 State = Literal["ok", "missing", "broken"]
-Group = Literal["needed", "optional", "machine", "planned"]
+Group = Literal["needed", "optional", "machine"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +71,7 @@ PACKAGES = (
     Package("laspy", "laspy", "lidar maps (.las .laz)", extra="lidar"),
     Package("lazrs", "lazrs", "compressed lidar maps (.laz)", extra="lidar"),
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
+    Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
 )
 
 
@@ -92,11 +93,12 @@ def _checks(tell: Callable[[str], None]) -> Iterator[Check]:
     yield _tried("needed", "PROJ", _proj, _elsewhere("pyproj", "PROJ_DATA and PROJ_LIB"))
     yield _tried("needed", "GDAL", _gdal, _elsewhere("rasterio", "GDAL_DATA, PROJ_DATA and PROJ_LIB"))
     yield check_geoid()
+    tell("OpenGL")
+    yield check_opengl()
     tell("machine")
     yield Check("machine", "processor", "ok", f"{_cores()} cores, {platform.machine()}")
     yield Check("machine", "memory", "ok", _memory())
     yield check_folder(Path.cwd())
-    yield check_egl()
 
 
 def check_python() -> Check:
@@ -158,17 +160,23 @@ def check_folder(folder: Path) -> Check:
     return Check("machine", name, "ok", f"{folder}, writable, {free_gb:.1f} GB free")
 
 
-def check_egl() -> Check:
-    """What the simulator will draw with. Nothing needs it yet."""
-    import ctypes
+def check_opengl() -> Check:
+    """What the simulator draws with."""
+    from crowdfence.simulation.rendering.opengl_context import INSTALL_LINE, NoOpenGL, open_context
 
-    name = "libEGL"
-    purpose = "simulator (to come)"
+    name = "OpenGL (EGL)"
+    purpose = "pictures of the simulator; labels and depth do without"
     try:
-        ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return Check("planned", name, "missing", purpose, "apt install libegl1 libgl1-mesa-dri")
-    return Check("planned", name, "ok", f"{purpose}; it loads, drawing was not tried")
+        context = open_context()
+        renderer = str(context.info["GL_RENDERER"])
+        context.release()
+    except NoOpenGL as error:
+        if isinstance(error.__cause__, ModuleNotFoundError):  # the package's own check says how to get it
+            return Check("optional", name, "broken", f"{error.__cause__.name} is missing")
+        return Check("optional", name, "missing", purpose, INSTALL_LINE)
+    except Exception as error:  # drivers fail in their own ways
+        return Check("optional", name, "broken", f"{purpose}: {_one_line(error)}", INSTALL_LINE)
+    return Check("optional", name, "ok", f"{renderer}, {purpose}")
 
 
 def _tried(group: Group, name: str, trial: Callable[[], str], remedy: str) -> Check:

@@ -19,7 +19,6 @@ _TITLES: dict[Group, str] = {
     "needed": "Needed",
     "optional": "Optional",
     "machine": "This machine",
-    "planned": "To come",
 }
 _COLORS = {"ok": "green", "missing": "yellow", "broken": "red"}
 

@@ -30,6 +30,8 @@ def inspect(
             "--terrain", "-t", help="Map below a recording (default: its own), or of a saved crowd map."
         ),
     ] = None,
+    voxel_size_m: options.VoxelSizeM = None,
+    terrain_option: options.TerrainOption = None,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[
@@ -52,7 +54,14 @@ def inspect(
         report = inspect_file(
             file,
             terrain=terrain,
-            options=InspectionOptions(tolerance_ms, max_range_m, samples, quick, check_pixels),
+            options=InspectionOptions(
+                tolerance_ms=tolerance_ms,
+                max_range_m=max_range_m,
+                sampled_instants=samples,
+                quick=quick,
+                check_pixels=check_pixels,
+                terrain_options=options.terrain_options(voxel_size_m, terrain_option),
+            ),
             tell=tell,
         )
     if as_json:

@@ -5,11 +5,11 @@ The reports are frozen dataclasses of plain values: `dataclasses.asdict` makes J
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from crowdfence.inspection.crowd_map import CrowdMapReport
@@ -32,7 +32,9 @@ class InspectionOptions:
     quick: bool = False
     """Leave out what takes seconds: the landing prior of a map, the overlap of views."""
     check_pixels: bool = False
-    """Read the heatmap, image and truth of every frame; what cannot be read is reported as refused."""
+    """Read the heatmap, image and truth of every frame; what cannot be read is reported as damaged."""
+    terrain_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the map's reader, see `crowdfence.maps.open_terrain`."""
 
     def __post_init__(self) -> None:
         if not (0.0 < self.max_range_m < float("inf")):
@@ -69,7 +71,7 @@ def inspect_file(
             raise ValueError(f"{path} is a map itself; --terrain goes with recordings and crowd maps")
         return inspect_map(path, options, tell)
     if kind == "crowd map":
-        return inspect_crowd_map(path, terrain_path, tell)
+        return inspect_crowd_map(path, terrain_path, options, tell)
     return inspect_recording(path, terrain_path, options, tell)
 
 

@@ -6,12 +6,17 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain
 from crowdfence.exports.iso_time import iso_utc
+from crowdfence.inspection.terrain import open_map
 from crowdfence.voxel_state import VoxelState
+
+if TYPE_CHECKING:
+    from crowdfence.inspection import InspectionOptions
 
 MAGIC = b"CROWDMAP"
 # Magic, version u32, payload length u64, then of the payload: terrain fingerprint u64, voxel count u64.
@@ -51,7 +56,7 @@ class CrowdMapReport:
 
 
 def inspect_crowd_map(
-    path: Path, terrain_path: Path | None, tell: Callable[[str], None] = lambda stage: None
+    path: Path, terrain_path: Path | None, options: InspectionOptions, tell: Callable[[str], None]
 ) -> CrowdMapReport:
     """ValueError for a damaged file and for another terrain than its own."""
     with path.open("rb") as file:
@@ -62,7 +67,7 @@ def inspect_crowd_map(
     content = None
     if terrain_path is not None:
         tell(f"reading {terrain_path.name}")
-        terrain = Terrain.open(terrain_path)
+        terrain = open_map(terrain_path, options)
         tell(f"reading {path.name}")
         content = _content(_load(path, terrain, terrain_path))
     return CrowdMapReport(

@@ -196,7 +196,7 @@ def group_trouble(refused: Iterable[RefusedFrame]) -> list[Trouble]:
 def _open_terrain(
     recording: Recording, chosen: Path | None, options: InspectionOptions, tell: Tell
 ) -> tuple[Terrain | None, TerrainBelow | None]:
-    from crowdfence.pipeline import check_overlap
+    from crowdfence.pipeline import check_overlap, open_terrain
 
     path = chosen or recording.terrain
     if path is None:
@@ -204,7 +204,7 @@ def _open_terrain(
     tell(f"reading {path.name}")
     given = chosen is not None
     try:
-        terrain = Terrain.open(path, georeference=recording.georeference)
+        terrain = open_terrain(recording, path, **options.terrain_options)
     except ValueError as error:
         if given:
             raise

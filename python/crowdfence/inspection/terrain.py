@@ -86,7 +86,7 @@ class MapReport:
 def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], None]) -> MapReport:
     """MapError (a ValueError) for a file that cannot become a terrain."""
     tell(f"reading {path.name}")
-    terrain = Terrain.open(path)
+    terrain = open_map(path, options)
     tell("counting columns")
     columns = count_columns(terrain)
     prior, reason = (None, "left out") if options.quick else _landing_prior(terrain, tell)
@@ -102,6 +102,14 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
         landing_prior=prior,
         no_landing_prior=reason,
     )
+
+
+def open_map(path: Path, options: InspectionOptions) -> Terrain:
+    """ValueError for an option that this kind of map does not have."""
+    try:
+        return Terrain.open(path, **options.terrain_options)
+    except TypeError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def count_columns(terrain: Terrain) -> ColumnReport | None:
