@@ -21,9 +21,9 @@ from crowdfence.simulation.top_surface import TopSurface
 SIDE_M = 9.0
 """Greatest distance of a drone from the smoothed middle of the road, on its own side of it."""
 
-_CLEARANCE_M = 8.0
+_CLEARANCE_M = 4.0
 _WAY_ROUNDING_M = 14.0
-_HEIGHT_ROUNDING_M = 16.0
+_HEIGHT_ROUNDING_M = 12.0
 _NEXT_IN_LINE_M = 14.0
 _TURN_S = 3.0
 _EYES_ABOVE_ROAD_M = 1.0
@@ -129,7 +129,7 @@ class FollowFlight:
 def _lowest(way: GuideLine, top: TopSurface) -> CubicSpline:
     """Smooth height by arc length, above everything within reach of the way."""
     arc = np.arange(0.0, way.length_m + 1.0)
-    sides = np.linspace(-SIDE_M - 3.0, SIDE_M + 3.0, 7)
+    sides = np.linspace(-SIDE_M, SIDE_M, 7)
     highest = np.max([top.at(way.position(arc, side)) for side in sides], axis=0)
     # Widening by the reach of the rounding keeps the rounded line above what it was rounded from.
     widened = maximum_filter1d(highest, 1 + 2 * round(3 * _HEIGHT_ROUNDING_M), mode="nearest")

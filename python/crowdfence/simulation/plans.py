@@ -172,8 +172,9 @@ class FlightPlan:
 
     `pattern` "follow": drone i follows cyclist i from `distance_m` behind or beside; in the spans
     `shared_view_s` all gimbals turn to the place in the middle of the riders. "survey": each drone flies
-    lines `line_spacing_m` apart over its strip of a square of side `area_m` around (`x_m`, `y_m`).
-    `altitude_m` above the highest ground or roof below; `tilt_deg` of the optical axis below the horizon.
+    lines `line_spacing_m` apart over its strip of a square of side `area_m` around (`x_m`, `y_m`) in a band
+    of heights of its own, and looks at a point inside the square. `altitude_m` counts from the highest
+    ground or roof nearby, and drones stay 3 m above trees; `tilt_deg` of the optical axis below the horizon.
     """
 
     pattern: str = "survey"

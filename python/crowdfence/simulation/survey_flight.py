@@ -1,4 +1,5 @@
-"""Drones on survey lines: each flies to and fro over its strip of a square, one above the other."""
+"""Drones on survey lines: each flies to and fro over its strip of a square, one above the other, and keeps
+its camera on the inside of the square."""
 
 from __future__ import annotations
 
@@ -20,15 +21,23 @@ _SPACING_M = 1.0
 _CLEARANCE_M = 8.0
 _TURN_M = 12.0
 _HEIGHT_ROUNDING_M = 14.0
-_SWEEP_RAD, _INWARD_RAD, _FADE_M = 0.35, 1.3, 40.0
+_LOOK_ROUNDING_M = 14.0
+_SWEEP_RAD, _NOD_RAD = 0.3, 0.35
+_FOCUS_OF_AREA = 0.22
+"""How far from the middle of the square the point lies that a drone looks at, over the square's side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """A closed way: position [x, y, least height] by arc length."""
+    """A closed way."""
 
     curve: CubicSpline
+    """(x, y, least height, azimuth of the focus without its whole turns) by arc length."""
     length_m: float
+    turns: int
+    """Whole turns of the azimuth of the focus on one round."""
+    focus: NDArray[np.float64]
+    """[x, y] of the point that the camera looks at, more or less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class SurveyFlight:
     loops: tuple[Loop, ...]
     start_m: NDArray[np.float64]
     rhythm: NDArray[np.float64]
-    """[drones, 3, 2] angular speed and phase of height, tilt and sweep."""
+    """[drones, 3, 2] angular speed and phase of height, nod and sweep."""
 
     @staticmethod
     def over(scenario: Scenario, seed: int, landscape: Landscape) -> SurveyFlight:
@@ -48,7 +57,10 @@ class SurveyFlight:
         _require_inside(plan, landscape)
         rng = stream(seed, Stream.FLIGHT)
         top = TopSurface.of(landscape, plan.altitude_m[0], _CLEARANCE_M)
-        loops = tuple(_loop(_corners(plan, drone, drones), top) for drone in range(drones))
+        angle = rng.uniform(0.0, 2 * np.pi, drones)
+        reach_m = _FOCUS_OF_AREA * plan.area_m
+        focus = np.array([plan.x_m, plan.y_m]) + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        loops = tuple(_loop(_corners(plan, drone, drones), focus[drone], top) for drone in range(drones))
         period_s = rng.uniform([50.0, 23.0, 13.0], [80.0, 41.0, 27.0], (drones, 3))
         phase = rng.uniform(0.0, 2 * np.pi, (drones, 3))
         start = np.array([rng.uniform(0.0, loop.length_m) for loop in loops])
@@ -56,10 +68,8 @@ class SurveyFlight:
 
     def position(self, drone: int, t_s: float) -> NDArray[np.float64]:
         """Body [3]."""
-        x, y, lowest = self._on_loop(drone, t_s)
-        low, high = self.plan.altitude_m
-        band = (drone + 0.5 + 0.45 * self._wave(drone, 0, t_s)) / len(self.loops)
-        return np.array([x, y, lowest + (high - low) * band])
+        x, y, lowest, _ = self._on_loop(drone, t_s)
+        return np.array([x, y, lowest + self._above_m(drone, t_s) - self.plan.altitude_m[0]])
 
     def heading_rad(self, drone: int, t_s: float) -> float:
         """Along the line; turns begin a little before those of the way and are slower."""
@@ -67,18 +77,25 @@ class SurveyFlight:
         return float(np.arctan2(ahead[1], ahead[0]))
 
     def look(self, drone: int, t_s: float, camera: NDArray[np.float64]) -> tuple[float, float]:
-        """Ahead, to both sides in turn and rather to the side of the square's middle; tilts as planned."""
+        """Towards the focus, sweeping and nodding, between the planned tilts."""
+        loop = self.loops[drone]
+        round_of = self._arc_m(drone, t_s) / loop.length_m
+        azimuth = float(self._on_loop(drone, t_s)[3]) + 2 * np.pi * loop.turns * round_of
+        away_m = float(np.hypot(*(loop.focus - camera[:2])))
         low, high = np.radians(self.plan.tilt_deg)
-        tilt = low + (high - low) * (0.5 + 0.5 * self._wave(drone, 1, t_s))
-        heading = self.heading_rad(drone, t_s)
-        x, y = np.array([self.plan.x_m, self.plan.y_m]) - camera[:2]
-        # Above the middle every side is as good: the turn fades instead of swinging round.
-        turn = _INWARD_RAD * (y * np.cos(heading) - x * np.sin(heading)) / (np.hypot(x, y) + _FADE_M)
-        return heading + turn + _SWEEP_RAD * self._wave(drone, 2, t_s), float(tilt)
+        tilt = np.arctan2(self._above_m(drone, t_s), away_m) + _NOD_RAD * self._wave(drone, 1, t_s)
+        return azimuth + _SWEEP_RAD * self._wave(drone, 2, t_s), float(np.clip(tilt, low, high))
+
+    def _above_m(self, drone: int, t_s: float) -> float:
+        """Altitude in the drone's own band, before the ground below adds to it."""
+        low, high = self.plan.altitude_m
+        return low + (high - low) * (drone + 0.5 + 0.45 * self._wave(drone, 0, t_s)) / len(self.loops)
+
+    def _arc_m(self, drone: int, t_s: float) -> float:
+        return float(np.mod(self.start_m[drone] + self.plan.speed_m_s * t_s, self.loops[drone].length_m))
 
     def _on_loop(self, drone: int, t_s: float) -> NDArray[np.float64]:
-        loop = self.loops[drone]
-        return np.asarray(loop.curve(np.mod(self.start_m[drone] + self.plan.speed_m_s * t_s, loop.length_m)))
+        return np.asarray(self.loops[drone].curve(self._arc_m(drone, t_s)))
 
     def _wave(self, drone: int, kind: int, t_s: float) -> float:
         speed, phase = self.rhythm[drone, kind]
@@ -111,7 +128,7 @@ def _corners(plan: FlightPlan, drone: int, drones: int) -> NDArray[np.float64]:
     return np.array([plan.x_m, plan.y_m]) + (corners[:, ::-1] if across else corners)
 
 
-def _loop(corners: NDArray[np.float64], top: TopSurface) -> Loop:
+def _loop(corners: NDArray[np.float64], focus: NDArray[np.float64], top: TopSurface) -> Loop:
     """The way through `corners` and back to the first, rounded, with the least height along it."""
     closed = np.concatenate([corners, corners[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=-1))])
@@ -119,14 +136,25 @@ def _loop(corners: NDArray[np.float64], top: TopSurface) -> Loop:
     way = np.stack([np.interp(arc, along, closed[:, axis]) for axis in (0, 1)], axis=-1)
     way = gaussian_filter1d(way, _TURN_M / (arc[1] - arc[0]), axis=0, mode="wrap")
     step = np.linalg.norm(np.diff(np.concatenate([way, way[:1]]), axis=0), axis=-1)
-    length = float(step.sum())
+    arc = np.concatenate([[0.0], np.cumsum(step)])
     # Widening by the reach of the rounding keeps the rounded height above what it was rounded from.
     widened = maximum_filter1d(top.at(way), 1 + 2 * round(3 * _HEIGHT_ROUNDING_M), mode="wrap")
     height = gaussian_filter1d(widened, _HEIGHT_ROUNDING_M, mode="wrap", truncate=3.0)
-    points = np.column_stack([way, height])
-    return Loop(
-        CubicSpline(
-            np.concatenate([[0.0], np.cumsum(step)]), np.concatenate([points, points[:1]]), bc_type="periodic"
-        ),
-        length,
-    )
+    turns, azimuth = _azimuth(way, focus, arc[:-1] / arc[-1])
+    points = np.column_stack([way, height, azimuth])
+    curve = CubicSpline(arc, np.concatenate([points, points[:1]]), bc_type="periodic")
+    return Loop(curve, float(arc[-1]), turns, focus)
+
+
+def _azimuth(
+    way: NDArray[np.float64], focus: NDArray[np.float64], round_of: NDArray[np.float64]
+) -> tuple[int, NDArray[np.float64]]:
+    """Direction of `focus` along a closed way: its whole turns, and the smoothed rest [N].
+
+    Smoothing the angle itself turns the camera steadily where the way passes over the focus.
+    """
+    to = focus - way
+    angle = np.unwrap(np.arctan2(to[:, 1], to[:, 0]))
+    closing = np.angle(np.exp(1j * (angle[0] - angle[-1])))
+    turns = round((angle[-1] + closing - angle[0]) / (2 * np.pi))
+    return turns, gaussian_filter1d(angle - 2 * np.pi * turns * round_of, _LOOK_ROUNDING_M, mode="wrap")
