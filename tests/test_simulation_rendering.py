@@ -1,4 +1,4 @@
-"""Rendered frames seen from outside: labels and depth against the map, the raycast and rays worked by hand."""
+"""Rendered frames from outside: labels and depth against the map, the raycast and rays worked out by hand."""
 
 import sys
 

@@ -61,7 +61,7 @@ def daylight(season: str, time_of_day_h: float, seed: int, *, latitude_deg: floa
     sky_strength = (0.20 + 0.55 * dusk) * (1.0 + 0.3 * cloud_cover)
     sky = (sky_strength * (0.62 + 0.1 * warm), sky_strength * 0.76, sky_strength * 1.0)
     haze_color = (0.26 + 0.30 * dusk + 0.22 * warm, 0.28 + 0.37 * dusk + 0.02 * warm, 0.33 + 0.44 * dusk)
-    return Light(season, direction, sun, sky, haze_color, haze, cloud_cover, 0.62 + 0.6 * (1.0 - dusk))
+    return Light(season, direction, sun, sky, haze_color, haze, cloud_cover, 0.62 + 1.3 * (1.0 - dusk) ** 2)
 
 
 def _above_horizon(east: float, north: float, up: float) -> tuple[float, float, float]:
@@ -76,4 +76,4 @@ def _above_horizon(east: float, north: float, up: float) -> tuple[float, float, 
 def _moonlight(season: str, cloud_cover: float, haze_per_m: float) -> Light:
     direction = (0.35, -0.5, math.sqrt(1.0 - 0.35**2 - 0.5**2))
     sun, sky, air = (0.16, 0.20, 0.30), (0.05, 0.07, 0.12), (0.05, 0.07, 0.11)
-    return Light(season, direction, sun, sky, air, haze_per_m, cloud_cover, 1.6)
+    return Light(season, direction, sun, sky, air, haze_per_m, cloud_cover, 3.2)

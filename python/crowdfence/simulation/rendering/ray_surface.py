@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,55 +11,66 @@ from crowdfence.simulation.landscape.ground import Ground
 
 Array = NDArray[np.float64]
 
-_MAX_STEPS = 400
-_TOUCH_M = 1e-3
-_BISECTIONS = 40
+_MAX_STEPS = 2000
+_STEPS_BETWEEN_SKIPS = 6
+_AHEAD = 1e-7  # of a cell: past the line that the last step ended on
+
+Skip = Callable[[Array, Array], Array]
+"""(points [N, 3], rays [N, 3]) -> parameter [N] up to which each ray is surely above the ground; inf = for ever."""
 
 
-def steepest_slope(ground: Ground) -> float:
-    """Largest rise over run of any ground triangle."""
-    height = ground.height_m.astype(np.float64)
-    east = np.abs(np.diff(height, axis=1)).max(initial=0.0)
-    north = np.abs(np.diff(height, axis=0)).max(initial=0.0)
-    return float(np.hypot(east, north)) / ground.lattice.step_m
+def ground_hits(ground: Ground, origin: Array, rays: Array, skip: Skip) -> Array:
+    """Ray parameter of the first hit [N] with the ground; inf = none.
 
-
-def ground_hits(ground: Ground, origin: Array, rays: Array, start: Array, max_range: float) -> Array:
-    """Ray parameter of the first hit [N] with the ground; inf = none before `max_range`.
-
-    `start` [N] is a parameter before which the ray is known to be above the ground (inf = it never meets it).
-    A step is never longer than the height above the ground allows at the steepest slope, so no ridge is
-    jumped over; the hit itself is bisected."""
+    Between two lines of the lattice (rows, columns, diagonals) ground and ray are both straight, so the hit
+    between two crossings is a linear interpolation, exact on the drawn triangles. `skip` shortens the way."""
     hit = np.full(len(rays), np.inf)
-    t = np.maximum(start - 1e-9, 0.0)
-    active = np.flatnonzero(np.isfinite(start))
-    closing = steepest_slope(ground) * np.linalg.norm(rays[:, :2], axis=1) - rays[:, 2]
-    west, south, east, north = ground.lattice.extent_m
-    for _ in range(_MAX_STEPS):
+    t = skip(np.broadcast_to(origin, rays.shape), rays)
+    active = np.flatnonzero(np.isfinite(t))
+    above = _height_above(ground, origin + t[active, None] * rays[active])
+    for step in range(1, _MAX_STEPS):
         if not len(active):
             break
-        point = origin + t[active, None] * rays[active]
-        above = point[:, 2] - ground.height_at(point[:, 0], point[:, 1])
-        landed = above <= _TOUCH_M
-        inside = (point[:, 0] > west) & (point[:, 0] < east) & (point[:, 1] > south) & (point[:, 1] < north)
-        hit[active[landed & inside]] = t[active[landed & inside]]
-        going = ~landed & (t[active] < max_range) & (closing[active] > 0.0)
+        ahead = _next_line(ground, origin, rays[active], t[active])
+        above_ahead = _height_above(ground, origin + ahead[:, None] * rays[active])
+        landed = above_ahead <= 0.0
+        share = above[landed] / np.maximum(above[landed] - above_ahead[landed], 1e-12)
+        first = t[active[landed]]
+        hit[active[landed]] = first + np.clip(share, 0.0, 1.0) * (ahead[landed] - first)
+        t[active], above = ahead, above_ahead
+        going = ~landed & _over(ground, origin + ahead[:, None] * rays[active])
         active, above = active[going], above[going]
-        t[active] += np.maximum(above / closing[active], 2e-3)
-    return _bisected(ground, origin, rays, hit)
+        if step % _STEPS_BETWEEN_SKIPS == 0 and len(active):
+            t[active] += skip(origin + t[active, None] * rays[active], rays[active])
+            active = active[np.isfinite(t[active])]
+            above = _height_above(ground, origin + t[active, None] * rays[active])
+    return hit
 
 
-def _bisected(ground: Ground, origin: Array, rays: Array, hit: Array) -> Array:
-    found = np.flatnonzero(np.isfinite(hit))
-    low, high = hit[found] - 0.05, hit[found] + 0.05
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        point = origin + middle[:, None] * rays[found]
-        above = point[:, 2] > ground.height_at(point[:, 0], point[:, 1])
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    exact = hit.copy()
-    exact[found] = (low + high) / 2
-    return exact
+def _height_above(ground: Ground, points: Array) -> Array:
+    return points[:, 2] - ground.height_at(points[:, 0], points[:, 1])
+
+
+def _over(ground: Ground, points: Array) -> NDArray[np.bool_]:
+    west, south, east, north = ground.lattice.extent_m
+    x, y = points[:, 0], points[:, 1]
+    return np.asarray((x > west) & (x < east) & (y > south) & (y < north))
+
+
+def _next_line(ground: Ground, origin: Array, rays: Array, t: Array) -> Array:
+    """Parameter of the next crossing of a column, a row or a diagonal of the lattice."""
+    lattice = ground.lattice
+    start = (origin[:2] - (lattice.west_m, lattice.south_m)) / lattice.step_m
+    pace = rays[:, :2] / lattice.step_m
+    starts = np.array([start[0], start[1], start[0] - start[1]])
+    paces = np.column_stack([pace, pace[:, 0] - pace[:, 1]])
+    here = starts + t[:, None] * paces
+    line = np.where(paces > 0, np.floor(here + _AHEAD) + 1.0, np.ceil(here - _AHEAD) - 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = np.where(paces == 0.0, np.inf, (line - starts) / paces)
+    # A ray straight down meets the ground before the next line, wherever that is.
+    far = t + 1e4 / np.maximum(np.abs(rays[:, 2]), 1e-6)
+    return np.minimum(crossing.min(axis=1), far)
 
 
 def triangle_hits(origin: Array, rays: Array, corners: Array) -> Array:

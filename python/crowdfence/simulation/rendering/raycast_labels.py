@@ -98,11 +98,11 @@ class LabelRaycaster:
         )
 
     def _ground_depth(self, origin: Array, rays: Array) -> Array:
-        length = np.linalg.norm(rays, axis=1)
-        _, distance = self._voxels.raycast(np.broadcast_to(origin, rays.shape), rays, _MAX_RANGE_M)
-        return ground_hits(
-            self._scene.landscape.surface, origin, rays, distance / length, _MAX_RANGE_M / float(length.min())
-        )
+        def skip(points: Array, directions: Array) -> Array:
+            _, distance = self._voxels.raycast(points, directions, _MAX_RANGE_M)
+            return distance / np.linalg.norm(directions, axis=1)
+
+        return ground_hits(self._scene.landscape.surface, origin, rays, skip)
 
     def _capsules(self, t_s: float) -> list[_Capsule]:
         scene = self._scene

@@ -12,7 +12,7 @@ _Tones = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 # Linear RGB albedo: dark and light tone of each cover.
 _ALWAYS: dict[Cover, _Tones] = {
-    Cover.GRASS: ((0.070, 0.125, 0.030), (0.170, 0.215, 0.058)),
+    Cover.GRASS: ((0.072, 0.116, 0.034), (0.168, 0.196, 0.068)),
     Cover.DIRT: ((0.150, 0.105, 0.062), (0.260, 0.190, 0.120)),
     Cover.ROCK: ((0.190, 0.180, 0.170), (0.330, 0.315, 0.300)),
     Cover.SNOW: ((0.720, 0.750, 0.800), (0.860, 0.880, 0.900)),

@@ -33,6 +33,18 @@ float bell(inout uint state) {  // sum of four uniforms: mean 0, variance 1
     return (total - 2.0) * 1.7320508;
 }
 
+// The same filters as filtered() for a position in the middle of a sample, without interpolation: cheaper.
+vec3 filtered_at_sample(ivec2 at) {
+    vec3 center = texelFetch(u_color, at, 0).rgb;
+    if (u_samples_per_pixel == 1) return center;
+    vec3 sides = texelFetch(u_color, at + ivec2(1, 0), 0).rgb + texelFetch(u_color, at - ivec2(1, 0), 0).rgb
+               + texelFetch(u_color, at + ivec2(0, 1), 0).rgb + texelFetch(u_color, at - ivec2(0, 1), 0).rgb;
+    vec3 corners = texelFetch(u_color, at + ivec2(1, 1), 0).rgb + texelFetch(u_color, at - ivec2(1, 1), 0).rgb
+                 + texelFetch(u_color, at + ivec2(1, -1), 0).rgb + texelFetch(u_color, at - ivec2(1, -1), 0).rgb;
+    if (u_samples_per_pixel == 2) return (4.0 * center + 2.0 * sides + corners) / 16.0;
+    return (center + sides + corners) / 9.0;
+}
+
 vec3 filtered(vec2 at) {
     if (u_samples_per_pixel == 1) return texture(u_color, at / vec2(textureSize(u_color, 0))).rgb;
     vec2 size = vec2(textureSize(u_color, 0));
@@ -84,7 +96,7 @@ void main() {
     ivec2 nearest = ivec2(floor(at));
     out_label = texelFetch(u_label, nearest, 0).xy;
     out_depth = u_distorted ? depth_between(at, nearest, out_label) : texelFetch(u_depth, nearest, 0).x;
-    vec3 color = filtered(at);
+    vec3 color = u_distorted ? filtered(at) : filtered_at_sample(nearest);
     if (u_blurred) {
         vec2 path = motion(at, texelFetch(u_depth, nearest, 0).x);
         for (int k = 1; k < BLUR_STEPS; ++k)
