@@ -16,7 +16,7 @@ _STEPS_BETWEEN_SKIPS = 6
 _AHEAD = 1e-7  # of a cell: past the line that the last step ended on
 
 Skip = Callable[[Array, Array], Array]
-"""(points [N, 3], rays [N, 3]) -> parameter [N] up to which each ray is surely above the ground; inf = for ever."""
+"""(points [N, 3], rays [N, 3]) -> parameter [N] up to which a ray is surely above ground; inf = for ever."""
 
 
 def ground_hits(ground: Ground, origin: Array, rays: Array, skip: Skip) -> Array:

@@ -13,7 +13,7 @@ void main() {
     vec3 normal = normalize(v_normal);
     float along = dot(v_world.xy, vec2(-normal.y, normal.x));
     vec4 grain = texture(u_noise, vec2(along, v_world.z) / 3.7 + v_world.xy * 0.01);
-    vec3 albedo = v_color * (0.58 + 0.30 * grain.x);
+    vec3 albedo = v_color * (0.62 + 0.40 * grain.x);
     float glass = 0.0;
     if (v_wall.x > 0.5) {
         vec2 cell = vec2(along / BAY_M, v_wall.y / STOREY_M);
