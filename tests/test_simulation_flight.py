@@ -14,7 +14,7 @@ from crowdfence.simulation.landscape.triangle_mesh import merged
 from crowdfence.simulation.plans import FlightPlan
 from crowdfence.simulation.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.top_surface import TopSurface
+from crowdfence.simulation.top_surface import TopSurface, rounded_above
 from simulated_scenes import SEED, scene_of
 
 EAST, NORTH, UP = np.eye(3)
@@ -45,6 +45,17 @@ def test_body_attitude_by_hand() -> None:
     leaning = body_attitude(0.0, still, 9.81 * EAST)
     np.testing.assert_allclose(leaning[:, 2], (EAST + UP) / np.sqrt(2), atol=1e-12)
     np.testing.assert_allclose(leaning[:, 0], (EAST - UP) / np.sqrt(2), atol=1e-12)
+
+
+@given(
+    heights=st.lists(st.floats(-100.0, 3000.0), min_size=1, max_size=200),
+    rounding=st.floats(0.5, 20.0),
+    closed=st.booleans(),
+)
+def test_rounded_heights_are_never_below(heights: list[float], rounding: float, closed: bool) -> None:
+    rounded = rounded_above(np.array(heights), rounding, closed=closed)
+    assert (rounded >= np.array(heights) - 1e-6).all()
+    assert rounded.max() <= max(heights) + 1e-6
 
 
 # Both patterns

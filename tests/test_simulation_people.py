@@ -227,6 +227,19 @@ def test_cyclists_ride_on_the_road_at_possible_speeds() -> None:
         assert nearest_m(state.position).min() > 1.5
 
 
+def test_cyclists_turn_slowly_at_the_end_of_the_road() -> None:
+    cyclists = scene_of("race").cyclists
+    times = np.arange(150.0, 300.0, 0.1)
+    turn = times[np.argmin(np.abs(cyclists.direction(times)[:, 0]))]
+    around = [cyclists.at(float(t_s)) for t_s in np.arange(turn - 6.0, turn + 6.0, 0.05)]
+    speed = np.array([state.speed_m_s[0] for state in around])
+    assert 0.3 < speed.min() < 3.0
+    assert np.abs(np.diff(speed)).max() / 0.05 < 5.0
+    turned = np.unwrap([state.heading_rad[0] for state in around])
+    assert abs(turned[-1] - turned[0]) == pytest.approx(np.pi, abs=0.6)
+    assert np.abs(np.diff(turned)).max() / 0.05 < 6.0, "radians per second"
+
+
 def test_cyclists_ride_together_when_planned() -> None:
     cyclists = scene_of("race").cyclists
     gaps = -np.diff(cyclists.ways_m(np.array([5.0, 45.0, 70.0])), axis=-1)

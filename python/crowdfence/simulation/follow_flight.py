@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from crowdfence.simulation.crowd_motion import smooth_step
 from crowdfence.simulation.cyclists import Cyclists
@@ -16,7 +15,7 @@ from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.plans import FlightPlan
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.top_surface import TopSurface
+from crowdfence.simulation.top_surface import TopSurface, rounded_above
 
 SIDE_M = 9.0
 """Greatest distance of a drone from the smoothed middle of the road, on its own side of it."""
@@ -131,6 +130,4 @@ def _lowest(way: GuideLine, top: TopSurface) -> CubicSpline:
     arc = np.arange(0.0, way.length_m + 1.0)
     sides = np.linspace(-SIDE_M, SIDE_M, 7)
     highest = np.max([top.at(way.position(arc, side)) for side in sides], axis=0)
-    # Widening by the reach of the rounding keeps the rounded line above what it was rounded from.
-    widened = maximum_filter1d(highest, 1 + 2 * round(3 * _HEIGHT_ROUNDING_M), mode="nearest")
-    return CubicSpline(arc, gaussian_filter1d(widened, _HEIGHT_ROUNDING_M, mode="nearest", truncate=3.0))
+    return CubicSpline(arc, rounded_above(highest, _HEIGHT_ROUNDING_M, closed=False))

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.plan_checks import ScenarioError
 from crowdfence.simulation.plans import FlightPlan
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.top_surface import TopSurface
+from crowdfence.simulation.top_surface import TopSurface, rounded_above
 
 _SPACING_M = 1.0
 _CLEARANCE_M = 8.0
@@ -137,9 +137,7 @@ def _loop(corners: NDArray[np.float64], focus: NDArray[np.float64], top: TopSurf
     way = gaussian_filter1d(way, _TURN_M / (arc[1] - arc[0]), axis=0, mode="wrap")
     step = np.linalg.norm(np.diff(np.concatenate([way, way[:1]]), axis=0), axis=-1)
     arc = np.concatenate([[0.0], np.cumsum(step)])
-    # Widening by the reach of the rounding keeps the rounded height above what it was rounded from.
-    widened = maximum_filter1d(top.at(way), 1 + 2 * round(3 * _HEIGHT_ROUNDING_M), mode="wrap")
-    height = gaussian_filter1d(widened, _HEIGHT_ROUNDING_M, mode="wrap", truncate=3.0)
+    height = rounded_above(top.at(way), _HEIGHT_ROUNDING_M / _SPACING_M, closed=True)
     turns, azimuth = _azimuth(way, focus, arc[:-1] / arc[-1])
     points = np.column_stack([way, height, azimuth])
     curve = CubicSpline(arc, np.concatenate([points, points[:1]]), bc_type="periodic")

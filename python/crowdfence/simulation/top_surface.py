@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import gaussian_filter1d, maximum_filter, maximum_filter1d
 
 from crowdfence.simulation.landscape.landscape import Landscape
 
@@ -64,3 +64,16 @@ class TopSurface:
         column = np.clip(np.rint((x - self.west_m) / CELL_M), 0, columns - 1).astype(np.int64)
         row = np.clip(np.rint((y - self.south_m) / CELL_M), 0, rows - 1).astype(np.int64)
         return column, row
+
+
+def rounded_above(height_m: NDArray[np.float64], rounding: float, *, closed: bool) -> NDArray[np.float64]:
+    """Heights [N] along a way as a smooth line that is nowhere below them.
+
+    `rounding` is the standard deviation of the smoothing in steps of the way; a `closed` way ends where it
+    begins.
+    """
+    mode = "wrap" if closed else "nearest"
+    reach = round(3.0 * rounding)
+    # Every weight of the smoothing then falls on a height that is at least the one below.
+    widened = maximum_filter1d(height_m, 1 + 2 * reach, mode=mode)
+    return np.asarray(gaussian_filter1d(widened, rounding, mode=mode, radius=reach))
