@@ -74,3 +74,22 @@ def texture_from_clip(bias_m: float, depth_m: float) -> Array:
     matrix[:3, 3] = 0.5
     matrix[2, 3] -= 0.5 * bias_m / depth_m
     return matrix
+
+
+def checked_pose(world_from_camera: ArrayLike) -> Array:
+    """The transform [4, 4] as float64; ValueError when it is none."""
+    pose = np.asarray(world_from_camera, np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"world_from_camera must be a finite [4, 4] transform, got shape {pose.shape}")
+    return pose
+
+
+def ray_from_clip(projection: Array, pose: Array) -> Array:
+    """Clip x, y (w = 1) -> ray in the world, by the lattice's pinhole."""
+    ray = np.zeros((4, 4))
+    ray[0, 0], ray[0, 3] = 1.0 / projection[0, 0], -projection[0, 2] / projection[0, 0]
+    ray[1, 1], ray[1, 3] = 1.0 / projection[1, 1], -projection[1, 2] / projection[1, 1]
+    ray[2, 3] = 1.0
+    turn = np.eye(4)
+    turn[:3, :3] = pose[:3, :3]
+    return np.asarray(turn @ ray)

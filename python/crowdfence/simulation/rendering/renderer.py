@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
 from crowdfence.simulation.rendering.building_painter import BuildingPainter
-from crowdfence.simulation.rendering.clip_space import clip_from_camera, rigid_inverse, side_planes
+from crowdfence.simulation.rendering.clip_space import (
+    checked_pose,
+    clip_from_camera,
+    ray_from_clip,
+    rigid_inverse,
+    side_planes,
+)
 from crowdfence.simulation.rendering.film import Development, Film
 from crowdfence.simulation.rendering.frame import RenderedFrame
 from crowdfence.simulation.rendering.ground_painter import GroundPainter
@@ -26,7 +32,7 @@ from crowdfence.simulation.rendering.picture_settings import PictureSettings
 from crowdfence.simulation.rendering.sample_lattice import lattice_for
 from crowdfence.simulation.rendering.season_palette import SNOW_ON_THINGS
 from crowdfence.simulation.rendering.shader_program import build_program, set_uniforms
-from crowdfence.simulation.rendering.shadow_maps import ShadowMaps, caster_planes
+from crowdfence.simulation.rendering.shadow_maps import ShadowMaps, caster_planes, shadow_focus
 from crowdfence.simulation.rendering.sky_painter import SkyPainter
 from crowdfence.simulation.rendering.stage_cast import (
     cyclist_batches,
@@ -40,7 +46,6 @@ if TYPE_CHECKING:
     from crowdfence.simulation.scene import Scene
 
 _NOISE_UNIT = 3
-_NEAR_SHADOW_M = (40.0, 120.0)
 _ROLLING_MARGIN_M = 4.0
 
 
@@ -132,8 +137,8 @@ class Renderer:
         the last at this pose, those between at poses in between. `world_from_camera_blurred` is where the
         camera is one exposure time later: colours are blurred along that motion, half of it to either side.
         `noise_seed` varies the sensor's noise."""
-        start = _pose(world_from_camera)
-        end = start if world_from_camera_end is None else _pose(world_from_camera_end)
+        start = checked_pose(world_from_camera)
+        end = start if world_from_camera_end is None else checked_pose(world_from_camera_end)
         moving = self._moving(t_s)
         eye = (start[:3, 3] + end[:3, 3]) / 2
         self._context.enable_only(self._context.DEPTH_TEST)
@@ -141,7 +146,7 @@ class Renderer:
         self._paint(start, end, eye, moving, t_s)
         blur = None
         if self._picture.motion_blur and world_from_camera_blurred is not None:
-            blur = rigid_inverse(_pose(world_from_camera_blurred)) @ start
+            blur = rigid_inverse(checked_pose(world_from_camera_blurred)) @ start
         return self._film.develop(Development(self._picture.noise_sigma, noise_seed, blur))
 
     def _moving(self, t_s: float) -> list[Batch]:
@@ -166,23 +171,13 @@ class Renderer:
         )
 
     def _draw_moving_shadows(self, pose: NDArray[np.float64], moving: list[Batch], t_s: float) -> None:
-        focus, radius_m = self._shadow_focus(pose)
+        focus, radius_m = shadow_focus(pose, self._scene.landscape)
         set_uniforms(self._shadow_program, {"u_time_s": t_s})
 
         def cast(clip: NDArray[np.float64]) -> None:
             self._cast(clip, [*self._props, *moving], level=1)
 
         self._shadows.draw_near(focus, radius_m, cast)
-
-    def _shadow_focus(self, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Where the optical axis meets the ground (at most 110 m ahead), and how far to draw around it."""
-        eye, ahead = pose[:3, 3], pose[:3, 2]
-        reach = np.linspace(2.0, 160.0, 80)
-        points = eye + reach[:, None] * ahead
-        below = points[:, 2] < self._scene.landscape.height_m(points[:, 0], points[:, 1])
-        distance = float(reach[np.argmax(below)]) if below.any() else 120.0
-        distance = min(distance, 110.0)
-        return eye + distance * ahead, float(np.clip(1.1 * distance, *_NEAR_SHADOW_M))
 
     def _paint(
         self,
@@ -201,7 +196,7 @@ class Renderer:
         uniforms = {
             **self._air(eye, t_s),
             "u_clip_from_world": clip_from_world,
-            "u_world_from_clip": np.stack([_ray_from_clip(projection, pose) for pose in (start, end)]),
+            "u_world_from_clip": np.stack([ray_from_clip(projection, pose) for pose in (start, end)]),
             "u_rolling": rolling,
         }
         for program in (
@@ -235,21 +230,3 @@ class Renderer:
             "u_noise": _NOISE_UNIT,
             **self._shadows.uniforms(),
         }
-
-
-def _pose(world_from_camera: ArrayLike) -> NDArray[np.float64]:
-    pose = np.asarray(world_from_camera, np.float64)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise ValueError(f"world_from_camera must be a finite [4, 4] transform, got shape {pose.shape}")
-    return pose
-
-
-def _ray_from_clip(projection: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Clip x, y (w = 1) -> ray in the world, by the lattice's pinhole."""
-    ray = np.zeros((4, 4))
-    ray[0, 0], ray[0, 3] = 1.0 / projection[0, 0], -projection[0, 2] / projection[0, 0]
-    ray[1, 1], ray[1, 3] = 1.0 / projection[1, 1], -projection[1, 2] / projection[1, 1]
-    ray[2, 3] = 1.0
-    turn = np.eye(4)
-    turn[:3, :3] = pose[:3, :3]
-    return np.asarray(turn @ ray)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.rendering.clip_space import light_from_world, side_planes, texture_from_clip
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 _FAR_TEXELS, _NEAR_TEXELS = 4096, 2048
 _FAR_DEPTH_M, _NEAR_DEPTH_M = 2500.0, 400.0
 _FAR_BIAS_M, _NEAR_BIAS_M = 0.6, 0.12
+_FOCUS_REACH_M, _NEAR_RADIUS_M = 110.0, (40.0, 120.0)
 NEAR_UNIT, FAR_UNIT = 1, 2
 
 Cast = Callable[[NDArray[np.float64]], None]
@@ -71,3 +73,15 @@ class ShadowMaps:
 def caster_planes(clip: NDArray[np.float64]) -> NDArray[np.float64]:
     """The four sides of a light's clip space; nothing is too far up or down to cast."""
     return side_planes(clip)[:4]
+
+
+def shadow_focus(
+    world_from_camera: NDArray[np.float64], landscape: Landscape
+) -> tuple[NDArray[np.float64], float]:
+    """Where the optical axis meets the ground (at most 110 m ahead), and how far to draw around it."""
+    eye, ahead = world_from_camera[:3, 3], world_from_camera[:3, 2]
+    reach = np.linspace(2.0, _FOCUS_REACH_M, 60)
+    points = eye + reach[:, None] * ahead
+    below = points[:, 2] < landscape.height_m(points[:, 0], points[:, 1])
+    distance = float(reach[np.argmax(below)]) if below.any() else _FOCUS_REACH_M
+    return eye + distance * ahead, float(np.clip(1.1 * distance, *_NEAR_RADIUS_M))
