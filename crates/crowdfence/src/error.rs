@@ -51,7 +51,9 @@ pub enum Error {
         "point {index} at ({x}, {y}, {z}) cannot be placed on the voxel grid; coordinates must be finite and within 2^31 voxels of the origin"
     )]
     PointOffGrid { index: usize, x: f64, y: f64, z: f64 },
-    #[error("height at cell ({column}, {row}) is {value}; heights must be finite, or NaN for a hole")]
+    #[error(
+        "height at cell ({column}, {row}) is {value}; heights must be within 2^31 voxels of the origin, or NaN for a hole"
+    )]
     Height { column: usize, row: usize, value: f32 },
     #[error("voxel id {id} does not exist; the terrain has ids 0 to {last}")]
     VoxelId { id: i64, last: usize },

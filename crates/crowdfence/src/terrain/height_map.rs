@@ -69,6 +69,10 @@ impl<'a> HeightMap<'a> {
                 return Err(Error::TerrainExtent { axis: *axis, cells: columns as u64, bound: MAX_EXTENT });
             }
         }
+        let count = shape[0] as u64 * shape[1] as u64; // a column has at least one voxel
+        if count > MAX_VOXELS {
+            return Err(Error::TooManyVoxels { count, bound: MAX_VOXELS });
+        }
         let mut tops = vec![HOLE; shape[0] * shape[1]];
         tops.par_chunks_mut(shape[1].max(1)).enumerate().try_for_each(|(i, row)| {
             row.iter_mut().enumerate().try_for_each(|(j, top)| {
@@ -79,7 +83,8 @@ impl<'a> HeightMap<'a> {
                 }
                 let level = (height_m / voxel_size_m).floor();
                 if level.abs() >= f64::from(i32::MAX) {
-                    return Err(Error::Height { column: i, row: j, value: height_m as f32 });
+                    let cell = |at: usize| (at as f64 / columns_per_cell) as usize;
+                    return Err(Error::Height { column: cell(i), row: cell(j), value: height_m as f32 });
                 }
                 *top = level as i32;
                 Ok(())
@@ -175,5 +180,16 @@ mod tests {
     fn infinite_heights_are_refused_with_their_cell() {
         let error = HeightMap::new(&[0.0, 0.0, f32::INFINITY, 0.0], [2, 2], 1.0).unwrap_err();
         assert!(error.to_string().contains("cell (1, 0) is inf"), "{error}");
+    }
+
+    #[test]
+    fn voxels_far_too_small_for_the_map_are_refused_before_any_memory_is_taken() {
+        let message = |heights: &[f32], shape, cell, voxel| {
+            let map = HeightMap::new(heights, shape, cell).unwrap();
+            map.surface_voxels(voxel).unwrap_err().to_string()
+        };
+        assert!(message(&[0.0; 4], [2, 2], 0.5, 1e-6).contains("has 1000000000000 voxels; the bound is"));
+        let high = message(&[0.0, 1e10], [1, 2], 1.0, 1.0);
+        assert!(high.contains("cell (0, 1) is 10000000000") && high.contains("within 2^31 voxels"), "{high}");
     }
 }
