@@ -348,6 +348,7 @@ impl PyCrowdMap {
         let path = py.import("pathlib")?.call_method1("Path", (path,))?;
         let data = path.call_method0("read_bytes")?;
         PyCrowdMap::from_bytes(py, data.extract()?, terrain)
+            .map_err(|error| PyValueError::new_err(format!("{path}: {}", error.value(py))))
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
