@@ -141,7 +141,7 @@ def test_overlap_statistics_by_hand() -> None:
 
 
 def test_views_of_the_race_overlap_in_a_part_of_the_flight() -> None:
-    """Footprints on a coarse height map: riders together at 4 s and 70 s, apart at 34 s."""
+    """Footprints on a coarse height map: riders together at 4 s and 70 s, apart at 33 s."""
     scene = scene_of("race")
     west, south, east, north = scene.landscape.extent_m
     x, y = np.arange(west, east, 4.0) + 2.0, np.arange(south, north, 4.0) + 2.0
@@ -151,14 +151,15 @@ def test_views_of_the_race_overlap_in_a_part_of_the_flight() -> None:
     row, column = np.mgrid[0:48, 0:64]
     rays = CAMERA.unproject(np.stack([column.ravel() + 0.5, row.ravel() + 0.5], axis=-1))
     statistics = OverlapStatistics(3)
-    for t_s in (4.0, 34.0, 70.0):
+    for t_s in (4.0, 33.0, 70.0):
         footprints = {}
         for drone in range(3):
             pose = scene.flight.at(drone, t_s).world_from_camera
             directions = rays @ pose[:3, :3].T
             origins = np.broadcast_to(pose[:3, 3], directions.shape)
-            _, distance = terrain.raycast(origins, directions, 200.0)
+            _, distance = terrain.raycast(origins, directions, 250.0)
             footprints[drone] = footprint_cells((distance * rays[:, 2]).reshape(48, 64), CAMERA, pose)
         statistics.add(t_s, footprints)
     together, apart, again = statistics.most
-    assert min(together, again) > 0.2 > apart
+    assert min(together, again) > 0.4
+    assert apart < 0.25

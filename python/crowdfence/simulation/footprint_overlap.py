@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera
 
 CELL_M = 2.0
-MAX_RANGE_M = 300.0
-OVERLAPPING_SHARE = 0.1
+MAX_RANGE_M = 150.0
+"""Beyond it people are a few pixels high in a 640 x 480 image."""
+
+OVERLAPPING_SHARE = 0.25
 """An instant counts as overlapping from this share of the smaller footprint on."""
 
 _PIXELS_ACROSS = 160
@@ -81,6 +83,7 @@ class OverlapStatistics:
         overlapping = np.array(self.most) >= OVERLAPPING_SHARE
         return {
             "cell_m": CELL_M,
+            "max_range_m": MAX_RANGE_M,
             "instants": len(self.most),
             "overlapping_share_of_instants": float(overlapping.mean()) if len(self.most) else None,
             "overlapping_from": OVERLAPPING_SHARE,
