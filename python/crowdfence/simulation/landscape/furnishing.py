@@ -33,7 +33,7 @@ _BLOCKING_HALF_SIZE_M: dict[PropKind, tuple[float, float]] = {
     "barrier": (1.15, 0.3),
     "marquee": (3.2, 3.2),
     "boat": (2.4, 0.9),
-    "stage": (7.0, 5.0),
+    "stage": (5.2, 7.2),
     "towel": (0.95, 0.4),
 }
 
