@@ -112,10 +112,10 @@ def noisy_poses(true: PoseRows, trouble: TroublePlan, bias: PoseBias, noise: NDA
     camera = body * gimbal
     return PoseRows(
         position,
-        body.as_quat(scalar_first=True),
-        gimbal.as_quat(scalar_first=True),
+        _wxyz(body),
+        _wxyz(gimbal),
         position + body.apply(CAMERA_IN_BODY_M),
-        camera.as_quat(scalar_first=True),
+        _wxyz(camera),
     )
 
 
@@ -126,10 +126,15 @@ def _turned(
     normal: NDArray[np.float64],
 ) -> Rotation:
     error = Rotation.from_rotvec(bias_rad + np.radians(noise_deg) * normal)
-    return Rotation.from_quat(quaternion, scalar_first=True) * error
+    return Rotation.from_quat(np.roll(quaternion, -1, axis=-1)) * error
 
 
 def _quaternions(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(matrices) == 0:
         return np.zeros((0, 4))
-    return np.asarray(Rotation.from_matrix(matrices).as_quat(scalar_first=True))
+    return _wxyz(Rotation.from_matrix(matrices))
+
+
+def _wxyz(rotations: Rotation) -> NDArray[np.float64]:
+    """SciPy's quaternions have the scalar last."""
+    return np.roll(rotations.as_quat(), 1, axis=-1)

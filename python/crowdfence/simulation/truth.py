@@ -29,7 +29,7 @@ class Sight(IntEnum):
     OUTSIDE = 0
     """Not in the image."""
     HIDDEN = 1
-    """In the image's field of view, but something stands in front."""
+    """In the field of view, but something stands in front, or the person is too far away to fill a pixel."""
     VISIBLE = 2
 
 
