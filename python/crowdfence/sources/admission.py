@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from crowdfence._core import Camera
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
+from crowdfence.sources.recorded_truth import FrameTruth
 from crowdfence.sources.recording import Frame, PixelSources, RefusedFrame
 from crowdfence.sources.stamps import stamp_faults
 
@@ -35,6 +36,7 @@ class Capture:
     pixels: PixelSources = field(default_factory=PixelSources)
     fault: str | None = None
     """Why the source itself already refuses it."""
+    truth: FrameTruth = field(default_factory=FrameTruth)
 
 
 def admit(
@@ -76,4 +78,4 @@ def _admit_drone(
         except PoseGapError as error:
             yield RefusedFrame(drone, capture.stamp_ns, str(error))
             continue
-        yield Frame(drone, capture.stamp_ns, capture.camera, pose, capture.pixels)
+        yield Frame(drone, capture.stamp_ns, capture.camera, pose, capture.pixels, capture.truth)

@@ -3,10 +3,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from heapq import merge
+from operator import itemgetter
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.mission_layout import CROWD_CLASS
 from crowdfence.sources.mission_writer import MissionWriter
 from crowdfence.sources.pictures import as_png, picture_format
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
@@ -49,10 +54,15 @@ def convert(
     with MissionWriter(
         path, georeference=recording.georeference, terrain=recording.terrain, source=_source(recording)
     ) as writer:
+        if "simulation" in recording.manifest:
+            writer.add_simulation(recording.manifest["simulation"])
         for drone in recording.drones:
             writer.add_drone(drone)
-        for _, item in merge(_poses(recording), _frames(recording), key=lambda entry: entry[0]):
-            if isinstance(item, Frame):
+        everything = merge(_poses(recording), _people(recording), _frames(recording), key=itemgetter(0))
+        for stamp_ns, item in everything:
+            if item is None:
+                _write_people(writer, recording, stamp_ns, conversion)
+            elif isinstance(item, Frame):
                 _write_frame(writer, item, conversion)
                 done += 1
                 if progress is not None:
@@ -60,6 +70,8 @@ def convert(
             else:
                 writer.add_pose(*item)
         writer.add_refused(refused)
+        if "statistics" in recording.manifest:
+            writer.add_statistics(recording.manifest["statistics"])
     return Conversion(
         conversion.path,
         conversion.frames,
@@ -78,7 +90,8 @@ def _write_frame(writer: MissionWriter, frame: Frame, conversion: Conversion) ->
     except FrameError as error:
         conversion.refused.append(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
         return
-    pixels = frame.pixels
+    pixels, truth = frame.pixels, frame.truth
+    segmentation = _read(pixels.segmentation, frame.segmentation, frame, conversion)
     writer.add_camera(frame.drone, frame.camera)
     writer.add_frame(
         frame.drone,
@@ -86,10 +99,25 @@ def _write_frame(writer: MissionWriter, frame: Frame, conversion: Conversion) ->
         image=_read(pixels.image, lambda: _jpeg_or_png(frame.encoded_image()), frame, conversion),
         heatmap=heatmap,
         regions=_read(pixels.regions, frame.regions, frame, conversion),
-        silhouettes=_read(pixels.silhouettes, frame.silhouettes, frame, conversion),
+        silhouettes=_silhouettes(frame, segmentation, conversion),
         depth_m=_read(pixels.depth_m, frame.depth_m, frame, conversion),
+        segmentation=segmentation,
+        instances=_read(pixels.instances, frame.instances, frame, conversion),
+        true_pose=_read(truth.pose, frame.true_pose, frame, conversion),
+        exposure_ns=_read(truth.exposure_ns, frame.exposure_ns, frame, conversion),
+        people=_read(truth.people, frame.people, frame, conversion),
     )
     conversion.frames[frame.drone] += 1
+
+
+def _silhouettes(
+    frame: Frame, segmentation: NDArray[Any] | None, conversion: Conversion
+) -> NDArray[np.bool_] | None:
+    """None where the segmentation says the same."""
+    silhouettes = _read(frame.pixels.silhouettes, frame.silhouettes, frame, conversion)
+    if silhouettes is None or segmentation is None:
+        return silhouettes
+    return None if np.array_equal(silhouettes, segmentation == CROWD_CLASS) else silhouettes
 
 
 def _read(source: object, read: Callable[[], ValueT], frame: Frame, conversion: Conversion) -> ValueT | None:
@@ -103,12 +131,26 @@ def _read(source: object, read: Callable[[], ValueT], frame: Frame, conversion: 
         return None
 
 
+def _write_people(writer: MissionWriter, recording: Recording, stamp_ns: int, conversion: Conversion) -> None:
+    try:
+        people = recording.people_truth(stamp_ns)
+    except ValueError as error:
+        conversion.omitted.append(f"people of the world at {stamp_ns}: {error}")
+        return
+    if people is not None:
+        writer.add_people(people)
+
+
 def _jpeg_or_png(data: bytes) -> bytes:
     return data if picture_format(data) else as_png(data)
 
 
 def _frames(recording: Recording) -> Iterator[tuple[int, Any]]:
     return ((frame.stamp_ns, frame) for frame in recording.frames)
+
+
+def _people(recording: Recording) -> Iterator[tuple[int, Any]]:
+    return ((stamp_ns, None) for stamp_ns in recording.people.stamps_ns)
 
 
 def _poses(recording: Recording) -> Iterator[tuple[int, Any]]:

@@ -24,15 +24,28 @@ from crowdfence.sources.admission import Capture, Limits, admit
 from crowdfence.sources.camera_info import camera_from_info
 from crowdfence.sources.mcap_records import McapFile, MessageLocation, StoredMessage
 from crowdfence.sources.mission_layout import (
+    CROWD_CLASS,
     FORMAT_VERSION,
     METADATA,
     METADATA_DRONE,
     METADATA_REFUSED,
+    METADATA_SIMULATION,
+    METADATA_STATISTICS,
+    PEOPLE_TOPIC,
     TOPICS,
     Part,
     split_topic,
 )
+from crowdfence.sources.mission_messages import (
+    decode_exposure_ns,
+    decode_people,
+    decode_picture,
+    decode_pose,
+    decode_raster,
+)
+from crowdfence.sources.pictures import decode_depth_cm
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 
@@ -75,6 +88,10 @@ class _Content:
         self.drones: dict[str, _DroneContent] = {}
         self.refused: list[RefusedFrame] = []
         self.warnings: list[str] = []
+        self.simulation: dict[str, Any] = {}
+        """What a simulated mission says about itself, by "simulation" and "statistics"."""
+        self.people: dict[int, MessageLocation] = {}
+        """Everybody in the world, by stamp."""
         self._cameras: dict[bytes, Camera | str] = {}
         self._ignored_topics: set[str] = set()
 
@@ -92,8 +109,15 @@ class _Content:
             self.drones.setdefault(prefix, _DroneContent())
         elif record.name == METADATA_REFUSED:
             self._take_refused(record.metadata.get("frames", ""))
+        elif record.name == METADATA_SIMULATION:
+            self._take_simulation("simulation", record.metadata.get("manifest", ""))
+        elif record.name == METADATA_STATISTICS:
+            self._take_simulation("statistics", record.metadata.get("statistics", ""))
 
     def take_message(self, message: StoredMessage) -> None:
+        if message.topic == PEOPLE_TOPIC:
+            self._take_people(message)
+            return
         place = split_topic(message.topic)
         if place is None:
             return
@@ -144,6 +168,23 @@ class _Content:
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             self.warnings.append(f"the list of refused frames in the file is damaged: {error!r}")
 
+    def _take_simulation(self, what: str, text: str) -> None:
+        try:
+            self.simulation[what] = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            self.warnings.append(f"the {what} record in the file is damaged: {error!r}")
+
+    def _take_people(self, message: StoredMessage) -> None:
+        if message.schema_name != ros2_messages.POINT_CLOUD2:
+            self._ignore_topic(message, ros2_messages.POINT_CLOUD2)
+            return
+        try:
+            stamp_ns = ros2_messages.header_stamp_ns(bytes(message.data[:12]))
+        except ValueError as error:
+            self.warnings.append(f"people at log time {message.log_time_ns} are left out: {error}")
+            return
+        self.people.setdefault(stamp_ns, message.location)
+
     def _ignore_topic(self, message: StoredMessage, expected: str) -> None:
         if message.topic not in self._ignored_topics:
             self._ignored_topics.add(message.topic)
@@ -181,8 +222,9 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         terrain=_terrain(mcap.path, description, warnings),
         refused=content.refused + refused,
         warnings=tuple(warnings),
-        manifest={"kind": "mission", "path": str(mcap.path), **description},
+        manifest={"kind": "mission", "path": str(mcap.path), **description, **content.simulation},
         pose_tracks=tracks,
+        people=_people_log(mcap, content.people),
     )
 
 
@@ -194,7 +236,7 @@ def _captures(mcap: McapFile, found: _DroneContent) -> list[Capture]:
         camera = found.cameras.get(stamp_ns, only)
         fault = camera if isinstance(camera, str) else None
         usable = None if isinstance(camera, str) else camera
-        captures.append(Capture(stamp_ns, usable, _pixel_sources(mcap, parts), fault))
+        captures.append(Capture(stamp_ns, usable, _pixel_sources(mcap, parts), fault, _truth(mcap, parts)))
     # A stamp that was sent twice is refused once; its first message stands.
     captures.extend(
         Capture(stamp_ns, None, fault=f"stamp {stamp_ns} repeats an earlier frame of this drone")
@@ -206,39 +248,41 @@ def _captures(mcap: McapFile, found: _DroneContent) -> list[Capture]:
 def _pixel_sources(mcap: McapFile, parts: dict[Part, MessageLocation]) -> PixelSources:
     def raster(part: Part) -> Callable[[], NDArray[Any]] | None:
         location = parts.get(part)
-        return None if location is None else lambda: _decode_raster(mcap.payload(location))
+        return None if location is None else lambda: decode_raster(mcap.payload(location))
 
-    def picture(location: MessageLocation) -> bytes:
-        return bytes(ros2_messages.decode(ros2_messages.COMPRESSED_IMAGE, mcap.payload(location)).data)
-
-    image, silhouettes = parts.get("image"), raster("silhouettes")
+    image, depth_cm = parts.get("image"), parts.get("depth_cm")
+    segmentation = raster("segmentation")
+    in_cm = None if depth_cm is None else lambda: decode_depth_cm(decode_picture(mcap.payload(depth_cm)))
     return PixelSources(
-        image=None if image is None else lambda: picture(image),
+        image=None if image is None else lambda: decode_picture(mcap.payload(image)),
         heatmap=raster("heatmap"),
         regions=raster("regions"),
-        silhouettes=None if silhouettes is None else lambda: silhouettes() > 0,
-        depth_m=raster("depth"),
+        silhouettes=_silhouettes(raster("silhouettes"), segmentation),
+        depth_m=raster("depth") or in_cm,
+        segmentation=segmentation,
+        instances=raster("instances"),
     )
 
 
-_DTYPES = {"mono8": "u1", "8UC1": "u1", "mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
+def _silhouettes(
+    recorded: Callable[[], NDArray[Any]] | None, segmentation: Callable[[], NDArray[Any]] | None
+) -> Callable[[], NDArray[np.bool_]] | None:
+    if recorded is not None:
+        return lambda: recorded() > 0
+    return None if segmentation is None else lambda: segmentation() == CROWD_CLASS
 
 
-def _decode_raster(data: bytes) -> NDArray[Any]:
-    """sensor_msgs/Image with one channel -> [h, w]."""
-    message = ros2_messages.decode(ros2_messages.IMAGE, data)
-    if message.encoding not in _DTYPES:
-        raise ValueError(f"image encoding {message.encoding!r} is not supported ({', '.join(_DTYPES)})")
-    dtype = np.dtype(_DTYPES[message.encoding]).newbyteorder(">" if message.is_bigendian else "<")
-    rows, columns, step = message.height, message.width, message.step
-    if step < columns * dtype.itemsize or len(message.data) < rows * step:
-        raise ValueError(
-            f"{columns}x{rows} {message.encoding} with {step} bytes a row needs more than its "
-            f"{len(message.data)} bytes of data"
-        )
-    bytes_2d = np.frombuffer(message.data, dtype=np.uint8, count=rows * step).reshape(rows, step)
-    pixels = np.ascontiguousarray(bytes_2d[:, : columns * dtype.itemsize]).view(dtype)
-    return pixels.astype(dtype.newbyteorder("="))
+def _truth(mcap: McapFile, parts: dict[Part, MessageLocation]) -> FrameTruth:
+    pose, exposure, people = parts.get("true_pose"), parts.get("exposure"), parts.get("people")
+    return FrameTruth(
+        pose=None if pose is None else lambda: decode_pose(mcap.payload(pose)),
+        exposure_ns=None if exposure is None else lambda: decode_exposure_ns(mcap.payload(exposure)),
+        people=None if people is None else lambda: decode_people(mcap.payload(people)),
+    )
+
+
+def _people_log(mcap: McapFile, found: dict[int, MessageLocation]) -> PeopleLog:
+    return PeopleLog(tuple(sorted(found)), lambda stamp_ns: decode_people(mcap.payload(found[stamp_ns])))
 
 
 def _georeference(description: dict[str, str], warnings: list[str]) -> Georeference | None:

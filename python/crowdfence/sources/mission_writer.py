@@ -3,33 +3,36 @@
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-from mcap.records import Schema
-from mcap_ros2.writer import Writer
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import Writer
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources import ros2_messages
-from crowdfence.sources.camera_info import camera_info_fields
 from crowdfence.sources.mission_layout import (
     FORMAT_VERSION,
     MAP_FRAME,
     METADATA,
     METADATA_DRONE,
     METADATA_REFUSED,
+    METADATA_SIMULATION,
+    METADATA_STATISTICS,
+    PEOPLE_TOPIC,
     TOPICS,
     Part,
     topic,
     topic_prefix,
 )
-from crowdfence.sources.pictures import picture_format
+from crowdfence.sources.mission_messages import FrameContent, encode_frame, encode_people, pose_fields
+from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
@@ -42,7 +45,8 @@ class MissionWriter:
     stays, and `open_recording` reads what is in it.
 
     Poses and frames may come in any order between drones, but the stamps of one drone's poses, and of its
-    frames, must increase: ValueError otherwise, and for stamps outside [0, LAST_STAMP_NS].
+    frames, must increase: ValueError otherwise, and for stamps outside [0, LAST_STAMP_NS]. Of frames that are
+    given an arrival, the arrivals must.
     """
 
     def __init__(
@@ -59,7 +63,9 @@ class MissionWriter:
         self._part_path = self.path.with_name(self.path.name + ".part")
         self._file = self._part_path.open("wb")
         self._mcap = Writer(self._file)
-        self._schemas: dict[str, Schema] = {}
+        self._mcap.start(profile=Profile.ROS2, library="crowdfence")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
         self._prefixes: dict[str, str] = {}
         self._cameras: dict[str, Camera] = {}
         self._last_stamp_ns: dict[tuple[str, str], int] = {}
@@ -73,18 +79,16 @@ class MissionWriter:
         """Pose of the drone's camera: `position` [3] in local ENU metres, `quaternion` [4] w x y z turning
         camera axes (OpenCV) into ENU. Written bit for bit; also goes out on /tf."""
         self._advance(drone, "pose", stamp_ns)
-        x, y, z = (float(value) for value in np.asarray(position, dtype=np.float64))
-        qw, qx, qy, qz = (float(value) for value in np.asarray(quaternion, dtype=np.float64))
-        header = ros2_messages.header(stamp_ns, MAP_FRAME)
-        point, rotation = {"x": x, "y": y, "z": z}, {"w": qw, "x": qx, "y": qy, "z": qz}
-        pose = {"header": header, "pose": {"position": point, "orientation": rotation}}
-        self._write(topic(self._prefix(drone), "pose"), ros2_messages.POSE_STAMPED, stamp_ns, pose)
+        header, pose = ros2_messages.header(stamp_ns, MAP_FRAME), pose_fields(position, quaternion)
+        message = ros2_messages.encode(ros2_messages.POSE_STAMPED, {"header": header, "pose": pose})
+        self._write(topic(self._prefix(drone), "pose"), ros2_messages.POSE_STAMPED, message, stamp_ns)
         transform = {
             "header": header,
-            "child_frame_id": self._camera_frame(drone),
-            "transform": {"translation": point, "rotation": rotation},
+            "child_frame_id": self.camera_frame(drone),
+            "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
         }
-        self._write("/tf", ros2_messages.TF_MESSAGE, stamp_ns, {"transforms": [transform]})
+        message = ros2_messages.encode(ros2_messages.TF_MESSAGE, {"transforms": [transform]})
+        self._write("/tf", ros2_messages.TF_MESSAGE, message, stamp_ns)
 
     def add_frame(
         self,
@@ -96,29 +100,60 @@ class MissionWriter:
         regions: NDArray[Any] | None = None,
         silhouettes: NDArray[np.bool_] | None = None,
         depth_m: NDArray[np.float32] | None = None,
+        segmentation: NDArray[Any] | None = None,
+        instances: NDArray[Any] | None = None,
+        true_pose: CameraPose | None = None,
+        exposure_ns: int | None = None,
+        people: RecordedPeople | None = None,
     ) -> None:
-        """One image of a drone whose camera was added, with whatever is known about it.
-
-        image        JPEG or PNG bytes, stored untouched
-        heatmap      [h, w] uint8 (value / 255) or float in [0, 1], stored as uint8 or float32
-        regions      [H, W] crowd number per image pixel, 0 = none, at most 65535
-        silhouettes  [H, W] bool; depth_m [H, W] metres along the camera's z axis, NaN = unknown
-        """
+        """One image of a drone whose camera was added, and what is known about it: see `FrameContent`."""
         if drone not in self._cameras:
             raise ValueError(f"no camera of {drone!r} was added before its frame at {stamp_ns}")
-        encoded = {
-            "image": None if image is None else _compressed(image),
-            "heatmap": None if heatmap is None else _raster(_heatmap_pixels(heatmap)),
-            "regions": None if regions is None else _raster(_region_pixels(regions)),
-            "silhouettes": None if silhouettes is None else _raster(_silhouette_pixels(silhouettes)),
-            "depth": None if depth_m is None else _raster(np.asarray(depth_m, dtype=np.float32)),
-        }
-        self._advance(drone, "frame", stamp_ns)
-        self._write_part(drone, "camera_info", stamp_ns, camera_info_fields(self._cameras[drone]))
-        for part in ("image", "heatmap", "regions", "silhouettes", "depth"):
-            message = encoded[part]
-            if message is not None:
-                self._write_part(drone, part, stamp_ns, message)
+        content = FrameContent(
+            image,
+            heatmap,
+            regions,
+            silhouettes,
+            depth_m,
+            segmentation,
+            instances,
+            true_pose,
+            exposure_ns,
+            people,
+        )
+        # Nothing may be written of a frame that cannot be, not even its drone.
+        parts = encode_frame(content, self._cameras[drone], stamp_ns, self._next_camera_frame(drone))
+        self.add_encoded_frame(drone, stamp_ns, parts)
+
+    def add_encoded_frame(
+        self, drone: str, stamp_ns: int, parts: Mapping[Part, bytes], *, arrival_ns: int | None = None
+    ) -> None:
+        """One image whose messages were made by `encode_frame` with this drone's `camera_frame`.
+
+        `arrival_ns` is when it arrived, if that is not its stamp: a late frame stands behind younger ones.
+        """
+        if arrival_ns is None:
+            self._advance(drone, "frame", stamp_ns)
+        else:
+            self._advance(drone, "arrival", arrival_ns)
+        log_time_ns = stamp_ns if arrival_ns is None else arrival_ns
+        prefix = self._prefix(drone)
+        for part, message in parts.items():
+            self._write(topic(prefix, part), TOPICS[part][1], message, log_time_ns, stamp_ns)
+
+    def add_people(self, people: RecordedPeople) -> None:
+        """Everybody in the world at an instant of the world's clock; instants must increase."""
+        self._advance("", "people", people.stamp_ns)
+        message = encode_people(people, people.stamp_ns)
+        self._write(PEOPLE_TOPIC, ros2_messages.POINT_CLOUD2, message, people.stamp_ns)
+
+    def add_simulation(self, manifest: Mapping[str, Any]) -> None:
+        """What a simulation was made from, ready for JSON; goes before its first message."""
+        self._mcap.add_metadata(METADATA_SIMULATION, {"manifest": json.dumps(manifest)})
+
+    def add_statistics(self, statistics: Mapping[str, Any]) -> None:
+        """What came out of a simulation, ready for JSON; goes behind its last message."""
+        self._mcap.add_metadata(METADATA_STATISTICS, {"statistics": json.dumps(statistics)})
 
     def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
         """Frames that the source of this mission had but could not pass on; readers report them again."""
@@ -142,11 +177,15 @@ class MissionWriter:
         self._file.close()
         os.replace(self._part_path, self.path)
 
+    def abandon(self) -> None:
+        """Stop writing and leave the partial file, which `open_recording` reads as far as it goes."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
     def discard(self) -> None:
         """Stop writing and remove the partial file."""
         # Closing flushes, which fails again on a full disk; the file goes away all the same.
-        with contextlib.suppress(OSError):
-            self._file.close()
+        self.abandon()
         self._part_path.unlink(missing_ok=True)
 
     def __enter__(self) -> "MissionWriter":
@@ -181,18 +220,37 @@ class MissionWriter:
             self._mcap.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
         return self._prefixes[drone]
 
-    def _camera_frame(self, drone: str) -> str:
-        return f"{self._prefix(drone)[1:]}/camera_optical"
+    def camera_frame(self, drone: str) -> str:
+        """Name of the drone's camera frame in headers; announces the drone."""
+        return _camera_frame(self._prefix(drone))
 
-    def _write_part(self, drone: str, part: Part, stamp_ns: int, fields: dict[str, Any]) -> None:
-        message = {"header": ros2_messages.header(stamp_ns, self._camera_frame(drone)), **fields}
-        self._write(topic(self._prefix(drone), part), TOPICS[part][1], stamp_ns, message)
+    def _next_camera_frame(self, drone: str) -> str:
+        prefix = self._prefixes.get(drone) or topic_prefix(drone, set(self._prefixes.values()))
+        return _camera_frame(prefix)
 
-    def _write(self, name: str, message_type: str, stamp_ns: int, message: dict[str, Any]) -> None:
+    def _write(
+        self, name: str, message_type: str, message: bytes, log_time_ns: int, stamp_ns: int | None = None
+    ) -> None:
+        published_ns = log_time_ns if stamp_ns is None else stamp_ns
+        self._mcap.add_message(
+            self._channel(name, message_type), log_time=log_time_ns, data=message, publish_time=published_ns
+        )
+
+    def _channel(self, name: str, message_type: str) -> int:
         if message_type not in self._schemas:
-            definition = ros2_messages.DEFINITIONS[message_type]
-            self._schemas[message_type] = self._mcap.register_msgdef(message_type, definition)
-        self._mcap.write_message(name, self._schemas[message_type], message, log_time=stamp_ns)
+            definition = ros2_messages.DEFINITIONS[message_type].encode()
+            self._schemas[message_type] = self._mcap.register_schema(
+                message_type, SchemaEncoding.ROS2, definition
+            )
+        if name not in self._channels:
+            self._channels[name] = self._mcap.register_channel(
+                name, MessageEncoding.CDR, self._schemas[message_type]
+            )
+        return self._channels[name]
+
+
+def _camera_frame(prefix: str) -> str:
+    return f"{prefix[1:]}/camera_optical"
 
 
 def _description(
@@ -208,54 +266,3 @@ def _description(
         relative = os.path.relpath(Path(terrain).resolve(), path.parent.resolve())
         description["terrain"] = relative.replace(os.sep, "/")
     return description
-
-
-def _compressed(image: bytes) -> dict[str, Any]:
-    picture = picture_format(image)
-    if picture is None:
-        raise ValueError(f"an image must be JPEG or PNG, got bytes that begin with {image[:8]!r}")
-    return {"format": picture, "data": bytes(image)}
-
-
-def _heatmap_pixels(heatmap: NDArray[Any]) -> NDArray[Any]:
-    heatmap = np.asarray(heatmap)
-    if heatmap.dtype == np.uint8:
-        return heatmap
-    if not np.issubdtype(heatmap.dtype, np.floating):
-        raise ValueError(f"a heatmap is uint8 or float, got {heatmap.dtype}")
-    return heatmap.astype(np.float32)
-
-
-def _region_pixels(regions: NDArray[Any]) -> NDArray[Any]:
-    regions = np.asarray(regions)
-    if regions.dtype == np.uint8 or regions.size == 0:
-        return regions.astype(np.uint8)
-    low, high = int(regions.min()), int(regions.max())
-    if not np.issubdtype(regions.dtype, np.integer) or low < 0 or high > 65535:
-        raise ValueError(
-            f"crowd numbers are integers in [0, 65535], got {regions.dtype} from {low} to {high}"
-        )
-    return regions.astype(np.uint8 if high < 256 else np.uint16)
-
-
-def _silhouette_pixels(silhouettes: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    return np.asarray(silhouettes, dtype=np.bool_).astype(np.uint8) * np.uint8(255)
-
-
-_ENCODINGS = {"uint8": "mono8", "uint16": "mono16", "float32": "32FC1"}
-
-
-def _raster(pixels: NDArray[Any]) -> dict[str, Any]:
-    """Fields of a sensor_msgs/Image apart from its header."""
-    shape: Sequence[int] = pixels.shape
-    if len(shape) != 2 or 0 in shape:
-        raise ValueError(f"expected pixels [h, w] with at least one value, got shape {tuple(shape)}")
-    little_endian = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder("<")))
-    return {
-        "height": shape[0],
-        "width": shape[1],
-        "encoding": _ENCODINGS[pixels.dtype.name],
-        "is_bigendian": 0,
-        "step": shape[1] * pixels.dtype.itemsize,
-        "data": little_endian.tobytes(),
-    }

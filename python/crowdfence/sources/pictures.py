@@ -69,11 +69,19 @@ def read_silhouettes(
 
 def read_depth_cm(path: Path, size: Size) -> NDArray[np.float32]:
     """16-bit PNG in centimetres -> [H, W] float32 metres, NaN where it holds 0."""
-    with _opened(path, size) as picture:
+    return _depth_cm(path, size)
+
+
+def decode_depth_cm(data: bytes) -> NDArray[np.float32]:
+    """The same from the file's bytes, whatever the size."""
+    return _depth_cm(io.BytesIO(data), None)
+
+
+def _depth_cm(source: Path | io.BytesIO, size: Size | None) -> NDArray[np.float32]:
+    with _opened(source, size) as picture:
         if not picture.mode.startswith("I"):
-            raise ValueError(
-                f"{path.name} has mode {picture.mode}: 8-bit depth is clipped; record 16 bit or PFM"
-            )
+            name = source.name if isinstance(source, Path) else "picture"
+            raise ValueError(f"{name} has mode {picture.mode}: 8-bit depth is clipped; record 16 bit or PFM")
         centimetres = np.asarray(picture).astype(np.float32)
     return np.where(centimetres > 0, centimetres / np.float32(100), np.float32(np.nan)).astype(np.float32)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera, View
 from crowdfence.georeference import Georeference
 from crowdfence.sources.pose_track import PoseTrack
+from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.synchronize import group_instants
 
 Pixels = NDArray[Any]
@@ -42,11 +43,13 @@ class RefusedFrame:
 class PixelSources:
     """Where the pixels of one frame come from: functions called when pixels are wanted, None = not recorded.
 
-    image        encoded picture, the bytes as recorded (JPEG, PNG or PPM)
-    heatmap      [h, w] uint8 (value / 255) or float in [0, 1], at any stride of the image
-    regions      [H, W] crowd number per image pixel, 0 = none: truth, silhouettes merged and gaps filled
-    silhouettes  [H, W] bool, pixels that show a person of a crowd: truth, as segmented
-    depth_m      [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
+    image         encoded picture, the bytes as recorded (JPEG, PNG or PPM)
+    heatmap       [h, w] uint8 (value / 255) or float in [0, 1], at any stride of the image
+    regions       [H, W] crowd number per image pixel, 0 = none: truth, silhouettes merged and gaps filled
+    silhouettes   [H, W] bool, pixels that show a person of a crowd: truth, as segmented
+    depth_m       [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
+    segmentation  [H, W] uint8, class of what a pixel shows (`mission_layout.CLASSES`): truth
+    instances     [H, W] number of the person that a pixel shows, 0 = none: truth
     """
 
     image: Callable[[], bytes] | None = None
@@ -54,6 +57,8 @@ class PixelSources:
     regions: Callable[[], Pixels] | None = None
     silhouettes: Callable[[], NDArray[np.bool_]] | None = None
     depth_m: Callable[[], NDArray[np.float32]] | None = None
+    segmentation: Callable[[], Pixels] | None = None
+    instances: Callable[[], Pixels] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +71,7 @@ class Frame:
     world_from_camera: NDArray[np.float64]
     """Rigid transform [4, 4], camera axes (OpenCV) -> local ENU metres."""
     pixels: PixelSources = field(default_factory=PixelSources, repr=False)
+    truth: FrameTruth = field(default_factory=FrameTruth, repr=False)
 
     def heatmap(self) -> Pixels:
         """Heatmap [h, w] as recorded. FrameError when there is none or it is damaged."""
@@ -93,6 +99,27 @@ class Frame:
     def depth_m(self) -> NDArray[np.float32]:
         """True depth along the camera's z axis [H, W], NaN = unknown. FrameError as for `regions`."""
         return self._read_at_image_size("depth", self.pixels.depth_m)
+
+    def segmentation(self) -> Pixels:
+        """True class per image pixel [H, W], see `mission_layout.CLASSES`. FrameError as for `regions`."""
+        return self._read_at_image_size("segmentation", self.pixels.segmentation)
+
+    def instances(self) -> Pixels:
+        """True number of the person per image pixel [H, W], 0 = none. FrameError as for `regions`."""
+        return self._read_at_image_size("instances", self.pixels.instances)
+
+    def true_pose(self) -> CameraPose:
+        """The camera as it was at the exposure. FrameError when not recorded or damaged."""
+        return self._read("true pose", self.truth.pose)
+
+    def exposure_ns(self) -> int:
+        """When the picture was taken on the clock of the world. FrameError as for `true_pose`."""
+        return self._read("true time", self.truth.exposure_ns)
+
+    def people(self) -> RecordedPeople:
+        """Everybody inside the picture, with the number of pixels that show each (0 = hidden). FrameError as
+        for `true_pose`."""
+        return self._read("people", self.truth.people)
 
     def view(self, heatmap: Pixels | None = None) -> View:
         """The frame for the core, with the recorded heatmap or the one given (a detector's).
@@ -168,6 +195,8 @@ class Recording:
     manifest: dict[str, Any]
     """What the source says about itself, ready for JSON."""
     pose_tracks: Mapping[str, PoseTrack]
+    people: PeopleLog = field(default_factory=PeopleLog, repr=False)
+    """Everybody in the world over time, where a simulator or a survey recorded it."""
 
     def frames_of(self, drone: str) -> list[Frame]:
         """The frames of one drone by stamp. ValueError for a drone that is not in the recording."""
@@ -177,6 +206,14 @@ class Recording:
     def tracks(self) -> dict[str, PoseTrack]:
         """Camera poses over time per drone, at telemetry rate."""
         return dict(self.pose_tracks)
+
+    def people_truth(self, stamp_ns: int, *, max_gap_s: float = 0.1) -> RecordedPeople | None:
+        """Everybody in the world at the recorded instant nearest to `stamp_ns`; None when none lies within
+        `max_gap_s`. Stamps of the world's clock are those of `Frame.exposure_ns`.
+
+        ValueError when the record is damaged.
+        """
+        return self.people.nearest(stamp_ns, max_gap_s)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

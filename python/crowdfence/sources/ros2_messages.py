@@ -1,4 +1,4 @@
-"""The eight ROS 2 message types of a mission file, and the few fields of them that we read without a decoder.
+"""The ROS 2 message types of a mission file, and the few fields of them that we read without a decoder.
 
 The definitions are the interfaces of common_interfaces and geometry2 as of ROS 2 Humble to Kilted, without
 comments. CDR does not describe itself; we decode with these texts, never with those found in a file.
@@ -45,6 +45,22 @@ uint8 is_bigendian
 uint32 step
 uint8[] data"""
 
+_POINT_FIELD = (
+    "sensor_msgs/PointField",
+    "uint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\nuint8 UINT32=6\n"
+    "uint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 datatype\nuint32 count",
+)
+_POINT_CLOUD2 = """\
+std_msgs/Header header
+uint32 height
+uint32 width
+PointField[] fields
+bool is_bigendian
+uint32 point_step
+uint32 row_step
+uint8[] data
+bool is_dense"""
+
 
 def _definition(text: str, *parts: tuple[str, str]) -> str:
     separator = "\n" + "=" * 80 + "\n"
@@ -56,6 +72,8 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
+TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 
 DEFINITIONS = {
     IMAGE: _definition(_IMAGE, _HEADER, _TIME),
@@ -73,13 +91,32 @@ DEFINITIONS = {
         _HEADER,
         _TIME,
     ),
+    POINT_CLOUD2: _definition(_POINT_CLOUD2, _POINT_FIELD, _HEADER, _TIME),
+    TIME_REFERENCE: _definition(
+        "std_msgs/Header header\nbuiltin_interfaces/Time time_ref\nstring source", _HEADER, _TIME
+    ),
 }
 
 
 def header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
     """std_msgs/Header as the encoder takes it."""
+    return {"stamp": time(stamp_ns), "frame_id": frame_id}
+
+
+def time(stamp_ns: int) -> dict[str, int]:
+    """builtin_interfaces/Time as the encoder takes it."""
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def time_ns(message: Any) -> int:
+    """Nanoseconds of a decoded builtin_interfaces/Time."""
+    return int(message.sec) * 1_000_000_000 + int(message.nanosec)
+
+
+def encode(message_type: str, fields: dict[str, Any]) -> bytes:
+    """A message of one of the types above as CDR; a field that is missing is zero or empty."""
+    return bytes(_encoder(message_type)(fields))
 
 
 def decode(message_type: str, data: bytes) -> Any:
@@ -100,6 +137,14 @@ def header_stamp_ns(data: bytes) -> int:
     order = "<" if data[1] & 1 else ">"
     sec, nanosec = struct.unpack_from(f"{order}iI", data, 4)
     return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+@cache
+def _encoder(message_type: str) -> Callable[[dict[str, Any]], bytes]:
+    # The package has no public encoder apart from its writer, which takes no message that is already encoded.
+    from mcap_ros2._dynamic import serialize_dynamic
+
+    return serialize_dynamic(message_type, DEFINITIONS[message_type])[message_type]  # type: ignore[no-any-return]
 
 
 @cache
