@@ -17,7 +17,7 @@ pub enum Error {
     #[error(transparent)]
     Triangles(#[from] TrianglesError),
 
-    #[error("{name} is {value}; it must be {bound}")]
+    #[error("{name} is {}; it must be {bound}", short(*value))]
     OutOfRange { name: &'static str, value: f64, bound: &'static str },
     #[error("{name} has {actual} values; {expected} are needed")]
     Length { name: &'static str, actual: usize, expected: usize },
@@ -48,7 +48,8 @@ pub enum Error {
     #[error("terrain has {count} voxels; the bound is {bound}. Use larger voxels")]
     TooManyVoxels { count: u64, bound: u64 },
     #[error(
-        "point {index} at ({x}, {y}, {z}) cannot be placed on the voxel grid; coordinates must be finite and within 2^31 voxels of the origin"
+        "point {index} at ({}, {}, {}) cannot be placed on the voxel grid; coordinates must be finite and within 2^31 voxels of the origin",
+        short(*x), short(*y), short(*z)
     )]
     PointOffGrid { index: usize, x: f64, y: f64, z: f64 },
     #[error(
@@ -96,4 +97,33 @@ pub enum Error {
 /// Refuses a value that does not satisfy its bound (NaN satisfies none).
 pub(crate) fn require(ok: bool, name: &'static str, value: f64, bound: &'static str) -> Result<()> {
     if ok { Ok(()) } else { Err(Error::OutOfRange { name, value, bound }) }
+}
+
+/// A number as people write it: 1e308 rather than its 309 digits.
+fn short(value: f64) -> String {
+    match value.abs() {
+        0.0 | 1e-4..1e9 => value.to_string(),
+        size if size.is_finite() => format!("{value:e}"),
+        _ => value.to_string(), // NaN, inf
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_messages_stay_readable() {
+        for (value, words) in [
+            (0.0, "x is 0;"),
+            (-7.25, "x is -7.25;"),
+            (1e308, "x is 1e308;"),
+            (-2.5e-300, "x is -2.5e-300;"),
+            (f64::NAN, "x is NaN;"),
+            (f64::NEG_INFINITY, "x is -inf;"),
+        ] {
+            let message = require(false, "x", value, "something else").unwrap_err().to_string();
+            assert!(message.starts_with(words), "{message}");
+        }
+    }
 }
