@@ -21,7 +21,7 @@ def open_context() -> moderngl.Context:
         import moderngl
     except ImportError as error:
         raise NoOpenGL(
-            'rendering needs the Python package moderngl: pip install "crowdfence[simulation]"'
+            'rendering needs the Python package moderngl: pip install "crowdfence[sim]"'
         ) from error
     try:
         settings: Any = {"backend": "egl"}

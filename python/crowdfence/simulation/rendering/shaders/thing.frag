@@ -8,6 +8,7 @@ in vec3 v_local;
 in float v_depth;
 flat in uvec2 v_label;
 flat in float v_seed;
+in float v_own;
 uniform int u_material;  // 0 plain, 1 foliage, 2 stone, 3 clothed figure
 uniform float u_snow;    // 0-1: how white upward faces are
 
@@ -15,11 +16,13 @@ void main() {
     vec3 normal = normalize(v_normal);
     vec3 albedo = v_color;
     float openness = 1.0, gloss = 0.0;
-    if (u_material == 1) {
+    if (u_material == 1 && v_own < 0.5) {
         vec4 clump = texture(u_noise, (v_local.xy + v_local.z * vec2(1.3, 0.7)) / 2.9 + v_seed);
         vec4 leaf = texture(u_noise, (v_local.yz + v_local.x * vec2(0.6, 1.1)) / 0.85);
         // Gaps between leaves; in winter few are left.
-        if (leaf.w < 0.40 + 0.08 * u_snow && v_depth < 140.0) discard;
+        // Two noises across each other, so that the gaps are not drawn out along any side of the crown.
+        float cover = leaf.w + texture(u_noise, (v_local.xz - v_local.y * vec2(0.8, 0.5)) / 0.7 + 0.3).y;
+        if (cover < 0.86 + 0.14 * u_snow && v_depth < 140.0) discard;
         albedo *= 0.42 + 1.15 * clump.x * (0.35 + leaf.y);
         normal = normalize(normal + 1.1 * (vec3(leaf.xz, clump.y) - 0.5) + vec3(0.0, 0.0, 0.2));
         openness = 0.72 + 0.28 * normal.z;

@@ -9,6 +9,7 @@ out vec3 v_local;
 out float v_depth;
 flat out uvec2 v_label;
 flat out float v_seed;
+out float v_own;  // 1 = the mesh's own colour (bark), 0 = the instance's (leaves)
 
 void main() {
     Placed here = placed();
@@ -18,6 +19,7 @@ void main() {
     v_color = instance_color();
     v_label = uvec2(in_label + 0.5);
     v_seed = in_turn.w;
+    v_own = step(0.9, in_color.w);
     gl_Position = clip_from_world(here.world);
     v_depth = gl_Position.w;
 }
