@@ -141,6 +141,22 @@ def test_a_plain_folder_runs_with_a_georeferenced_height_model(tmp_path: Path) -
     assert terrain["voxel_size_m"] == 4.0
 
 
+def test_the_map_that_a_run_leaves_is_the_terrain_of_its_crowd_map(tmp_path: Path) -> None:
+    """The height model's grid starts far from zero, where an OctoMap's always starts."""
+    recording = write_folder(tmp_path / "plain", flight())
+    dem = tmp_path / "dem.tif"
+    transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(dem, "w", width=300, height=300, **profile) as raster:
+        raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+    done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2)
+    assert done.returncode == 0, done.stderr
+    terrain = Terrain.open(tmp_path / "out" / "terrain.bt")
+    assert terrain.origin[0] < -500.0
+    assert CrowdMap.load(tmp_path / "out" / "crowd_map.crowdmap", terrain).seen().sum() > 100
+
+
 def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
     recording = write_folder(tmp_path / "plain", flight())
     mesh = tmp_path / "plain.obj"

@@ -191,3 +191,23 @@ def test_a_probability_outside_its_bounds_is_refused_by_voxel() -> None:
     terrain = terrain_of(np.array([[1, 2, 3]]))
     with pytest.raises(ValueError, match=r"\[1, 2, 3\] has the probability 1.5"):
         _core.write_octomap_color(terrain, [0], np.zeros((1, 3), dtype=np.uint8), [1.5])
+
+
+def test_a_file_of_ours_says_where_it_lies(tmp_path: Path) -> None:
+    from crowdfence import Georeference
+    from crowdfence.exports.octomap import write_terrain_octomap
+    from crowdfence.maps import MapError
+
+    terrain = Terrain.from_points([[100.5, -20.5, 3.0]], 1.0, origin=(100.25, -21.0, 2.5))
+    terrain.georeference = Georeference(46.5, 8.0, 1200.0)
+    path = tmp_path / "here.bt"
+    write_terrain_octomap(path, terrain)
+    read = Terrain.open(path)
+    assert read.fingerprint == terrain.fingerprint
+    assert read.georeference == terrain.georeference
+    assert Terrain.open(path, origin=(0.0, 0.0, 0.0)).origin == (0.0, 0.0, 0.0)
+    with pytest.raises(MapError, match="is anchored 100 m away"):
+        Terrain.open(path, georeference=Georeference(46.5, 8.0, 1100.0))
+    path.write_bytes(path.read_bytes().replace(b'"origin_m"', b'"origin__"'))
+    with pytest.raises(MapError, match="comment in the header cannot be read"):
+        Terrain.open(path)

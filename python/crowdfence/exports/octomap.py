@@ -12,7 +12,6 @@ OctoMap has no place for a frame, a stamp or a threshold. They stand in the head
 
 from __future__ import annotations
 
-import json
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from crowdfence.exports.atomic import write_bytes
 from crowdfence.exports.colors import STATE_COLORS, state_colors
 from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.octomap_frame import annotated, described
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
@@ -39,7 +39,7 @@ def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
     from crowdfence import _core
 
     data = _core.write_octomap_binary(terrain, _every_id(terrain))
-    write_bytes(path, _annotated(data, _frame(terrain)))
+    write_bytes(path, annotated(data, described(terrain)))
 
 
 def write_colored_octomap(
@@ -65,21 +65,11 @@ def write_colored_octomap(
     colors = state_colors(probabilities, states, description.threshold)
     occupancy = np.full(terrain.voxel_count, OCCUPIED)
     data = _core.write_octomap_color(terrain, _every_id(terrain), colors, occupancy)
-    write_bytes(path, _annotated(data, _frame(terrain) | _meaning(description)))
+    write_bytes(path, annotated(data, described(terrain) | _meaning(description)))
 
 
 def _every_id(terrain: Terrain) -> NDArray[np.int64]:
     return np.arange(terrain.voxel_count, dtype=np.int64)
-
-
-def _frame(terrain: Terrain) -> dict[str, Any]:
-    """Tree coordinates count from the terrain's origin, because OctoMap's grid always starts at zero."""
-    frame: dict[str, Any] = {"frame": "tree + origin_m = local east-north-up metres"}
-    frame["origin_m"] = list(terrain.origin)
-    if terrain.georeference is not None:
-        anchor = terrain.georeference
-        frame["anchor_wgs84"] = [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m]
-    return frame
 
 
 def _meaning(description: MapDescription) -> dict[str, Any]:
@@ -90,11 +80,3 @@ def _meaning(description: MapDescription) -> dict[str, Any]:
         "mission": description.mission,
         "colors": {state.name: list(color) for state, color in STATE_COLORS.items()},
     }
-
-
-def _annotated(data: bytes, content: dict[str, Any]) -> bytes:
-    """The file with a comment line after its first line, where the library's reader skips it."""
-    first_line, rest = data.split(b"\n", 1)
-    # ASCII JSON has no line breaks, whatever the mission is called.
-    comment = f"# crowdfence {json.dumps(content)}".encode("ascii")
-    return b"\n".join([first_line, comment, rest])

@@ -9,6 +9,7 @@ from pathlib import Path
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
+from crowdfence.octomap_frame import read_frame
 
 
 def open_octomap(
@@ -16,19 +17,36 @@ def open_octomap(
     *,
     voxel_size_m: float | None = None,
     georeference: Georeference | None = None,
-    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    origin: Sequence[float] | None = None,
 ) -> Terrain:
     """Occupied leaves of an OctoMap, whose coordinates are local ENU metres; `origin` is added to them.
 
     The file decides the voxel size; another `voxel_size_m` is refused, since resampled voxels have gaps.
-    An OctoMap knows no place on Earth, so `georeference` is taken as given.
+    A file of ours says in a comment where it lies (`octomap_frame`); `origin` overrides its origin, and an
+    anchor other than `georeference` is refused. Other files know no place on Earth: `georeference` is taken
+    as given and `origin` is zero unless given.
     """
-    terrain = Terrain.from_octomap(path.read_bytes(), origin=origin)
+    data = path.read_bytes()
+    frame = read_frame(data)
+    if origin is None:
+        origin = (0.0, 0.0, 0.0) if frame is None else frame.origin_m
+    terrain = Terrain.from_octomap(data, origin=origin)
     if voxel_size_m is not None and not math.isclose(voxel_size_m, terrain.voxel_size_m, rel_tol=1e-6):
         raise MapError(
             path,
             f"has voxels of {terrain.voxel_size_m:g} m, but voxel_size_m is {voxel_size_m:g}; an OctoMap is "
             "not resampled, so leave voxel_size_m out",
         )
-    terrain.georeference = georeference
+    terrain.georeference = _anchor(path, georeference, None if frame is None else frame.georeference)
     return terrain
+
+
+def _anchor(path: Path, wanted: Georeference | None, written: Georeference | None) -> Georeference | None:
+    if wanted is None or written is None or wanted == written:
+        return wanted or written
+    offset_m = wanted.local_from_geodetic(written.latitude_deg, written.longitude_deg, written.height_m)
+    raise MapError(
+        path,
+        f"is anchored {abs(offset_m).max():.3g} m away from the recording's local frame; make it again for "
+        "that frame, or pass the map that it was made from",
+    )
