@@ -1,7 +1,7 @@
 """Where an OctoMap of ours lies: a comment line in the file, which every OctoMap reader skips.
 
 An OctoMap's grid always starts at zero, so the origin of the terrain's grid and the anchor of the local frame
-stand in the comment `# crowdfence {"origin_m": [x, y, z], "anchor_wgs84": [latitude, longitude, height], ...}`.
+stand in the comment `# crowdfence {"origin_m": [x, y, z], "anchor_wgs84": [lat, lon, height], ...}`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def annotated(data: bytes, content: dict[str, Any]) -> bytes:
 
 
 def read_frame(data: bytes) -> OctomapFrame | None:
-    """The frame in the comment of a file; None where there is no such comment. ValueError when it is broken."""
+    """The frame in the comment of a file; None where there is no comment. ValueError when it is broken."""
     for line in data[:_LONGEST_HEADER].split(b"\n"):
         if line.startswith(_MARK):
             return _parsed(line.removeprefix(_MARK))
