@@ -19,6 +19,7 @@ class Stream(IntEnum):
     CLOCK = 107
     FRAMES = 108
     TELEMETRY = 109
+    DETECTOR = 110
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -122,3 +122,8 @@ def topic_prefix(drone: str, taken: set[str]) -> str:
     while prefix in taken:
         prefix, number = f"/{token}_{number}", number + 1
     return prefix
+
+
+def camera_frame(prefix: str) -> str:
+    """Name of the camera's optical frame of the drone with this topic prefix."""
+    return f"{prefix[1:]}/camera_optical"

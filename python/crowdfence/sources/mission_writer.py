@@ -28,6 +28,7 @@ from crowdfence.sources.mission_layout import (
     PEOPLE_TOPIC,
     TOPICS,
     Part,
+    camera_frame,
     topic,
     topic_prefix,
 )
@@ -46,7 +47,7 @@ class MissionWriter:
 
     Poses and frames may come in any order between drones, but the stamps of one drone's poses, and of its
     frames, must increase: ValueError otherwise, and for stamps outside [0, LAST_STAMP_NS]. Of frames that are
-    given an arrival, the arrivals must.
+    given an arrival, the arrivals must not go back.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class MissionWriter:
         """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file."""
         self.path = Path(path)
         description = _description(self.path, georeference, terrain, source)
-        self._part_path = self.path.with_name(self.path.name + ".part")
+        self._part_path = part_path(self.path)
         self._file = self._part_path.open("wb")
         self._mcap = Writer(self._file)
         self._mcap.start(profile=Profile.ROS2, library="crowdfence")
@@ -84,7 +85,7 @@ class MissionWriter:
         self._write(topic(self._prefix(drone), "pose"), ros2_messages.POSE_STAMPED, message, stamp_ns)
         transform = {
             "header": header,
-            "child_frame_id": self.camera_frame(drone),
+            "child_frame_id": camera_frame(self._prefix(drone)),
             "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
         }
         message = ros2_messages.encode(ros2_messages.TF_MESSAGE, {"transforms": [transform]})
@@ -128,14 +129,14 @@ class MissionWriter:
     def add_encoded_frame(
         self, drone: str, stamp_ns: int, parts: Mapping[Part, bytes], *, arrival_ns: int | None = None
     ) -> None:
-        """One image whose messages were made by `encode_frame` with this drone's `camera_frame`.
+        """One image whose messages were made by `encode_frame` with its drone's `camera_frame`.
 
         `arrival_ns` is when it arrived, if that is not its stamp: a late frame stands behind younger ones.
         """
         if arrival_ns is None:
             self._advance(drone, "frame", stamp_ns)
         else:
-            self._advance(drone, "arrival", arrival_ns)
+            self._advance(drone, "arrival", arrival_ns, at_once=True)
         log_time_ns = stamp_ns if arrival_ns is None else arrival_ns
         prefix = self._prefix(drone)
         for part, message in parts.items():
@@ -203,11 +204,11 @@ class MissionWriter:
             self.discard()
             raise
 
-    def _advance(self, drone: str, what: str, stamp_ns: int) -> None:
+    def _advance(self, drone: str, what: str, stamp_ns: int, *, at_once: bool = False) -> None:
         if not 0 <= stamp_ns <= LAST_STAMP_NS:
             raise ValueError(f"{what} of {drone!r}: stamp {stamp_ns} is outside [0, {LAST_STAMP_NS}] ns")
         last_ns = self._last_stamp_ns.get((drone, what), -1)
-        if stamp_ns <= last_ns:
+        if stamp_ns < last_ns or (stamp_ns == last_ns and not at_once):
             raise ValueError(
                 f"{what} of {drone!r}: stamp {stamp_ns} does not come after the last one, {last_ns}"
             )
@@ -220,13 +221,9 @@ class MissionWriter:
             self._mcap.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
         return self._prefixes[drone]
 
-    def camera_frame(self, drone: str) -> str:
-        """Name of the drone's camera frame in headers; announces the drone."""
-        return _camera_frame(self._prefix(drone))
-
     def _next_camera_frame(self, drone: str) -> str:
         prefix = self._prefixes.get(drone) or topic_prefix(drone, set(self._prefixes.values()))
-        return _camera_frame(prefix)
+        return camera_frame(prefix)
 
     def _write(
         self, name: str, message_type: str, message: bytes, log_time_ns: int, stamp_ns: int | None = None
@@ -249,8 +246,9 @@ class MissionWriter:
         return self._channels[name]
 
 
-def _camera_frame(prefix: str) -> str:
-    return f"{prefix[1:]}/camera_optical"
+def part_path(path: Path) -> Path:
+    """Where a mission file grows until it is closed."""
+    return path.with_name(path.name + ".part")
 
 
 def _description(
