@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup
+.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup opengl
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -43,7 +43,13 @@ lint: setup
 test-rust:
 	cargo test --locked -p crowdfence
 
-test-python: setup
+# The simulator renders through EGL; the two system packages are installed only if no context can be made.
+opengl: setup
+	@$(BIN)/python -c 'from crowdfence.simulation.rendering.opengl_context import open_context; open_context()' \
+	  2>/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
+	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
+
+test-python: opengl
 	$(BIN)/pytest
 
 fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
