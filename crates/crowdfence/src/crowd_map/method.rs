@@ -37,7 +37,7 @@ impl Method {
     ///
     /// As printed, a place that all see empty has P(A|0), and a crowd that one of N drones sees with certainty
     /// reaches (P(A|1) + (N - 1) P(A|0)) / N. The default lies a quarter of the way from the first to the
-    /// second: with alpha = 0.1 such a crowd is marked within about four looks. A fixed 0.5 would never mark
+    /// second: with alpha = 0.1 such a crowd is marked within four to six looks. A fixed 0.5 would never mark
     /// what a single drone of three sees.
     pub fn default_threshold(&self) -> f64 {
         match self {
