@@ -16,6 +16,7 @@ from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.run import run
+from crowdfence.cli.simulate import simulate
 
 FAILED = 1
 INTERRUPTED = 130
@@ -33,6 +34,7 @@ app.command("run")(run)
 app.command("inspect")(inspect)
 app.command("convert")(convert)
 app.command("evaluate")(evaluate)
+app.command("simulate")(simulate)
 app.command("demo")(demo)
 app.command("doctor")(doctor)
 

@@ -60,8 +60,8 @@ class FrameMaker:
             rolling_ms = scene.scenario.trouble.rolling_exposure_ms
             if rolling_ms > 0:
                 raise ScenarioError(
-                    f"trouble.rolling_exposure_ms is {rolling_ms:g}: a rolling exposure needs pictures; set it "
-                    "to 0 to record labels alone"
+                    f"trouble.rolling_exposure_ms is {rolling_ms:g}: a rolling exposure needs pictures; "
+                    "set it to 0 to record labels alone"
                 )
             self._eye = LabelRaycaster(scene, self._camera)
         self.description = self._eye.description

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from heapq import heappop, heappush, merge
 
 import numpy as np
-from numpy.typing import NDArray
 
+from crowdfence.simulation.telemetry import PoseRows
 from crowdfence.simulation.trouble import TELEMETRY_MARGIN_S, Capture, Schedule
 
 _TELEMETRY_BLOCK_S = 2.0
@@ -16,12 +16,13 @@ _TELEMETRY_BLOCK_S = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TelemetryRow:
-    """What a drone logs about its camera."""
+    """What a drone logs about itself."""
 
     drone: int
     stamp_ns: int
-    camera_position: NDArray[np.float64]
-    camera_quaternion: NDArray[np.float64]
+    poses: PoseRows
+    """Noisy; this row is number `index` of them."""
+    index: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +74,8 @@ def _telemetry(schedule: Schedule, drone: int) -> Iterator[tuple[int, int, int, 
     for block in range(int(np.ceil((end_s - start_s) / _TELEMETRY_BLOCK_S))):
         from_s = start_s + block * _TELEMETRY_BLOCK_S
         rows = schedule.telemetry(drone, from_s, from_s + _TELEMETRY_BLOCK_S)
-        poses = zip(rows.stamps_ns, rows.noisy.camera_position, rows.noisy.camera_quaternion, strict=True)
-        for stamp_ns, position, quaternion in poses:
-            row = TelemetryRow(drone, int(stamp_ns), position, quaternion)
-            yield row.stamp_ns, 1, drone, row
+        for index, stamp_ns in enumerate(rows.stamps_ns.tolist()):
+            yield stamp_ns, 1, drone, TelemetryRow(drone, stamp_ns, rows.noisy, index)
 
 
 def _captures(schedule: Schedule, drone: int) -> Iterator[tuple[int, int, int, Event]]:

@@ -1,0 +1,177 @@
+"""`crowdfence simulate`: a mission with ground truth, out of nothing."""
+
+from __future__ import annotations
+
+import time
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.simulation.recorded import Recorded
+
+INTERRUPTED = 130
+_SCENARIO, _HOW = "Scenario", "Recording"
+
+
+class RecordingFormat(str, Enum):
+    mcap = "mcap"
+    airsim = "airsim"
+
+
+def _scenario_option(flag: str, text: str) -> Any:
+    return typer.Option(flag, rich_help_panel=_SCENARIO, help=text)
+
+
+def _how(flag: str, text: str) -> Any:
+    return typer.Option(flag, rich_help_panel=_HOW, help=text)
+
+
+def simulate(
+    scenario: Annotated[
+        str, typer.Argument(help="race, festival, street, beach, empty, or a scenario file (.toml).")
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Mission file to write (.mcap), or folder for AirSim.")
+    ],
+    seed: Annotated[int, _scenario_option("--seed", "Another seed is another world.")] = 0,
+    drones: Annotated[int | None, _scenario_option("--drones", "Number of drones.")] = None,
+    frames: Annotated[int | None, _scenario_option("--frames", "Images per drone.")] = None,
+    fps: Annotated[float | None, _scenario_option("--fps", "Images per second and drone.")] = None,
+    size: Annotated[str | None, _scenario_option("--size", "Image size in pixels, such as 640x480.")] = None,
+    season: Annotated[str | None, _scenario_option("--season", "summer, autumn, winter or dry.")] = None,
+    time_of_day_h: Annotated[
+        float | None, _scenario_option("--time-of-day", "Hour of the day, 0 to 24.")
+    ] = None,
+    voxel_size_m: Annotated[
+        float | None, _scenario_option("--voxel", "Voxel size of the map in metres.")
+    ] = None,
+    no_trouble: Annotated[
+        bool, _scenario_option("--no-trouble", "Perfect clocks, poses and links, whatever the scenario says.")
+    ] = False,
+    kind: Annotated[
+        RecordingFormat, _how("--format", "Mission file or AirSim recording.")
+    ] = RecordingFormat.mcap,
+    no_rgb: Annotated[
+        bool,
+        _how("--no-rgb", "Labels, depth and truth alone, by raycasting: needs no OpenGL, knows no trees."),
+    ] = False,
+    no_heatmaps: Annotated[
+        bool, _how("--no-heatmaps", "Leave out the heatmaps of the simulated detector.")
+    ] = False,
+    workers: Annotated[int | None, _how("--workers", "Rendering processes. Default: one per core.")] = None,
+    resume: Annotated[bool, _how("--resume", "Go on with an interrupted run of the same mission.")] = False,
+    force: Annotated[bool, _how("--force", "Replace what is there.")] = False,
+    as_json: options.Json = False,
+) -> None:
+    """Simulate a mission: pictures, labels, depth, poses, and where everybody really was.
+
+    Ctrl-C leaves a readable recording that --resume goes on with.
+    """
+    from crowdfence.simulation.frame_maker import FrameOptions
+    from crowdfence.simulation.rendering.opengl_context import NoOpenGL
+    from crowdfence.simulation.scenario import TroublePlan, load_scenario
+    from crowdfence.simulation.scene import build_scene
+
+    width, height = _size(size)
+    loaded = load_scenario(
+        scenario,
+        drones=drones,
+        frames=frames,
+        fps=fps,
+        camera={"width": width, "height": height} if width else None,
+        season=season,
+        time_of_day_h=time_of_day_h,
+        voxel_size_m=voxel_size_m,
+        trouble=TroublePlan() if no_trouble else None,
+    )
+    record = _recorder(kind)
+    started = time.perf_counter()
+    with console.working() as tell:
+        tell("building the scene")
+        scene = build_scene(loaded, seed)
+    with console.progress("simulating", loaded.drones * loaded.frames, "frames") as advance:
+        try:
+            recorded = record(
+                scene,
+                output,
+                options=FrameOptions(rgb=not no_rgb, heatmaps=not no_heatmaps),
+                workers=workers,
+                resume=resume,
+                overwrite=force,
+                progress=lambda done, planned: advance(),
+            )
+        except NoOpenGL as error:
+            raise OSError(f"{error}: try --no-rgb") from error
+    _report(recorded, time.perf_counter() - started, as_json=as_json)
+    if not recorded.complete:
+        console.fail(
+            f"interrupted after {recorded.frames} of {recorded.planned_frames} frames; "
+            "the same command with --resume goes on"
+        )
+        raise typer.Exit(INTERRUPTED)
+
+
+def _size(size: str | None) -> tuple[int, int]:
+    """(width, height) of "640x480"; zeros for None."""
+    if size is None:
+        return 0, 0
+    width, by, height = size.lower().partition("x")
+    if not (by and width.isdecimal() and height.isdecimal() and int(width)):
+        raise ValueError(f"--size is {size!r}, expected two numbers such as 640x480")
+    return int(width), int(height)
+
+
+def _recorder(kind: RecordingFormat) -> Any:
+    if kind is RecordingFormat.airsim:
+        from crowdfence.simulation.airsim_recorder import record_airsim
+
+        return record_airsim
+    from crowdfence.simulation.mission_recorder import record_mission
+
+    return record_mission
+
+
+def _report(recorded: Recorded, seconds: float, *, as_json: bool) -> None:
+    if as_json:
+        console.print_json(
+            {
+                "recording": str(recorded.path),
+                "bytes": recorded.size_bytes,
+                "complete": recorded.complete,
+                "frames": recorded.frames,
+                "planned_frames": recorded.planned_frames,
+                "resumed_frames": recorded.resumed_frames,
+                "seconds": round(seconds, 3),
+                "renderer": recorded.renderer,
+                "terrain": [str(path) for path in recorded.terrain],
+                "statistics": recorded.statistics,
+            }
+        )
+        return
+    console.stdout().print(console.facts(f"{recorded.path}", _facts(recorded, seconds)))
+
+
+def _facts(recorded: Recorded, seconds: float) -> dict[str, str]:
+    statistics = recorded.statistics
+    made = recorded.frames - recorded.resumed_frames
+    rows = {
+        "frames": f"{recorded.frames} of {recorded.planned_frames}"
+        + (f", {recorded.resumed_frames} of them taken over" if recorded.resumed_frames else ""),
+        "time": f"{seconds:.1f} s" + (f", {1e3 * seconds / made:.0f} ms a frame" if made else ""),
+        "size": f"{recorded.size_bytes / 1e6:.1f} MB"
+        + (f", {recorded.size_bytes / recorded.frames / 1e6:.3f} MB a frame" if recorded.frames else ""),
+        "made by": recorded.renderer,
+        "map": ", ".join(path.name for path in recorded.terrain),
+    }
+    if statistics["class_share"] is not None:
+        shares = ", ".join(f"{name} {share:.2%}" for name, share in statistics["class_share"].items())
+        rows["pixels"] = shares
+    overlap = statistics["overlap"]["overlapping_share_of_instants"]
+    if overlap is not None:
+        rows["overlap"] = f"two drones share ground in {overlap:.0%} of the instants"
+    return rows
