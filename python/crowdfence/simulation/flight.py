@@ -57,9 +57,7 @@ class Flight:
         """Drone number `drone` (0, 1, ...) at `t_s` seconds after the start of the mission."""
         if not 0 <= drone < self.drones:
             raise ValueError(f"drone must be between 0 and {self.drones - 1}, got {drone}")
-        before, now, after = (
-            self.pattern.position(drone, t_s + step) for step in (-_STEP_S, 0.0, _STEP_S)
-        )
+        before, now, after = (self.pattern.position(drone, t_s + step) for step in (-_STEP_S, 0.0, _STEP_S))
         velocity = (after - before) / (2.0 * _STEP_S)
         acceleration = (after - 2.0 * now + before) / _STEP_S**2
         attitude = body_attitude(self.pattern.heading_rad(drone, t_s), velocity, acceleration)
