@@ -34,13 +34,13 @@ from crowdfence.simulation.airsim_frames import (
 )
 from crowdfence.simulation.frame_maker import FrameOptions, camera_pose
 from crowdfence.simulation.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.interrupts import StopRequest
 from crowdfence.simulation.manifest import first_difference, mission_manifest
+from crowdfence.simulation.preparation import Preparation
 from crowdfence.simulation.recorded import Progress, Recorded, require_folder, require_nothing_there
 from crowdfence.simulation.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.stop_request import StopRequest
 from crowdfence.simulation.telemetry import true_poses
-from crowdfence.simulation.terrain_files import write_terrain_files
 from crowdfence.simulation.timeline import TelemetryRow, WorldInstant
 from crowdfence.simulation.timeline_run import TimelineRun
 from crowdfence.simulation.trouble import Capture, Schedule, build_schedule
@@ -83,19 +83,22 @@ def record_airsim(
         require_nothing_there(path, "exists")
     schedule = build_schedule(scene)
     workers = workers or usable_workers()
-    with StopRequest() as stop, FramePool(scene, options, AirSimEncoder(scene.scenario), workers) as pool:
-        manifest = mission_manifest(scene, schedule, options, pool.description)
-        _prepare(path, manifest, resume=resume)
-        map_files = write_terrain_files(scene, path / "terrain", "terrain", "dem")
-        run = TimelineRun(schedule, pool, stop, progress)
-        try:
-            _write_json(path / "settings.json", airsim_settings(scene.scenario, _starts(schedule)))
-            with ExitStack() as files:
-                run.into(_FolderSink(scene, schedule, path, options, resume, files))
-            statistics = run.statistics()
-            _write_json(path / MANIFEST, {"simulation": manifest, "statistics": statistics})
-        except OSError as error:
-            raise run.explained(error, path) from error
+    with StopRequest() as stop:
+        with Preparation(scene, options, apart=workers > 1) as preparation:
+            renderer = preparation.renderer()
+            manifest = mission_manifest(scene, schedule, options, renderer)
+            _prepare(path, manifest, resume=resume)
+            map_files = preparation.write_map(path / "terrain", "terrain", "dem")
+        with FramePool(scene, options, AirSimEncoder(scene.scenario), workers) as pool:
+            run = TimelineRun(schedule, pool, stop, progress)
+            try:
+                _write_json(path / "settings.json", airsim_settings(scene.scenario, _starts(schedule)))
+                with ExitStack() as files:
+                    run.into(_FolderSink(scene, schedule, path, options, resume, files))
+                statistics = run.statistics()
+                _write_json(path / MANIFEST, {"simulation": manifest, "statistics": statistics})
+            except OSError as error:
+                raise run.explained(error, path) from error
     size = sum(file.stat().st_size for file in path.rglob("*") if file.parent.name != "terrain")
     return Recorded(
         path,
@@ -105,7 +108,7 @@ def record_airsim(
         run.resumed,
         size,
         statistics,
-        pool.description,
+        renderer,
         map_files,
     )
 

@@ -26,6 +26,9 @@ from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 SHUTTER_S = 1 / 250
 """How long a picture is exposed: what moves meanwhile is blurred."""
 
+HIDDEN_WITHIN_M = 300.0
+"""Hidden people are recorded up to here: behind the next mountain nobody is looked for."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
@@ -37,7 +40,7 @@ class FrameOptions:
     heatmaps: bool = True
     """Heatmaps of the simulated detector."""
     picture_format: str = "JPEG"
-    jpeg_quality: int = 90
+    jpeg_quality: int = 88
     supersample: int = 2
 
 
@@ -130,7 +133,10 @@ class FrameMaker:
 
         encoded = io.BytesIO()
         Image.fromarray(rgb).save(
-            encoded, format=self._options.picture_format, quality=self._options.jpeg_quality
+            encoded,
+            format=self._options.picture_format,
+            quality=self._options.jpeg_quality,
+            optimize=self._options.picture_format == "JPEG",
         )
         return encoded.getvalue()
 
@@ -145,7 +151,9 @@ class FrameMaker:
         self, truth: PeopleTruth, rendered: RenderedFrame, pose: NDArray[np.float64], stamp_ns: int
     ) -> RecordedPeople:
         sight = sight_of_people(self._scene, truth, rendered.instance_id, self._camera, pose)
-        chosen = np.flatnonzero(sight != Sight.OUTSIDE)
+        distance_m = np.linalg.norm(truth.position - pose[:3, 3], axis=1)
+        hidden = (sight == Sight.HIDDEN) & (distance_m <= HIDDEN_WITHIN_M)
+        chosen = np.flatnonzero(hidden | (sight == Sight.VISIBLE))
         pixels = count_pixels(rendered.instance_id, len(truth.position))
         return RecordedPeople(
             stamp_ns,

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
 from types import TracebackType
 from typing import Protocol, TypeVar
 
 from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
 from crowdfence.simulation.frame_summary import FrameSummary
+from crowdfence.simulation.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.trouble import Capture
 from crowdfence.sources.mission_messages import FrameContent
@@ -24,6 +22,10 @@ _T = TypeVar("_T")
 
 MOST_WORKERS = 8
 _WORKER_MEMORY_BYTES = 900e6
+
+
+class WorkerKilled(RuntimeError):
+    """A helping process ended without being asked to."""
 
 
 class FrameEncoder(Protocol):
@@ -50,15 +52,13 @@ class FramePool:
     """Makes frames of a scene in `workers` processes (1: in this one). Use as a context manager.
 
     Entering starts the workers and raises what keeps them from working: NoOpenGL, ScenarioError. A worker
-    that is killed ends the pool with RuntimeError.
+    that is killed ends the pool with WorkerKilled.
     """
 
     def __init__(self, scene: Scene, options: FrameOptions, encoder: FrameEncoder, workers: int) -> None:
         if workers < 1:
             raise ValueError(f"workers must be at least 1, got {workers}")
         self.workers = workers
-        self.description = ""
-        """What makes the frames, known once the pool was entered."""
         self._job = (scene, options, encoder)
         self._own: _Worker | None = None
         self._executor: ProcessPoolExecutor | None = None
@@ -66,16 +66,15 @@ class FramePool:
     def __enter__(self) -> FramePool:
         if self.workers == 1:
             self._own = _Worker(*self._job)
-            self.description = self._own.maker.description
             return self
         self._executor = ProcessPoolExecutor(
             self.workers, get_context("spawn"), initializer=_start_worker, initargs=self._job
         )
         try:
             # Processes start as they are needed; an interrupt that meets one on its way would kill it.
-            with _interrupts_ignored():
-                starts = [self._executor.submit(_describe) for _ in range(self.workers)]
-            self.description = _outcome(starts[0].result)
+            with interrupts_ignored():
+                starts = [self._executor.submit(_this_worker_is_ready) for _ in range(self.workers)]
+            _outcome(starts[0].result)
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -130,19 +129,11 @@ _worker: _Worker | None = None
 
 def _start_worker(scene: Scene, options: FrameOptions, encoder: FrameEncoder) -> None:
     global _job
-    # The parent decides when to stop; a terminal sends its interrupt to all of them.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_interrupts()
+    end_with_parent()
     # One core each: more threads of the software rasteriser would fight for them.
     os.environ.setdefault("LP_NUM_THREADS", "1")
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     _job = (scene, options, encoder)
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _this_worker() -> _Worker:
@@ -154,8 +145,8 @@ def _this_worker() -> _Worker:
     return _worker
 
 
-def _describe() -> str:
-    return _this_worker().maker.description
+def _this_worker_is_ready() -> bool:
+    return _this_worker() is not None
 
 
 def _make(task: _Task) -> MadeFrame:
@@ -166,19 +157,6 @@ def _outcome(wait: Callable[[], _T]) -> _T:
     try:
         return wait()
     except BrokenProcessPool as error:
-        raise RuntimeError(
-            "a rendering process was killed (out of memory?); use fewer of them and resume"
+        raise WorkerKilled(
+            "a process that makes frames was killed (out of memory?); go on with --resume and fewer --workers"
         ) from error
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes that are started meanwhile ignore interrupts from their first instruction on."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from crowdfence import __version__
-from crowdfence.simulation.frame_maker import SHUTTER_S, FrameOptions
+from crowdfence.simulation.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.simulation.simulated_detector import SimulatedDetector
@@ -36,6 +36,7 @@ def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, ma
         "single_people_are_crowd": scene.scenario.crowd_definition.min_people <= 1,
         "cyclist_instance_ids": [cyclists.start, cyclists.stop - 1] if len(cyclists) else None,
         "region_closing_m": CLOSING_M,
+        "hidden_people_within_m": HIDDEN_WITHIN_M,
         "trouble": schedule.manifest(),
     }
     plain: dict[str, Any] = json.loads(json.dumps(manifest))

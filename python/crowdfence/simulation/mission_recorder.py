@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from crowdfence.simulation.frame_maker import FrameOptions
 from crowdfence.simulation.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.interrupts import StopRequest
 from crowdfence.simulation.manifest import mission_manifest
 from crowdfence.simulation.mission_salvage import Salvage, finished, salvage, summary_of_parts
+from crowdfence.simulation.preparation import Preparation
 from crowdfence.simulation.recorded import Progress, Recorded, require_folder, require_nothing_there
 from crowdfence.simulation.scenario import Scenario
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.stop_request import StopRequest
-from crowdfence.simulation.terrain_files import write_terrain_files
 from crowdfence.simulation.timeline import TelemetryRow, WorldInstant
 from crowdfence.simulation.timeline_run import TimelineRun
 from crowdfence.simulation.trouble import Capture, build_schedule
@@ -68,35 +68,23 @@ def record_mission(
     if not (resume or overwrite):
         require_nothing_there(path, "exists")
         require_nothing_there(part_path(path), "is left of an interrupted run")
-    prefixes = _prefixes(scene.scenario.drone_names)
-    encoder = _MissionEncoder(scene.scenario, tuple(camera_frame(prefix) for prefix in prefixes))
+    frames_of_reference = tuple(camera_frame(prefix) for prefix in _prefixes(scene.scenario.drone_names))
+    encoder = _MissionEncoder(scene.scenario, frames_of_reference)
     schedule = build_schedule(scene)
-    with StopRequest() as stop, FramePool(scene, options, encoder, workers or usable_workers()) as pool:
-        manifest = mission_manifest(scene, schedule, options, pool.description)
-        earlier = Salvage([], _parts_of(options))
-        if resume:
-            earlier = salvage(path, part_path(path), manifest, _parts_of(options))
-        elif overwrite:
-            finished(path)
-        map_files = write_terrain_files(scene, path.parent, path.stem)
-        writer = MissionWriter(
-            path, georeference=scene.scenario.georeference, terrain=map_files.octomap, source="simulation"
-        )
-        run = TimelineRun(schedule, pool, stop, progress)
-        try:
-            writer.add_simulation(manifest)
-            for name in scene.scenario.drone_names:
-                writer.add_drone(name)
-            run.into(_MissionSink(scene, writer, earlier, prefixes))
-            statistics = run.statistics()
-            writer.add_statistics(statistics)
-            writer.close()
-        except OSError as error:
-            writer.abandon()
-            raise run.explained(error, part_path(path)) from error
-        except BaseException:
-            writer.abandon()
-            raise
+    workers = workers or usable_workers()
+    with StopRequest() as stop:
+        with Preparation(scene, options, apart=workers > 1) as preparation:
+            renderer = preparation.renderer()
+            manifest = mission_manifest(scene, schedule, options, renderer)
+            earlier = Salvage([], _parts_of(options))
+            if resume:
+                earlier = salvage(path, part_path(path), manifest, _parts_of(options))
+            elif overwrite:
+                finished(path)
+            map_files = preparation.write_map(path.parent, path.stem)
+        with FramePool(scene, options, encoder, workers) as pool:
+            run = TimelineRun(schedule, pool, stop, progress)
+            statistics = _write(scene, path, map_files.octomap, manifest, run, earlier)
     if run.complete:
         finished(path)
     return Recorded(
@@ -107,19 +95,47 @@ def record_mission(
         run.resumed,
         path.stat().st_size,
         statistics,
-        pool.description,
+        renderer,
         map_files,
     )
+
+
+def _write(
+    scene: Scene,
+    path: Path,
+    map_path: Path,
+    manifest: Mapping[str, Any],
+    run: TimelineRun,
+    earlier: Salvage,
+) -> dict[str, Any]:
+    """The mission file, as far as the run goes; returns the statistics."""
+    writer = MissionWriter(
+        path, georeference=scene.scenario.georeference, terrain=map_path, source="simulation"
+    )
+    try:
+        writer.add_simulation(manifest)
+        for name in scene.scenario.drone_names:
+            writer.add_drone(name)
+        run.into(_MissionSink(scene, writer, earlier))
+        statistics = run.statistics()
+        writer.add_statistics(statistics)
+        writer.close()
+    except OSError as error:
+        writer.abandon()
+        raise run.explained(error, part_path(path)) from error
+    except BaseException:
+        writer.abandon()
+        raise
+    return statistics
 
 
 class _MissionSink:
     """The mission file as the timeline fills it."""
 
-    def __init__(
-        self, scene: Scene, writer: MissionWriter, earlier: Salvage, prefixes: tuple[str, ...]
-    ) -> None:
-        self._scene, self._writer, self._earlier, self._prefixes = scene, writer, earlier, prefixes
+    def __init__(self, scene: Scene, writer: MissionWriter, earlier: Salvage) -> None:
+        self._scene, self._writer, self._earlier = scene, writer, earlier
         self._names = scene.scenario.drone_names
+        self._prefixes = _prefixes(self._names)
         self._camera = scene.scenario.intrinsics()
 
     def earlier(self, capture: Capture, *, footprint: bool) -> MadeFrame | None:

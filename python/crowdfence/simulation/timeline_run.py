@@ -10,8 +10,8 @@ from typing import Any, Protocol
 
 from crowdfence.simulation.frame_pool import FramePool, MadeFrame
 from crowdfence.simulation.frame_summary import MissionStatistics
+from crowdfence.simulation.interrupts import StopRequest
 from crowdfence.simulation.recorded import Progress
-from crowdfence.simulation.stop_request import StopRequest
 from crowdfence.simulation.timeline import Event, TelemetryRow, WorldInstant, timeline
 from crowdfence.simulation.trouble import Capture, Schedule
 
