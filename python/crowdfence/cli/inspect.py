@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from crowdfence.inspection.crowd_map import CrowdMapReport
+    from crowdfence.inspection.recording import RecordingReport
     from crowdfence.inspection.terrain import MapReport, TerrainReport
 
 DEFAULT = InspectionOptions()
@@ -43,6 +44,12 @@ def inspect(
     check_pixels: Annotated[
         bool, typer.Option("--check-pixels", help="Read the pixels of every frame to find damaged ones.")
     ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture", help="Contact sheet of a recording (.png): frames, labels, footprints on the map."
+        ),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Say what is in a file: size, time span, gaps, cameras, flight, and how the views overlap."""
@@ -64,6 +71,10 @@ def inspect(
             ),
             tell=tell,
         )
+        if picture is not None:
+            tell("drawing the contact sheet")
+            map_options = options.terrain_options(voxel_size_m, terrain_option)
+            _write_picture(picture, report, terrain, map_options, tolerance_ms)
     if as_json:
         console.print_json(asdict(report))
     elif isinstance(report, MapReport):
@@ -78,6 +89,27 @@ def inspect(
         from crowdfence.cli.recording_tables import print_recording
 
         print_recording(console.stdout(), report)
+
+
+def _write_picture(
+    picture: Path,
+    report: MapReport | RecordingReport | CrowdMapReport,
+    terrain_path: Path | None,
+    terrain_options: dict[str, Any],
+    tolerance_ms: float,
+) -> None:
+    from crowdfence import pipeline
+    from crowdfence.exports.contact_sheet import write_contact_sheet
+    from crowdfence.inspection.recording import RecordingReport
+    from crowdfence.sources import open_recording
+
+    if not isinstance(report, RecordingReport):
+        raise ValueError(f"--picture goes with recordings, {report.path} is none")
+    recording = open_recording(report.path)
+    terrain = None
+    if terrain_path is not None or recording.terrain is not None:
+        terrain = pipeline.open_terrain(recording, terrain_path, **terrain_options)
+    write_contact_sheet(picture, recording, terrain, tolerance_ms=tolerance_ms)
 
 
 def _terrain_facts(report: TerrainReport) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The map of a contact sheet: relief, flights, footprints of the frames shown, people."""
+"""The map of a contact sheet: relief, flights, footprints of one instant, people."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ FOOTPRINT_RANGE_M = 150.0
 _NO_HEATMAP = np.zeros((1, 1), dtype=np.uint8)
 _MARGIN = 0.06
 _LIGHT_FROM = np.array([-1.0, 1.0, 1.4])  # north-west, the convention of printed maps
+_SMOOTHING_VOXELS = 3.0
 _LOW, _HIGH = np.array([196.0, 208.0, 178.0]), np.array([236.0, 228.0, 208.0])
 _CROWD, _ALONE = "#c81e3a", "#4b5563"
 
@@ -88,18 +89,18 @@ def _draw_flight(axes: Axes, recording: Recording, drone: str, color: str) -> No
 def _draw_footprint(axes: Axes, outline: NDArray[np.float64], color: str) -> None:
     if len(outline) >= 3:
         x, y = np.vstack([outline, outline[:1]]).T
-        axes.fill(x, y, color=color, alpha=0.10, linewidth=0, zorder=2)
+        axes.fill(x, y, color=color, alpha=0.12, linewidth=0, zorder=2)
         axes.plot(x, y, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
 
 
 def _draw_people(axes: Axes, people: RecordedPeople) -> None:
     for chosen, color, size, name in (
-        (people.crowd == 0, _ALONE, 5.0, "person in no crowd"),
-        (people.crowd > 0, _CROWD, 3.0, "person in a crowd"),
+        (people.crowd == 0, _ALONE, 12.0, "person in no crowd"),
+        (people.crowd > 0, _CROWD, 9.0, "person in a crowd"),
     ):
         if chosen.any():
             x, y = people.position[chosen, :2].T
-            axes.scatter(x, y, s=size, c=color, linewidths=0, zorder=5, label=name)
+            axes.scatter(x, y, s=size, c=color, edgecolors="white", linewidths=0.3, zorder=5, label=name)
 
 
 def _relief(terrain: Terrain, extent: Extent, width_px: int) -> NDArray[np.uint8]:
@@ -119,7 +120,7 @@ def _relief(terrain: Terrain, extent: Extent, width_px: int) -> NDArray[np.uint8
     if not on_map.any():
         return np.broadcast_to(OFF_MAP, (*columns.shape, 3))
     # Voxels are steps: without smoothing every step would be a cliff.
-    smooth_px = max(1.0, 2.0 * terrain.voxel_size_m / step_m)
+    smooth_px = max(1.0, _SMOOTHING_VOXELS * terrain.voxel_size_m / step_m)
     filled = gaussian_filter(np.where(on_map, height, height[on_map].mean()), smooth_px)
     south, east = np.gradient(filled, step_m)
     normal = np.stack([-east, south, np.ones_like(filled)], axis=-1)

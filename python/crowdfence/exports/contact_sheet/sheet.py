@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 MOST_INSTANTS, MOST_DRONES = 3, 3
 _DPI = 100
-_TILE_PX, _GAP_PX, _EDGE_PX = 400, 8, 24
+_TILE_PX, _GAP_PX, _EDGE_PX = 360, 8, 24
 _TITLE_PX, _HEAD_PX, _SIDE_PX, _AXIS_PX, _FOOT_PX = 76, 30, 60, 62, 44
 _SMALLEST_MAP_PX = 700
 
@@ -57,7 +57,8 @@ def write_contact_sheet(
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    drones = _spread(recording.drones, MOST_DRONES)
+    flying = [drone for drone in recording.drones if recording.frames_of(drone)]
+    drones = _spread(flying, MOST_DRONES)
     rows = [_tiles(instant, drones) for instant in _chosen(recording, drones, tolerance_ms)]
     if not any(rows):
         raise ValueError(f"{recording.name} holds no picture, label or heatmap that could be shown")
@@ -102,7 +103,7 @@ def _compose(
     block_height = sum(strips) * (tile_height + _GAP_PX) + (len(rows) - 1) * _GAP_PX
     tiles_width = len(drones) * (_TILE_PX + _GAP_PX)
     map_height = block_height - _AXIS_PX + _HEAD_PX
-    map_width = max(_SMALLEST_MAP_PX, round(0.9 * map_height))
+    map_width = max(_SMALLEST_MAP_PX, round(0.72 * map_height))
     width = _SIDE_PX + tiles_width + 2 * _AXIS_PX + map_width + _EDGE_PX
     height = _TITLE_PX + _HEAD_PX + block_height + _FOOT_PX
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
@@ -133,15 +134,18 @@ def _compose(
                 axes.imshow(picture, aspect="auto", interpolation="lanczos")
                 axes.set(xticks=[], yticks=[])
         top += strip * (tile_height + _GAP_PX) + _GAP_PX
-    frames = [tile.frame for row in rows for tile in row]
+    middle_row = rows[len(rows) // 2]
+    frames = [tile.frame for tile in middle_row]
     _write_legend(figure, rows[0][0].what, _SIDE_PX / width, 0.45 * _FOOT_PX / height)
     outlines = footprints(frames, terrain)
     extent = panel_extent(recording, outlines, map_height / map_width)
     if extent is not None:
         axes = axes_at(_SIDE_PX + tiles_width + _AXIS_PX + 8, _TITLE_PX + 4, map_width, map_height)
-        people = recording.people_truth(_world_stamp_ns(frames[len(frames) // 2]))
+        people = recording.people_truth(_world_stamp_ns(frames[0]))
         draw_ground_panel(axes, recording, terrain, extent, frames, outlines, people, map_width)
-        axes.legend(loc="upper right", fontsize=10, framealpha=0.9)
+        when = (frames[0].stamp_ns - first_ns) / 1e9
+        title = f"flights, and footprints (150 m) and people at {when:.1f} s"
+        axes.legend(loc="upper right", fontsize=10, framealpha=0.9, markerscale=2, title=title)
     return figure
 
 
