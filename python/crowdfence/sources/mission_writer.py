@@ -37,6 +37,9 @@ from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
+CHUNK_BYTES = 2**20
+"""A chunk is written when it holds this much; a kill loses the one at hand."""
+
 
 class MissionWriter:
     """Writes a mission file; a context manager.
@@ -63,7 +66,7 @@ class MissionWriter:
         description = _description(self.path, georeference, terrain, source)
         self._part_path = part_path(self.path)
         self._file = self._part_path.open("wb")
-        self._mcap = Writer(self._file)
+        self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._mcap.start(profile=Profile.ROS2, library="crowdfence")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
