@@ -76,6 +76,8 @@ def simulate(
     from crowdfence.simulation.rendering.opengl_context import NoOpenGL
     from crowdfence.simulation.scenario import TroublePlan, load_scenario
     from crowdfence.simulation.scene import build_scene
+    from crowdfence.simulation.timeline_run import capture_counts
+    from crowdfence.simulation.trouble import build_schedule
 
     width, height = _size(size)
     loaded = load_scenario(
@@ -94,7 +96,9 @@ def simulate(
     with console.working() as tell:
         tell("building the scene")
         scene = build_scene(loaded, seed)
-    with console.progress("simulating", loaded.drones * loaded.frames, "frames") as advance:
+        fates = capture_counts(build_schedule(scene)).values()
+    planned = sum(fate["delivered"] for fate in fates)
+    with console.progress("simulating", planned, "frames") as advance:
         try:
             recorded = record(
                 scene,
@@ -103,7 +107,7 @@ def simulate(
                 workers=workers,
                 resume=resume,
                 overwrite=force,
-                progress=lambda done, planned: advance(),
+                progress=lambda done, of: advance(),
             )
         except NoOpenGL as error:
             raise OSError(f"{error}: try --no-rgb") from error

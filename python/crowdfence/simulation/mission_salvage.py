@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mcap.records import Metadata
+
 from crowdfence._core import Camera
 from crowdfence.simulation.frame_summary import FrameSummary
 from crowdfence.simulation.manifest import first_difference
 from crowdfence.sources.mcap_records import McapFile, MessageLocation, StoredMessage
 from crowdfence.sources.mission_layout import (
+    MAGIC,
     METADATA_SIMULATION,
-    METADATA_STATISTICS,
     Part,
     split_topic,
 )
@@ -29,25 +32,18 @@ class SalvagedFile:
 
     mcap: McapFile
     manifest: dict[str, Any] | None = None
-    complete: bool = False
     frames: dict[tuple[str, int], dict[Part, MessageLocation]] = field(default_factory=dict)
     """Messages by topic prefix and stamp."""
 
     @staticmethod
     def read(path: Path) -> SalvagedFile:
         """ValueError when it is no MCAP file."""
-        import json
-
-        from mcap.records import Metadata
-
         found = SalvagedFile(McapFile(path))
         for record in found.mcap.scan():
             if isinstance(record, StoredMessage):
                 found._take(record)
             elif isinstance(record, Metadata) and record.name == METADATA_SIMULATION:
                 found.manifest = json.loads(record.metadata.get("manifest", "null"))
-            elif isinstance(record, Metadata) and record.name == METADATA_STATISTICS:
-                found.complete = bool(json.loads(record.metadata.get("statistics", "{}")).get("complete"))
         return found
 
     def _take(self, message: StoredMessage) -> None:
@@ -82,6 +78,8 @@ def salvage(path: Path, part_path: Path, manifest: Mapping[str, Any], parts: fro
     nothing. ValueError when a file is of another mission, and names the difference.
     """
     kept_path = _kept_path(path)
+    if part_path.exists() and part_path.stat().st_size < len(MAGIC):
+        part_path.unlink()  # killed before anything was written
     for file in (path, part_path, kept_path):
         if file.exists():
             _require_same_mission(SalvagedFile.read(file), manifest)
@@ -119,7 +117,7 @@ def _frame_count(path: Path) -> int:
 
 def _require_same_mission(file: SalvagedFile, manifest: Mapping[str, Any]) -> None:
     if file.manifest is None and not file.frames:
-        return  # killed before anything was written
+        return  # killed before the manifest was written
     difference = first_difference(dict(manifest), file.manifest or {})
     if difference is not None:
         raise ValueError(
