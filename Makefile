@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup opengl
+.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup opengl demo-recording
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -35,8 +35,8 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(BIN)/ruff check python tests scripts benchmarks
-	$(BIN)/ruff format --check python tests scripts benchmarks
+	$(BIN)/ruff check python tests benchmarks
+	$(BIN)/ruff format --check python tests benchmarks
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest crowdfence._core
 
@@ -54,6 +54,11 @@ test-python: opengl
 
 fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
 	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map
+
+demo-recording: setup opengl ## the bundled recording, from the simulator
+	$(BIN)/crowdfence simulate race --seed 7 --frames 40 --fps 5 --size 320x240 --voxel 1 --force \
+	  -o python/crowdfence/demo_data/race.mcap
+	rm python/crowdfence/demo_data/race.tif python/crowdfence/demo_data/race.ply
 
 bench: setup ## the figures of benchmarks/README.md
 	$(BIN)/python benchmarks/terrain_scale.py
