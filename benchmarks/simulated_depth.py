@@ -2,8 +2,9 @@
 
     python benchmarks/simulated_depth.py RECORDING.mcap [--seed 7] [--frames 24]
 
-RECORDING is one of `crowdfence simulate race` with the same seed. Every road pixel nearer than 250 m of the sampled frames
-is back-projected with its recorded depth and the true pose of its frame, and its height is compared with the landscape's.
+RECORDING is one of `crowdfence simulate race` with the same seed. Every road pixel nearer than 250 m of the
+sampled frames is back-projected with its recorded depth and the true pose of its frame, and its height is
+compared with the landscape's.
 """
 
 import argparse
