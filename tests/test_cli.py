@@ -266,4 +266,4 @@ def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> N
     for zone in large:
         longitude, latitude = np.array(shape(zone["geometry"]).centroid.coords[0])
         centre = recording.georeference.local_from_geodetic(latitude, longitude, 1200.0)
-        assert np.linalg.norm(crowd - centre[:2], axis=1).min() < 10.0
+        assert np.linalg.norm(crowd - np.ravel(centre)[:2], axis=1).min() < 10.0
