@@ -11,12 +11,12 @@ from crowdfence.simulation.airsim_frames import PALETTE
 from crowdfence.simulation.airsim_recorder import record_airsim
 from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
 from crowdfence.simulation.mission_recorder import record_mission
-from crowdfence.simulation.rendering.opengl_context import NoOpenGL, open_context
 from crowdfence.simulation.scenario import ScenarioError, TroublePlan, load_scenario
 from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.simulation.trouble import build_schedule
 from crowdfence.sources import open_recording
+from opengl import needs_opengl
 
 LABELS = FrameOptions(rgb=False)
 NOISE = TroublePlan(
@@ -28,17 +28,6 @@ NOISE = TroublePlan(
     gimbal_bias_deg=0.3,
     telemetry_loss=0.02,
 )
-
-
-def opengl_missing() -> str:
-    try:
-        open_context().release()
-    except NoOpenGL as error:
-        return str(error)
-    return ""
-
-
-needs_opengl = pytest.mark.skipif(bool(opengl_missing()), reason=opengl_missing() or "OpenGL is there")
 
 
 @pytest.fixture(scope="module")

@@ -16,21 +16,11 @@ from crowdfence.simulation.rendering.sample_lattice import lattice_for
 from crowdfence.simulation.scenario import load_scenario
 from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
+from opengl import needs_opengl
 
 WIDTH, HEIGHT = 160, 128
 CAMERA = Camera.pinhole(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 64.0)
 LENS = Camera.pinhole(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 64.0, [-0.08, 0.02, 0.0005, -0.0003])
-
-
-def opengl_missing() -> str:
-    try:
-        open_context().release()
-    except NoOpenGL as error:
-        return str(error)
-    return ""
-
-
-needs_opengl = pytest.mark.skipif(bool(opengl_missing()), reason=opengl_missing() or "OpenGL is there")
 
 
 @pytest.fixture(scope="module")

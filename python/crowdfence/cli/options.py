@@ -11,7 +11,7 @@ import typer
 
 from crowdfence.config import RunConfig
 
-_DEFAULT = RunConfig()
+DEFAULT = RunConfig()
 _METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and zones"
 
 
@@ -127,7 +127,6 @@ MinAreaM2 = Annotated[
 StaleAfterS = Annotated[
     float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
 ]
-DEFAULT = _DEFAULT
 
 
 def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict[str, Any]:
