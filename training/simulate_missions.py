@@ -1,0 +1,63 @@
+"""Records the missions of missions.toml: `python simulate_missions.py OUT [--only NAME]`.
+
+Missions that are there are left alone, so an interrupted recording goes on where it stopped. Two missions are
+made side by side, each by one process: building a scene uses one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from crowdfence.simulation.frame_maker import FrameOptions
+from crowdfence.simulation.mission_recorder import record_mission
+from crowdfence.simulation.scenario import load_scenario
+from crowdfence.simulation.scenario_file import merged, read_toml
+from crowdfence.simulation.scene import build_scene
+
+MISSIONS = Path(__file__).parent / "missions.toml"
+
+
+def missions(only: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(split/name, what differs from the scenario) of every mission."""
+    tables = read_toml(MISSIONS)
+    every = tables.pop("every")
+    for split, table in tables.items():
+        for mission in table["missions"]:
+            if only in (None, split):
+                name = f"{split}/{mission['scenario']}-{mission['seed']}.mcap"
+                yield name, merged(merged(every, table.get("every", {})), mission)
+
+
+def record(path: Path, mission: dict[str, Any]) -> str:
+    """One mission, with its map beside it."""
+    differs = dict(mission)
+    scenario = load_scenario(differs.pop("scenario"), **{k: v for k, v in differs.items() if k != "seed"})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scene = build_scene(scenario, mission["seed"])
+    recorded = record_mission(scene, path, options=FrameOptions(heatmaps=False), workers=1, overwrite=True)
+    if not recorded.complete:
+        path.unlink()  # what is there counts as whole
+        return f"{path.name}: interrupted"
+    return f"{path.name}: {recorded.frames} frames, {recorded.size_bytes / 1e6:.0f} MB"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--only", help="one group of missions.toml")
+    parser.add_argument("--processes", type=int, default=2)
+    given = parser.parse_args()
+    missing = [(given.out / name, mission) for name, mission in missions(given.only)]
+    missing = [(path, mission) for path, mission in missing if not path.exists()]
+    with ProcessPoolExecutor(given.processes, max_tasks_per_child=1) as pool:
+        for line in pool.map(record, *zip(*missing, strict=True)) if missing else ():
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
