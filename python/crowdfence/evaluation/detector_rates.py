@@ -150,7 +150,7 @@ def labelled_cells(
             ended = "heatmaps" if heatmap is missing else "masks"
             raise ValueError(f"{ended} ended after {count} frames, the other sequence did not")
         try:
-            values = _heatmap_values(np.asarray(heatmap))
+            values = heatmap_values(np.asarray(heatmap))
             yield values, crowd_cells(np.asarray(mask), values.shape)
         except ValueError as error:
             raise ValueError(f"frame {count}: {error}") from error
@@ -191,7 +191,9 @@ def wilson_estimate(count: int, total: int, confidence: float = 0.95) -> RateEst
     return RateEstimate(rate, max(0.0, centre - half_width), min(1.0, centre + half_width))
 
 
-def _heatmap_values(heatmap: NDArray[np.generic]) -> NDArray[np.float64]:
+def heatmap_values(heatmap: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Heatmap [h, w], floating point in [0, 1] or uint8 (value / 255) -> float64 [h, w]. ValueError names what
+    is wrong with any other."""
     if heatmap.ndim != 2 or heatmap.size == 0:
         raise ValueError(f"heatmap must be [h, w] with at least one cell, got shape {list(heatmap.shape)}")
     if heatmap.dtype == np.uint8:
