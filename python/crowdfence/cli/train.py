@@ -1,0 +1,173 @@
+"""`crowdfence train`: labelled missions -> an ONNX detector with its report."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.training.frame_store import StoredMission
+    from crowdfence.training.trainer import Checkup, Trained, TrainingPlan
+
+
+class TargetName(str, Enum):
+    """What the network marks."""
+
+    ground = "ground"
+    silhouettes = "silhouettes"
+
+
+def train(
+    data: Annotated[
+        list[Path], typer.Option("--data", help="Labelled mission to train on, or a folder of them; repeat.")
+    ],
+    validation: Annotated[
+        list[Path],
+        typer.Option("--validation", help="Mission, or folder of them, that only chooses weights; repeat."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
+    target: Annotated[
+        list[TargetName] | None,
+        typer.Option(
+            "--target",
+            help="Mark the ground under crowds or their silhouettes. Repeat to train both; the model holds "
+            "the first. Default: ground.",
+        ),
+    ] = None,
+    steps: Annotated[int | None, typer.Option("--steps", help="Steps in all.")] = None,
+    batch: Annotated[int | None, typer.Option("--batch", help="Crops per step.")] = None,
+    width: Annotated[float | None, typer.Option("--width", help="Scale of the channel counts.")] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of weights and crops.")] = 0,
+    store: Annotated[
+        Path | None, typer.Option("--store", help="Folder for decoded frames. Default: beside the model.")
+    ] = None,
+    workers: Annotated[int, typer.Option("--workers", help="Processes that decode missions.")] = 2,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train the crowd detector on labelled missions (needs `crowdfence[train]`).
+
+    Writes the model, <model>.checkpoint while it runs, and a folder <model>.report with figures, curves and
+    example pictures. Run `crowdfence calibrate` on other missions before you rely on its probabilities.
+    """
+    from crowdfence.training.frame_store import store_missions
+    from crowdfence.training.onnx_export import export_onnx
+    from crowdfence.training.report import training_facts, write_report
+    from crowdfence.training.trainer import train as train_network
+
+    plan = _plan(target, {"steps": steps, "batch": batch, "width": width}, seed)
+    paths, held_out = _missions(data), _missions(validation)
+    twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
+    if twice:
+        raise ValueError(f"{min(twice)} is given for training and for validation; it can serve one only")
+    if not output.absolute().parent.is_dir():
+        raise FileNotFoundError(f"cannot write {output}: the folder {output.absolute().parent} does not exist")
+    folder = store or output.with_suffix(".frames")
+    stored: list[StoredMission] = []
+    with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
+        for some in (paths, held_out):
+            stored += store_missions(
+                some, plan.targets, folder, workers=workers, on_mission=lambda mission: advance()
+            )
+    for why in (why for mission in stored for why in mission.skipped):
+        console.warn(f"skipped {why}")
+    learned, judged = stored[: len(paths)], stored[len(paths) :]
+    with console.progress("training", plan.steps, "steps") as advance:
+        trained = train_network(
+            learned,
+            judged,
+            plan,
+            checkpoint=output.with_suffix(".checkpoint"),
+            resume=resume,
+            on_step=lambda step: advance(),
+            on_checkup=None if as_json else _tell,
+        )
+    facts = training_facts(trained, plan, learned, judged)
+    export_onnx(trained.network, 0, _contract(output, plan, facts), output)
+    write_report(output.with_suffix(".report"), trained, plan, learned, judged)
+    if as_json:
+        console.print_json(facts)
+    else:
+        _report(trained, plan, output)
+
+
+def _plan(target: list[TargetName] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
+    from crowdfence.training.trainer import TrainingPlan
+
+    targets = tuple(one.value for one in target or [TargetName.ground])
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return TrainingPlan(targets=targets, seed=seed, **chosen)
+
+
+def _missions(places: list[Path]) -> list[Path]:
+    """The missions named or in the folders named. ValueError for a folder without any."""
+    missions: list[Path] = []
+    for place in places:
+        found = sorted(place.glob("*.mcap")) if place.is_dir() else [place]
+        if not found:
+            raise ValueError(f"{place} holds no mission (.mcap)")
+        missions += found
+    return missions
+
+
+def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:
+    from crowdfence import __version__
+    from crowdfence.detector.contract import Contract
+    from crowdfence.training.labels import STRIDE
+    from crowdfence.training.network import MULTIPLE_OF
+
+    return Contract.from_json(
+        {
+            "schema": 1,
+            "name": output.stem,
+            "version": __version__,
+            "input": {
+                "name": "image",
+                "layout": "NHWC",
+                "dtype": "uint8",
+                "color": "RGB",
+                "multiple_of": MULTIPLE_OF,
+                "resize": "none",
+            },
+            "output": {"name": "heatmap", "kind": "probability", "layout": "NCHW", "stride": STRIDE},
+            "target_height_m": TARGET_HEIGHT_M[plan.targets[0]],
+            "about": {"marks": plan.targets[0], "parameters": facts["parameters"], "seed": plan.seed},
+        }
+    )
+
+
+TARGET_HEIGHT_M = {"ground": 0.0, "silhouettes": 0.6}
+"""Height of what is marked above the ground: silhouettes project best from a little below their middle, see
+training/README.md."""
+
+
+def _tell(checkup: Checkup) -> None:
+    quality = ", ".join(f"{target} IoU {checkup.score.iou(target):.3f}" for target in checkup.score.cells)
+    console.stderr().print(
+        f"step {checkup.step}, {checkup.seconds / 60:.1f} min: loss {checkup.loss:.4f}, validation "
+        f"{checkup.score.loss:.4f}, {quality}"
+    )
+
+
+def _report(trained: Trained, plan: TrainingPlan, output: Path) -> None:
+    best = trained.best
+    target = plan.targets[0]
+    cells = best.score.cells[target]
+    console.stdout().print(
+        console.facts(
+            f"{output}: marks {target}",
+            {
+                "kept": f"step {best.step} of {plan.steps}"
+                + (", stopped early" if trained.stopped_early else ""),
+                "pixel IoU": f"{best.score.iou(target):.3f} on the validation missions",
+                "TPR, FPR": f"{cells.true_positive_rate().rate:.3f}, {cells.false_positive_rate().rate:.4f}",
+                "report": str(output.with_suffix(".report")),
+                "next": f"crowdfence calibrate {output} --data ... (missions that were in neither group)",
+            },
+        )
+    )

@@ -1,0 +1,121 @@
+"""Changes of appearance that leave the labels alone: light, colour, lens, sensor, weather.
+
+A renderer shows one kind of world. What a crowd looks like under other light, in other clothes and through
+another camera has to come from here; wide ranges of colour matter most, because colours are what differs most
+between worlds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+_LUMA = (0.299, 0.587, 0.114)
+
+
+def varied(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Images [B, 3, H, W] in [0, 1], each changed in its own way; same shape and range."""
+    image = _coloured(image, rng)
+    image = _shaded(image, rng)
+    image = _hazy(image, rng)
+    image = _blurred(image, rng)
+    image = _noisy(image, rng)
+    return image.clamp_(0.0, 1.0)
+
+
+def _per_image(values: np.ndarray, like: Tensor) -> Tensor:
+    return torch.from_numpy(values.astype(np.float32)).to(like.device)
+
+
+def _coloured(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Gamma, then hue, saturation, white balance and contrast as one 3x3 matrix and an offset."""
+    count = len(image)
+    gamma = _per_image(np.exp(rng.normal(0.0, 0.25, (count, 1, 1, 1))), image)
+    image = image.clamp_min(1e-4).pow(gamma)
+    matrices = np.stack([_colour_matrix(rng) for _ in range(count)])
+    contrast = np.exp(rng.normal(0.0, 0.2, (count, 1)))
+    offset = 0.5 * (1.0 - contrast) + rng.normal(0.0, 0.06, (count, 1))
+    mixed = torch.einsum("bij,bjhw->bihw", _per_image(matrices * contrast[:, :, None], image), image)
+    return mixed + _per_image(np.repeat(offset, 3, axis=1)[:, :, None, None], image)
+
+
+def _colour_matrix(rng: np.random.Generator) -> np.ndarray:
+    """Rotation of the hue about grey, saturation, and a gain per channel."""
+    hue = rng.normal(0.0, 0.25) if rng.random() < 0.88 else rng.uniform(-math.pi, math.pi)
+    saturation = rng.uniform(0.0, 0.4) if rng.random() < 0.1 else math.exp(rng.normal(0.0, 0.3))
+    grey = np.full((3, 3), 1.0 / 3.0)
+    about_grey = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / math.sqrt(3.0)
+    rotation = grey + math.cos(hue) * (np.eye(3) - grey) + math.sin(hue) * about_grey
+    luma = np.tile(np.array(_LUMA), (3, 1))
+    gain = np.exp(rng.normal(0.0, 0.08, 3))
+    return np.asarray(gain[:, None] * ((luma + saturation * (np.eye(3) - luma)) @ rotation))
+
+
+def _shaded(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Light that differs over the image: clouds, and shadows with an edge."""
+    count = len(image)
+    coarse = _per_image(rng.normal(0.0, 0.18, (count, 1, 4, 5)), image)
+    smooth = functional.interpolate(coarse, image.shape[2:], mode="bicubic", align_corners=False)
+    edged = _per_image((rng.random((count, 1, 1, 1)) < 0.25).astype(np.float32), image)
+    shadow = torch.sigmoid(20.0 * (smooth - 0.1)) * 0.45 * edged
+    return image * (torch.exp(smooth * (1.0 - edged)) - shadow)
+
+
+def _hazy(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Haze that grows towards the upper edge, in one image of five."""
+    count, rows = len(image), image.shape[2]
+    strength = rng.uniform(0.1, 0.55, (count, 1, 1, 1)) * (rng.random((count, 1, 1, 1)) < 0.2)
+    ramp = torch.linspace(1.0, 0.25, rows, device=image.device)[None, None, :, None]
+    share = _per_image(strength, image) * ramp
+    return image * (1.0 - share) + _per_image(rng.uniform(0.6, 0.9, (count, 1, 1, 1)), image) * share
+
+
+def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Defocus, motion, or fewer pixels than the file claims; one image in three."""
+    for index in np.flatnonzero(rng.random(len(image)) < 0.35):
+        one = image[index : index + 1]
+        kind = rng.integers(3)
+        if kind == 0:
+            image[index] = _convolved(one, _gaussian(rng.uniform(0.4, 1.4)))[0]
+        elif kind == 1:
+            image[index] = _convolved(one, _streak(rng.integers(3, 8), rng.uniform(0.0, math.pi)))[0]
+        else:
+            fewer = [max(8, int(side / rng.uniform(1.2, 2.2))) for side in one.shape[2:]]
+            small = functional.interpolate(one, fewer, mode="bilinear", align_corners=False, antialias=True)
+            image[index] = functional.interpolate(small, one.shape[2:], mode="bilinear", align_corners=False)[0]
+    return image
+
+
+def _gaussian(sigma: float) -> np.ndarray:
+    offsets = np.arange(-3, 4)
+    line = np.exp(-0.5 * (offsets / sigma) ** 2)
+    return np.outer(line, line)
+
+
+def _streak(length: int, angle: float) -> np.ndarray:
+    kernel = np.zeros((9, 9))
+    for step in np.linspace(-length / 2, length / 2, 4 * length):
+        kernel[round(4 + step * math.sin(angle)), round(4 + step * math.cos(angle))] += 1.0
+    return kernel
+
+
+def _convolved(image: Tensor, kernel: np.ndarray) -> Tensor:
+    weights = _per_image(kernel / kernel.sum(), image).expand(3, 1, *kernel.shape)
+    padded = functional.pad(image, [kernel.shape[1] // 2] * 2 + [kernel.shape[0] // 2] * 2, mode="replicate")
+    return functional.conv2d(padded, weights, groups=3)
+
+
+def _noisy(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Sensor noise, from one field of standard noise that is shifted for every image (cheap and enough)."""
+    rows, columns = image.shape[2:]
+    field = _per_image(rng.standard_normal((3, rows, columns), np.float32), image)
+    strength = rng.uniform(0.0, 0.05, len(image)) * (rng.random(len(image)) < 0.6)
+    for index, sigma in enumerate(strength):
+        if sigma > 0.0:
+            shift = (int(rng.integers(rows)), int(rng.integers(columns)))
+            image[index] += float(sigma) * torch.roll(field, shift, dims=(1, 2))
+    return image

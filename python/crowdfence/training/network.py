@@ -1,0 +1,80 @@
+"""crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.64 M parameters, output at a quarter of the size.
+
+    3 -> 16 s2 | 24 s2 = p4 | 48 s2, residual = p8 | 96 s2, residual x 3 with dilation 1, 2, 4 | + global mean
+    48, up, + p8 | 24, up, + p4 | one logit per target
+
+Plain convolutions run on every CPU, GPU and NPU runtime at full speed, where depthwise ones often do not. The
+largest stride is 16, so 320x240, 640x480 and 1280x720 need no padding.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+MULTIPLE_OF = 16
+"""Sides of the input must be multiples of this."""
+
+RARE_LOGIT = -3.0
+"""Where the output starts: most cells are empty."""
+
+
+class ConvUnit(nn.Sequential):
+    """3x3 convolution, batch normalisation, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1) -> None:
+        super().__init__(
+            nn.Conv2d(inputs, outputs, 3, stride, dilation, dilation, bias=False),
+            nn.BatchNorm2d(outputs),
+            nn.ReLU(inplace=True),
+        )
+
+
+class Residual(nn.Module):
+    """Two 3x3 convolutions beside an identity."""
+
+    def __init__(self, channels: int, *, dilation: int = 1) -> None:
+        super().__init__()
+        self.first = ConvUnit(channels, channels, dilation=dilation)
+        self.second = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, 1, dilation, dilation, bias=False), nn.BatchNorm2d(channels)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(x + self.second(self.first(x)))
+
+
+class CrowdNet(nn.Module):
+    """Images [B, 3, H, W] in [0, 1] -> logits [B, targets, H / 4, W / 4]; H and W are multiples of 16.
+
+    `width` scales all channel counts: 1 is crowdnet-s, 0.5 crowdnet-xs.
+    """
+
+    def __init__(self, targets: int = 1, *, width: float = 1.0) -> None:
+        super().__init__()
+        self.width = width
+        c2, c4, c8, c16 = (round(channels * width) for channels in (16, 24, 48, 96))
+        self.to_p4 = nn.Sequential(ConvUnit(3, c2, stride=2), ConvUnit(c2, c4, stride=2))
+        self.to_p8 = nn.Sequential(ConvUnit(c4, c8, stride=2), Residual(c8))
+        self.to_p16 = nn.Sequential(
+            ConvUnit(c8, c16, stride=2), Residual(c16), Residual(c16, dilation=2), Residual(c16, dilation=4)
+        )
+        self.scene = nn.Conv2d(c16, c16, 1)
+        self.down_p16, self.side_p8, self.merge_p8 = nn.Conv2d(c16, c8, 1), nn.Conv2d(c8, c8, 1), ConvUnit(c8, c8)
+        self.down_p8, self.side_p4, self.merge_p4 = nn.Conv2d(c8, c4, 1), nn.Conv2d(c4, c4, 1), ConvUnit(c4, c4)
+        self.logit = nn.Conv2d(c4, targets, 1)
+        nn.init.constant_(self.logit.bias, RARE_LOGIT)  # type: ignore[arg-type]
+
+    def forward(self, image: Tensor) -> Tensor:
+        p4 = self.to_p4(image * 2.0 - 1.0)
+        p8 = self.to_p8(p4)
+        p16 = self.to_p16(p8)
+        p16 = p16 + self.scene(p16.mean(dim=(2, 3), keepdim=True))
+        p8 = self.merge_p8(functional.relu(_doubled(self.down_p16(p16)) + self.side_p8(p8)))
+        p4 = self.merge_p4(functional.relu(_doubled(self.down_p8(p8)) + self.side_p4(p4)))
+        return self.logit(p4)
+
+
+def _doubled(x: Tensor) -> Tensor:
+    return functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
