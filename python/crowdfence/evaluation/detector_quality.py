@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.evaluation.bin_edges import increasing_edges
 from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
 from crowdfence.evaluation.quality_scores import (
     PrecisionRecall,
@@ -99,8 +100,8 @@ class DetectorQuality:
         tilt_edges_deg: ArrayLike = TILT_EDGES_DEG,
     ) -> None:
         self._edges = {
-            GSD: _edges("gsd_edges_m", gsd_edges_m),
-            TILT: _edges("tilt_edges_deg", tilt_edges_deg),
+            GSD: increasing_edges("gsd_edges_m", gsd_edges_m),
+            TILT: increasing_edges("tilt_edges_deg", tilt_edges_deg),
         }
         self._histograms: dict[tuple[str, str], dict[str, NDArray[np.float64]]] = {}
         self._frames = 0
@@ -176,13 +177,6 @@ def detector_quality(
     for frame in frames:
         collected.add(frame)
     return collected.report(resamples=resamples, seed=seed)
-
-
-def _edges(name: str, edges: ArrayLike) -> NDArray[np.float64]:
-    checked = np.asarray(edges, np.float64)
-    if checked.ndim != 1 or checked.size < 2 or not (np.diff(checked) > 0.0).all():
-        raise ValueError(f"{name} must be two or more increasing numbers, got {checked.tolist()}")
-    return checked
 
 
 def _bin_of(

@@ -192,7 +192,7 @@ def wilson_estimate(count: int, total: int, confidence: float = 0.95) -> RateEst
 
 
 def heatmap_values(heatmap: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Heatmap [h, w], floating point in [0, 1] or uint8 (value / 255) -> float64 [h, w]. ValueError names what
+    """Heatmap [h, w], floating point in [0, 1] or uint8 (value / 255) -> float64 [h, w]. ValueError says what
     is wrong with any other."""
     if heatmap.ndim != 2 or heatmap.size == 0:
         raise ValueError(f"heatmap must be [h, w] with at least one cell, got shape {list(heatmap.shape)}")
