@@ -17,6 +17,7 @@ from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.run import run
 from crowdfence.cli.simulate import simulate
+from crowdfence.cli.train import train
 
 FAILED = 1
 INTERRUPTED = 130
@@ -35,6 +36,7 @@ app.command("inspect")(inspect)
 app.command("convert")(convert)
 app.command("evaluate")(evaluate)
 app.command("simulate")(simulate)
+app.command("train")(train)
 app.command("demo")(demo)
 app.command("doctor")(doctor)
 

@@ -66,7 +66,9 @@ def train(
     if twice:
         raise ValueError(f"{min(twice)} is given for training and for validation; it can serve one only")
     if not output.absolute().parent.is_dir():
-        raise FileNotFoundError(f"cannot write {output}: the folder {output.absolute().parent} does not exist")
+        raise FileNotFoundError(
+            f"cannot write {output}: the folder {output.absolute().parent} does not exist"
+        )
     folder = store or output.with_suffix(".frames")
     stored: list[StoredMission] = []
     with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
@@ -97,9 +99,11 @@ def train(
 
 
 def _plan(target: list[TargetName] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
+    from crowdfence.training.labels import TARGETS
     from crowdfence.training.trainer import TrainingPlan
 
-    targets = tuple(one.value for one in target or [TargetName.ground])
+    wanted = [one.value for one in target or [TargetName.ground]]
+    targets = tuple(one for name in wanted for one in TARGETS if one == name)
     chosen = {name: value for name, value in given.items() if value is not None}
     return TrainingPlan(targets=targets, seed=seed, **chosen)
 

@@ -82,11 +82,13 @@ def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
         if kind == 0:
             image[index] = _convolved(one, _gaussian(rng.uniform(0.4, 1.4)))[0]
         elif kind == 1:
-            image[index] = _convolved(one, _streak(rng.integers(3, 8), rng.uniform(0.0, math.pi)))[0]
+            image[index] = _convolved(one, _streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi)))[0]
         else:
             fewer = [max(8, int(side / rng.uniform(1.2, 2.2))) for side in one.shape[2:]]
             small = functional.interpolate(one, fewer, mode="bilinear", align_corners=False, antialias=True)
-            image[index] = functional.interpolate(small, one.shape[2:], mode="bilinear", align_corners=False)[0]
+            image[index] = functional.interpolate(small, one.shape[2:], mode="bilinear", align_corners=False)[
+                0
+            ]
     return image
 
 

@@ -97,9 +97,7 @@ class CropSampler:
         return np.clip(centre, margin, size - margin)
 
 
-def _affine(
-    centre: NDArray[np.float64], scale: float, turn: float, mirror: float
-) -> NDArray[np.float64]:
+def _affine(centre: NDArray[np.float64], scale: float, turn: float, mirror: float) -> NDArray[np.float64]:
     """[2, 3] frame coordinates from coordinates about the crop's middle."""
     cosine, sine = scale * math.cos(turn), scale * math.sin(turn)
     return np.array([[mirror * cosine, -sine, centre[0]], [mirror * sine, cosine, centre[1]]])

@@ -1,8 +1,8 @@
 """What the network is to mark in an image, cell by cell.
 
-Two answers are offered. `silhouettes` is the paper's: the people of a crowd as they appear, merged and filled;
-projected onto bare terrain they smear away from the camera. `ground` is the ground on which the crowd stands,
-as it appears from the drone: it projects to where it belongs, but hides behind the people.
+Two answers are offered. `silhouettes` is the paper's: the people of a crowd as they appear, merged and
+filled; projected onto bare terrain they smear away from the camera. `ground` is the ground on which the crowd
+stands, as it appears from the drone: it projects to where it belongs, but hides behind the people.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class CrowdRule:
 def cell_labels(
     target: Target, frame: Frame, recording: Recording, terrain: Terrain | None, rule: CrowdRule
 ) -> CellLabels:
-    """Labels [h, w] of a frame at `STRIDE`. FrameError when its truth cannot be read, ValueError when `ground`
-    is wanted without a terrain."""
+    """Labels [h, w] of a frame at `STRIDE`. FrameError when its truth cannot be read, ValueError when
+    `ground` is wanted without a terrain."""
     if target == "silhouettes":
         return _silhouette_cells(frame)
     if target == "ground":
@@ -99,9 +99,7 @@ def _ground_cells(frame: Frame, recording: Recording, terrain: Terrain, rule: Cr
 
 def cell_centres(rows: int, columns: int) -> NDArray[np.float64]:
     """Pixel coordinates [rows * columns, 2] of the centres of the cells, row by row."""
-    v, u = np.meshgrid(
-        (np.arange(rows) + 0.5) * STRIDE, (np.arange(columns) + 0.5) * STRIDE, indexing="ij"
-    )
+    v, u = np.meshgrid((np.arange(rows) + 0.5) * STRIDE, (np.arange(columns) + 0.5) * STRIDE, indexing="ij")
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.64 M parameters, output at a quarter of the size.
+"""crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.64 M parameters, output at stride 4.
 
     3 -> 16 s2 | 24 s2 = p4 | 48 s2, residual = p8 | 96 s2, residual x 3 with dilation 1, 2, 4 | + global mean
     48, up, + p8 | 24, up, + p4 | one logit per target
@@ -9,7 +9,6 @@ largest stride is 16, so 320x240, 640x480 and 1280x720 need no padding.
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -61,8 +60,9 @@ class CrowdNet(nn.Module):
             ConvUnit(c8, c16, stride=2), Residual(c16), Residual(c16, dilation=2), Residual(c16, dilation=4)
         )
         self.scene = nn.Conv2d(c16, c16, 1)
-        self.down_p16, self.side_p8, self.merge_p8 = nn.Conv2d(c16, c8, 1), nn.Conv2d(c8, c8, 1), ConvUnit(c8, c8)
-        self.down_p8, self.side_p4, self.merge_p4 = nn.Conv2d(c8, c4, 1), nn.Conv2d(c4, c4, 1), ConvUnit(c4, c4)
+        self.down_p16, self.down_p8 = nn.Conv2d(c16, c8, 1), nn.Conv2d(c8, c4, 1)
+        self.side_p8, self.side_p4 = nn.Conv2d(c8, c8, 1), nn.Conv2d(c4, c4, 1)
+        self.merge_p8, self.merge_p4 = ConvUnit(c8, c8), ConvUnit(c4, c4)
         self.logit = nn.Conv2d(c4, targets, 1)
         nn.init.constant_(self.logit.bias, RARE_LOGIT)  # type: ignore[arg-type]
 

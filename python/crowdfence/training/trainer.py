@@ -109,7 +109,7 @@ def train(
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
     machines give equal weights.
 
-    ValueError for missions without frames, a checkpoint of another plan, or a loss that is no number any more.
+    ValueError for missions without frames, a checkpoint of another plan, or a loss that is not finite.
     """
     device = device or default_device()
     if not validation:
@@ -130,7 +130,7 @@ def train(
             mean_loss = float(torch.stack(losses).mean())
             losses.clear()
             if not math.isfinite(mean_loss):
-                raise ValueError(f"the training loss is {mean_loss} at step {step + 1}: use a smaller learning rate")
+                raise ValueError(f"the loss is {mean_loss} at step {step + 1}: use a smaller learning rate")
             score = validate(run.average.network, validation, plan.targets, device)
             checkup = Checkup(step + 1, time.monotonic() - started, mean_loss, score)
             run.note(checkup)
@@ -179,7 +179,8 @@ class _Run:
         self._plan, self._device = plan, device
         # Pixels with their channels side by side: faster convolutions on CPUs and on GPUs.
         self.network = CrowdNet(len(plan.targets), width=plan.width).to(
-            device, memory_format=torch.channels_last  # type: ignore[call-overload]
+            device,
+            memory_format=torch.channels_last,  # type: ignore[call-overload]
         )
         self.average = WeightAverage(self.network, plan.average_decay)
         self._optimiser = torch.optim.AdamW(
@@ -245,7 +246,9 @@ class _Run:
         state = torch.load(path, map_location=self._device, weights_only=True)
         if state["plan"] != asdict(self._plan):
             differs = [name for name, value in asdict(self._plan).items() if state["plan"].get(name) != value]
-            raise ValueError(f"{path} is of another training: {', '.join(differs)} differ; remove it to start anew")
+            raise ValueError(
+                f"{path} is of another training: {', '.join(differs)} differ; remove it to start anew"
+            )
         self.step = state["step"]
         self.network.load_state_dict(state["network"])
         self.average.network.load_state_dict(state["average"])
