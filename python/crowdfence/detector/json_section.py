@@ -121,8 +121,8 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def shown(value: object) -> str:
+def shown(value: object, characters: int = _SHOWN_CHARACTERS) -> str:
     """A value as one short line for a message."""
-    text = " ".join((value if isinstance(value, str) else repr(value)).split())
-    text = f"{text[:_SHOWN_CHARACTERS]}..." if len(text) > _SHOWN_CHARACTERS else text
+    text = " ".join((value if isinstance(value, str) else repr(value))[: 4 * characters].split())
+    text = f"{text[:characters]}..." if len(text) > characters else text
     return repr(text) if isinstance(value, str) else text

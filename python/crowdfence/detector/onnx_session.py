@@ -1,0 +1,64 @@
+"""An ONNX model opened by ONNX Runtime, one thread per stream; failures are a DetectorError of one line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from crowdfence.detector.errors import DetectorError
+from crowdfence.detector.json_section import shown
+from crowdfence.detector.model_face import ModelFace, Tensor
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+_FATAL_ONLY = 4  # what is wrong is in the exception; the runtime would also write it to stderr
+_DTYPES = {"float": "float32", "double": "float64"}
+
+
+@dataclass(frozen=True, slots=True)
+class OnnxSession:
+    session: onnxruntime.InferenceSession
+    face: ModelFace
+
+
+def open_session(path: Path, threads: int = 1) -> OnnxSession:
+    """Load a model. FileNotFoundError when there is none, DetectorError when it cannot be used."""
+    if threads < 1:
+        raise ValueError(f"threads is {threads}; allowed: 1 and more")
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is no file: no model there")
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = _FATAL_ONLY
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        metadata = session.get_modelmeta().custom_metadata_map
+    except Exception as error:  # the runtime's exceptions have no base class of their own
+        raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {reason(error)}") from None
+    face = ModelFace(path, _tensors(session.get_inputs()), _tensors(session.get_outputs()), metadata)
+    return OnnxSession(session, face)
+
+
+def reason(error: Exception) -> str:
+    """What the runtime says, without its bracketed codes, on one line."""
+    text = str(error)
+    while text.startswith("[ONNXRuntimeError]"):
+        text = text.split(" : ", 3)[-1]
+    return shown(text, 300).strip("'\"")
+
+
+def _tensors(arguments: Any) -> tuple[Tensor, ...]:
+    return tuple(
+        Tensor(argument.name, _dtype(argument.type), tuple(argument.shape or ())) for argument in arguments
+    )
+
+
+def _dtype(written: str) -> str:
+    """ "tensor(float)" -> "float32"."""
+    inner = written.removeprefix("tensor(").removesuffix(")")
+    return _DTYPES.get(inner, inner)
