@@ -4,7 +4,7 @@ Each module stands alone; import what is needed from it:
 
 - `iou`               mean intersection over union inside what the fleet has seen
 - `detector_rates`    TPR, FPR, TNR, FNR of a detector from heatmaps and masks
-- `detector_quality`  IoU, precision and recall, rates, reliability by distance, tilt and mission, with intervals
+- `detector_quality`  IoU, precision, recall, rates, reliability by distance, tilt, mission, with intervals
 - `voxel_rates`       rates per voxel observation and how strongly a mean value speaks for crowd
 - `calibration`       does 0.7 mean 70 percent?
 - `landing_prior`     P(A = 1) from the share of the terrain on which a drone could land

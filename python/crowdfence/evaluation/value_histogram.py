@@ -19,13 +19,18 @@ _EDGES = np.arange(1, BINS) / BINS
 def value_histogram(values: NDArray[np.float64], crowd: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Histogram [4, BINS] of cell values in [0, 1] and whether each cell is crowd (arrays of one shape)."""
     value, truth = values.ravel(), crowd.ravel()
-    bin_of = np.searchsorted(_EDGES, value, side="left")
+    bin_of = bin_of_values(value)
     histogram = np.empty((4, BINS))
     histogram[EMPTY] = np.bincount(bin_of[~truth], minlength=BINS)
     histogram[CROWD] = np.bincount(bin_of[truth], minlength=BINS)
     histogram[VALUE_SUM] = np.bincount(bin_of, value, minlength=BINS)
     histogram[SQUARED_ERROR] = np.bincount(bin_of, (value - truth) ** 2, minlength=BINS)
     return histogram
+
+
+def bin_of_values(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Bin number of values in [0, 1]."""
+    return np.searchsorted(_EDGES, values, side="left")
 
 
 def called_above(histogram: NDArray[np.float64], row: int) -> NDArray[np.float64]:
