@@ -18,6 +18,8 @@ from crowdfence.cli.demo import RECORDING
 from recordings import STARTS, flight, write_airsim, write_folder
 
 FAILED, USAGE, GATE_NOT_MET = 1, 2, 3
+RECORDED = ("--detector", "recorded")
+"""The recordings here have pictures and heatmaps; their pictures show nothing."""
 
 
 def crowdfence(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -70,7 +72,9 @@ def error_line(done: subprocess.CompletedProcess[str], code: int = FAILED) -> st
 def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path, tmp_path: Path) -> None:
     terrain_path = airsim / "terrain" / "terrain.bt"
     for recording, output in ((airsim, "airsim"), (mission, "mission")):
-        done = crowdfence("run", recording, "-t", terrain_path, "-o", tmp_path / output, "--prior", 0.2)
+        done = crowdfence(
+            "run", recording, "-t", terrain_path, "-o", tmp_path / output, "--prior", 0.2, *RECORDED
+        )
         assert done.returncode == 0, done.stderr
     terrain = Terrain.open(terrain_path)
     maps = [
@@ -84,7 +88,7 @@ def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path
 
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "folder"
-    done = crowdfence("run", airsim, "-o", output, "--prior", 0.2, "--method", "or", "--json")
+    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     summary = json.loads(done.stdout)
@@ -109,7 +113,7 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
 
 
 def test_unseen_ground_is_never_written_as_empty(airsim: Path, tmp_path: Path) -> None:
-    assert crowdfence("run", airsim, "-o", tmp_path, "--prior", 0.2).returncode == 0
+    assert crowdfence("run", airsim, *RECORDED, "-o", tmp_path, "--prior", 0.2).returncode == 0
     with rasterio.open(tmp_path / "crowd_map.tif") as raster:
         probability, state = raster.read(1), raster.read(2)
         assert np.isnan(raster.nodata)
@@ -173,7 +177,7 @@ def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
 
 
 def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
-    arguments = ("evaluate", airsim, "--prior", 0.2, "--alpha", 0.1, "--alpha", 1, "--json")
+    arguments = ("evaluate", airsim, *RECORDED, "--prior", 0.2, "--alpha", 0.1, "--alpha", 1, "--json")
     done = crowdfence(*arguments)
     assert done.returncode == 0, done.stderr
     scores = json.loads(done.stdout)["scores"]
@@ -193,7 +197,7 @@ def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: P
     subprocess.run(["cp", "-r", airsim, damaged], check=True)
     heatmap = sorted((damaged / "heatmaps").iterdir())[2]
     heatmap.write_bytes(heatmap.read_bytes()[:40])
-    done = crowdfence("run", damaged, "-o", tmp_path / "out", "--prior", 0.2)
+    done = crowdfence("run", damaged, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2)
     assert done.returncode == 0
     assert done.stderr.count("warning:") == 1
     assert "heatmap cannot be read" in done.stderr
@@ -218,7 +222,7 @@ def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: P
 def test_what_cannot_be_run_is_one_line_with_the_value(
     airsim: Path, tmp_path: Path, options: list[object], message: str
 ) -> None:
-    done = crowdfence("run", airsim, "-o", tmp_path / "out", "--prior", 0.2, *options)
+    done = crowdfence("run", airsim, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2, *options)
     assert message in error_line(done)
     assert not (tmp_path / "out").exists()
 
@@ -227,7 +231,9 @@ def test_terrain_and_poses_that_do_not_overlap_are_refused(airsim: Path, tmp_pat
     terrain = Terrain.from_points(np.array([[5000.0, 5000.0, 0.0]]), 1.0)
     (tmp_path / "far.bt").write_bytes(_core.write_octomap_binary(terrain, [0]))
     line = error_line(
-        crowdfence("run", airsim, "-t", tmp_path / "far.bt", "-o", tmp_path / "out", "--prior", 0.2)
+        crowdfence(
+            "run", airsim, *RECORDED, "-t", tmp_path / "far.bt", "-o", tmp_path / "out", "--prior", 0.2
+        )
     )
     assert "terrain and poses do not overlap" in line
     assert "x 5000 to 5001" in line

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 from crowdfence._core import CrowdMap, Or, Paper, Rates, Terrain
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract import Contract
+
+FigureName = Literal["true_positive_rate", "false_positive_rate", "target_height_m"]
+
+UNSTATED: dict[FigureName, float] = {
+    "true_positive_rate": 0.9,
+    "false_positive_rate": 0.02,
+    "target_height_m": 0.0,
+}
+"""What a run uses where neither its configuration nor its detector says anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +29,10 @@ class RunConfig:
 
     method: Literal["paper", "or"] = "paper"
 
-    true_positive_rate: float = 0.9
-    """P(B = 1 | A = 1) of the detector, inside (0, 1)."""
-    false_positive_rate: float = 0.02
-    """P(B = 1 | A = 0), inside (0, 1)."""
+    true_positive_rate: float | None = None
+    """P(B = 1 | A = 1) of the detector, inside (0, 1); None: what the detector states, or 0.9."""
+    false_positive_rate: float | None = None
+    """P(B = 1 | A = 0), inside (0, 1); None: what the detector states, or 0.02."""
     prior: float | None = None
     """P(A = 1), inside (0, 1); None: the share of the terrain that is suitable for landing."""
     b_threshold: float = 0.5
@@ -42,8 +54,8 @@ class RunConfig:
 
     max_range_m: float = 300.0
     """Rays end here."""
-    target_height_m: float = 0.0
-    """Height above the ground at which people are marked; 0 is the paper's."""
+    target_height_m: float | None = None
+    """Height above the ground at which people are marked; None: the detector's own, or 0 (the paper)."""
     coverage: Literal["rays", "full"] = "rays"
     """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
 
@@ -65,13 +77,44 @@ class RunConfig:
             if not value >= 0.0:
                 raise ValueError(f"{name} is {value:g}; it must be >= 0")
 
+    def with_detector(self, contract: Contract | None) -> RunConfig:
+        """The same with what is left to the detector filled in: from its contract, else `UNSTATED`.
+
+        ValueError when the contract states a rate that equation 1 cannot use.
+        """
+        return replace(
+            self,
+            true_positive_rate=self._chosen("true_positive_rate", contract),
+            false_positive_rate=self._chosen("false_positive_rate", contract),
+            target_height_m=self._chosen("target_height_m", contract),
+        )
+
+    def used(self, name: FigureName) -> float:
+        """The value, or the one of `UNSTATED` where it is left to a detector."""
+        return self._chosen(name, None)
+
+    def _chosen(self, name: FigureName, contract: Contract | None) -> float:
+        given: float | None = getattr(self, name)
+        if given is not None:
+            return given
+        stated = None if contract is None else _stated(contract, name)
+        if stated is None:
+            return UNSTATED[name]
+        if name != "target_height_m" and self.method == "paper" and not 0.0 < stated < 1.0:
+            raise ValueError(
+                f"the detector states a {name} of {stated:g}; equation 1 needs one strictly between 0 and 1: "
+                "give your own (--tpr, --fpr)"
+            )
+        return stated
+
     def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
-        """An empty crowd map on a terrain for a fleet of `drones`. ValueError for values out of bounds."""
+        """An empty crowd map on a terrain for a fleet of `drones`. What is left to the detector is taken from
+        `UNSTATED`; call `with_detector` before where there is one. ValueError for values out of bounds."""
         return CrowdMap(
             terrain,
             self._method(terrain, drones if self.fleet_size is None else self.fleet_size),
             max_range_m=self.max_range_m,
-            target_height_m=self.target_height_m,
+            target_height_m=self.used("target_height_m"),
             coverage=self.coverage,
         )
 
@@ -81,7 +124,7 @@ class RunConfig:
         if self.method != "paper":
             raise ValueError(f'method is {self.method!r}; it must be "paper" or "or"')
         return Paper(
-            Rates(self.true_positive_rate, self.false_positive_rate),
+            Rates(self.used("true_positive_rate"), self.used("false_positive_rate")),
             _landing_prior(terrain) if self.prior is None else self.prior,
             alpha=self.alpha,
             decay_per_s=self.decay_per_s,
@@ -96,12 +139,20 @@ class RunConfig:
     def parameters(self, crowd_map: CrowdMap) -> dict[str, str | int | float | bool]:
         """What the run really used, for files that explain themselves."""
         used = {name: value for name, value in asdict(self).items() if name not in _OF_ZONES}
+        used.update({name: self.used(name) for name in UNSTATED})
         used["fleet_size"] = crowd_map.method.fleet_size
         if isinstance(crowd_map.method, Paper):
             used["prior"] = crowd_map.method.prior
         else:
             used = {name: value for name, value in used.items() if name not in _OF_PAPER}
         return used
+
+
+def _stated(contract: Contract, name: FigureName) -> float | None:
+    if name == "target_height_m":
+        return contract.target_height_m
+    estimate = (contract.rates or {}).get(name.removesuffix("_rate"))
+    return None if estimate is None else float(estimate["rate"])
 
 
 _OF_ZONES = ("method", "threshold", "min_area_m2", "stale_after_s")

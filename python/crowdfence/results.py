@@ -86,7 +86,8 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
         "instants": len(run.rows),
         "frames": {drone: integrated[drone] for drone in run.recording.drones},
         "refused": [str(refused) for refused in run.recording.refused],
-        "warnings": list(run.recording.warnings),
+        "warnings": [*run.recording.warnings, *([] if run.review is None else run.review.warnings)],
+        "detector": _detector(run),
         "terrain": {
             "voxels": run.terrain.voxel_count,
             "voxel_size_m": run.terrain.voxel_size_m,
@@ -105,6 +106,13 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
         "dropped_regions": zones.dropped_count,
         "dropped_area_m2": zones.dropped_area_m2,
     }
+
+
+def _detector(run: Run) -> dict[str, Any]:
+    detector = run.heatmaps.to_json()
+    if run.review is not None:
+        detector["ranges"] = {check.quantity: check.to_json() for check in run.review.ranges}
+    return detector
 
 
 def _description(run: Run) -> MapDescription:

@@ -26,4 +26,5 @@ def demo(
     from crowdfence.sources import open_recording
 
     recording = open_recording(RECORDING)
-    fuse_and_report(recording, pipeline.open_terrain(recording, None), CONFIG, output, as_json=as_json)
+    terrain = pipeline.open_terrain(recording, None)
+    fuse_and_report(recording, terrain, CONFIG, output, detector=None, as_json=as_json)

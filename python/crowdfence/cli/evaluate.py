@@ -19,10 +19,13 @@ GATE_NOT_MET = 3
 
 
 def evaluate(
+    context: typer.Context,
     recording: options.RecordingPath,
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    detector: options.DetectorChoice = "auto",
+    contract: options.ContractPath = None,
     method: Annotated[
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
@@ -34,15 +37,15 @@ def evaluate(
     unseen: options.UnseenOption = options.Unseen.fleet,
     normalise: options.Normalise = False,
     initial: options.InitialOption = options.Initial.zero,
-    tpr: options.TruePositiveRate = DEFAULT.true_positive_rate,
-    fpr: options.FalsePositiveRate = DEFAULT.false_positive_rate,
+    true_positive_rate: options.TruePositiveRate = None,
+    false_positive_rate: options.FalsePositiveRate = None,
     measured_rates: Annotated[
         bool, typer.Option("--measured-rates", help="Use the rates that the truth shows, per heatmap cell.")
     ] = False,
     prior: options.Prior = None,
     b_threshold: options.BThreshold = DEFAULT.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
-    target_height_m: options.TargetHeightM = DEFAULT.target_height_m,
+    target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     threshold: options.Threshold = None,
@@ -52,39 +55,41 @@ def evaluate(
     as_json: options.Json = False,
 ) -> None:
     """Mean IoU (equation 4) of the methods against the truth that the recording holds."""
+    shared = options.run_config(context.params, method="paper", alpha=DEFAULT.alpha)
     from crowdfence import pipeline
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.replay import score
+    from crowdfence.heatmap_source import choose_detector, heatmap_source
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
-    counts = count_rates(source)
+    chosen = choose_detector(source, detector, contract=contract)
+    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    heatmaps = heatmap_source(chosen, ground, max_range_m)
+    with console.progress("measuring the detector", len(source.frames), "frames") as advance:
+        counts = count_rates(source, heatmaps, on_instant=lambda instant: advance(len(instant.frames)))
     if measured_rates:
         rates = counts.rates()
-        tpr, fpr = rates.true_positive, rates.false_positive
-    shared = RunConfig(
-        true_positive_rate=tpr,
-        false_positive_rate=fpr,
-        prior=prior,
-        b_threshold=b_threshold,
-        unseen=unseen.value,
-        normalise=normalise,
-        decay_per_s=decay_per_s,
-        initial=initial.value,
-        max_range_m=max_range_m,
-        target_height_m=target_height_m,
-        coverage=coverage.value,
-        tolerance_ms=tolerance_ms,
-        threshold=threshold,
-    )
+        shared = replace(
+            shared, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
+        )
     configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
-    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     with console.progress("scoring", len(source.frames), "frames") as advance:
-        scores = score(source, ground, configs, on_instant=lambda instant: advance(len(instant.frames)))
+        scores = score(
+            source, ground, configs, heatmaps, on_instant=lambda instant: advance(len(instant.frames))
+        )
     if as_json:
-        console.print_json({"detector": _rates(counts), "scores": [_as_json(row) for row in scores]})
+        console.print_json(
+            {
+                "detector": {**heatmaps.to_json(), **_rates(counts)},
+                "scores": [_as_json(row) for row in scores],
+                "refused": [str(refused) for refused in source.refused],
+            }
+        )
     else:
         _print(source.name, counts, scores)
+        for refused in source.refused:
+            console.warn(str(refused))
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import fields
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -63,6 +65,18 @@ TerrainOption = Annotated[
         help="Option of the map reader, such as surface=ground, height_unit=ft, up=y; may be repeated.",
     ),
 ]
+DetectorChoice = Annotated[
+    str,
+    typer.Option(
+        "--detector",
+        metavar="auto|recorded|MODEL.onnx",
+        help="What makes the heatmaps. auto: the shipped model where there are pictures, else as recorded.",
+    ),
+]
+ContractPath = Annotated[
+    Path | None,
+    typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]
@@ -85,8 +99,18 @@ Normalise = Annotated[
 InitialOption = Annotated[
     Initial, typer.Option("--initial", rich_help_panel=_METHOD, help="Belief before the first look.")
 ]
-TruePositiveRate = Annotated[float, typer.Option("--tpr", rich_help_panel=_RATES, help="P(B = 1 | A = 1).")]
-FalsePositiveRate = Annotated[float, typer.Option("--fpr", rich_help_panel=_RATES, help="P(B = 1 | A = 0).")]
+TruePositiveRate = Annotated[
+    float | None,
+    typer.Option(
+        "--tpr", rich_help_panel=_RATES, help="P(B = 1 | A = 1). Default: the detector's own, else 0.9."
+    ),
+]
+FalsePositiveRate = Annotated[
+    float | None,
+    typer.Option(
+        "--fpr", rich_help_panel=_RATES, help="P(B = 1 | A = 0). Default: the detector's own, else 0.02."
+    ),
+]
 Prior = Annotated[
     float | None,
     typer.Option(
@@ -103,9 +127,11 @@ FleetSize = Annotated[
 ]
 MaxRangeM = Annotated[float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")]
 TargetHeightM = Annotated[
-    float,
+    float | None,
     typer.Option(
-        "--target-height-m", rich_help_panel=_MAP, help="Height above ground at which people are marked."
+        "--target-height-m",
+        rich_help_panel=_MAP,
+        help="Height above ground at which people are marked. Default: the detector's own, else 0.",
     ),
 ]
 CoverageOption = Annotated[
@@ -127,6 +153,14 @@ MinAreaM2 = Annotated[
 StaleAfterS = Annotated[
     float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
 ]
+
+
+def run_config(parameters: Mapping[str, Any], **chosen: Any) -> RunConfig:
+    """The configuration from a command's parameters (`context.params`), which are named after its fields;
+    `chosen` are fields that the command decides itself."""
+    given = {field.name: parameters[field.name] for field in fields(RunConfig) if field.name in parameters}
+    values = {name: value.value if isinstance(value, Enum) else value for name, value in given.items()}
+    return RunConfig(**{**values, **chosen})
 
 
 def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
     from crowdfence import Terrain
+    from crowdfence.detector.detector import Detector
     from crowdfence.pipeline import Run
     from crowdfence.sources.recording import Recording
 
@@ -21,11 +22,14 @@ MOST_ZONES_SHOWN = 12
 
 
 def run(
+    context: typer.Context,
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    detector: options.DetectorChoice = "auto",
+    contract: options.ContractPath = None,
     method: options.Method = options.MethodName.paper,
     alpha: options.Alpha = DEFAULT.alpha,
     decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
@@ -33,13 +37,13 @@ def run(
     unseen: options.UnseenOption = options.Unseen.fleet,
     normalise: options.Normalise = False,
     initial: options.InitialOption = options.Initial.zero,
-    tpr: options.TruePositiveRate = DEFAULT.true_positive_rate,
-    fpr: options.FalsePositiveRate = DEFAULT.false_positive_rate,
+    true_positive_rate: options.TruePositiveRate = None,
+    false_positive_rate: options.FalsePositiveRate = None,
     prior: options.Prior = None,
     b_threshold: options.BThreshold = DEFAULT.b_threshold,
     fleet_size: options.FleetSize = None,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
-    target_height_m: options.TargetHeightM = DEFAULT.target_height_m,
+    target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     threshold: options.Threshold = None,
@@ -47,38 +51,27 @@ def run(
     stale_after_s: options.StaleAfterS = DEFAULT.stale_after_s,
     as_json: options.Json = False,
 ) -> None:
-    """Fuse a recording onto a map and write the crowd map, the zones and a picture."""
-    config = RunConfig(
-        method=method.value,
-        true_positive_rate=tpr,
-        false_positive_rate=fpr,
-        prior=prior,
-        b_threshold=b_threshold,
-        fleet_size=fleet_size,
-        unseen=unseen.value,
-        normalise=normalise,
-        alpha=alpha,
-        decay_per_s=decay_per_s,
-        decay_unit=decay_unit.value,
-        initial=initial.value,
-        max_range_m=max_range_m,
-        target_height_m=target_height_m,
-        coverage=coverage.value,
-        tolerance_ms=tolerance_ms,
-        threshold=threshold,
-        min_area_m2=min_area_m2,
-        stale_after_s=stale_after_s,
-    )
+    """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
+    picture."""
+    config = options.run_config(context.params)
     from crowdfence import pipeline
+    from crowdfence.heatmap_source import choose_detector
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
+    chosen = choose_detector(source, detector, contract=contract)
     ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
-    fuse_and_report(source, ground, config, output, as_json=as_json)
+    fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 
 def fuse_and_report(
-    recording: Recording, terrain: Terrain, config: RunConfig, output: Path, *, as_json: bool
+    recording: Recording,
+    terrain: Terrain,
+    config: RunConfig,
+    output: Path,
+    *,
+    detector: Detector | None,
+    as_json: bool,
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
@@ -87,7 +80,11 @@ def fuse_and_report(
     started = time.perf_counter()
     with console.progress("fusing", len(recording.frames), "frames") as advance:
         finished = pipeline.run(
-            recording, terrain, config, on_step=lambda step: advance(len(step.instant.frames))
+            recording,
+            terrain,
+            config,
+            detector=detector,
+            on_step=lambda step: advance(len(step.instant.frames)),
         )
     seconds = time.perf_counter() - started
     summary = write_results(finished, output)
@@ -110,6 +107,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 f"{len(summary['refused'])} refused",
                 "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
                 f"{summary['terrain']['seen_voxels']:,} of them seen",
+                "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
                 "empty": f"{area['empty']:.0f} m2 seen lately, {area['stale']:.0f} m2 too long ago",
@@ -120,6 +118,14 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
     for reason in [*summary["warnings"], *summary["refused"]]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+
+
+def _heatmaps(detector: dict[str, Any]) -> str:
+    if "name" not in detector:
+        return "as recorded"
+    version = f" {detector['version']}" if detector["version"] else ""
+    checksum = f", sha256 {detector['sha256'][:12]}" if detector["sha256"] else ""
+    return f"{detector['name']}{version} on the pictures{checksum}"
 
 
 def _method(summary: dict[str, Any]) -> str:

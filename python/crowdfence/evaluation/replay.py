@@ -15,6 +15,7 @@ from crowdfence.evaluation.detector_rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.projected_truth import ProjectedTruth, TruthMap, project_truth
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
+from crowdfence.heatmap_source import RECORDED, HeatmapSource
 from crowdfence.pipeline import check_overlap
 from crowdfence.sources.recording import Frame, Instant, Recording
 
@@ -47,26 +48,44 @@ def has_truth(frame: Frame) -> bool:
     return frame.pixels.regions is not None or frame.pixels.silhouettes is not None
 
 
-def measured_rates(recording: Recording) -> Confusion:
+def measured_rates(
+    recording: Recording,
+    heatmaps: HeatmapSource = RECORDED,
+    *,
+    on_instant: Callable[[Instant], None] | None = None,
+) -> Confusion:
     """Heatmap cells of all frames with truth, counted at threshold 0.5. ValueError when there are none."""
-    usable = [frame for frame in recording.frames if has_truth(frame) and frame.pixels.heatmap is not None]
-    _require_truth(recording, usable)
-    return confusion((frame.heatmap() for frame in usable), (crowd_mask(frame) for frame in usable))
+    _require_truth(recording, [frame for frame in recording.frames if has_truth(frame)])
+    counts = Confusion(0, 0, 0, 0)
+    with heatmaps.viewing(len(recording.drones)) as views_of:
+        for instant in recording.instants():
+            frames = {frame.drone: frame for frame in instant.frames if has_truth(frame)}
+            labelled = [view for view in views_of(instant) if view.drone in frames]
+            if labelled:
+                masks = (crowd_mask(frames[view.drone]) for view in labelled)
+                counts += confusion((view.heatmap for view in labelled), masks)
+            if on_instant is not None:
+                on_instant(instant)
+    if counts.positives + counts.negatives == 0:
+        raise ValueError(f"no frame of {recording.name} has truth and a usable heatmap")
+    return counts
 
 
 def score(
     recording: Recording,
     terrain: Terrain,
     configs: Sequence[RunConfig],
+    heatmaps: HeatmapSource = RECORDED,
     *,
     on_instant: Callable[[Instant], None] | None = None,
 ) -> list[Score]:
     """Replay the recording once, feeding every configuration the same views, and score each.
 
     Truth is projected from the labelled frames of the instant, the last label seen is kept (the paper's). The
-    configurations must agree on how views are projected and grouped. ValueError when they do not, or when the
-    recording holds no truth.
+    configurations must agree on how views are projected and grouped; what they leave open is filled in from
+    the detector's contract. ValueError when they do not, or when the recording holds no truth.
     """
+    configs = [config.with_detector(heatmaps.contract) for config in configs]
     first = configs[0]
     if any(_projection(config) != _projection(first) for config in configs):
         raise ValueError("configurations that are scored together must project and group views alike")
@@ -79,19 +98,20 @@ def score(
     ]
     sweeps = [ThresholdSweep([*THRESHOLDS, threshold]) for threshold in chosen]
     truth = TruthMap(terrain.voxel_count)
-    for instant in recording.instants(first.tolerance_ms):
-        views = instant.views()
-        update = maps[0].integrate(views, instant.stamp_ns)
-        for crowd_map in maps[1:]:
-            drones = [view.drone for view in views]
-            crowd_map.integrate_observations(drones, update.observations, instant.stamp_ns)
-        truth.update(_projected(instant, terrain, first))
-        seen_ids = maps[0].seen_ids()
-        crowd = truth.crowd[seen_ids]
-        for crowd_map, sweep in zip(maps, sweeps, strict=True):
-            sweep.update(crowd_map.probability(instant.stamp_ns, seen_ids), crowd)
-        if on_instant is not None:
-            on_instant(instant)
+    with heatmaps.viewing(len(recording.drones)) as views_of:
+        for instant in recording.instants(first.tolerance_ms):
+            views = views_of(instant)
+            update = maps[0].integrate(views, instant.stamp_ns)
+            for crowd_map in maps[1:]:
+                drones = [view.drone for view in views]
+                crowd_map.integrate_observations(drones, update.observations, instant.stamp_ns)
+            truth.update(_projected(instant, terrain, first))
+            seen_ids = maps[0].seen_ids()
+            crowd = truth.crowd[seen_ids]
+            for crowd_map, sweep in zip(maps, sweeps, strict=True):
+                sweep.update(crowd_map.probability(instant.stamp_ns, seen_ids), crowd)
+            if on_instant is not None:
+                on_instant(instant)
     return [_score(*parts) for parts in zip(configs, maps, chosen, sweeps, strict=True)]
 
 
@@ -101,7 +121,7 @@ def _score(config: RunConfig, crowd_map: CrowdMap, threshold: float, sweep: Thre
 
 
 def _projection(config: RunConfig) -> tuple[float, float, str, float]:
-    return (config.max_range_m, config.target_height_m, config.coverage, config.tolerance_ms)
+    return (config.max_range_m, config.used("target_height_m"), config.coverage, config.tolerance_ms)
 
 
 def _projected(instant: Instant, terrain: Terrain, config: RunConfig) -> list[ProjectedTruth]:
@@ -112,7 +132,7 @@ def _projected(instant: Instant, terrain: Terrain, config: RunConfig) -> list[Pr
             frame.world_from_camera,
             terrain,
             max_range_m=config.max_range_m,
-            target_height_m=config.target_height_m,
+            target_height_m=config.used("target_height_m"),
             coverage=config.coverage,
         )
         for frame in instant.frames

@@ -1,7 +1,9 @@
 """What every source yields: frames with known cameras and poses, their pixels still on disk."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -164,16 +166,31 @@ class Instant:
     refuse: Callable[[RefusedFrame], None] = field(repr=False)
     """Told of every frame that turns out to be unusable."""
 
-    def views(self) -> list[View]:
-        """The frames as views for the core. A frame that cannot be loaded is left out and becomes part of
-        the recording's `refused`; the others are not affected."""
+    def views(
+        self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap, *, executor: Executor | None = None
+    ) -> list[View]:
+        """The frames as views for the core, with the recorded heatmaps or those of a detector. A frame that
+        cannot be loaded is left out and becomes part of the recording's `refused`; the others are not
+        affected.
+
+        `heatmap_of` raises FrameError for a frame without a usable heatmap. With an `executor` it is called
+        for several frames at once; the views come in the order of the frames all the same.
+        """
+        over = map if executor is None else executor.map
         views = []
-        for frame in self.frames:
-            try:
-                views.append(frame.view())
-            except FrameError as error:
-                self.refuse(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
+        for result in over(partial(_view_or_refusal, heatmap_of), self.frames):
+            if isinstance(result, RefusedFrame):
+                self.refuse(result)
+            else:
+                views.append(result)
         return views
+
+
+def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> View | RefusedFrame:
+    try:
+        return frame.view(heatmap_of(frame))
+    except FrameError as error:
+        return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,158 @@
+"""A flight against what a detector states about itself: where it was tested, its rates, its calibration.
+
+A detector that flies higher, or looks flatter, than it was tested sees crowds that nobody has measured it on.
+Nothing is refused for that: it is said, with the share of the ground that it concerns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.detector.contract import Contract
+from crowdfence.detector.ground_sampling import ground_sampling
+from crowdfence.sources.recording import Frame
+
+MOST_FRAMES = 120
+"""Frames that are looked at, evenly over the flight."""
+TOLERATED_SHARE = 0.01
+"""So much of the ground may lie outside without a word."""
+QUANTILES = (0.05, 0.5, 0.95)
+MOST_VOXEL_RATIO = 1.5
+
+Quantity = Literal["gsd_m", "distance_m", "tilt_deg"]
+_NAMES: dict[Quantity, tuple[str, str]] = {
+    "gsd_m": ("metres per pixel", "m"),
+    "distance_m": ("distance", "m"),
+    "tilt_deg": ("tilt below the horizon", "deg"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightSample:
+    """Rays of a flight that hit the ground; arrays [N], every ray stands for the same share of an image."""
+
+    gsd_m: NDArray[np.float64]
+    distance_m: NDArray[np.float64]
+    tilt_deg: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RangeCheck:
+    """One quantity of a flight beside the range that the detector was tested in."""
+
+    quantity: Quantity
+    tested: tuple[float, float] | None
+    """None: the contract does not say."""
+    quantiles: tuple[float, float, float]
+    """Of the flight, at `QUANTILES`."""
+    share_below: float
+    """Share of the ground seen that lies below the tested range, 0 when there is none."""
+    share_above: float
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "tested": None if self.tested is None else list(self.tested),
+            "flight_quantiles": {
+                f"{quantile:g}": value for quantile, value in zip(QUANTILES, self.quantiles, strict=True)
+            },
+            "share_below": self.share_below,
+            "share_above": self.share_above,
+        }
+
+    def warnings(self, name: str) -> list[str]:
+        """One sentence for each side on which more than `TOLERATED_SHARE` of the ground lies outside."""
+        if self.tested is None:
+            return []
+        what, unit = _NAMES[self.quantity]
+        low, _, high = self.quantiles
+        sides = (
+            (self.share_below, "below", self.tested[0]),
+            (self.share_above, "above", self.tested[1]),
+        )
+        return [
+            f"{what}: {_percent(share)} of the ground seen lies {side} {bound:.3g} {unit}, where the "
+            f"detector {name} was not tested (the flight has {low:.3g} to {high:.3g} {unit})"
+            for share, side, bound in sides
+            if share > TOLERATED_SHARE
+        ]
+
+
+def sample_flight(frames: Sequence[Frame], terrain: Terrain, *, max_range_m: float) -> FlightSample:
+    """Rays from up to `MOST_FRAMES` frames, evenly over the sequence."""
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(MOST_FRAMES, len(frames))).round().astype(int))
+    found = [
+        ground_sampling(
+            frames[index].camera, frames[index].world_from_camera, terrain, max_range_m=max_range_m
+        )
+        for index in chosen
+    ]
+
+    def seen(quantity: Quantity) -> NDArray[np.float64]:
+        values = np.concatenate([np.empty(0), *(getattr(one, quantity).ravel() for one in found)])
+        return values[np.isfinite(values)]
+
+    return FlightSample(seen("gsd_m"), seen("distance_m"), seen("tilt_deg"))
+
+
+def check_ranges(contract: Contract, flight: FlightSample) -> list[RangeCheck]:
+    """GSD, distance and tilt of the flight beside the tested ranges; empty when the flight sees no ground."""
+    if flight.gsd_m.size == 0:
+        return []
+    checks = []
+    for quantity in _NAMES:
+        values: NDArray[np.float64] = getattr(flight, quantity)
+        tested = None if contract.validity is None else getattr(contract.validity, quantity)
+        low, high = (-np.inf, np.inf) if tested is None else tested
+        p05, p50, p95 = (float(value) for value in np.quantile(values, QUANTILES))
+        checks.append(
+            RangeCheck(
+                quantity, tested, (p05, p50, p95), float(np.mean(values < low)), float(np.mean(values > high))
+            )
+        )
+    return checks
+
+
+def statement_warnings(
+    contract: Contract, *, voxel_size_m: float, b_threshold: float, coverage: str, rates_given: bool
+) -> list[str]:
+    """What the contract leaves open, and rates that were measured in another setting than this run's.
+
+    `rates_given`: the run has rates of its own, so those of the contract do not matter.
+    """
+    name = contract.name
+    warnings = []
+    if contract.calibration is None:
+        warnings.append(f"the detector {name} states no calibration: 0.7 need not mean 70 percent")
+    if contract.validity is None:
+        warnings.append(f"the detector {name} does not state at which metres per pixel it was tested")
+    if rates_given:
+        return warnings
+    rates = contract.rates or {}
+    if "true_positive" not in rates or "false_positive" not in rates:
+        warnings.append(
+            f"the detector {name} states no rates per voxel observation: the paper's stand in; measure yours "
+            "or give --tpr and --fpr"
+        )
+        return warnings
+    measured = rates.get("voxel_size_m")
+    if isinstance(measured, (int, float)) and measured > 0:
+        ratio = voxel_size_m / measured
+        if max(ratio, 1 / ratio) > MOST_VOXEL_RATIO:
+            warnings.append(
+                f"the rates of {name} were measured on voxels of {measured:g} m, this map has "
+                f"{voxel_size_m:g} m"
+            )
+    for key, used in (("b_threshold", b_threshold), ("coverage", coverage)):
+        if rates.get(key, used) != used:
+            warnings.append(f"the rates of {name} were measured with {key} {rates[key]}, this run has {used}")
+    return warnings
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}" if share >= 0.1 else f"{share:.1%}"

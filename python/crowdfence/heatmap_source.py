@@ -1,0 +1,151 @@
+"""Where the heatmaps of a run come from: as recorded, a detector on the pictures, or a function."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from crowdfence._core import Terrain, View
+from crowdfence.sources.recording import Frame, FrameError, Instant, Pixels, Recording
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.detector import Detector
+
+HeatmapFunction = Callable[[Frame], Pixels]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeatmapSource:
+    """Frame -> heatmap, and who makes it. `heatmap_source` makes one."""
+
+    kind: Literal["recorded", "model", "function"]
+    heatmap_of: HeatmapFunction = field(repr=False)
+    """FrameError for a frame without a usable heatmap."""
+    contract: Contract | None = None
+    """What a model states about itself."""
+    model: Path | None = None
+    """The file of a model."""
+
+    @contextmanager
+    def viewing(self, drones: int) -> Iterator[Callable[[Instant], list[View]]]:
+        """A function instant -> views. A model looks at the drones of an instant side by side, one thread
+        each; which thread is first changes nothing."""
+        if self.kind != "model" or drones < 2:
+            yield lambda instant: instant.views(self.heatmap_of)
+            return
+        with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
+            yield lambda instant: instant.views(self.heatmap_of, executor=executor)
+
+    def to_json(self) -> dict[str, Any]:
+        """For a summary: what made the heatmaps, with the checksum of a model's file."""
+        if self.contract is None:
+            return {"heatmaps": self.kind}
+        return {
+            "heatmaps": self.kind,
+            "name": self.contract.name,
+            "version": self.contract.version,
+            "file": None if self.model is None else self.model.name,
+            "sha256": None if self.model is None else _sha256(self.model),
+        }
+
+
+RECORDED = HeatmapSource("recorded", Frame.heatmap)
+
+
+def heatmap_source(
+    detector: Detector | HeatmapFunction | None, terrain: Terrain, max_range_m: float
+) -> HeatmapSource:
+    """None: heatmaps as recorded. A `Detector` sees the pictures; where its model needs metres per pixel they
+    come from the frame's pose and the terrain. Any other function is called with the frame."""
+    if detector is None:
+        return RECORDED
+    from crowdfence.detector.detector import Detector
+
+    if not isinstance(detector, Detector):
+        return HeatmapSource("function", _refusing(detector))
+    return HeatmapSource(
+        "model",
+        _refusing(lambda frame: _detect(detector, frame, terrain, max_range_m)),
+        detector.contract,
+        detector.path,
+    )
+
+
+def choose_detector(
+    recording: Recording, choice: str, *, contract: Path | None = None, threads: int = 1
+) -> Detector | None:
+    """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes.
+
+    "auto" is the shipped model where that loses no frame: every frame that has a heatmap also has a picture.
+    ValueError when a model cannot be used, or the shipped one is missing.
+    """
+    if choice == "recorded" or (choice == "auto" and not _pictures_suffice(recording)):
+        if contract is not None:
+            raise ValueError(
+                f"--contract {contract} belongs to a model; the heatmaps here are the recorded ones"
+            )
+        return None
+    from crowdfence.detector.detector import Detector
+
+    if choice != "auto":
+        return Detector(choice, contract=contract, threads=threads)
+    if contract is not None:
+        raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
+    try:
+        return Detector(threads=threads)
+    except FileNotFoundError as error:
+        raise ValueError(
+            f"{error}. {recording.name} has pictures, so the shipped detector is wanted: install crowdfence "
+            "again, name a model with --detector MODEL.onnx, or take the recorded heatmaps with "
+            "--detector recorded"
+        ) from error
+
+
+def _pictures_suffice(recording: Recording) -> bool:
+    sources = [frame.pixels for frame in recording.frames]
+    return any(pixels.image for pixels in sources) and all(
+        pixels.image is not None for pixels in sources if pixels.heatmap is not None
+    )
+
+
+def _detect(detector: Detector, frame: Frame, terrain: Terrain, max_range_m: float) -> Pixels:
+    image = frame.image()
+    if not detector.contract.needs_gsd:
+        return detector(image)
+    from crowdfence.detector.ground_sampling import ground_sampling
+
+    sampling = ground_sampling(
+        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=48, columns=64
+    )
+    if not sampling.sees_ground:
+        raise ValueError("sees no ground of the map, so metres per pixel are unknown")
+    return detector(image, gsd_m=sampling.gsd_per_pixel(frame.camera.width, frame.camera.height))
+
+
+def _refusing(function: HeatmapFunction) -> HeatmapFunction:
+    """The function, its ValueErrors, OSErrors and RuntimeErrors made refusals of the frame at hand. Anything
+    else is a mistake in the function itself and ends the run."""
+
+    def heatmap_of(frame: Frame) -> Pixels:
+        try:
+            return function(frame)
+        except FrameError:
+            raise
+        except (ValueError, OSError, RuntimeError) as error:
+            raise FrameError(frame.drone, frame.stamp_ns, f"the detector failed: {error}") from error
+
+    return heatmap_of
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        digest = hashlib.sha256()
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
