@@ -11,7 +11,10 @@ import crowdfence
 # The public surface. A name that leaves this list breaks somebody's code.
 PUBLIC_NAMES = [
     "Camera",
+    "Contract",
     "CrowdMap",
+    "Detector",
+    "DetectorError",
     "Georeference",
     "Observation",
     "Or",

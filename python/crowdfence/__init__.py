@@ -24,6 +24,9 @@ from crowdfence._core import (
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
+    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.detector import Detector
+    from crowdfence.detector.errors import DetectorError
     from crowdfence.evaluation.detector_rates import detector_rates
     from crowdfence.evaluation.iou import mean_iou
     from crowdfence.evaluation.landing_prior import landing_prior
@@ -33,7 +36,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Camera",
+    "Contract",
     "CrowdMap",
+    "Detector",
+    "DetectorError",
     "Georeference",
     "Observation",
     "Or",
@@ -55,6 +61,9 @@ __all__ = [
 ]
 
 _LAZY = {
+    "Contract": "crowdfence.detector.contract",
+    "Detector": "crowdfence.detector.detector",
+    "DetectorError": "crowdfence.detector.errors",
     "Georeference": "crowdfence.georeference",
     "Recording": "crowdfence.sources.recording",
     "detector_rates": "crowdfence.evaluation.detector_rates",

@@ -61,7 +61,7 @@ def _check_output(contract: Contract, face: ModelFace) -> None:
 
 
 def chosen_channel(contract: Contract, channels: int) -> int:
-    """The channel of a map that is crowd; DetectorError where the contract does not say, or says a wrong one."""
+    """The channel of a map that is crowd; DetectorError where the contract says none, or one too high."""
     output = contract.output
     if output.kind == "class_logits" and channels == 1:
         raise DetectorError(

@@ -1,9 +1,9 @@
 """The metadata that the QGIS plugin Deepness reads -> a contract.
 
-Values are JSON: model_type, class_names, resolution (centimetres per pixel), tiles_size, standardization_mean
-and _std, seg_thresh, det_type, det_conf, det_iou_thresh. The graph wants float32 RGB [N, 3, H, W]: pixel / 255,
-then standardised. A Segmentor answers with probabilities; a Regressor's numbers have no stated meaning and are
-refused.
+Values are JSON: model_type, class_names, resolution (centimetres per pixel), tiles_size, seg_thresh,
+det_type, det_conf, det_iou_thresh, standardization_mean and _std. The graph wants float32 RGB [N, 3, H, W]:
+pixel / 255, then standardised. A Segmentor answers with probabilities; what the numbers of a Regressor mean
+is stated nowhere, so it is refused.
 """
 
 from __future__ import annotations

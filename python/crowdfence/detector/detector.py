@@ -1,0 +1,168 @@
+"""Image -> heatmap: the shipped model, any other model under a contract, or any function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.detector.contract import Contract, contract_of, read_contract
+from crowdfence.detector.contract_lookup import FoundContract, find_contract
+from crowdfence.detector.contract_rules import PeopleRule
+from crowdfence.detector.errors import DetectorError
+from crowdfence.detector.function_model import (
+    BoxesFunction,
+    HeatmapFunction,
+    boxes_contract,
+    heatmap_contract,
+)
+from crowdfence.detector.ground_scale import Gsd
+from crowdfence.detector.image_tensor import Image, check_image
+from crowdfence.detector.onnx_model import OnnxModel
+from crowdfence.detector.onnx_session import open_session
+from crowdfence.detector.shipped import shipped_model
+
+AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
+
+
+class _Model(Protocol):
+    def heatmap(self, image: Image, gsd_m: Gsd | None) -> NDArray[np.float32]: ...
+
+    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[NDArray[np.float32]]: ...
+
+
+class Detector:
+    """Finds crowds in images.
+
+        detector = Detector()                                # the shipped model
+        heatmap = detector(image)                            # uint8 [H, W, 3] RGB -> float32 [h, w] in [0, 1]
+
+    h = ceil(H / stride), w = ceil(W / stride); cell (i, j) tells of the pixels from row i * stride and column
+    j * stride on. Images of any size work: they are padded, resized or cut into tiles as the contract says.
+    One detector holds one session with its own threads: make one per camera stream.
+    """
+
+    def __init__(
+        self,
+        model: str | PathLike[str] | None = None,
+        contract: AnyContract | None = None,
+        *,
+        threads: int = 1,
+        output: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Load an ONNX model (None: the shipped one).
+
+        contract: a Contract, its JSON object or the path of a JSON file, instead of what is found with the
+        model (see `contract_lookup`).
+        output: the "output" object of a contract, for models that come with Hugging Face's description of the
+        input only.
+
+        OSError when a file cannot be read; DetectorError when the model or the contract cannot be used.
+        """
+        path = shipped_model() if model is None else Path(model)
+        session = open_session(path, threads)
+        found = find_contract(session.face, output) if contract is None else _given(contract)
+        self._set_up(OnnxModel(session, found.contract), found, str(path))
+
+    @classmethod
+    def from_callable(
+        cls,
+        function: Callable[[Image], ArrayLike],
+        *,
+        stride: int = 1,
+        name: str | None = None,
+        contract: AnyContract | None = None,
+    ) -> Detector:
+        """A detector of any function: uint8 [H, W, 3] RGB -> heatmap [h, w] in [0, 1] at `stride`.
+
+        contract: for its rates, validity and target height; its output.stride then counts, not `stride`.
+        """
+        found = FoundContract(heatmap_contract(_name(function, name), stride), "a function")
+        found = found if contract is None else _given(contract)
+        return cls._of(HeatmapFunction(function, found.contract), found, found.contract.name)
+
+    @classmethod
+    def from_supervision(
+        cls,
+        function: Callable[[Image], Any],
+        *,
+        class_ids: Sequence[int] | None,
+        stride: int = 4,
+        score_min: float | None = None,
+        rule: PeopleRule | None = None,
+        name: str | None = None,
+    ) -> Detector:
+        """A detector of a function that gives boxes, as `supervision.Detections` or alike.
+
+        Read are .xyxy [N, 4] in image pixels, .confidence [N] or None (then 1) and .class_id [N].
+        class_ids: the classes that are people; None: everything found is. Calls need `gsd_m`.
+        """
+        contract = boxes_contract(_name(function, name), class_ids, stride, score_min, rule)
+        return cls._of(
+            BoxesFunction(function, contract), FoundContract(contract, "a function"), contract.name
+        )
+
+    @property
+    def contract(self) -> Contract:
+        return self._found.contract
+
+    @property
+    def contract_source(self) -> str:
+        """Where the contract was read, for people."""
+        return self._found.source
+
+    def __call__(self, image: NDArray[np.uint8], gsd_m: Gsd | None = None) -> NDArray[np.float32]:
+        """Heatmap float32 [h, w] in [0, 1] of an image uint8 [H, W, 3] RGB.
+
+        gsd_m: metres on the ground per image pixel (see `ground_scale.Gsd`); density, points and boxes need
+        it, the other kinds do without.
+
+        DetectorError for an image of another kind and for output that is no heatmap (NaN, out of range, wrong
+        shape); ValueError when gsd_m is missing or wrong.
+        """
+        try:
+            return self._model.heatmap(check_image(image), gsd_m)
+        except DetectorError as error:
+            raise DetectorError(f"{self._name}: {error}") from None
+
+    def batch(
+        self,
+        images: Sequence[NDArray[np.uint8]],
+        gsd_m: Sequence[Gsd | None] | float | None = None,
+    ) -> list[NDArray[np.float32]]:
+        """Heatmaps of several images, one per stream; those of one size share a run where the model allows.
+
+        gsd_m: one number for all, or one entry per image.
+        """
+        scales = list(gsd_m) if isinstance(gsd_m, Sequence) else [gsd_m] * len(images)
+        if len(scales) != len(images):
+            raise ValueError(f"gsd_m has {len(scales)} entries for {len(images)} images")
+        try:
+            return self._model.heatmaps([check_image(image) for image in images], scales)
+        except DetectorError as error:
+            raise DetectorError(f"{self._name}: {error}") from None
+
+    @classmethod
+    def _of(cls, model: _Model, found: FoundContract, name: str) -> Detector:
+        detector = cls.__new__(cls)
+        detector._set_up(model, found, name)
+        return detector
+
+    def _set_up(self, model: _Model, found: FoundContract, name: str) -> None:
+        self._model, self._found, self._name = model, found, name
+
+
+def _given(contract: AnyContract) -> FoundContract:
+    if isinstance(contract, Contract):
+        return FoundContract(contract, "given")
+    if isinstance(contract, Mapping):
+        return FoundContract(contract_of(contract, "the given contract"), "given")
+    return FoundContract(read_contract(Path(contract)), str(contract))
+
+
+def _name(function: Callable[..., Any], name: str | None) -> str:
+    return name or getattr(function, "__name__", None) or type(function).__name__
