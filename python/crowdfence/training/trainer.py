@@ -239,8 +239,8 @@ class _Run:
             "optimiser": self._optimiser.state_dict(),
             "history": [_checkup_as_data(one) for one in self.history],
         }
-        with atomic_path(path) as part:
-            torch.save(state, part)
+        with atomic_path(path) as part, part.open("wb") as file:
+            torch.save(state, file)
 
     def load(self, path: Path) -> None:
         state = torch.load(path, map_location=self._device, weights_only=True)

@@ -1,0 +1,151 @@
+"""Labels on a scene small enough to work out by hand: a plain, a camera that looks straight down, people."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdfence import Camera, Terrain
+from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
+from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
+from crowdfence.training.frame_store import store_missions
+from crowdfence.training.labels import CrowdRule, cell_labels
+
+# 20 m above the plain with a focal length of 80 px, a cell of 4 px covers 1 m; the image covers 40 x 30 m and
+# cell (row, column) lies 40 + column east and 75 - row north (its lower edge at 74 - row).
+CAMERA = Camera.pinhole(160, 120, 80.0, 80.0, 80.0, 60.0)
+EYE = np.array([60.0, 60.0, 20.0])
+LOOKING_DOWN = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about x: y south, z down
+PLAIN = Terrain.from_height_map(np.full((240, 240), -0.25), 0.5, origin=(0.0, 0.0, 0.0))
+STAMP = 1_000_000_000
+
+
+def people_at(*east_north: tuple[float, float]) -> RecordedPeople:
+    position = np.array([[e, n, 0.0] for e, n in east_north], np.float32).reshape(-1, 3)
+    count = len(position)
+    return RecordedPeople(
+        STAMP, position, np.arange(1, count + 1, dtype=np.uint32), np.ones(count, np.uint32)
+    )
+
+
+def recording(
+    people: RecordedPeople | None,
+    depth_m: np.ndarray | float = 20.0,
+    instances: np.ndarray | int = 0,
+    regions: np.ndarray | int = 0,
+) -> Recording:
+    def picture(values: np.ndarray | float, kind: type) -> np.ndarray:
+        return np.broadcast_to(np.asarray(values, kind), (120, 160))
+
+    pose = CameraPose(EYE, LOOKING_DOWN)
+    frame = Frame(
+        "uav1",
+        STAMP,
+        CAMERA,
+        pose.world_from_camera(),
+        PixelSources(
+            depth_m=lambda: picture(depth_m, np.float32),
+            instances=lambda: picture(instances, np.uint16),
+            regions=lambda: picture(regions, np.uint16),
+        ),
+        FrameTruth(pose=lambda: pose, exposure_ns=lambda: STAMP),
+    )
+    log = PeopleLog() if people is None else PeopleLog([STAMP], lambda stamp: people)
+    return Recording("hand", ("uav1",), (frame,), None, None, [], (), {}, {}, log)
+
+
+def ground(of: Recording) -> tuple[np.ndarray, np.ndarray]:
+    labels = cell_labels("ground", of.frames[0], of, PLAIN, CrowdRule())
+    return labels.crowd, labels.known
+
+
+def test_the_ground_under_a_crowd_appears_where_the_camera_sees_it():
+    # Three people on one line, a metre apart: the middle of cell (9, 20) is at (60.5, 65.5).
+    crowd, known = ground(recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5))))
+    assert known.all()
+    assert set(np.unique(crowd)) == {0, 255}
+    assert crowd[9, 19:22].tolist() == [255] * 3
+    rows, columns = np.nonzero(crowd)
+    # Bodies reach half a metre around each person and voxels are half a metre wide: at most one cell more.
+    assert rows.min() >= 8 and rows.max() <= 10
+    assert columns.min() >= 18 and columns.max() <= 22
+
+
+def test_two_people_are_no_crowd():
+    crowd, known = ground(recording(people_at((59.5, 65.5), (60.5, 65.5))))
+    assert not crowd.any() and known.all()
+
+
+def test_a_crowd_behind_a_tree_is_unknown_and_empty_ground_behind_it_is_not():
+    depth_m = np.full((120, 160), 20.0)
+    depth_m[:, :80] = 5.0  # a canopy over the western half
+    crowd, known = ground(recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5)), depth_m))
+    assert crowd[9, 19] == 255 and not known[9, 19]  # under the canopy
+    assert crowd[9, 20] == 255 and known[9, 20]  # beside it
+    assert known[0, 0] and crowd[0, 0] == 0  # under it, but nobody is there
+
+
+def test_the_people_themselves_hide_nothing():
+    depth_m = np.full((120, 160), 5.0)
+    crowd, known = ground(
+        recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5)), depth_m, instances=1)
+    )
+    assert crowd.any() and known.all()
+
+
+def test_ground_labels_need_a_map_and_people():
+    nobody_knows = recording(None)
+    with pytest.raises(FrameError, match="does not say where the people are"):
+        ground(nobody_knows)
+    with pytest.raises(ValueError, match="without a map"):
+        cell_labels("ground", nobody_knows.frames[0], nobody_knows, None, CrowdRule())
+
+
+def test_silhouettes_are_shares_of_cells():
+    regions = np.zeros((120, 160), int)
+    regions[8:12, 20:22] = 3  # half of cell (2, 5)
+    regions[40, 40] = 1  # a sixteenth of cell (10, 10)
+    of = recording(None, regions=regions)
+    crowd, known = cell_labels("silhouettes", of.frames[0], of, None, CrowdRule())
+    assert crowd[2, 5] == 128 and crowd[10, 10] == 16
+    assert np.count_nonzero(crowd) == 2 and known.all()
+
+
+def test_the_rule_of_a_simulated_mission_is_its_scenarios():
+    plain = recording(None)
+    assert CrowdRule.of(plain) == CrowdRule(3, 2.0)
+    plain.manifest["simulation"] = {"scenario": {"crowd_definition": {"min_people": 5, "radius_m": 1.5}}}
+    assert CrowdRule.of(plain) == CrowdRule(5, 1.5)
+
+
+DEMO = Path(__file__).parent.parent / "python" / "crowdfence" / "demo_data" / "race.mcap"
+
+
+def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
+    from crowdfence.sources import open_recording
+
+    (stored,) = store_missions([DEMO], ["silhouettes"], tmp_path)
+    recorded = open_recording(DEMO)
+    assert len(stored) == len(recorded.frames) and stored.skipped == ()
+    for index in (0, len(stored) // 2, len(stored) - 1):
+        frame = recorded.frames[index]
+        assert np.array_equal(stored.images[index], frame.image())
+        share = (frame.regions() > 0).reshape(60, 4, 80, 4).mean(axis=(1, 3))
+        assert np.abs(stored.crowd[index, 0] / 255 - share).max() <= 0.5 / 255 + 1e-9
+    written = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    store_missions([DEMO], ["silhouettes"], tmp_path)
+    assert {
+        path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()
+    } == written  # nothing done twice
+
+
+def test_an_interrupted_store_is_made_again(tmp_path: Path):
+    store_missions([DEMO], ["silhouettes"], tmp_path)
+    (description,) = tmp_path.glob("*.json")
+    facts = json.loads(description.read_text())
+    description.unlink()  # written last: without it the arrays may be half empty
+    (images,) = tmp_path.glob("*.images.npy")
+    images.write_bytes(images.read_bytes()[:1000])
+    (stored,) = store_missions([DEMO], ["silhouettes"], tmp_path)
+    assert len(stored) == facts["frames"]

@@ -1,0 +1,193 @@
+"""The parts of training that need PyTorch; `make test-training` installs it and runs them."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
+
+from crowdfence.training.augmentation import varied  # noqa: E402
+from crowdfence.training.crops import CropPlan, CropSampler  # noqa: E402
+from crowdfence.training.frame_store import StoredMission  # noqa: E402
+from crowdfence.training.loss import crowd_loss  # noqa: E402
+from crowdfence.training.network import CrowdNet  # noqa: E402
+from crowdfence.training.trainer import TrainingPlan, train  # noqa: E402
+from crowdfence.training.validation import validate  # noqa: E402
+
+CPU = torch.device("cpu")
+
+
+def squares(seed: int, frames: int = 6, height: int = 96, width: int = 128) -> StoredMission:
+    """Dark, noisy frames with one bright square that is the crowd; known everywhere."""
+    rng = np.random.default_rng(seed)
+    images = rng.integers(0, 60, (frames, height, width, 3), np.uint8)
+    crowd = np.zeros((frames, 1, height // 4, width // 4), np.uint8)
+    for frame in range(frames):
+        row, column = rng.integers(0, height // 4 - 8), rng.integers(0, width // 4 - 8)
+        crowd[frame, 0, row : row + 8, column : column + 8] = 255
+        images[frame, 4 * row : 4 * row + 32, 4 * column : 4 * column + 32] += 150
+    return StoredMission(f"squares-{seed}", images, crowd, np.ones(crowd.shape, np.bool_), ())
+
+
+PLAN = TrainingPlan(
+    targets=("silhouettes",),
+    width=0.25,
+    steps=150,
+    learning_rate=1e-2,
+    batch=4,
+    warm_up_steps=5,
+    validate_every=50,
+    crops=CropPlan(height=64, width=64, scale=(0.8, 1.3)),
+    average_decay=0.8,
+)
+
+
+def test_crowdnet_s_keeps_its_promises():
+    network = CrowdNet(1)
+    assert sum(value.numel() for value in network.parameters()) <= 700_000
+    with torch.no_grad():
+        logits = network.eval()(torch.zeros(2, 3, 240, 320))
+    assert logits.shape == (2, 1, 60, 80)
+    assert float(torch.sigmoid(logits).mean()) < 0.3  # starts where most cells are: empty
+
+
+def test_a_crop_shows_the_crowd_where_its_label_says():
+    sampler = CropSampler([squares(1)], CropPlan(height=64, width=96, scale=(0.5, 2.0), rotation_deg=30.0))
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        batch = sampler.draw(4, rng, CPU)
+        assert batch.image.shape == (4, 3, 64, 96) and batch.crowd.shape == (4, 1, 16, 24)
+        bright = torch.nn.functional.avg_pool2d(batch.image.mean(dim=1, keepdim=True), 4)
+        crowd, known = batch.crowd > 0, batch.known > 0
+        # Cells at the edge of a square are half bright; all others agree.
+        inner = torch.nn.functional.avg_pool2d(batch.crowd, 3, 1, 1)
+        assert (bright[(inner > 0.99) & known] > 0.4).all()
+        assert (bright[(inner < 0.01) & known] < 0.3).all()
+        assert crowd.any()
+        brightest = torch.nn.functional.max_pool2d(batch.image.amax(dim=1, keepdim=True), 4)
+        assert not known[brightest == 0.0].any()  # black is outside the frame: frames have noise everywhere
+
+
+def test_unknown_cells_and_cells_outside_the_frame_teach_nothing():
+    logits = torch.tensor([[[[5.0, -5.0], [0.0, 9.0]]]])
+    crowd = torch.tensor([[[[1.0, 0.0], [1.0, 0.0]]]])
+    known = torch.tensor([[[[1.0, 1.0], [1.0, 0.0]]]])
+    by_hand = (2 * math.log1p(math.exp(-5.0)) + math.log(2.0)) / 3
+    assert float(crowd_loss(logits, crowd, known, dice_weight=0.0)) == pytest.approx(by_hand, rel=1e-5)
+    p = 1 / (1 + math.exp(-5.0))
+    dice = (2 * (p + 0.5) + 1) / ((p + (1 - p) + 0.5) + 2 + 1)
+    assert float(crowd_loss(logits, crowd, known, dice_weight=0.5)) == pytest.approx(
+        by_hand + 0.5 * (1 - dice), rel=1e-5
+    )
+
+
+def test_augmentation_keeps_range_and_place():
+    rng = np.random.default_rng(5)
+    image = torch.zeros(16, 3, 64, 64)
+    image[:, :, 16:48, 16:48] = 0.8
+    for _ in range(5):
+        changed = varied(image.clone(), rng)
+        assert changed.shape == image.shape
+        assert float(changed.min()) >= 0.0 and float(changed.max()) <= 1.0
+        contrast = changed[:, :, 20:44, 20:44].mean(dim=(1, 2, 3)) - changed[:, :, :, :12].mean(dim=(1, 2, 3))
+        assert (contrast > 0).float().mean() > 0.9  # the square is still the bright part
+
+
+def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
+    missions, held_out = [squares(1), squares(2)], [squares(3)]
+    whole = train(missions, held_out, PLAN)
+    assert whole.best.score.mean_iou > 0.6
+    assert whole.history[-1].loss < whole.history[0].loss
+
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(step: int) -> None:
+        if step == 120:  # after the checkpoint of step 100
+            raise Interrupted
+
+    checkpoint = tmp_path / "checkpoint"
+    with pytest.raises(Interrupted):
+        train(missions, held_out, PLAN, checkpoint=checkpoint, on_step=interrupt)
+    resumed = train(missions, held_out, PLAN, checkpoint=checkpoint, resume=True)
+    assert [one.step for one in resumed.history] == [50, 100, 150]
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+def test_a_checkpoint_of_another_plan_is_refused(tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint"
+    train([squares(1)], [squares(2)], replace(PLAN, steps=2, validate_every=2), checkpoint=checkpoint)
+    with pytest.raises(ValueError, match="another training: steps"):
+        train(
+            [squares(1)],
+            [squares(2)],
+            replace(PLAN, steps=3, validate_every=2),
+            checkpoint=checkpoint,
+            resume=True,
+        )
+
+
+def test_training_stops_when_validation_does_not_improve():
+    plan = replace(PLAN, steps=200, validate_every=2, patience=2, learning_rate=1e-9, calm_share=0.0)
+    stopped = train([squares(1)], [squares(2)], plan)
+    assert stopped.stopped_early and stopped.history[-1].step < 200
+
+
+def test_training_without_validation_is_refused():
+    with pytest.raises(ValueError, match="at least one validation mission"):
+        train([squares(1)], [], PLAN)
+
+
+def test_validation_counts_known_cells_by_hand():
+    mission = squares(4, frames=1)
+    known = mission.known.copy()
+    known[:, :, :, :16] = False
+    half = replace_known(mission, known)
+    network = CrowdNet(1, width=0.25)
+    torch.nn.init.zeros_(network.logit.weight)
+    torch.nn.init.constant_(network.logit.bias, 4.0)  # everything is crowd, it says
+    score = validate(network, [half], ["silhouettes"], CPU)
+    crowd = int((mission.crowd[:, :, :, 16:] > 127).sum())
+    assert score.cells["silhouettes"].true_positives == crowd
+    assert score.cells["silhouettes"].false_positives == 24 * 16 - crowd
+    assert score.iou("silhouettes") == pytest.approx(crowd / (24 * 16))
+
+
+def replace_known(mission: StoredMission, known: np.ndarray) -> StoredMission:
+    return StoredMission(mission.name, mission.images, mission.crowd, known, ())
+
+
+def test_the_exported_model_is_the_network(tmp_path: Path):
+    pytest.importorskip("onnxscript")
+    import onnxruntime
+
+    from crowdfence.cli.train import _contract
+    from crowdfence.detector.contract import Contract
+    from crowdfence.training.onnx_export import export_onnx
+
+    torch.manual_seed(3)
+    network = CrowdNet(2, width=0.5)
+    for module in network.modules():  # statistics as after a training, not the neutral ones
+        if isinstance(module, torch.nn.BatchNorm2d):
+            module.running_mean.uniform_(-0.5, 0.5)
+            module.running_var.uniform_(0.5, 2.0)
+    network.eval()
+    contract = _contract(tmp_path / "tiny.onnx", TrainingPlan(targets=("ground",)), {"parameters": 1})
+    export_onnx(network, 1, contract, tmp_path / "tiny.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "tiny.onnx", providers=["CPUExecutionProvider"])
+    stored = json.loads(session.get_modelmeta().custom_metadata_map["crowdfence"])
+    assert Contract.from_json(stored) == contract
+    rng = np.random.default_rng(0)
+    for shape in ((1, 48, 64, 3), (3, 32, 80, 3)):  # batch and sides are free
+        pictures = rng.integers(0, 256, shape, np.uint8)
+        (heatmap,) = session.run(None, {"image": pictures})
+        with torch.no_grad():
+            pixels = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255.0
+            expected = torch.sigmoid(network(pixels)[:, 1:2]).numpy()
+        assert heatmap.dtype == np.float32
+        np.testing.assert_allclose(heatmap, expected, atol=2e-6)
