@@ -39,7 +39,8 @@ def open_session(path: Path, threads: int = 1) -> OnnxSession:
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         metadata = session.get_modelmeta().custom_metadata_map
     except Exception as error:  # the runtime's exceptions have no base class of their own
-        raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {reason(error)}") from None
+        what = reason(error).removeprefix(f"Load model from {path} failed:")
+        raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}") from None
     face = ModelFace(path, _tensors(session.get_inputs()), _tensors(session.get_outputs()), metadata)
     return OnnxSession(session, face)
 

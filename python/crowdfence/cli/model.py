@@ -1,0 +1,159 @@
+"""`crowdfence model`: what a detector model is, and whether it can be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract import Contract, Validity
+    from crowdfence.detector.model_check import ModelCheck
+
+app = typer.Typer(help="Detector models: check one before it flies.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    pass
+
+
+@app.command("check")
+def check(
+    model: Annotated[
+        Path | None, typer.Argument(help="ONNX model. Default: the shipped one.", show_default=False)
+    ] = None,
+    image: Annotated[
+        Path | None,
+        typer.Option("--image", help="Picture to try. Default: a frame of the bundled recording."),
+    ] = None,
+    contract: Annotated[
+        Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
+    ] = None,
+    gsd_m: Annotated[
+        float | None,
+        typer.Option(
+            "--gsd-m", help="Metres per pixel of the picture, for density, points and boxes. Default: 0.1."
+        ),
+    ] = None,
+    threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,
+    overlay: Annotated[
+        Path | None, typer.Option("--overlay", help="Write the picture with its heatmap (.png).")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Run a model on one picture: its contract, its heatmap, its latency.
+
+    Fails with one line when the model cannot be loaded, its contract is missing or leaves a doubt, or its
+    output is NaN, out of range or of another shape.
+    """
+    from crowdfence.detector.model_check import check_model
+    from crowdfence.detector.shipped import shipped_model
+
+    with console.working() as tell:
+        tell("running the model")
+        report = check_model(model or shipped_model(), contract, image, gsd_m, threads)
+        if overlay is not None:
+            _write_overlay(overlay, report)
+    if as_json:
+        console.print_json(report.to_json())
+        return
+    out = console.stdout()
+    out.print(
+        console.facts(f"{report.path}: usable", _contract_facts(report.contract, report.contract_source))
+    )
+    out.print()
+    out.print(console.facts("On one picture", _run_facts(report)))
+    if overlay is not None:
+        out.print(console.facts("", {"overlay": str(overlay)}))
+
+
+def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
+    model, output = contract.input, contract.output
+    size = "any size" if model.size is None else f"{model.size[0]} x {model.size[1]}"
+    multiple = f", sides multiples of {model.multiple_of}" if model.size is None else ""
+    channel = "" if output.class_index is None else f", class {output.class_index}"
+    rows = {
+        "contract": source,
+        "model": " ".join(filter(None, (contract.name, contract.version)))
+        + f", {contract.licence or 'no licence stated'}",
+        "input": f"{model.name}: {model.dtype} {model.layout} {model.color}, {size}{multiple}, "
+        f"resize {model.resize}",
+        "normalisation": "none: the pixels as they are"
+        if model.is_raw
+        else f"(pixel * {model.scale:.6g} - {_listed(model.mean)}) / {_listed(model.std)}",
+        "output": f"{output.name}: {output.kind} {output.layout}{channel}, stride {output.stride}",
+    }
+    if output.rule is not None:
+        rows["crowd from"] = ", ".join(f"{name} {value:g}" for name, value in output.rule.to_json().items())
+    rows["calibration"] = _plain(contract.calibration) or "none: its probabilities are the model's own word"
+    rows["rates"] = _rates(contract)
+    rows["valid for"] = _spans(contract.validity)
+    if contract.target_height_m is not None:
+        rows["marks"] = f"what is {contract.target_height_m:g} m above the ground"
+    return rows
+
+
+def _run_facts(report: ModelCheck) -> dict[str, str]:
+    height, width = report.image.shape[:2]
+    rows, columns = report.heatmap.shape
+    facts = {"picture": f"{report.image_source}, {width} x {height}"}
+    if report.gsd_m is not None:
+        facts["metres per pixel"] = f"{report.gsd_m:g}"
+    return facts | {
+        "heatmap": f"{columns} x {rows}, {report.heatmap.min():.3f} to {report.heatmap.max():.3f}, "
+        f"{(report.heatmap > 0.5).mean():.1%} above 0.5",
+        "latency": f"p50 {report.latency_ms_p50:.1f} ms, p95 {report.latency_ms_p95:.1f} ms "
+        f"({report.runs} runs)",
+    }
+
+
+def _rates(contract: Contract) -> str:
+    rates = contract.rates or {}
+    parts = []
+    for name in ("true_positive", "false_positive"):
+        if isinstance(rates.get(name), dict):
+            rate = rates[name]
+            parts.append(
+                f"{name.replace('_', ' ')} {rate['rate']:.4g} ({rate.get('low', rate['rate']):.4g} to "
+                f"{rate.get('high', rate['rate']):.4g})"
+            )
+    return ", ".join(parts) or _plain(rates) or "none: equation 1 takes the defaults of the run"
+
+
+def _spans(validity: Validity | None) -> str:
+    units = {"gsd_m": "m per pixel", "distance_m": "m away", "tilt_deg": "degrees below the horizon"}
+    spans = {unit: getattr(validity, name, None) for name, unit in units.items()}
+    stated = [f"{span[0]:g} to {span[1]:g} {unit}" for unit, span in spans.items() if span is not None]
+    return ", ".join(stated) or "not stated"
+
+
+def _plain(values: dict[str, object] | None) -> str:
+    """The short entries of a JSON object on one line."""
+    shown = {
+        name: f"{value:.4g}" if isinstance(value, float) else str(value)
+        for name, value in (values or {}).items()
+        if not isinstance(value, (dict, list))
+    }
+    return ", ".join(f"{name} {value}" for name, value in shown.items())
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    return (
+        f"{values[0]:.6g}" if len(set(values)) == 1 else f"[{', '.join(f'{value:.6g}' for value in values)}]"
+    )
+
+
+def _write_overlay(path: Path, report: ModelCheck) -> None:
+    from PIL import Image
+
+    from crowdfence.detector.overlay import overlay
+    from crowdfence.exports.atomic import atomic_path
+
+    if path.suffix.lower() != ".png":
+        raise ValueError(f"--overlay {path} must end in .png")
+    with atomic_path(path) as temporary:
+        Image.fromarray(overlay(report.image, report.heatmap)).save(temporary, "PNG")
