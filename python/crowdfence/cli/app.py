@@ -15,6 +15,7 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.inspect import inspect
+from crowdfence.cli.model import app as model
 from crowdfence.cli.run import run
 from crowdfence.cli.simulate import simulate
 from crowdfence.cli.train import train
@@ -37,6 +38,7 @@ app.command("convert")(convert)
 app.command("evaluate")(evaluate)
 app.command("simulate")(simulate)
 app.command("train")(train)
+app.add_typer(model, name="model")
 app.command("demo")(demo)
 app.command("doctor")(doctor)
 
