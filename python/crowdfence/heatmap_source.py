@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -34,9 +35,10 @@ class HeatmapSource:
 
     @contextmanager
     def viewing(self, drones: int) -> Iterator[Callable[[Instant], list[View]]]:
-        """A function instant -> views. A model looks at the drones of an instant side by side, one thread
-        each; which thread is first changes nothing."""
-        if self.kind != "model" or drones < 2:
+        """A function instant -> views. An ONNX model looks at the drones of an instant side by side, one
+        thread each, which share its session; which of them is first changes nothing. Of other functions
+        nobody knows whether they may be called so."""
+        if self.model is None or drones < 2:
             yield lambda instant: instant.views(self.heatmap_of)
             return
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
@@ -44,37 +46,48 @@ class HeatmapSource:
 
     def to_json(self) -> dict[str, Any]:
         """For a summary: what made the heatmaps, with the checksum of a model's file."""
-        if self.contract is None:
-            return {"heatmaps": self.kind}
-        return {
-            "heatmaps": self.kind,
-            "name": self.contract.name,
-            "version": self.contract.version,
-            "file": None if self.model is None else self.model.name,
-            "sha256": None if self.model is None else _sha256(self.model),
-        }
+        made = {} if self.contract is None else describe_model(self.contract, self.model)
+        return {"heatmaps": self.kind, **made}
 
 
 RECORDED = HeatmapSource("recorded", Frame.heatmap)
 
 
 def heatmap_source(
-    detector: Detector | HeatmapFunction | None, terrain: Terrain, max_range_m: float
+    detector: Detector | HeatmapFunction | None, terrain: Terrain | None, max_range_m: float
 ) -> HeatmapSource:
-    """None: heatmaps as recorded. A `Detector` sees the pictures; where its model needs metres per pixel they
-    come from the frame's pose and the terrain. Any other function is called with the frame."""
+    """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
+    model needs metres per pixel they come from the frame's pose and the terrain. Any other function is called
+    with the frame.
+
+    ValueError when a terrain is needed and missing.
+    """
     if detector is None:
         return RECORDED
     from crowdfence.detector.detector import Detector
 
     if not isinstance(detector, Detector):
         return HeatmapSource("function", _refusing(detector))
-    return HeatmapSource(
-        "model",
-        _refusing(lambda frame: _detect(detector, frame, terrain, max_range_m)),
-        detector.contract,
-        detector.path,
-    )
+    if not detector.contract.needs_gsd:
+        heatmap_of: HeatmapFunction = partial(_detect, detector)
+    elif terrain is not None:
+        heatmap_of = partial(_detect_to_scale, detector, terrain, max_range_m)
+    else:
+        raise ValueError(
+            f"{detector.contract.name} gives {detector.contract.output.kind}, which become a heatmap only "
+            "with metres per pixel: give a map with --terrain"
+        )
+    return HeatmapSource("model", _refusing(heatmap_of), detector.contract, detector.path)
+
+
+def describe_model(contract: Contract, path: Path | None) -> dict[str, Any]:
+    """Which model exactly, for JSON; `path` is None for a function."""
+    return {
+        "name": contract.name,
+        "version": contract.version,
+        "file": None if path is None else path.name,
+        "sha256": None if path is None else _sha256(path),
+    }
 
 
 def choose_detector(
@@ -114,10 +127,11 @@ def _pictures_suffice(recording: Recording) -> bool:
     )
 
 
-def _detect(detector: Detector, frame: Frame, terrain: Terrain, max_range_m: float) -> Pixels:
-    image = frame.image()
-    if not detector.contract.needs_gsd:
-        return detector(image)
+def _detect(detector: Detector, frame: Frame) -> Pixels:
+    return detector(frame.image())
+
+
+def _detect_to_scale(detector: Detector, terrain: Terrain, max_range_m: float, frame: Frame) -> Pixels:
     from crowdfence.detector.ground_sampling import ground_sampling
 
     sampling = ground_sampling(
@@ -125,7 +139,7 @@ def _detect(detector: Detector, frame: Frame, terrain: Terrain, max_range_m: flo
     )
     if not sampling.sees_ground:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
-    return detector(image, gsd_m=sampling.gsd_per_pixel(frame.camera.width, frame.camera.height))
+    return detector(frame.image(), gsd_m=sampling.along_ground())
 
 
 def _refusing(function: HeatmapFunction) -> HeatmapFunction:

@@ -10,8 +10,10 @@ import typer
 
 from crowdfence import __version__
 from crowdfence.cli import console
+from crowdfence.cli.calibrate import calibrate
 from crowdfence.cli.convert import convert
 from crowdfence.cli.demo import demo
+from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.inspect import inspect
@@ -35,8 +37,10 @@ app = typer.Typer(
 app.command("run")(run)
 app.command("inspect")(inspect)
 app.command("convert")(convert)
+app.command("detect")(detect)
 app.command("evaluate")(evaluate)
 app.command("simulate")(simulate)
+app.command("calibrate")(calibrate)
 app.command("train")(train)
 app.add_typer(model, name="model")
 app.command("demo")(demo)

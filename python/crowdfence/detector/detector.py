@@ -66,7 +66,7 @@ class Detector:
         path = shipped_model() if model is None else Path(model)
         session = open_session(path, threads)
         found = find_contract(session.face, output) if contract is None else _given(contract)
-        self._set_up(OnnxModel(session, found.contract), found, str(path))
+        self._set_up(OnnxModel(session, found.contract), found, str(path), path)
 
     @classmethod
     def from_callable(
@@ -111,6 +111,11 @@ class Detector:
         return self._found.contract
 
     @property
+    def path(self) -> Path | None:
+        """The model's file, None for a function."""
+        return self._path
+
+    @property
     def contract_source(self) -> str:
         """Where the contract was read, for people."""
         return self._found.source
@@ -152,8 +157,8 @@ class Detector:
         detector._set_up(model, found, name)
         return detector
 
-    def _set_up(self, model: _Model, found: FoundContract, name: str) -> None:
-        self._model, self._found, self._name = model, found, name
+    def _set_up(self, model: _Model, found: FoundContract, name: str, path: Path | None = None) -> None:
+        self._model, self._found, self._name, self._path = model, found, name, path
 
 
 def _given(contract: AnyContract) -> FoundContract:

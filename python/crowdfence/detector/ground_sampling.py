@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence._core import Camera, Terrain
 
 ROWS, COLUMNS = 12, 16
+FLATTEST_DEG = 5.0
+"""Flatter rays end on slopes that face the camera, where a pixel is not stretched without limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,12 +30,11 @@ class GroundSampling:
     def sees_ground(self) -> bool:
         return bool(np.isfinite(self.gsd_m).any())
 
-    def gsd_per_pixel(self, width: int, height: int) -> NDArray[np.float32]:
-        """Metres per image pixel [height, width]: a pixel has the value of its cell, NaN without ground."""
-        rows, columns = self.gsd_m.shape
-        row = np.arange(height) * rows // height
-        column = np.arange(width) * columns // width
-        return self.gsd_m.astype(np.float32)[row[:, None], column]
+    def along_ground(self) -> NDArray[np.float64]:
+        """Metres per pixel to the right and downwards in the image [rows, columns, 2] on level ground, for a
+        camera without roll: a ray that comes in flat stretches a pixel along the ground."""
+        stretch = np.sin(np.radians(np.maximum(self.tilt_deg, FLATTEST_DEG)))
+        return np.stack([self.gsd_m, self.gsd_m / stretch], axis=-1)
 
 
 def ground_sampling(

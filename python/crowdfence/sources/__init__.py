@@ -17,6 +17,7 @@ __all__ = [
     "PoseTrack",
     "Recording",
     "RefusedFrame",
+    "is_recording",
     "open_recording",
 ]
 
@@ -57,6 +58,18 @@ def open_recording(
     from crowdfence.sources.mission_reader import read_mission
 
     return read_mission(path, limits)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether `open_recording` would take it for a recording, intact or not. OSError when it is not there."""
+    from crowdfence.sources.airsim import find_airsim_folder
+    from crowdfence.sources.folder import POSES_NAME
+    from crowdfence.sources.mission_layout import MAGIC
+
+    if path.is_dir():
+        return find_airsim_folder(path) is not None or (path / POSES_NAME).is_file()
+    with path.open("rb") as file:
+        return path.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC
 
 
 def _open_folder(path: Path, limits: Limits, airsim_options: dict[str, Any]) -> Recording:

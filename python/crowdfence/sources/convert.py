@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from crowdfence.sources.mission_layout import CROWD_CLASS
 from crowdfence.sources.mission_writer import MissionWriter
 from crowdfence.sources.pictures import as_png, picture_format
-from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, FrameError, Pixels, Recording, RefusedFrame
 
 Progress = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
@@ -38,9 +38,17 @@ class Conversion:
 
 
 def convert(
-    recording: Recording, path: str | PathLike[str], *, progress: Progress | None = None
+    recording: Recording,
+    path: str | PathLike[str],
+    *,
+    heatmap_of: Callable[[Frame], Pixels] | None = None,
+    source: str | None = None,
+    progress: Progress | None = None,
 ) -> Conversion:
     """Write the recording as a mission file.
+
+    `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
+    `source` says where the file comes from, instead of the recording's kind and name.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
@@ -52,7 +60,10 @@ def convert(
     )
     done = 0
     with MissionWriter(
-        path, georeference=recording.georeference, terrain=recording.terrain, source=_source(recording)
+        path,
+        georeference=recording.georeference,
+        terrain=recording.terrain,
+        source=_source(recording) if source is None else source,
     ) as writer:
         if "simulation" in recording.manifest:
             writer.add_simulation(recording.manifest["simulation"])
@@ -63,7 +74,7 @@ def convert(
             if item is None:
                 _write_people(writer, recording, stamp_ns, conversion)
             elif isinstance(item, Frame):
-                _write_frame(writer, item, conversion)
+                _write_frame(writer, item, heatmap_of or _recorded_heatmap, conversion)
                 done += 1
                 if progress is not None:
                     progress(done, len(recording.frames))
@@ -82,9 +93,18 @@ def convert(
     )
 
 
-def _write_frame(writer: MissionWriter, frame: Frame, conversion: Conversion) -> None:
+def _recorded_heatmap(frame: Frame) -> Pixels | None:
+    return frame.heatmap() if frame.pixels.heatmap else None
+
+
+def _write_frame(
+    writer: MissionWriter,
+    frame: Frame,
+    heatmap_of: Callable[[Frame], Pixels | None],
+    conversion: Conversion,
+) -> None:
     try:
-        heatmap = frame.heatmap() if frame.pixels.heatmap else None
+        heatmap = heatmap_of(frame)
         if heatmap is not None:
             frame.view(heatmap)
     except FrameError as error:

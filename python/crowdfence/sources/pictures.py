@@ -30,6 +30,14 @@ def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
         return np.asarray(picture.convert("RGB"))
 
 
+def read_rgb(path: Path) -> NDArray[np.uint8]:
+    """Picture file of any size -> [H, W, 3] uint8. Transparency is dropped; deeper than 8 bit is refused."""
+    with _opened(path, None) as picture:
+        if picture.mode[0] in "IF":
+            raise ValueError(f"{path.name} has mode {picture.mode}: save it with 8 bits a channel")
+        return np.asarray(picture.convert("RGB"))
+
+
 def read_heatmap(path: Path, image_size: Size) -> NDArray[Any]:
     """Heatmap file -> [h, w], no larger than its image: 8-bit grey PNG as uint8, 16-bit grey PNG as float32
     value / 65535, .npy as it is."""

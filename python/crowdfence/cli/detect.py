@@ -1,0 +1,172 @@
+"""`crowdfence detect`: pictures, a video or a recording -> heatmaps."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
+    from crowdfence.sources.recording import Recording
+
+MOST_REASONS_SHOWN = 12
+
+
+def detect(
+    source: Annotated[
+        Path, typer.Argument(help="Video, picture, folder of pictures, or recording (every drone of it).")
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Folder for the heatmaps; of a recording, a mission file (.mcap)."
+        ),
+    ],
+    model: Annotated[
+        Path | None, typer.Option("--model", help="ONNX model. Default: the one that comes with crowdfence.")
+    ] = None,
+    contract: options.ContractPath = None,
+    threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,
+    every: Annotated[
+        int,
+        typer.Option("--every", min=1, help="Only every N-th frame (of each drone); the rest is left out."),
+    ] = 1,
+    video: Annotated[
+        bool | None,
+        typer.Option(
+            "--video/--no-video", help="Overlay video. Default: of pictures and videos, not of recordings."
+        ),
+    ] = None,
+    gsd_m: Annotated[
+        float | None,
+        typer.Option(
+            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; recordings know it."
+        ),
+    ] = None,
+    terrain: options.TerrainPath = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+    as_json: options.Json = False,
+) -> None:
+    """Write the heatmaps that a detector sees in pictures, and a video of them over the pictures."""
+    from crowdfence.detector.detector import Detector
+
+    recording = _recording(source)
+    detector = Detector(model, contract=contract, threads=threads)
+    if recording is not None:
+        if gsd_m is not None:
+            raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
+        _detect_recording(recording, source, detector, terrain, output, every, bool(video), force, as_json)
+    else:
+        _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
+
+
+def _recording(source: Path) -> Recording | None:
+    """The recording that `source` is; None for pictures and videos."""
+    from crowdfence.sources import is_recording, open_recording
+
+    return open_recording(source) if is_recording(source) else None
+
+
+def _detect_pictures(
+    source: Path,
+    detector: Detector,
+    output: Path,
+    every: int,
+    video: bool,
+    gsd_m: float | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from crowdfence.detection import detect_pictures
+    from crowdfence.heatmap_source import describe_model
+    from crowdfence.sources.images import is_picture_file, picture_files, read_pictures
+
+    with ExitStack() as stack:
+        if source.is_dir() or is_picture_file(source):
+            files = picture_files(source)
+            stream, count = read_pictures(files, every=every), len(files)
+        else:
+            from crowdfence.sources.video import Video
+
+            film = stack.enter_context(Video(source))
+            stream, count = film.pictures(every=every), film.frame_count or 0
+        advance = stack.enter_context(console.progress("detecting", -(-count // every), "frames"))
+        try:
+            done = detect_pictures(
+                stream,
+                detector,
+                output,
+                video=video,
+                gsd_m=gsd_m,
+                replace_existing=force,
+                on_picture=advance,
+            )
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from error
+    skipped = [str(one) for one in done.skipped]
+    if as_json:
+        report = {"output": str(output), "frames": done.frames, "skipped": skipped}
+        console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
+        return
+    _report(output, detector, {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}, skipped)
+
+
+def _detect_recording(
+    recording: Recording,
+    source: Path,
+    detector: Detector,
+    terrain: Path | None,
+    output: Path,
+    every: int,
+    video: bool,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from crowdfence import pipeline
+    from crowdfence.config import RunConfig
+    from crowdfence.detection import detect_recording
+    from crowdfence.heatmap_source import describe_model, heatmap_source
+
+    if output.is_dir():
+        raise ValueError(
+            f"{output} is a folder; of a recording the output is a mission file: give a name.mcap"
+        )
+    if output.exists() and (output.samefile(source) or not force):
+        same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
+        raise FileExistsError(f"{output} exists{same}")
+    ground = pipeline.open_terrain(recording, terrain) if detector.contract.needs_gsd else None
+    heatmaps = heatmap_source(detector, ground, RunConfig().max_range_m)
+    with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
+        done = detect_recording(
+            recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()
+        )
+    refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
+    if as_json:
+        report = {"output": str(output), "frames": done.conversion.frames, "skipped": refused}
+        console.print_json(
+            {
+                **report,
+                "videos": list(map(str, done.videos)),
+                "detector": describe_model(detector.contract, detector.path),
+            }
+        )
+        return
+    facts = {"frames": ", ".join(f"{drone} {count}" for drone, count in done.conversion.frames.items())}
+    if done.videos:
+        facts["videos"] = ", ".join(path.name for path in done.videos)
+    _report(output, detector, facts, refused)
+
+
+def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: list[str]) -> None:
+    name, version = detector.contract.name, detector.contract.version
+    shown = {"detector": f"{name} {version}" if version else name, **facts}
+    console.stdout().print(console.facts(str(output), shown))
+    for reason in reasons[:MOST_REASONS_SHOWN]:
+        console.warn(reason)
+    if len(reasons) > MOST_REASONS_SHOWN:
+        console.warn(f"and {len(reasons) - MOST_REASONS_SHOWN} more; --json lists them all")
