@@ -4,7 +4,10 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: help demo test test-rust test-python lint fuzz bench lock clean setup opengl demo-recording
+MISSIONS ?= out/missions
+
+.PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training \
+	opengl demo-recording detector
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -52,6 +55,23 @@ opengl: setup
 test-python: opengl
 	$(BIN)/pytest
 
+# PyTorch and what belongs to it are 3 GB and more, so only these two targets install it.
+setup-training: setup $(VENV)/.training
+
+$(VENV)/.training: requirements-train.txt $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-train.txt
+	@touch $@
+
+test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
+	$(BIN)/pytest tests/test_training_network.py
+
+detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
+	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
+	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation \
+	  --target ground --target silhouettes --steps 10000 -o $(MISSIONS)/crowdnet-s.onnx
+	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
+	  -o python/crowdfence/detector/models/crowdnet-s.onnx
+
 fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
 	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map
 
@@ -67,6 +87,8 @@ bench: setup ## the figures of benchmarks/README.md
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
 	  --quiet requirements.in -o requirements.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
+	  --quiet requirements-train.in -c requirements.txt -o requirements-train.txt
 
 clean:
 	rm -rf target out $(VENV)
