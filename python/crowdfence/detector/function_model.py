@@ -112,7 +112,10 @@ def boxes_contract(
 
 
 def _boxes(detections: Any) -> NDArray[np.float64]:
-    boxes = _finite(getattr(detections, "xyxy", None), "xyxy")
+    value = getattr(detections, "xyxy", None)
+    if value is None:
+        raise DetectorError(f"the detections have no xyxy: {shown(detections)}")
+    boxes = _finite(value, "xyxy")
     if boxes.size == 0:
         return np.empty((0, 4))
     if boxes.ndim != 2 or boxes.shape[1] != 4:
