@@ -100,7 +100,7 @@ class LabelledProjection:
             crowd, known = self._labels(frame, seen)
             edge_columns = _edge_columns(self._columns(seen.voxel_ids[crowd]))
         ids = seen.voxel_ids[known]
-        ray = self._terrain.voxel_centers(ids) - _camera_pose(frame)[:3, 3]
+        ray = self._terrain.voxel_centers(ids) - true_camera_pose(frame)[:3, 3]
         ray[:, 2] += self._target_height_m
         distance_m = np.linalg.norm(ray, axis=1)
         down = -ray[:, 2] / np.maximum(distance_m, np.finfo(np.float64).tiny)
@@ -111,14 +111,14 @@ class LabelledProjection:
             np.isin(self._columns(ids), edge_columns),
             distance_m,
             np.degrees(np.arcsin(np.clip(down, -1.0, 1.0))),
-            distance_m / frame.camera.fx,
+            distance_m / np.sqrt(frame.camera.fx * frame.camera.fy),
             int(np.count_nonzero(~known)),
         )
 
     def _project(self, frame: Frame, heatmap: NDArray[Any]) -> Observation:
         from crowdfence._core import View, project
 
-        pose = _camera_pose(frame)
+        pose = true_camera_pose(frame)
         try:
             view = View(frame.drone, frame.stamp_ns, frame.camera, pose, heatmap)
         except ValueError as error:
@@ -169,7 +169,8 @@ def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
     return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
 
 
-def _camera_pose(frame: Frame) -> NDArray[np.float64]:
+def true_camera_pose(frame: Frame) -> NDArray[np.float64]:
+    """world_from_camera [4, 4] as it was, where recorded; else as the recording has it."""
     return frame.world_from_camera if frame.truth.pose is None else frame.true_pose().world_from_camera()
 
 

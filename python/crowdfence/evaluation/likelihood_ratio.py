@@ -81,7 +81,7 @@ def likelihood_ratio(
     total = by_unit.sum(axis=0)
     raw, standard_error = _log10_ratio(total)
     low, high = bootstrap_interval(
-        by_unit, lambda added: _log10_ratio(added)[0], resamples=resamples, seed=seed
+        by_unit, lambda added: _log10(_evidence(added)), resamples=resamples, seed=seed
     )
     # fmin, fmax: a single mission leaves the bootstrap unknown
     low = np.fmin(raw - _Z_95 * standard_error, low)

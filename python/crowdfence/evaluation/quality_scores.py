@@ -72,6 +72,7 @@ def quality(histograms: NDArray[np.float64], *, resamples: int = RESAMPLES, seed
     statistic = partial(_scores, best_bin=best_bin)
     values = statistic(total[None])[0]
     lows, highs = bootstrap_interval(histograms, statistic, resamples=resamples, seed=seed)
+    lows, highs = np.minimum(lows, values), np.maximum(highs, values)
     estimates = {
         name: Estimate(*map(float, numbers))
         for name, *numbers in zip(_ESTIMATES, values, lows, highs, strict=True)
@@ -177,16 +178,14 @@ def _calibration_error(histograms: NDArray[np.float64], above: float) -> NDArray
 
 
 def _reliability_sums(histograms: NDArray[np.float64], above: float) -> tuple[NDArray[np.float64], ...]:
-    """Cells, sum of values and crowd cells [..., 15] of the cells with a value above `above`."""
-    kept = np.arange(BINS) >= round(above * BINS)
-    sums = [
-        histograms[..., EMPTY, :] + histograms[..., CROWD, :],
-        histograms[..., VALUE_SUM, :],
-        histograms[..., CROWD, :],
-    ]
-    return tuple(
-        np.where(kept, one, 0.0).reshape(*one.shape[:-1], RELIABILITY_BINS, -1).sum(-1) for one in sums
+    """Cells, sum of values and crowd cells [..., 15] of the cells with a value above `above`, which lies in
+    the first bin."""
+    first = round(above * BINS)
+    starts = np.maximum(np.arange(0, BINS, BINS // RELIABILITY_BINS) - first, 0)
+    empty, crowd, value_sum = (
+        np.add.reduceat(histograms[..., row, first:], starts, axis=-1) for row in (EMPTY, CROWD, VALUE_SUM)
     )
+    return empty + crowd, value_sum, crowd
 
 
 def _ratio(count: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,47 +2,41 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from crowdfence.evaluation.detector_quality import QualityReport
 from crowdfence.evaluation.quality_scores import Quality
-from crowdfence.evaluation.unit_bootstrap import Estimate
+from crowdfence.evaluation.text_table import aligned, number
 
-_HEADINGS = ("", "cells", "crowd", "IoU", "PR-AUC", "TPR", "FPR", "false area", "ECE", "ECE > 0.05")
+_COLUMNS = (
+    ("IoU", "iou", 3),
+    ("PR-AUC", "pr_auc", 3),
+    ("TPR", "true_positive_rate", 3),
+    ("FPR", "false_positive_rate", 4),
+    ("false area", "false_crowd_share", 4),
+    ("ECE", "calibration_error", 4),
+    ("ECE > 0.05", "calibration_error_above", 3),
+)
 
 
 def quality_text(report: QualityReport) -> str:
-    """One row for everything and one for each member of each breakdown; intervals of 95 % in brackets."""
-    rows = [_HEADINGS, _row("all", report.overall)]
+    """One row for everything, with the ends of its 95 % intervals below, and one for each member of each
+    breakdown (their intervals are in `QualityReport.to_json`)."""
+    rows = [("", "cells", "crowd", *(heading for heading, *_ in _COLUMNS))]
+    rows.append(_row("all", report.overall, "value"))
+    rows += [("  95 %", "from" if end == "low" else "to", "", *_scores(report.overall, end)) for end in _ENDS]
     for name, members in report.by.items():
-        rows += [_row(f"{name} {member}", one) for member, one in members.items()]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADINGS))]
-    lines = [
-        row[0].ljust(widths[0])
-        + "".join(f"  {cell.rjust(width)}" for cell, width in zip(row[1:], widths[1:], strict=True))
-        for row in rows
-    ]
-    return "\n".join(line.rstrip() for line in lines)
+        rows += [_row(f"{name} {member}", one, "value") for member, one in members.items()]
+    return aligned(rows)
 
 
-def interval_text(estimate: Estimate, digits: int = 3) -> str:
-    """Such as "0.912 [0.880, 0.931]"; "-" for unknown, no brackets without an interval."""
-    if estimate.value != estimate.value:
-        return "-"
-    text = f"{estimate.value:.{digits}f}"
-    if estimate.low != estimate.low:
-        return text
-    return f"{text} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+_ENDS: tuple[Literal["low", "high"], ...] = ("low", "high")
 
 
-def _row(label: str, one: Quality) -> tuple[str, ...]:
-    return (
-        label,
-        str(one.cells),
-        f"{one.crowd_cells / one.cells:.4f}" if one.cells else "-",
-        interval_text(one.iou),
-        interval_text(one.pr_auc),
-        interval_text(one.true_positive_rate),
-        interval_text(one.false_positive_rate, 4),
-        interval_text(one.false_crowd_share, 4),
-        interval_text(one.calibration_error, 4),
-        interval_text(one.calibration_error_above),
-    )
+def _row(label: str, one: Quality, part: Literal["value", "low", "high"]) -> tuple[str, ...]:
+    share = f"{one.crowd_cells / one.cells:.4f}" if one.cells else "-"
+    return (label, str(one.cells), share, *_scores(one, part))
+
+
+def _scores(one: Quality, part: Literal["value", "low", "high"]) -> list[str]:
+    return [number(getattr(getattr(one, field), part), digits) for _, field, digits in _COLUMNS]

@@ -1,0 +1,68 @@
+"""Which pixels of a frame a detector is to mark: the label that it is judged and calibrated by."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.evaluation.labelled_projection import MaskOf, crowd_definition
+from crowdfence.evaluation.replay import crowd_mask, has_truth
+from crowdfence.sources.recording import Frame, FrameError, Recording
+
+Target = Literal["silhouettes", "ground"]
+
+
+def label_functions(
+    target: Target, recording: Recording, terrain: Terrain | None
+) -> tuple[MaskOf, MaskOf | None]:
+    """`mask_of` and `ignore_of` of the frames of a recording; both raise FrameError where the truth is
+    missing.
+
+    `silhouettes`: recorded crowd regions, or silhouettes merged and filled; every pixel counts. `ground`: the
+    ground that crowds stand on, as seen from the drone; what things hide does not count. ValueError for
+    another target, and for `ground` without a terrain or without recorded people.
+    """
+    if target == "silhouettes":
+        return _silhouettes, None
+    if target != "ground":
+        raise ValueError(f"target is {target!r}; it must be one of {', '.join(get_args(Target))}")
+    if terrain is None or not len(recording.people.stamps_ns):
+        raise ValueError(
+            f"{recording.name} lacks a map or people's positions, which the target 'ground' needs"
+        )
+    ground = _GroundLabels(recording, terrain)
+    return ground.crowd, ground.unknown
+
+
+def _silhouettes(frame: Frame) -> NDArray[np.bool_]:
+    if not has_truth(frame):
+        raise FrameError(frame.drone, frame.stamp_ns, "has no truth: neither crowd regions nor silhouettes")
+    return crowd_mask(frame)
+
+
+class _GroundLabels:
+    """Labels of the ground, kept for the frame that was asked for last."""
+
+    def __init__(self, recording: Recording, terrain: Terrain) -> None:
+        from crowdfence.training.labels import CrowdRule
+
+        self._recording, self._terrain = recording, terrain
+        self._rule = CrowdRule(**crowd_definition(recording.manifest))
+        self._last: tuple[Frame, NDArray[np.bool_], NDArray[np.bool_]] | None = None
+
+    def crowd(self, frame: Frame) -> NDArray[np.bool_]:
+        return self._of(frame)[1]
+
+    def unknown(self, frame: Frame) -> NDArray[np.bool_]:
+        return self._of(frame)[2]
+
+    def _of(self, frame: Frame) -> tuple[Frame, NDArray[np.bool_], NDArray[np.bool_]]:
+        from crowdfence.training.labels import cell_labels
+
+        if self._last is None or self._last[0] is not frame:
+            labels = cell_labels("ground", frame, self._recording, self._terrain, self._rule)
+            self._last = frame, labels.crowd > 127, ~labels.known
+        return self._last

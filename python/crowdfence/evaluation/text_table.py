@@ -1,0 +1,30 @@
+"""Rows of text as aligned columns, whatever the width of the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from crowdfence.evaluation.unit_bootstrap import Estimate
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Lines of text; the first column starts on the left, the others end on the right."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = (
+        row[0].ljust(widths[0])
+        + "".join(f"  {cell.rjust(width)}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """ "-" for unknown."""
+    return "-" if value != value else f"{value:.{digits}f}"
+
+
+def interval(estimate: Estimate, digits: int = 3) -> str:
+    """Such as "0.912 [0.880, 0.931]"; "-" for unknown, no brackets without an interval."""
+    if estimate.value != estimate.value or estimate.low != estimate.low:
+        return number(estimate.value, digits)
+    return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
