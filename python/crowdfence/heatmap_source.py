@@ -114,9 +114,9 @@ def choose_detector(
         return Detector(threads=threads)
     except FileNotFoundError as error:
         raise ValueError(
-            f"{error}. {recording.name} has pictures, so the shipped detector is wanted: install crowdfence "
-            "again, name a model with --detector MODEL.onnx, or take the recorded heatmaps with "
-            "--detector recorded"
+            f"{recording.name} has pictures, but the detector that comes with crowdfence is missing "
+            "from this copy: install it again, name a model with --detector MODEL.onnx, or take the recorded "
+            "heatmaps with --detector recorded"
         ) from error
 
 
