@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import onnxruntime
 
 _FATAL_ONLY = 4  # what is wrong is in the exception; the runtime would also write it to stderr
+_SOURCE_LINE = re.compile(r"/\S+\.(?:h|cc):\d+ [^()]*\([^()]*\) ")
 _DTYPES = {"float": "float32", "double": "float64"}
 
 
@@ -36,21 +38,24 @@ def open_session(path: Path, threads: int = 1) -> OnnxSession:
     options.inter_op_num_threads = 1
     options.log_severity_level = _FATAL_ONLY
     try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        metadata = session.get_modelmeta().custom_metadata_map
+        # The runtime's fallback retries with the provider that has just failed, and prints that on stdout.
+        session = onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+        inputs, outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
+        face = ModelFace(path, inputs, outputs, session.get_modelmeta().custom_metadata_map)
     except Exception as error:  # the runtime's exceptions have no base class of their own
         what = reason(error).removeprefix(f"Load model from {path} failed:")
         raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}") from None
-    face = ModelFace(path, _tensors(session.get_inputs()), _tensors(session.get_outputs()), metadata)
     return OnnxSession(session, face)
 
 
 def reason(error: Exception) -> str:
-    """What the runtime says, without its bracketed codes, on one line."""
+    """What the runtime says, without its codes and its own source lines, on one line."""
     text = str(error)
     while text.startswith("[ONNXRuntimeError]"):
         text = text.split(" : ", 3)[-1]
-    return shown(text, 300).strip("'\"")
+    return shown(_SOURCE_LINE.sub("", text, count=1), 300).strip("'\"")
 
 
 def _tensors(arguments: Any) -> tuple[Tensor, ...]:

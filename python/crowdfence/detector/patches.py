@@ -24,7 +24,7 @@ TILE_PX = 1024
 OVERLAP_PX = 128
 """Overlap of two tiles, at most a quarter of a tile."""
 MAX_UNTILED_PIXELS = 4_000_000
-"""Larger images are tiled: crowdnet-s holds some 60 bytes a pixel while it runs."""
+"""Larger images are tiled: crowdnet-s holds some 30 bytes a pixel while it runs."""
 
 
 @dataclass(frozen=True, slots=True)
