@@ -36,7 +36,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folders = []
     for number in range(3):
         place = tmp_path_factory.mktemp(f"place{number}") / f"mission-{number}"
-        folders.append(write_airsim(place, later(flight(), number * 20_000_001)))
+        folders.append(write_airsim(place, later(flight(frames=4), number * 20_000_001)))
         (folders[-1] / "terrain" / "terrain.bt").write_bytes(bt)
     return folders
 
@@ -114,7 +114,7 @@ def test_an_overconfident_model_is_calibrated_and_described(
         held_out["calibration_error_above"]["value"]
         < 0.6 * report["before"]["calibration_error_above"]["value"]
     )
-    assert report["frames"] == 3 * 18 and report["missions"] == 3 and report["refused"] == []
+    assert report["frames"] == 3 * 12 and report["missions"] == 3 and report["refused"] == []
     assert set(report["quality"]["by"]["mission"]) == {"mission-0", "mission-1", "mission-2"}
 
     after = Detector(output)
@@ -144,13 +144,13 @@ def test_logits_are_corrected_in_the_graph_and_not_twice(data: list[Path], tmp_p
     """A contract that divides logits by 2 becomes one whose graph has all in it, temperature 1."""
     model = noisy_model(tmp_path / "m.onnx", sharpness=4.0, kind="logits", calibration={"temperature": 2.0})
     output = tmp_path / "out.onnx"
-    done = calibrate(model, data[:2], output, "--every", 6)
+    done = calibrate(model, data[:2], output, "--every", 4)
     assert done.returncode == 0, done.stderr
     calibration = Detector(output).contract.calibration or {}
     assert calibration["temperature"] == 1.0
     assert calibration["earlier"] == {"temperature": 2.0}
     probability = noisy_model(tmp_path / "p.onnx", sharpness=2.0)
-    assert calibrate(probability, data[:2], tmp_path / "p-out.onnx", "--every", 6).returncode == 0
+    assert calibrate(probability, data[:2], tmp_path / "p-out.onnx", "--every", 4).returncode == 0
     image = open_recording(data[1]).frames[3].image()
     same = Detector(tmp_path / "p-out.onnx")(image)
     np.testing.assert_allclose(Detector(output)(image), same, atol=1e-3)

@@ -101,15 +101,27 @@ def test_a_detector_with_known_rates_is_measured(tpr: float, fpr: float) -> None
 
 def test_borrowing_by_hand() -> None:
     """One distance, one tilt, two bins of m. Crowd 2 and 6, empty 9 and 1. Overall shares 2.5 / 9, 6.5 / 9,
-    9.5 / 11 and 1.5 / 11; the only distance adds its counts to BORROWED of those, the only cell again."""
+    9.5 / 11 and 1.5 / 11; the only distance adds BORROWED of those and a half to its counts, the only cell
+    does so again."""
     counts = np.array([[[[[9, 2], [1, 6]]]]])
     table = likelihood_ratio(counts, [0, 1], [0, 1], [0, 0.5, 1])
     overall = np.array([[9.5 / 11, 2.5 / 9], [1.5 / 11, 6.5 / 9]])
     counted = counts[0, 0, 0]
-    distance = (counted + BORROWED * overall) / (counted.sum(axis=0) + BORROWED)
-    cell = (counted + BORROWED * distance) / (counted.sum(axis=0) + BORROWED)
+    distance = (counted + BORROWED * overall + 0.5) / (counted.sum(axis=0) + BORROWED + 1.0)
+    cell = (counted + BORROWED * distance + 0.5) / (counted.sum(axis=0) + BORROWED + 1.0)
     np.testing.assert_allclose(table.log10_ratio[0, 0], np.log10(cell[:, 1] / cell[:, 0]))
     np.testing.assert_allclose(table.all_log10_ratio, np.log10(overall[:, 1] / overall[:, 0]))
+
+
+def test_never_seen_is_not_impossible() -> None:
+    """A million empty looks without a single one in the upper bin, and crowd always in it: at distances
+    that were never looked at, the ratio stays within what the borrowed thousand can say."""
+    counts = np.zeros((3, 2, 1, 2, 2))
+    counts[:, 0, 0] = [[1e6, 0], [0, 1e4]]
+    table = likelihood_ratio(counts, [0, 1, 2], [0, 1], [0, 0.5, 1])
+    assert 5.0 < table.log10_ratio[0, 0, 1] < 7.0
+    assert 3.0 < table.log10_ratio[1, 0, 1] < 3.5
+    assert np.isfinite(table.low).all() and np.abs(table.high).max() < 10.0
 
 
 def test_what_the_data_contradict_is_not_forced_to_increase() -> None:

@@ -18,6 +18,7 @@ BORROWED = 1000.0
 """Observations that the wider group counts for in each of its parts: about the crowd voxels that one frame
 shows. Neighbouring voxels agree, so this many say little more than one look at one crowd."""
 
+JEFFREYS = 0.5
 _Z_95 = 1.959964
 
 
@@ -71,11 +72,11 @@ def likelihood_ratio(
 ) -> LikelihoodRatio:
     """The table from counts [U, D, T, M, 2] of U missions; last axis: observations of empty, of crowd voxels.
 
-    P(m bin | truth) over all distances and tilts has Jeffreys' half an observation added to every bin. Each
-    distance then borrows `BORROWED` observations spread like that, and each (distance, tilt) as many spread
-    like its distance: a bin with few looks follows its neighbourhood, one with many its own counts. The
-    ratio of a (distance, tilt) is made to increase with m (pool-adjacent-violators) where every pooled value
-    lies within its bin's interval.
+    P(m bin | truth) comes from counts to which Jeffreys' half an observation is added in every bin. Each
+    distance also borrows `BORROWED` observations spread like those of all distances, and each (distance,
+    tilt) as many spread like those of its distance: a bin with few looks follows its neighbourhood, one with
+    many its own counts, and what was never seen is never impossible. The ratio of a (distance, tilt) is made
+    to increase with m (pool-adjacent-violators) where every pooled value lies within its bin's interval.
     """
     by_unit = np.asarray(counts, np.float64)
     total = by_unit.sum(axis=0)
@@ -116,13 +117,12 @@ def _log10_ratio(counts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 def _evidence(counts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Counts [..., D, T, M, 2] plus what each (distance, tilt) borrows from its distance, that from all."""
-    by_distance = counts.sum(axis=-3, keepdims=True)
-    from_all = by_distance + BORROWED * _share(_overall(counts))
-    return np.asarray(counts + BORROWED * _share(from_all))
+    of_distance = counts.sum(axis=-3, keepdims=True) + BORROWED * _share(_overall(counts)) + JEFFREYS
+    return np.asarray(counts + BORROWED * _share(of_distance) + JEFFREYS)
 
 
 def _overall(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(counts.sum(axis=(-4, -3), keepdims=True) + 0.5)
+    return np.asarray(counts.sum(axis=(-4, -3), keepdims=True) + JEFFREYS)
 
 
 def _share(evidence: NDArray[np.float64]) -> NDArray[np.float64]:
