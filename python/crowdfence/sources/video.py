@@ -26,6 +26,9 @@ FORMATS = (
 )
 """Playlists and capture devices are left out: a file must not make the reader open other files."""
 
+_MISSING_END_S = 0.35
+"""Sound may go on a little longer than the pictures."""
+
 
 class Video:
     """A video file, opened; a context manager.
@@ -76,7 +79,9 @@ class Video:
     def pictures(self, *, every: int = 1) -> PictureStream:
         """Every `every`-th frame in the order in which they are shown, one in memory at a time."""
         check_every(every)
+        number, last_s = -1, None
         for number, item in enumerate(self._frames()):
+            last_s = self._time_s(item.pts) or last_s
             if number % every:
                 continue
             if isinstance(item, _Broken):
@@ -88,6 +93,11 @@ class Video:
                 yield SkippedPicture(number, "", self._time_s(item.pts), _said(error))
                 continue
             yield StreamPicture(number, "", self._time_s(item.pts), rgb)
+        declared_s = self._declared_s()
+        if declared_s is not None and declared_s - (last_s or 0.0) > _MISSING_END_S:
+            yield SkippedPicture(
+                number + 1, "", last_s, f"the file ends here, although it declares {declared_s:.3f} s"
+            )
 
     def close(self) -> None:
         self._container.close()
@@ -135,6 +145,12 @@ class Video:
                 yield from packet.decode()
             except av.FFmpegError as error:
                 yield _Broken(packet.pts, f"cannot be decoded: {_said(error)}")
+
+    def _declared_s(self) -> float | None:
+        if self._stream.duration and self._stream.time_base:
+            return float(self._stream.duration * self._stream.time_base)
+        duration_us = self._container.duration
+        return None if duration_us is None or duration_us <= 0 else duration_us / 1e6
 
     def _time_s(self, pts: int | None) -> float | None:
         base = self._stream.time_base

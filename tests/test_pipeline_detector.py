@@ -1,0 +1,239 @@
+"""From pictures to the map: which heatmaps a run takes, whose rates, and what happens to frames that fail.
+
+The pictures of the recordings are grey, 60 times the crowd number of the pixel; the model's heatmap is the
+red of each 4 x 4 cell, over which the crowd number is constant.
+"""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from crowdfence import Terrain, _core, open_recording, pipeline
+from crowdfence.cli.app import app
+from crowdfence.config import UNSTATED, RunConfig
+from crowdfence.detection import detect_recording
+from crowdfence.detector.detector import Detector
+from crowdfence.evaluation.replay import measured_rates
+from crowdfence.heatmap_source import choose_detector, heatmap_source
+from crowdfence.sources.recording import Frame, FrameError
+from onnx_models import contract, write_map_model, write_pixel_people_model
+from recordings import STARTS, flight, heatmap, write_airsim, write_folder
+
+CONFIG = RunConfig(prior=0.2)
+RATES = {
+    "true_positive": {"rate": 0.8, "low": 0.7, "high": 0.9},
+    "false_positive": {"rate": 0.01, "low": 0.0, "high": 0.02},
+}
+
+
+def ground() -> Terrain:
+    """A level plain 25 m below the fleet's start, wide enough for every view."""
+    north, east, _ = np.array(list(STARTS.values())).mean(axis=0)
+    side = np.arange(-250.0, 250.0, 2.0)
+    x, y = np.meshgrid(east + side, north + side)
+    return Terrain.from_points(np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -24.5)]), 2.0)
+
+
+@pytest.fixture(scope="module")
+def terrain() -> Terrain:
+    return ground()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, terrain: Terrain) -> Path:
+    folder = write_airsim(tmp_path_factory.mktemp("flight") / "recording", flight())
+    bt = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+    (folder / "terrain" / "terrain.bt").write_bytes(bt)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    document = contract(rates=RATES, target_height_m=1.5, validity={"gsd_m": [0.001, 0.002]})
+    return write_map_model(tmp_path_factory.mktemp("model") / "red.onnx", document)
+
+
+def red(frame: Frame) -> NDArray[np.float32]:
+    """What the model computes, in numpy."""
+    cells = frame.image()[..., 0].reshape(6, 4, 8, 4).mean(axis=(1, 3))
+    return (cells / 255.0).astype(np.float32)
+
+
+def test_a_detector_and_its_copy_of_the_recording_give_the_same_map(
+    recorded: Path, model: Path, terrain: Terrain, tmp_path: Path
+) -> None:
+    """The drones are detected side by side, one after the other by a function, or beforehand."""
+    detector = Detector(model)
+    # Everything that the contract would say otherwise.
+    config = RunConfig(prior=0.2, true_positive_rate=0.9, false_positive_rate=0.1, target_height_m=0.0)
+    recording = open_recording(recorded)
+    side_by_side = pipeline.run(recording, terrain, config, detector=detector)
+    assert not recording.refused
+    in_a_row = pipeline.run(
+        open_recording(recorded), terrain, config, detector=lambda frame: detector(frame.image())
+    )
+    detect_recording(recording, heatmap_source(detector, None, 300.0), tmp_path / "seen.mcap")
+    beforehand = pipeline.run(open_recording(tmp_path / "seen.mcap"), terrain, config)
+    assert side_by_side.crowd_map.seen().sum() > 100
+    maps = [run.crowd_map.to_bytes() for run in (side_by_side, in_a_row, beforehand)]
+    assert maps[0] == maps[1] == maps[2]
+    assert maps[0] != pipeline.run(open_recording(recorded), terrain, config).crowd_map.to_bytes()
+
+
+def test_the_pictures_decide_not_the_recorded_heatmaps(recorded: Path, model: Path, terrain: Terrain) -> None:
+    steps: list[pipeline.Step] = []
+    pipeline.run(open_recording(recorded), terrain, CONFIG, detector=Detector(model), on_step=steps.append)
+    frames = {(frame.drone, frame.stamp_ns): frame for step in steps for frame in step.instant.frames}
+    views = [view for step in steps for view in step.views]
+    assert len(views) == 18
+    for view in views:
+        assert view.heatmap == pytest.approx(red(frames[view.drone, view.stamp_ns]), abs=1e-6)
+
+
+def test_a_contract_fills_in_what_the_configuration_leaves_open(
+    recorded: Path, model: Path, terrain: Terrain
+) -> None:
+    def used(config: RunConfig, detector: Any) -> dict[str, Any]:
+        run = pipeline.run(open_recording(recorded), terrain, config, detector=detector)
+        return {name: run.config.parameters(run.crowd_map)[name] for name in UNSTATED}
+
+    stated = {"true_positive_rate": 0.8, "false_positive_rate": 0.01, "target_height_m": 1.5}
+    assert used(CONFIG, Detector(model)) == stated
+    assert used(CONFIG, None) == used(CONFIG, red) == UNSTATED
+    own = RunConfig(prior=0.2, true_positive_rate=0.7, target_height_m=0.0)
+    assert used(own, Detector(model)) == {**stated, "true_positive_rate": 0.7, "target_height_m": 0.0}
+    assert "true_positive_rate" not in pipeline.run(
+        open_recording(recorded), terrain, RunConfig(method="or"), detector=Detector(model)
+    ).config.parameters(RunConfig(method="or").crowd_map(terrain, 3))
+
+
+def test_a_stated_rate_that_equation_1_cannot_use(model: Path) -> None:
+    sure = {**RATES, "false_positive": {"rate": 0.0, "low": 0.0, "high": 0.1}}
+    stated = Detector(model, contract=contract(rates=sure)).contract
+    with pytest.raises(ValueError, match="states a false_positive_rate of 0; equation 1"):
+        CONFIG.with_detector(stated)
+    assert RunConfig(false_positive_rate=0.02).with_detector(stated).used("false_positive_rate") == 0.02
+    assert RunConfig(method="or").with_detector(stated).method == "or"
+
+
+def test_frames_that_fail_are_refused_and_the_rest_is_fused(
+    recorded: Path, model: Path, terrain: Terrain, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(recorded, damaged)
+    victim = sorted((damaged / "images").glob("img_uav1_*_0_*.png"))[2]
+    victim.write_bytes(victim.read_bytes()[:60])
+    recording = open_recording(damaged)
+    run = pipeline.run(recording, terrain, CONFIG, detector=Detector(model))
+    (refused,) = recording.refused
+    assert refused.drone == "uav1" and "image cannot be read" in refused.reason
+    assert sum(len(row.drones) for row in run.rows) == 17
+
+    def fails_for_uav3(frame: Frame) -> NDArray[np.float32]:
+        if frame.drone == "uav3":
+            raise RuntimeError("out of memory")
+        return np.full((6, 8), np.nan if frame.drone == "uav_2" else 0.5, np.float32)
+
+    recording = open_recording(recorded)
+    pipeline.run(recording, terrain, CONFIG, detector=fails_for_uav3)
+    reasons = {refused.drone: refused.reason for refused in recording.refused}
+    assert set(reasons) == {"uav_2", "uav3"} and len(recording.refused) == 12
+    assert reasons["uav3"] == "the detector failed: out of memory"
+    assert "nan" in reasons["uav_2"].lower()
+
+    def mistaken(frame: Frame) -> NDArray[np.float32]:
+        return frame.no_such_thing  # type: ignore[attr-defined]
+
+    with pytest.raises(AttributeError):
+        pipeline.run(open_recording(recorded), terrain, CONFIG, detector=mistaken)
+
+
+def test_automatic_choice(
+    recorded: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_pictures = open_recording(recorded)
+    without = open_recording(write_folder(tmp_path / "plain", flight()))
+    some_missing = tmp_path / "some"
+    shutil.copytree(recorded, some_missing)
+    monkeypatch.setattr("crowdfence.detector.detector.shipped_model", lambda: model)
+    chosen = choose_detector(with_pictures, "auto")
+    assert chosen is not None and chosen.path == model
+    assert choose_detector(with_pictures, "recorded") is None
+    assert choose_detector(without, "auto") is None
+    with pytest.raises(ValueError, match="belongs to a model"):
+        choose_detector(without, "auto", contract=Path("contract.json"))
+    with pytest.raises(FileNotFoundError, match="nowhere.onnx"):
+        choose_detector(with_pictures, "nowhere.onnx")
+
+    def missing() -> Path:
+        raise FileNotFoundError("no model")
+
+    monkeypatch.setattr("crowdfence.detector.detector.shipped_model", missing)
+    with pytest.raises(ValueError, match="is missing .* --detector recorded"):
+        choose_detector(with_pictures, "auto")
+    assert choose_detector(without, "auto") is None
+
+
+def test_people_are_brought_to_scale_by_pose_and_map(
+    recorded: Path, terrain: Terrain, tmp_path: Path
+) -> None:
+    detector = Detector(write_pixel_people_model(tmp_path / "people.onnx", contract("points")))
+    with pytest.raises(ValueError, match="metres per pixel: give a map"):
+        heatmap_source(detector, None, 300.0)
+    recording = open_recording(recorded)
+    run = pipeline.run(recording, terrain, CONFIG, detector=detector)
+    assert not recording.refused
+    # Nothing in these pictures is as red as a person.
+    assert all(view.heatmap.max() < 0.1 for view in run.last_views.values())
+    out_of_range = heatmap_source(detector, terrain, 5.0)
+    with pytest.raises(FrameError, match="sees no ground of the map"):
+        out_of_range.heatmap_of(recording.frames[0])
+
+
+def test_run_says_which_detector_it_used(recorded: Path, model: Path, tmp_path: Path) -> None:
+    command = ["run", str(recorded), "-o", str(tmp_path / "out"), "--prior", "0.2", "--detector", str(model)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    used = summary["detector"]
+    assert (used["heatmaps"], used["name"], used["version"]) == ("model", "test model", "1.0")
+    assert used["sha256"] == hashlib.sha256(model.read_bytes()).hexdigest()
+    assert used["ranges"]["gsd_m"]["tested"] == [0.001, 0.002]
+    assert used["ranges"]["gsd_m"]["share_above"] == 1.0
+    assert summary["parameters"]["true_positive_rate"] == 0.8
+    calibration, gsd = summary["warnings"]
+    assert "states no calibration" in calibration
+    assert "metres per pixel: 100% of the ground seen lies above 0.002 m" in gsd
+    assert "lies above 0.002 m" in " ".join(done.stderr.split())
+
+    plain = CliRunner().invoke(app, [*command[:-2], "--detector", "recorded"])
+    assert plain.exit_code == 0, plain.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["detector"] == {"heatmaps": "recorded"} and summary["warnings"] == []
+    assert summary["parameters"]["true_positive_rate"] == 0.9
+
+
+def test_evaluate_measures_the_chosen_detector(recorded: Path, model: Path) -> None:
+    command = ["evaluate", str(recorded), "--prior", "0.2", "--json", "--detector", str(model)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert report["detector"]["name"] == "test model" and report["refused"] == []
+    # Crowd is region 1 to 3; the picture is 60, 120, 180 there, so the model calls only region 3 crowd.
+    flown = flight()
+    crowd = np.concatenate(
+        [heatmap(drone, stamp).ravel() // 64 for drone in STARTS for stamp in flown.frame_stamps_ns[drone]]
+    )
+    expected = (crowd == 3).sum() / (crowd > 0).sum()
+    assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(expected)
+    assert report["detector"]["false_positive_rate"]["rate"] == 0.0
+    assert [row["config"]["target_height_m"] for row in report["scores"]] == [1.5, 1.5]
+    counts = measured_rates(open_recording(recorded), heatmap_source(Detector(model), None, 300.0))
+    assert counts.true_positives == (crowd == 3).sum()

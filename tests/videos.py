@@ -1,0 +1,41 @@
+"""Small videos whose frames tell their number, and damage done to single frames of them."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+WIDTH, HEIGHT, RATE = 64, 48, 10
+
+
+def picture(number: int) -> NDArray[np.uint8]:
+    """White to the left of column 4 * number (up to 32), black otherwise: [48, 64, 3]."""
+    rgb = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    rgb[:, : 4 * min(number, 8)] = 255
+    return rgb
+
+
+def write_video(path: Path, frames: int, *, key_every: int = 5) -> Path:
+    """MPEG-4 part 2 at 10 frames a second, a key frame every `key_every`, frame n showing `picture(n)`."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=RATE)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.gop_size, stream.bit_rate = key_every, 4_000_000
+        for number in range(frames):
+            frame = av.VideoFrame.from_ndarray(picture(number), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def damage(path: Path, numbers: list[int]) -> Path:
+    """Overwrite the coded bytes of these frames with zeros."""
+    with av.open(str(path)) as container:
+        places = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    data = bytearray(path.read_bytes())
+    for number in numbers:
+        position, size = places[number]
+        data[position : position + size] = bytes(size)
+    path.write_bytes(data)
+    return path
