@@ -65,4 +65,5 @@ def _resampled(totals: NDArray[np.float64], resamples: int, seed: int) -> Iterat
     for start in range(0, resamples, _RESAMPLES_AT_ONCE):
         count = min(_RESAMPLES_AT_ONCE, resamples - start)
         times_drawn = rng.multinomial(units, np.full(units, 1.0 / units), size=count).astype(np.float64)
-        yield np.tensordot(times_drawn, totals, axes=1)
+        # einsum, not a matrix product: the threads of a BLAS would wait for each other on a busy machine.
+        yield np.einsum("ru,u...->r...", times_drawn, totals)
