@@ -1,6 +1,7 @@
 """Map models: probability, logits and class logits, every layout, size and normalisation."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,15 @@ def test_a_batch_is_what_single_images_give(tmp_path: Path) -> None:
     mixed = detector.batch([images[0], images[1][:20]])
     assert [heatmap.shape for heatmap in mixed] == [(10, 14), (5, 14)]
     assert detector.batch([]) == []
+
+
+def test_one_detector_serves_several_threads(tmp_path: Path) -> None:
+    detector = Detector(write_map_model(tmp_path / "m.onnx", document(), blur_cells=1))
+    rng = np.random.default_rng(6)
+    images = [rng.integers(0, 256, (64, 64, 3), dtype=np.uint8) for _ in range(16)]
+    with ThreadPoolExecutor(4) as pool:
+        for image, heatmap in zip(images, pool.map(detector, images), strict=True):
+            np.testing.assert_array_equal(heatmap, detector(image))
 
 
 @pytest.mark.parametrize(
