@@ -64,6 +64,7 @@ PACKAGES = (
     Package("scipy", "scipy.ndimage", "landing prior, ground from lidar"),
     Package("shapely", "shapely", "zones"),
     Package("matplotlib", "matplotlib.figure", "picture of the map"),
+    Package("onnxruntime", "onnxruntime", "crowd detector"),
     Package("typer", "typer", "command line"),
     Package("rich", "rich.console", "command line"),
     # Python has it built in since 3.11, as tomllib.
@@ -72,6 +73,9 @@ PACKAGES = (
     Package("lazrs", "lazrs", "compressed lidar maps (.laz)", extra="lidar"),
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
     Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
+    Package("av", "av", "videos in and out", extra="video"),
+    Package("onnx", "onnx", "training and calibration of detectors", extra="train"),
+    Package("torch", "torch", "training of detectors", extra="train"),
 )
 
 
