@@ -132,6 +132,20 @@ def test_a_checkpoint_of_another_plan_is_refused(tmp_path: Path):
         )
 
 
+def test_a_training_can_start_from_another(tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint"
+    earlier = train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint)
+    later = train(
+        [squares(1)],
+        [squares(2)],
+        replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9),
+        initial=checkpoint,
+    )
+    assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
+    with pytest.raises(ValueError, match="trained with width 0.25, wanted is 0.5"):
+        train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
+
+
 def test_training_stops_when_validation_does_not_improve():
     plan = replace(PLAN, steps=200, validate_every=2, patience=2, learning_rate=1e-9, calm_share=0.0)
     stopped = train([squares(1)], [squares(2)], plan)

@@ -1,8 +1,8 @@
 """Which target is better once it lies on the terrain: `python compare_targets.py CHECKPOINT MISSION...`.
 
-Reads a checkpoint that was trained on both targets, projects each output with the true poses onto the mission's
-map and compares voxel by voxel with where the crowds stand: from single views, and from the mean of all views of
-an instant. Silhouettes are projected at several target heights.
+Reads a checkpoint that was trained on both targets, projects each output with the true poses onto the map of
+the mission and compares voxel by voxel with where the crowds stand: from single views, and from the mean of all
+views of an instant. Silhouettes are projected at several target heights.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+
 from crowdfence import View, project
 from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.pipeline import open_terrain
@@ -39,7 +40,7 @@ def compare(checkpoint: Path, missions: list[Path]) -> dict[str, dict[str, float
         for instant in recording.instants(150.0):
             looks = defaultdict(list)
             for frame in instant.frames:
-                pixels = torch.from_numpy(frame.image()).permute(2, 0, 1)[None].float() / 255.0
+                pixels = torch.tensor(frame.image()).permute(2, 0, 1)[None].float() / 255.0
                 heatmaps = torch.sigmoid(network(pixels))[0].numpy()
                 people = recording.people_truth(frame.exposure_ns(), max_gap_s=0.5)
                 assert people is not None

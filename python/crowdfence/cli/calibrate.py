@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from crowdfence.evaluation.voxel_rates import VoxelRates
 
 
-class TargetName(str, Enum):
-    """What the heatmap is to mark."""
-
-    silhouettes = "silhouettes"
-    ground = "ground"
-
-
 class TruthName(str, Enum):
     """Where the truth of voxels comes from."""
 
@@ -45,7 +38,7 @@ def calibrate(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Calibrated model to write (.onnx).")],
     target: Annotated[
-        TargetName | None,
+        options.LabelTarget | None,
         typer.Option(
             "--target", help="What the heatmap is to mark. Default: the contract's, else silhouettes."
         ),
@@ -58,7 +51,7 @@ def calibrate(
     b_threshold: options.BThreshold = DEFAULT.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
+    coverage: options.CoverageOption = options.Coverage.rays,
     as_json: options.Json = False,
 ) -> None:
     """Fit a model's probabilities to labelled missions and write what they are worth into it.
@@ -88,7 +81,7 @@ def calibrate(
     )
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    paths = recordings_in(data)
+    paths = options.recordings_in(data)
     frames = sum(len(open_recording(path).frames[::every]) for path in paths)
     with console.progress("calibrating", 2 * frames, "frames") as advance:
         result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
@@ -100,15 +93,6 @@ def calibrate(
         console.print_json(_as_json(result))
     else:
         _print(result, output)
-
-
-def recordings_in(places: list[Path]) -> list[Path]:
-    """The recordings named, and the missions in folders that are no recording themselves."""
-    paths: list[Path] = []
-    for place in places:
-        missions = sorted(place.glob("*.mcap")) if place.is_dir() else []
-        paths += missions or [place]
-    return paths
 
 
 def _require_onnx() -> None:

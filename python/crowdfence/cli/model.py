@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract import Contract, Validity
     from crowdfence.detector.model_check import ModelCheck
+    from crowdfence.evaluation.model_quality import ModelQuality
 
-app = typer.Typer(help="Detector models: check one before it flies.", no_args_is_help=True)
+app = typer.Typer(help="Detector models: check one, and measure it, before it flies.", no_args_is_help=True)
 
 
 @app.callback()
@@ -53,11 +57,12 @@ def check(
     from crowdfence.detector.model_check import check_model
     from crowdfence.detector.shipped import shipped_model
 
+    _require_png("--overlay", overlay)
     with console.working() as tell:
         tell("running the model")
         report = check_model(model or shipped_model(), contract, image, gsd_m, threads)
-        if overlay is not None:
-            _write_overlay(overlay, report)
+    if overlay is not None:
+        _write_overlay(overlay, report)
     if as_json:
         console.print_json(report.to_json())
         return
@@ -69,6 +74,67 @@ def check(
     out.print(console.facts("On one picture", _run_facts(report)))
     if overlay is not None:
         out.print(console.facts("", {"overlay": str(overlay)}))
+
+
+@app.command("evaluate")
+def evaluate(
+    data: Annotated[
+        list[Path],
+        typer.Option(
+            "--data",
+            help="Labelled recording that the model was not trained on, or a folder of missions; repeat.",
+        ),
+    ],
+    model: Annotated[
+        Path | None, typer.Argument(help="ONNX model. Default: the shipped one.", show_default=False)
+    ] = None,
+    contract: Annotated[
+        Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
+    ] = None,
+    target: Annotated[
+        options.LabelTarget | None,
+        typer.Option(
+            "--target", help="What the heatmap is to mark. Default: the contract's, else silhouettes."
+        ),
+    ] = None,
+    target_height_m: options.TargetHeightM = None,
+    max_range_m: options.MaxRangeM = options.DEFAULT.max_range_m,
+    every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
+    examples: Annotated[
+        Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Measure a model on labelled missions: IoU, rates, calibration, by distance, tilt and mission.
+
+    Intervals are 95 %, over missions. The page of examples shows the frame with most crowd and the one with
+    most errors of every mission: heatmap in magenta, truth outlined in cyan.
+    """
+    from crowdfence.detector.detector import Detector
+    from crowdfence.evaluation.calibration_data import CalibrationPlan
+    from crowdfence.evaluation.model_calibration import plan_for
+    from crowdfence.evaluation.model_quality import model_quality
+    from crowdfence.sources import open_recording
+
+    _require_png("--examples", examples)
+    detector = Detector(model, contract)
+    plan = CalibrationPlan(max_range_m=max_range_m, every=every)
+    given: dict[str, Any] = {} if target is None else {"target": target.value}
+    if target_height_m is not None:
+        given["target_height_m"] = target_height_m
+    plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
+    paths = options.recordings_in(data)
+    frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+    with console.progress("evaluating", frames, "frames") as advance:
+        result = model_quality(detector, paths, plan, on_frame=advance)
+    if result.refused:
+        console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
+    if examples is not None:
+        _write_picture(examples, result.examples)
+    if as_json:
+        console.print_json({"contract": detector.contract.name, **result.to_json()})
+    else:
+        _print_quality(detector.contract, result)
 
 
 def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
@@ -147,13 +213,35 @@ def _listed(values: tuple[float, ...]) -> str:
     )
 
 
+def _print_quality(contract: Contract, result: ModelQuality) -> None:
+    from crowdfence.evaluation.quality_table import quality_text
+    from crowdfence.evaluation.text_table import aligned, interval
+
+    plan, rates = result.plan, result.rates
+    print(f"{contract.name} on {result.frames} frames, as a detector that marks {plan.target}\n")
+    print(quality_text(result.quality))
+    if rates is not None:
+        rows = [(f"Per voxel observation, projected at {plan.target_height_m:g} m", "TPR", "FPR")]
+        for label, pair in (("all", rates.rates), ("away from edges", rates.away_from_edges)):
+            rows.append((label, interval(pair.true_positive), interval(pair.false_positive, 4)))
+        print(f"\n{aligned(rows)}")
+
+
+def _require_png(option: str, path: Path | None) -> None:
+    if path is not None and path.suffix.lower() != ".png":
+        raise ValueError(f"{option} {path} must end in .png")
+
+
 def _write_overlay(path: Path, report: ModelCheck) -> None:
+    from crowdfence.detector.overlay import overlay
+
+    _write_picture(path, overlay(report.image, report.heatmap))
+
+
+def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from PIL import Image
 
-    from crowdfence.detector.overlay import overlay
     from crowdfence.exports.atomic import atomic_path
 
-    if path.suffix.lower() != ".png":
-        raise ValueError(f"--overlay {path} must end in .png")
     with atomic_path(path) as temporary:
-        Image.fromarray(overlay(report.image, report.heatmap)).save(temporary, "PNG")
+        Image.fromarray(picture).save(temporary, "PNG")

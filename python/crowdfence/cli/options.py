@@ -45,6 +45,13 @@ class Coverage(str, Enum):
     full = "full"
 
 
+class LabelTarget(str, Enum):
+    """What a detector's heatmap marks."""
+
+    ground = "ground"
+    silhouettes = "silhouettes"
+
+
 RecordingPath = Annotated[
     Path, typer.Argument(help="Mission file (.mcap), AirSim recording folder, or folder with poses.csv.")
 ]
@@ -153,6 +160,15 @@ MinAreaM2 = Annotated[
 StaleAfterS = Annotated[
     float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
 ]
+
+
+def recordings_in(places: list[Path]) -> list[Path]:
+    """The recordings named, and the missions in folders that are no recording themselves."""
+    paths: list[Path] = []
+    for place in places:
+        missions = sorted(place.glob("*.mcap")) if place.is_dir() else []
+        paths += missions or [place]
+    return paths
 
 
 def run_config(parameters: Mapping[str, Any], **chosen: Any) -> RunConfig:

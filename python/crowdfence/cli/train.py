@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,13 +14,6 @@ if TYPE_CHECKING:
     from crowdfence.training.trainer import Checkup, Trained, TrainingPlan
 
 
-class TargetName(str, Enum):
-    """What the network marks."""
-
-    ground = "ground"
-    silhouettes = "silhouettes"
-
-
 def train(
     data: Annotated[
         list[Path], typer.Option("--data", help="Labelled mission to train on, or a folder of them; repeat.")
@@ -32,7 +24,7 @@ def train(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
     target: Annotated[
-        list[TargetName] | None,
+        list[options.LabelTarget] | None,
         typer.Option(
             "--target",
             help="Mark the ground under crowds or their silhouettes. Repeat to train both; the model holds "
@@ -42,11 +34,18 @@ def train(
     steps: Annotated[int | None, typer.Option("--steps", help="Steps in all.")] = None,
     batch: Annotated[int | None, typer.Option("--batch", help="Crops per step.")] = None,
     width: Annotated[float | None, typer.Option("--width", help="Scale of the channel counts.")] = None,
+    learning_rate: Annotated[
+        float | None, typer.Option("--learning-rate", help="Largest learning rate.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of weights and crops.")] = 0,
     store: Annotated[
         Path | None, typer.Option("--store", help="Folder for decoded frames. Default: beside the model.")
     ] = None,
     workers: Annotated[int, typer.Option("--workers", help="Processes that decode missions.")] = 2,
+    initial: Annotated[
+        Path | None,
+        typer.Option("--initial", help="Checkpoint of an earlier training to start from."),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -60,8 +59,12 @@ def train(
     from crowdfence.training.report import training_facts, write_report
     from crowdfence.training.trainer import train as train_network
 
-    plan = _plan(target, {"steps": steps, "batch": batch, "width": width}, seed)
-    paths, held_out = _missions(data), _missions(validation)
+    if not (initial is None or initial.is_file()):
+        raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
+    plan = _plan(
+        target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
+    )
+    paths, held_out = options.recordings_in(data), options.recordings_in(validation)
     twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
     if twice:
         raise ValueError(f"{min(twice)} is given for training and for validation; it can serve one only")
@@ -86,6 +89,7 @@ def train(
             plan,
             checkpoint=output.with_suffix(".checkpoint"),
             resume=resume,
+            initial=initial,
             on_step=lambda step: advance(),
             on_checkup=None if as_json else _tell,
         )
@@ -98,25 +102,14 @@ def train(
         _report(trained, plan, output)
 
 
-def _plan(target: list[TargetName] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
+def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
     from crowdfence.training.labels import TARGETS
     from crowdfence.training.trainer import TrainingPlan
 
-    wanted = [one.value for one in target or [TargetName.ground]]
+    wanted = [one.value for one in target or [options.LabelTarget.ground]]
     targets = tuple(one for name in wanted for one in TARGETS if one == name)
     chosen = {name: value for name, value in given.items() if value is not None}
     return TrainingPlan(targets=targets, seed=seed, **chosen)
-
-
-def _missions(places: list[Path]) -> list[Path]:
-    """The missions named or in the folders named. ValueError for a folder without any."""
-    missions: list[Path] = []
-    for place in places:
-        found = sorted(place.glob("*.mcap")) if place.is_dir() else [place]
-        if not found:
-            raise ValueError(f"{place} holds no mission (.mcap)")
-        missions += found
-    return missions
 
 
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:

@@ -29,7 +29,7 @@ class CalibrationPlan:
     target_height_m: float = 0.9
     """Height above ground at which it is projected."""
     max_range_m: float = 300.0
-    coverage: Literal["rays", "full"] = "full"
+    coverage: Literal["rays", "full"] = "rays"
     b_threshold: float = 0.5
     truth: Literal["auto", "world", "labels"] = "auto"
     """Truth of the voxels, see `LabelledProjection`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,11 +29,10 @@ from crowdfence.evaluation.calibration_data import (
     LabelledMission,
     LabelledMissions,
 )
-from crowdfence.evaluation.detector_quality import DetectorQuality, LabelledHeatmap, QualityReport
+from crowdfence.evaluation.detector_quality import QualityReport
 from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
-from crowdfence.evaluation.labelled_frames import cell_sampling, mission_groups
-from crowdfence.evaluation.labelled_projection import LabelledProjection
-from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter, VoxelRates
+from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
+from crowdfence.evaluation.voxel_rates import VoxelRates
 from crowdfence.sources.recording import Frame
 
 if TYPE_CHECKING:
@@ -105,19 +105,18 @@ def calibrate_model(
     missions = LabelledMissions(data, plan, on_frame)
     counts, frames = _count_logits(detector, missions)
     calibration = calibrate(counts)
-    measured = _measure(detector, missions, calibration.chosen)
-    completed = calibrated_contract(
-        contract, calibration, measured.after, measured.settings, plan.target_height_m
-    )
+    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen))
+    before, after = measured.rates or (None, None)
+    completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
     write_calibrated(graph, calibration.chosen, contract, completed, output)
     require_agreement(detector, Detector(output), calibration.chosen, missions.some_image())
     return ModelCalibration(
         completed,
         plan,
         calibration,
-        measured.quality.report(),
-        measured.before,
-        measured.after,
+        measured.quality,
+        before,
+        after,
         frames,
         tuple(missions.refused),
         tuple(_warnings(calibration, measured, missions)),
@@ -143,78 +142,12 @@ def _count_logits(
     return counts, frames
 
 
-class _Measured:
-    """Second pass: what is collected, and what came out."""
-
-    def __init__(self) -> None:
-        self.quality = DetectorQuality()
-        self.before: VoxelRates | None = None
-        self.after: VoxelRates | None = None
-        self.settings: ProjectionSettings | None = None
-        self.without_map: list[str] = []
+def _before_and_after(detector: Detector, chosen: LogitMap, frame: Frame) -> tuple[Heatmap, Heatmap]:
+    raw = detector(frame.image())
+    return raw, chosen.probability(raw)
 
 
-def _measure(detector: Detector, missions: LabelledMissions, chosen: LogitMap) -> _Measured:
-    """Quality of the corrected heatmaps, and rates per voxel observation before and after."""
-    plan, measured = missions.plan, _Measured()
-    counters = [VoxelRateCounter(b_threshold=plan.b_threshold) for _ in range(2)]
-    for mission in missions.opened(with_maps=True):
-        groups = mission_groups(mission.recording)
-        projection = _projection(mission, plan, measured)
-
-        def use(
-            frame: Frame,
-            mission: LabelledMission = mission,
-            groups: dict[str, str] = groups,
-            projection: LabelledProjection | None = projection,
-        ) -> None:
-            raw = detector(frame.image())
-            corrected = chosen.probability(raw)
-            unit = missions.unit(mission, frame)
-            mask, ignored = mission.mask_of(frame), mission.ignored(frame)
-            gsd_m = tilt_deg = None
-            if projection is not None and mission.terrain is not None:
-                gsd_m, tilt_deg = cell_sampling(frame, mission.terrain, corrected.shape, plan.max_range_m)
-                seen = [projection.observe(frame, heatmap) for heatmap in (raw, corrected)]
-                for counter, observation in zip(counters, seen, strict=True):
-                    counter.add(observation, mission.name, unit)
-            measured.quality.add(
-                LabelledHeatmap(corrected, mask, mission.name, ignored, gsd_m, tilt_deg, groups, unit)
-            )
-
-        missions.over_frames(mission, use)
-    if measured.settings is not None:
-        measured.before, measured.after = (counter.result() for counter in counters)
-    return measured
-
-
-def _projection(
-    mission: LabelledMission, plan: CalibrationPlan, measured: _Measured
-) -> LabelledProjection | None:
-    """None for a mission without a map. ValueError for voxels of another size than the missions before."""
-    if mission.terrain is None:
-        measured.without_map.append(mission.name)
-        return None
-    size_m = mission.terrain.voxel_size_m
-    if measured.settings is not None and not np.isclose(measured.settings.voxel_size_m, size_m):
-        raise ValueError(
-            f"the map of {mission.name} has voxels of {size_m:g} m, others have "
-            f"{measured.settings.voxel_size_m:g} m: rates per voxel hold for one size"
-        )
-    measured.settings = ProjectionSettings(size_m, plan.target_height_m, plan.max_range_m, plan.coverage)
-    return LabelledProjection(
-        mission.recording,
-        mission.terrain,
-        target_height_m=plan.target_height_m,
-        max_range_m=plan.max_range_m,
-        coverage=plan.coverage,
-        truth=plan.truth,
-        mask_of=mission.mask_of,
-        ignore_of=mission.ignore_of,
-    )
-
-
-def _warnings(calibration: Calibration, measured: _Measured, missions: LabelledMissions) -> Iterator[str]:
+def _warnings(calibration: Calibration, measured: PassResult, missions: LabelledMissions) -> Iterator[str]:
     if calibration.after is None:
         yield (
             "crowd in fewer than two missions: only a temperature was fitted, and nothing held out says "
@@ -222,7 +155,7 @@ def _warnings(calibration: Calibration, measured: _Measured, missions: LabelledM
         )
     if len(missions.paths) == 1:
         yield f"one mission only: intervals come from blocks of {BLOCK_S:g} s and do not cover other places"
-    if measured.settings is None:
+    if not measured.rates:
         yield "no recording comes with a map: no rates per voxel observation were measured"
     elif measured.without_map:
         yield f"without a map, not part of the rates: {', '.join(measured.without_map)}"

@@ -99,6 +99,7 @@ def train(
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
+    initial: Path | None = None,
     device: torch.device | None = None,
     on_step: Callable[[int], None] | None = None,
     on_checkup: Callable[[Checkup], None] | None = None,
@@ -107,9 +108,11 @@ def train(
 
     With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
-    machines give equal weights.
+    machines give equal weights. `initial` is the checkpoint of another training, whose best weights this one
+    starts from.
 
-    ValueError for missions without frames, a checkpoint of another plan, or a loss that is not finite.
+    ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
+    loss that is not finite.
     """
     device = device or default_device()
     if not validation:
@@ -117,6 +120,8 @@ def train(
     run = _Run(plan, device)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
+    elif initial is not None:
+        run.start_from(initial)
     sampler = CropSampler(missions, plan.crops)
     if not len(sampler):
         raise ValueError("the training missions hold no usable frame")
@@ -189,6 +194,18 @@ class _Run:
         self.step = 0
         self.history: list[Checkup] = []
         self.best_state: dict[str, Any] = {}
+
+    def start_from(self, path: Path) -> None:
+        """The best weights of another training."""
+        state = torch.load(path, map_location=self._device, weights_only=True)
+        for name in ("targets", "width"):
+            if state["plan"][name] != getattr(self._plan, name):
+                raise ValueError(
+                    f"{path} was trained with {name} {state['plan'][name]}, wanted is "
+                    f"{getattr(self._plan, name)}"
+                )
+        self.network.load_state_dict(state["best"])
+        self.average.network.load_state_dict(state["best"])
 
     @property
     def best(self) -> Checkup:
