@@ -122,7 +122,7 @@ def test_an_overconfident_model_is_calibrated_and_described(
     assert (rates["per"], rates["voxel_size_m"], rates["missions"]) == ("voxel observation", 2.0, 3)
     assert 0.0 < rates["false_positive"]["rate"] < rates["true_positive"]["rate"] < 1.0
     assert after.contract.calibration is not None and after.contract.calibration["method"] == report["chosen"]
-    assert after.contract.validity is not None and after.contract.target_height_m == 0.9
+    assert after.contract.validity is not None and after.contract.target_height_m == 0.6
     assert {entry.key for entry in onnx.load(str(output)).metadata_props} == {"author", "crowdfence"}
 
     image = open_recording(data[0]).frames[0].image()

@@ -10,7 +10,7 @@ from crowdfence import Camera, Terrain
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
 from crowdfence.training.frame_store import store_missions
-from crowdfence.training.labels import CrowdRule, cell_labels
+from crowdfence.training.labels import cell_labels
 
 # 20 m above the plain with a focal length of 80 px, a cell of 4 px covers 1 m; the image covers 40 x 30 m and
 # cell (row, column) lies 40 + column east and 75 - row north (its lower edge at 74 - row).
@@ -56,7 +56,7 @@ def recording(
 
 
 def ground(of: Recording) -> tuple[np.ndarray, np.ndarray]:
-    labels = cell_labels("ground", of.frames[0], of, PLAIN, CrowdRule())
+    labels = cell_labels("ground", of.frames[0], of, PLAIN)
     return labels.crowd, labels.known
 
 
@@ -99,7 +99,7 @@ def test_ground_labels_need_a_map_and_people():
     with pytest.raises(FrameError, match="does not say where the people are"):
         ground(nobody_knows)
     with pytest.raises(ValueError, match="without a map"):
-        cell_labels("ground", nobody_knows.frames[0], nobody_knows, None, CrowdRule())
+        cell_labels("ground", nobody_knows.frames[0], nobody_knows, None)
 
 
 def test_silhouettes_are_shares_of_cells():
@@ -107,16 +107,16 @@ def test_silhouettes_are_shares_of_cells():
     regions[8:12, 20:22] = 3  # half of cell (2, 5)
     regions[40, 40] = 1  # a sixteenth of cell (10, 10)
     of = recording(None, regions=regions)
-    crowd, known = cell_labels("silhouettes", of.frames[0], of, None, CrowdRule())
+    crowd, known = cell_labels("silhouettes", of.frames[0], of, None)
     assert crowd[2, 5] == 128 and crowd[10, 10] == 16
     assert np.count_nonzero(crowd) == 2 and known.all()
 
 
-def test_the_rule_of_a_simulated_mission_is_its_scenarios():
-    plain = recording(None)
-    assert CrowdRule.of(plain) == CrowdRule(3, 2.0)
-    plain.manifest["simulation"] = {"scenario": {"crowd_definition": {"min_people": 5, "radius_m": 1.5}}}
-    assert CrowdRule.of(plain) == CrowdRule(5, 1.5)
+def test_the_missions_own_rule_says_what_a_crowd_is():
+    of = recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5)))
+    of.manifest["simulation"] = {"scenario": {"crowd_definition": {"min_people": 4, "radius_m": 2.0}}}
+    crowd, _ = ground(of)
+    assert not crowd.any()
 
 
 DEMO = Path(__file__).parent.parent / "python" / "crowdfence" / "demo_data" / "race.mcap"

@@ -1,8 +1,8 @@
 """Which target is better once it lies on the terrain: `python compare_targets.py CHECKPOINT MISSION...`.
 
 Reads a checkpoint that was trained on both targets, projects each output with the true poses onto the map of
-the mission and compares voxel by voxel with where the crowds stand: from single views, and from the mean of all
-views of an instant. Silhouettes are projected at several target heights.
+the mission and compares voxel by voxel with where the crowds stand: from single views, and from the mean of
+all views of an instant. Silhouettes are projected at several target heights.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 import torch
 
 from crowdfence import View, project
+from crowdfence.evaluation.labelled_projection import crowd_definition, true_camera_pose
 from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
-from crowdfence.training.labels import CrowdRule
 from crowdfence.training.network import CrowdNet
 
 MAX_RANGE_M = 150.0
@@ -36,7 +36,7 @@ def compare(checkpoint: Path, missions: list[Path]) -> dict[str, dict[str, float
     counts: dict[tuple[str, str], list[int]] = defaultdict(lambda: [0, 0])
     for path in missions:
         recording = open_recording(path)
-        terrain, rule = open_terrain(recording, None), CrowdRule.of(recording)
+        terrain, definition = open_terrain(recording, None), crowd_definition(recording.manifest)
         for instant in recording.instants(150.0):
             looks = defaultdict(list)
             for frame in instant.frames:
@@ -44,10 +44,8 @@ def compare(checkpoint: Path, missions: list[Path]) -> dict[str, dict[str, float
                 heatmaps = torch.sigmoid(network(pixels))[0].numpy()
                 people = recording.people_truth(frame.exposure_ns(), max_gap_s=0.5)
                 assert people is not None
-                truth = truth_from_positions(
-                    people.position, terrain, rule.radius_m, rule.min_people, off_terrain="ignore"
-                )
-                pose = frame.true_pose().world_from_camera()
+                truth = truth_from_positions(people.position, terrain, **definition, off_terrain="ignore")
+                pose = true_camera_pose(frame)
                 for target, heatmap in zip(targets, heatmaps, strict=True):
                     view = View(frame.drone, frame.stamp_ns, frame.camera, pose, heatmap)
                     for height_m in HEIGHTS_M[target]:

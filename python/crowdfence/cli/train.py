@@ -115,6 +115,7 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:
     from crowdfence import __version__
     from crowdfence.detector.contract import Contract
+    from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
     from crowdfence.training.labels import STRIDE
     from crowdfence.training.network import MULTIPLE_OF
 
@@ -136,11 +137,6 @@ def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:
             "about": {"marks": plan.targets[0], "parameters": facts["parameters"], "seed": plan.seed},
         }
     )
-
-
-TARGET_HEIGHT_M = {"ground": 0.0, "silhouettes": 0.6}
-"""Height of what is marked above the ground: silhouettes project best from a little below their middle, see
-training/README.md."""
 
 
 def _tell(checkup: Checkup) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.frame_labels import Target, label_functions
+from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M, Target, label_functions
 from crowdfence.evaluation.labelled_projection import MaskOf
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
@@ -26,7 +26,7 @@ class CalibrationPlan:
 
     target: Target = "silhouettes"
     """What the heatmap is to mark."""
-    target_height_m: float = 0.9
+    target_height_m: float = TARGET_HEIGHT_M["silhouettes"]
     """Height above ground at which it is projected."""
     max_range_m: float = 300.0
     coverage: Literal["rays", "full"] = "rays"

@@ -8,11 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.labelled_projection import MaskOf, crowd_definition
+from crowdfence.evaluation.ground_labels import GroundCells, ground_cells
+from crowdfence.evaluation.labelled_projection import MaskOf
 from crowdfence.evaluation.replay import crowd_mask, has_truth
 from crowdfence.sources.recording import Frame, FrameError, Recording
 
 Target = Literal["silhouettes", "ground"]
+
+TARGET_HEIGHT_M: dict[str, float] = {"silhouettes": 0.6, "ground": 0.0}
+"""Height above ground at which a target is best projected, as measured by `training/compare_targets.py`:
+silhouettes a little below the middle of the body, since the feet stand on the ground that is meant."""
 
 
 def label_functions(
@@ -47,22 +52,16 @@ class _GroundLabels:
     """Labels of the ground, kept for the frame that was asked for last."""
 
     def __init__(self, recording: Recording, terrain: Terrain) -> None:
-        from crowdfence.training.labels import CrowdRule
-
         self._recording, self._terrain = recording, terrain
-        self._rule = CrowdRule(**crowd_definition(recording.manifest))
-        self._last: tuple[Frame, NDArray[np.bool_], NDArray[np.bool_]] | None = None
+        self._last: tuple[Frame, GroundCells] | None = None
 
     def crowd(self, frame: Frame) -> NDArray[np.bool_]:
-        return self._of(frame)[1]
+        return self._of(frame).crowd
 
     def unknown(self, frame: Frame) -> NDArray[np.bool_]:
-        return self._of(frame)[2]
+        return ~self._of(frame).known
 
-    def _of(self, frame: Frame) -> tuple[Frame, NDArray[np.bool_], NDArray[np.bool_]]:
-        from crowdfence.training.labels import cell_labels
-
+    def _of(self, frame: Frame) -> GroundCells:
         if self._last is None or self._last[0] is not frame:
-            labels = cell_labels("ground", frame, self._recording, self._terrain, self._rule)
-            self._last = frame, labels.crowd > 127, ~labels.known
-        return self._last
+            self._last = frame, ground_cells(frame, self._recording, self._terrain)
+        return self._last[1]

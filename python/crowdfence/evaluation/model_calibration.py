@@ -31,15 +31,13 @@ from crowdfence.evaluation.calibration_data import (
 )
 from crowdfence.evaluation.detector_quality import QualityReport
 from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
 from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
 from crowdfence.evaluation.voxel_rates import VoxelRates
 from crowdfence.sources.recording import Frame
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
-
-TARGET_HEIGHT_M = {"silhouettes": 0.9, "ground": 0.0}
-"""Where neither caller nor contract says: the middle of a standing person, the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

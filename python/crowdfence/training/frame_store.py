@@ -6,14 +6,14 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.training.labels import STRIDE, CrowdRule, Target, cell_labels
+from crowdfence.training.labels import STRIDE, Target, cell_labels
 
 _FORMAT = 2
 
@@ -79,7 +79,6 @@ def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
     if not recording.frames:
         raise ValueError(f"{path} holds no usable frame")
     terrain = open_terrain(recording, None) if "ground" in targets else None
-    rule = CrowdRule.of(recording)
     sizes = {(frame.camera.height, frame.camera.width) for frame in recording.frames}
     if len(sizes) > 1:
         raise ValueError(f"{path} holds frames of several sizes: {sorted(sizes)}")
@@ -88,7 +87,7 @@ def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
     kept, skipped = 0, []
     for frame in recording.frames:
         try:
-            labels = [cell_labels(target, frame, recording, terrain, rule) for target in targets]
+            labels = [cell_labels(target, frame, recording, terrain) for target in targets]
             arrays.images[kept] = frame.image()[:height, :width]
         except FrameError as error:
             skipped.append(str(error))
@@ -98,7 +97,7 @@ def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
         kept += 1
     if not kept:
         raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
-    facts = {"name": path.stem, "frames": kept, "skipped": skipped, "rule": asdict(rule)}
+    facts = {"name": path.stem, "frames": kept, "skipped": skipped}
     description.write_text(json.dumps(facts))
     return part
 
