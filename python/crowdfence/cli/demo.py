@@ -23,8 +23,10 @@ def demo(
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
     from crowdfence import pipeline
+    from crowdfence.heatmap_source import choose_detector
     from crowdfence.sources import open_recording
 
     recording = open_recording(RECORDING)
     terrain = pipeline.open_terrain(recording, None)
-    fuse_and_report(recording, terrain, CONFIG, output, detector=None, as_json=as_json)
+    detector = choose_detector(recording, "auto")
+    fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)

@@ -31,7 +31,7 @@ class TrainingPlan:
     targets: tuple[Target, ...] = ("ground",)
     width: float = 1.0
     """Scale of the channel counts; 1 is crowdnet-s."""
-    steps: int = 9_000
+    steps: int = 10_000
     batch: int = 16
     learning_rate: float = 3e-3
     warm_up_steps: int = 200
@@ -40,8 +40,8 @@ class TrainingPlan:
     calm_share: float = 0.2
     """Share of the steps at the end without Dice, which would leave the network too sure of itself."""
     average_decay: float = 0.998
-    validate_every: int = 1_000
-    patience: int = 4
+    validate_every: int = 500
+    patience: int = 8
     """Validations without improvement before training stops; counted outside the calm steps."""
     seed: int = 0
     crops: CropPlan = field(default_factory=CropPlan)
