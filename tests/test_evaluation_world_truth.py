@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.world_truth import crowds_of, truth_from_positions
+from crowdfence.evaluation.crowd_ground import CrowdGround, crowds_of
+from crowdfence.evaluation.world_truth import truth_from_positions
 
 # Flat ground of 1 m voxels whose top lies at z = 1, and a deck above it whose top lies at z = 11.
 TWO_LEVELS = np.zeros((20, 20, 11), np.bool_)
@@ -20,6 +21,8 @@ def at(*places: tuple[float, float], z: float = 1.0) -> NDArray[np.float64]:
 
 
 def crowd_voxels(positions: NDArray[np.float64], **options: object) -> set[tuple[int, ...]]:
+    """With half a metre around each person, which keeps rows of people inside rows of voxels."""
+    options = {"person_radius_m": 0.5} | options
     truth = truth_from_positions(positions, TERRAIN, 2.0, 3, **options)  # type: ignore[arg-type]
     return {tuple(index) for index in TERRAIN.voxel_indices(np.flatnonzero(truth))}
 
@@ -58,6 +61,26 @@ def test_the_ground_between_people_belongs_to_the_crowd() -> None:
     """Three people 2 m apart. At the middle between two, a disc of 2 m that keeps 0.5 m from both would need
     its centre more than sqrt(2.5^2 - 1) = 2.29 m away: closed. One metre beside the row it fits: open."""
     assert crowd_voxels(at((5.5, 5.5), (7.5, 5.5), (9.5, 5.5))) == {(i, 5, 0) for i in range(5, 10)}
+
+
+def test_the_outline_of_the_ground() -> None:
+    """A disc of 2 m that touches the discs of 1 m around two people 2 m apart has its centre
+    sqrt(3^2 - 1^2) = 2.828 m beside the middle between them: the gap is closed up to 0.828 m away."""
+    row = CrowdGround(at((5.5, 5.5), (7.5, 5.5), (9.5, 5.5)), 2.0, 1.0, 0.0625)
+    inside = np.array([[6.5, 6.26], [6.5, 4.74], [8.5, 6.26], [5.5, 6.44], [10.44, 5.5], [4.56, 5.5]])
+    outside = np.array([[6.5, 6.40], [6.5, 4.60], [8.5, 6.40], [5.5, 6.56], [10.56, 5.5], [4.44, 5.5]])
+    assert row.contains(inside).all() and not row.contains(outside).any()
+    assert not row.contains(np.array([[-1e6, 5.5], [6.5, 1e6]])).any()
+
+
+def test_the_ground_rises_with_the_feet() -> None:
+    """Between two people the height is the mean of theirs; at one of them, 2 m from the other, the weights
+    are 1 / 0.05 and 1 / 4.05."""
+    pair = CrowdGround(np.array([[0.0, 0.0, 10.0], [2.0, 0.0, 11.0]]), 2.0, 1.0, 0.125)
+    at_first = (10.0 / 0.05 + 11.0 / 4.05) / (1.0 / 0.05 + 1.0 / 4.05)
+    np.testing.assert_allclose(pair.height_m(np.array([[1.0, 0.0], [0.0, 0.0]])), [10.5, at_first])
+    np.testing.assert_array_equal(pair.nearest_feet_m(np.array([[0.9, 5.0], [1.1, 5.0]])), [10.0, 11.0])
+    np.testing.assert_allclose(pair.distance_m(np.array([[0.0, 3.0], [2.0, -4.0]])), [3.0, 4.0])
 
 
 def test_a_crowd_on_the_deck_leaves_the_ground_below_alone() -> None:
@@ -100,7 +123,7 @@ def test_people_off_the_terrain() -> None:
         ({"positions_enu": np.full((3, 3), np.nan)}, "positions must be finite"),
         ({"radius_m": 0.0}, "radius_m must be positive and finite, got 0"),
         ({"min_people": 0}, "min_people must be at least 1, got 0"),
-        ({"body_radius_m": -1.0}, "body_radius_m must be positive"),
+        ({"person_radius_m": -1.0}, "person_radius_m must be positive"),
         ({"off_terrain": "drop"}, 'off_terrain must be "refuse" or "ignore"'),
     ],
 )

@@ -1,4 +1,8 @@
-"""The ground that crowds stand on, as it appears from a drone: cells of the image that are crowd."""
+"""The ground that crowds stand on, as it appears from a drone: cells of the image that are crowd.
+
+The outline is that of the people, not of any voxels: cut to voxels it has steps that no image shows, and as
+labels the two agree with each other only to an IoU of .81 to .88.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.evaluation.crowd_ground import CrowdGround, crowd_grounds
 from crowdfence.evaluation.labelled_projection import MAX_PEOPLE_GAP_S, crowd_definition, true_camera_pose
-from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.sources.recording import Frame, FrameError, Recording
 
 STRIDE = 4
@@ -18,53 +22,102 @@ STRIDE = 4
 MAX_RANGE_M = 300.0
 """Ground farther away is not labelled."""
 
+_RAYS = 2
+"""Rays per cell along each axis."""
+
+_PIXEL_M = 0.125
 _HIDDEN_FROM = 0.9
 _HIDDEN_SLACK_M = 1.0
+_ONTO_GROUND_STEPS = 5
+_ONTO_GROUND_M = 0.1
 
 
 class GroundCells(NamedTuple):
     """Labels [H // 4, W // 4] of one image."""
 
-    crowd: NDArray[np.bool_]
+    share: NDArray[np.float32]
+    """Share of the cell that shows ground of a crowd."""
     known: NDArray[np.bool_]
     """False where a crowd stands but something hides the place: no detector can be asked about that."""
 
+    @property
+    def crowd(self) -> NDArray[np.bool_]:
+        """Cells that show a crowd's ground in half of their rays or more."""
+        return np.asarray(self.share >= 0.5)
+
 
 def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> GroundCells:
-    """A cell is crowd when the ray through its centre, with all people and things taken away, meets a voxel
-    that a crowd stands on (`truth_from_positions`). Such a label projects to where it belongs, while
-    silhouettes smear over the ground behind the people. What a tree, car or tent hides is unknown where it is
-    crowd.
+    """A ray is crowd when, with all people and things taken away, it meets the ground of a crowd
+    (`CrowdGround`). Such a label projects to where it belongs, while silhouettes smear over the ground behind
+    the people. What a tree, car or tent hides is unknown where it is crowd.
 
     FrameError when the frame's truth (people, pose, depth, instances) is missing or cannot be read.
     """
     people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
     if people is None:
         raise FrameError(frame.drone, frame.stamp_ns, "the recording does not say where the people are")
-    crowd_voxels = truth_from_positions(
-        people.position, terrain, **crowd_definition(recording.manifest), off_terrain="ignore"
-    )
-    rows, columns = frame.camera.height // STRIDE, frame.camera.width // STRIDE
+    definition = crowd_definition(recording.manifest)
+    reach_m = definition["radius_m"] + terrain.voxel_size_m
+    rows, columns = _RAYS * (frame.camera.height // STRIDE), _RAYS * (frame.camera.width // STRIDE)
     world_from_camera = true_camera_pose(frame)
-    rays = frame.camera.unproject(_cell_centres(rows, columns))
+    rays = frame.camera.unproject(_ray_pixels(rows, columns))
     directions = rays @ world_from_camera[:3, :3].T
     origins = np.broadcast_to(world_from_camera[:3, 3], directions.shape)
     ids, distance_m = terrain.raycast(origins, directions, MAX_RANGE_M)
-    crowd = ((ids >= 0) & crowd_voxels[ids]).reshape(rows, columns)
-    hidden = _hidden(frame, (distance_m * rays[:, 2]).reshape(rows, columns))
-    return GroundCells(crowd, ~(crowd & hidden))
+    met = np.flatnonzero(ids >= 0)
+    points = origins[met] + directions[met] * distance_m[met, None]
+    on_crowd = np.zeros(rows * columns, np.bool_)
+    for _, ground in crowd_grounds(people.position, **definition, pixel_m=_PIXEL_M):
+        on_crowd[met] |= _on_ground(ground, points, directions[met], reach_m)
+    crowd = on_crowd.reshape(rows, columns)
+    hidden = crowd & _hidden(frame, (distance_m * rays[:, 2]).reshape(rows, columns))
+    return GroundCells(_cell_means(crowd), _cell_means(hidden) < 0.5)
 
 
-def _cell_centres(rows: int, columns: int) -> NDArray[np.float64]:
-    """Pixel coordinates [rows * columns, 2] of the centres of the cells, row by row."""
-    v, u = np.meshgrid((np.arange(rows) + 0.5) * STRIDE, (np.arange(columns) + 0.5) * STRIDE, indexing="ij")
+def _ray_pixels(rows: int, columns: int) -> NDArray[np.float64]:
+    """Pixel coordinates [rows * columns, 2] that rays go through, row by row."""
+    step = STRIDE / _RAYS
+    v, u = np.meshgrid((np.arange(rows) + 0.5) * step, (np.arange(columns) + 0.5) * step, indexing="ij")
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
 
+def _on_ground(
+    ground: CrowdGround, points: NDArray[np.float64], directions: NDArray[np.float64], reach_m: float
+) -> NDArray[np.bool_]:
+    """Whether rays [N, 3] that meet the voxels of the terrain at `points` meet the ground of one crowd.
+
+    A voxel's faces stand up to its size above the ground in it, which at a low tilt is metres away along the
+    ray. So the points are moved along their rays onto the ground as the feet of the people tell it.
+    """
+    result = np.zeros(len(points), np.bool_)
+    inside = ((points[:, :2] >= ground.low - 2 * reach_m) & (points[:, :2] <= ground.high + 2 * reach_m)).all(
+        axis=1
+    )
+    near = np.flatnonzero(inside)
+    near = near[ground.distance_m(points[near, :2]) <= 2 * reach_m]
+    moved, along = points[near], directions[near]
+    level = np.abs(moved[:, 2] - ground.height_m(moved[:, :2])) <= reach_m
+    near, moved, along = near[level], moved[level], along[level]
+    for _ in range(_ONTO_GROUND_STEPS):
+        above_m = moved[:, 2] - ground.height_m(moved[:, :2])
+        step = np.where(along[:, 2] < 0.0, above_m / np.minimum(along[:, 2], -1e-3), 0.0)
+        moved = moved - along * np.clip(step, -reach_m, reach_m)[:, None]
+    arrived = np.abs(moved[:, 2] - ground.height_m(moved[:, :2])) <= _ONTO_GROUND_M
+    result[near] = ground.contains(np.where(arrived[:, None], moved, points[near])[:, :2])
+    return result
+
+
 def _hidden(frame: Frame, terrain_depth_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Cells [h, w] at whose centre something that is no person stands well before the terrain."""
+    """Rays [rows, columns] on which something that is no person stands well before the terrain."""
     rows, columns = terrain_depth_m.shape
-    centre = np.ix_(np.arange(rows) * STRIDE + STRIDE // 2, np.arange(columns) * STRIDE + STRIDE // 2)
-    depth_m, person = frame.depth_m()[centre], frame.instances()[centre]
+    pixel = [
+        np.floor((np.arange(count) + 0.5) * STRIDE / _RAYS).astype(np.int64) for count in (rows, columns)
+    ]
+    depth_m, person = frame.depth_m()[np.ix_(*pixel)], frame.instances()[np.ix_(*pixel)]
     nearer = depth_m < _HIDDEN_FROM * terrain_depth_m - _HIDDEN_SLACK_M
     return np.asarray(nearer & (person == 0))
+
+
+def _cell_means(rays: NDArray[np.bool_]) -> NDArray[np.float32]:
+    rows, columns = (side // _RAYS for side in rays.shape)
+    return rays.reshape(rows, _RAYS, columns, _RAYS).mean(axis=(1, 3), dtype=np.float32)

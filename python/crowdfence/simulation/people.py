@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from crowdfence.evaluation.world_truth import crowds_of
+from crowdfence.evaluation.crowd_ground import crowds_of
 from crowdfence.simulation.appearance import appearance
 from crowdfence.simulation.crowd_motion import CrowdMotion
 from crowdfence.simulation.crowd_placement import place_crowd

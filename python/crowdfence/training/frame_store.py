@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from crowdfence.training.labels import STRIDE, Target, cell_labels
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)

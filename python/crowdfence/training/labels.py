@@ -35,7 +35,7 @@ def cell_labels(target: Target, frame: Frame, recording: Recording, terrain: Ter
         if terrain is None:
             raise ValueError(f"{recording.name} comes without a map, which the target 'ground' needs")
         cells = ground_cells(frame, recording, terrain)
-        return CellLabels(cells.crowd.astype(np.uint8) * np.uint8(255), cells.known)
+        return CellLabels(np.rint(cells.share * 255.0).astype(np.uint8), cells.known)
     raise ValueError(f"target is {target!r}; it must be one of {', '.join(TARGETS)}")
 
 
