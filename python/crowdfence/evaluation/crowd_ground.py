@@ -61,9 +61,10 @@ class CrowdGround:
 
     def height_m(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height [N] of the ground, from the feet of the nearest people, the nearer the more."""
-        distance_m, who = self._tree.query(xy, k=min(_HEIGHT_NEIGHBOURS, len(self._feet)))
-        weight = 1.0 / (distance_m.reshape(len(xy), -1) ** 2 + _HEIGHT_SOFTENING_M2)
-        return np.asarray((weight * self._feet[who.reshape(len(xy), -1), 2]).sum(axis=1) / weight.sum(axis=1))
+        nearest = np.arange(1, min(_HEIGHT_NEIGHBOURS, len(self._feet)) + 1)
+        distance_m, who = self._tree.query(xy, k=nearest)
+        weight = 1.0 / (distance_m**2 + _HEIGHT_SOFTENING_M2)
+        return np.asarray((weight * self._feet[who, 2]).sum(axis=1) / weight.sum(axis=1))
 
     def _discs(self, shape: NDArray[np.int64], person_radius_m: float) -> NDArray[np.bool_]:
         """Pixels whose centre lies within `person_radius_m` of a person."""
