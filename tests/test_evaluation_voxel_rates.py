@@ -19,7 +19,7 @@ from crowdfence.evaluation.labelled_projection import (
 )
 from crowdfence.evaluation.likelihood_ratio import BORROWED, likelihood_ratio
 from crowdfence.evaluation.observed_range import ObservedRange
-from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter, voxel_rates
+from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
 
@@ -200,7 +200,7 @@ def test_the_middle_holds_its_share(values: list[float]) -> None:
 
 # A camera 20 m above a plane, looking straight down: voxel (i, j) of 1 m fills 5 x 5 pixels exactly.
 SIDE, HEIGHT_M, FOCAL = 20, 20.0, 100.0
-CROWD_FEET = np.array([[5.5, 5.5, 0.0], [6.5, 5.5, 0.0], [5.5, 6.5, 0.0], [6.5, 6.5, 0.0], [15.5, 15.5, 0.0]])
+CROWD_FEET = np.array([[5.8, 5.8, 0.0], [6.2, 5.8, 0.0], [5.8, 6.2, 0.0], [6.2, 6.2, 0.0], [15.5, 15.5, 0.0]])
 
 
 def plane() -> Terrain:
@@ -266,17 +266,13 @@ def test_rates_of_a_recording_with_world_truth() -> None:
     values = np.zeros((SIDE, SIDE))
     values[5:7, 5] = values[15, 15] = 1.0
     source = recording(frame, CROWD_FEET)
-    result = voxel_rates(
-        [source],
-        lambda _: on_the_plane(values).astype(np.float32),
-        lambda _: plane(),
-        target_height_m=0.0,
-        max_range_m=100.0,
-    )
+    projection = LabelledProjection(source, plane(), target_height_m=0.0, max_range_m=100.0)
+    counter = VoxelRateCounter()
+    counter.add(projection.observe(frame, on_the_plane(values).astype(np.float32)), "one mission")
+    result = counter.result()
     assert (result.crowd_observations, result.empty_observations) == (4, 396)
     assert result.rates.true_positive.value == pytest.approx(2.5 / 5)
     assert result.rates.false_positive.value == pytest.approx(1.5 / 397)
-    assert source.refused == []
 
 
 def test_labels_are_the_truth_where_nobody_was_recorded() -> None:
@@ -297,11 +293,9 @@ def test_labels_are_the_truth_where_nobody_was_recorded() -> None:
 def test_frames_without_truth_are_refused_with_their_reason() -> None:
     frame = looking_down(np.zeros((100, 100), np.bool_))
     source = recording(frame, CROWD_FEET)  # the world is recorded, but not when the frame was exposed
-    with pytest.raises(ValueError, match="no observations"):
-        voxel_rates(
-            [source], lambda _: np.zeros((4, 4)), lambda _: plane(), target_height_m=0.0, max_range_m=99
-        )
-    assert [refused.reason for refused in source.refused] == ["has no true time"]
+    projection = LabelledProjection(source, plane(), target_height_m=0.0, max_range_m=99.0)
+    with pytest.raises(FrameError, match="has no true time"):
+        projection.observe(frame, np.zeros((4, 4)))
     with pytest.raises(ValueError, match="does not record where people are"):
         LabelledProjection(recording(frame), plane(), target_height_m=0.0, max_range_m=99.0, truth="world")
     labelled = LabelledProjection(recording(frame), plane(), target_height_m=0.0, max_range_m=99.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crowdfence.evaluation.calibration_data import CalibrationPlan, LabelledMission, LabelledMissions
 from crowdfence.evaluation.detector_quality import DetectorQuality, LabelledHeatmap, QualityReport
-from crowdfence.evaluation.labelled_frames import cell_sampling, mission_groups
+from crowdfence.evaluation.frame_context import cell_sampling, mission_groups
 from crowdfence.evaluation.labelled_projection import LabelledProjection
 from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter, VoxelRates
 from crowdfence.sources.recording import Frame

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.evaluation.bin_edges import increasing_edges
-from crowdfence.evaluation.labelled_projection import LabelledObservation, LabelledProjection, MaskOf
+from crowdfence.evaluation.labelled_projection import LabelledObservation
 from crowdfence.evaluation.likelihood_ratio import CROWD, EMPTY, LikelihoodRatio, likelihood_ratio
 from crowdfence.evaluation.observed_range import ObservedRange
 from crowdfence.evaluation.unit_bootstrap import RESAMPLES, Estimate, bootstrap_interval
-from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
-
-if TYPE_CHECKING:
-    from crowdfence._core import Terrain
 
 DISTANCE_EDGES_M = (0.0, 20.0, 35.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
 TILT_EDGES_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
@@ -172,48 +167,6 @@ class VoxelRateCounter:
             ),
             {name: _plain_range(spread) for name, spread in self._spread.items()},
         )
-
-
-def voxel_rates(
-    recordings: Iterable[Recording],
-    heatmap_of: Callable[[Frame], NDArray[Any]],
-    terrain_of: Callable[[Recording], Terrain],
-    *,
-    target_height_m: float,
-    max_range_m: float,
-    coverage: Literal["rays", "full"] = "full",
-    truth: Literal["auto", "world", "labels"] = "auto",
-    mask_of: MaskOf | None = None,
-    ignore_of: MaskOf | None = None,
-    counter: VoxelRateCounter | None = None,
-) -> VoxelRates:
-    """Rates over recordings with truth, one frame and one terrain in memory at a time.
-
-    `heatmap_of` is a detector (`lambda frame: detector(frame.image())`) or `Frame.heatmap` for recorded ones.
-    `counter` sets thresholds and bins and may hold counts already. Every recording is a mission of its own.
-    The other arguments are those of `LabelledProjection`. Frames that cannot be used are added to the
-    recording's `refused`. ValueError when nothing was measured (`VoxelRateCounter.result`).
-    """
-    counter = counter or VoxelRateCounter()
-    for number, recording in enumerate(recordings):
-        projection = LabelledProjection(
-            recording,
-            terrain_of(recording),
-            target_height_m=target_height_m,
-            max_range_m=max_range_m,
-            coverage=coverage,
-            truth=truth,
-            mask_of=mask_of,
-            ignore_of=ignore_of,
-        )
-        for frame in recording.frames:
-            try:
-                seen = projection.observe(frame, heatmap_of(frame))
-            except FrameError as error:
-                recording.refused.append(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
-                continue
-            counter.add(seen, f"{number} {recording.name}")
-    return counter.result()
 
 
 def _rate_pair(called: NDArray[np.float64], resamples: int, seed: int) -> RatePair:
