@@ -15,7 +15,8 @@ from crowdfence.training.crops import CropPlan, CropSampler  # noqa: E402
 from crowdfence.training.frame_store import StoredMission  # noqa: E402
 from crowdfence.training.loss import crowd_loss  # noqa: E402
 from crowdfence.training.network import CrowdNet  # noqa: E402
-from crowdfence.training.trainer import TrainingPlan, train  # noqa: E402
+from crowdfence.training.plan import TrainingPlan  # noqa: E402
+from crowdfence.training.trainer import train  # noqa: E402
 from crowdfence.training.validation import validate  # noqa: E402
 
 CPU = torch.device("cpu")

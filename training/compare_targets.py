@@ -1,8 +1,10 @@
-"""Which target is better once it lies on the terrain: `python compare_targets.py CHECKPOINT MISSION...`.
+"""Which heatmaps are better once on the terrain: `python compare_targets.py CHECKPOINT RECORDING...`.
 
-Reads a checkpoint that was trained on both targets, projects each output with the true poses onto the map of
-the mission and compares voxel by voxel with where the crowds stand: from single views, and from the mean of
-all views of an instant. Silhouettes are projected at several target heights.
+Reads a checkpoint that was trained on both targets, projects each output, and the heatmaps that the recording
+itself holds, with the true poses onto its map, and compares voxel by voxel with where the crowds stand: from
+single views, and from the mean of all views of an instant. What marks bodies and not ground is projected at
+several target heights. `--people` names the positions of people where the recording lacks them: an .npz
+with `stamp_ns` [N] and `position_enu` [N, P, 3].
 """
 
 from __future__ import annotations
@@ -10,69 +12,123 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from crowdfence import View, project
 from crowdfence.evaluation.labelled_projection import crowd_definition, true_camera_pose
 from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
+from crowdfence.sources.recording import Frame, Recording
 from crowdfence.training.network import CrowdNet
 
 MAX_RANGE_M = 150.0
-HEIGHTS_M = {"ground": (0.0,), "silhouettes": (0.0, 0.4, 0.6, 0.9)}
+BODY_HEIGHTS_M = (0.0, 0.4, 0.6, 0.9)
+THRESHOLDS = np.round(np.arange(0.1, 0.91, 0.1), 1)
+
+PeopleAt = Callable[[Frame], NDArray[Any]]
+HeatmapsOf = Callable[[Frame], dict[str, NDArray[Any]]]
 
 
-@torch.no_grad()
-def compare(checkpoint: Path, missions: list[Path]) -> dict[str, dict[str, float]]:
-    """IoU over all seen voxels of all missions, per target and height, one view and all views."""
-    state = torch.load(checkpoint, weights_only=True)
-    targets = state["plan"]["targets"]
-    network = CrowdNet(len(targets), width=state["plan"]["width"]).eval()
-    network.load_state_dict(state["best"])
-    counts: dict[tuple[str, str], list[int]] = defaultdict(lambda: [0, 0])
-    for path in missions:
-        recording = open_recording(path)
+class Agreement:
+    """Voxels called crowd at each threshold, voxels that are crowd, and both."""
+
+    def __init__(self) -> None:
+        self.both, self.either = np.zeros(len(THRESHOLDS)), np.zeros(len(THRESHOLDS))
+
+    def add(self, mean: NDArray[np.float64], crowd: NDArray[np.bool_]) -> None:
+        called = mean > THRESHOLDS[:, None]
+        self.both += (called & crowd).sum(axis=1)
+        self.either += (called | crowd).sum(axis=1)
+
+    def to_json(self) -> dict[str, float]:
+        """IoU at 0.5 and at the threshold that is best for it."""
+        iou = self.both / np.maximum(self.either, 1)
+        best = int(iou.argmax())
+        return {
+            "at 0.5": round(float(iou[THRESHOLDS == 0.5][0]), 4),
+            f"at {THRESHOLDS[best]}": round(float(iou[best]), 4),
+        }
+
+
+def compare(
+    recordings: list[Recording], heatmaps_of: HeatmapsOf, people_at: PeopleAt | None
+) -> dict[str, dict[str, dict[str, float]]]:
+    """IoU over all seen voxels of all recordings, by heatmap and height, from one view and from all views."""
+    agreement: dict[tuple[str, str], Agreement] = defaultdict(Agreement)
+    for recording in recordings:
         terrain, definition = open_terrain(recording, None), crowd_definition(recording.manifest)
         for instant in recording.instants(150.0):
             looks = defaultdict(list)
             for frame in instant.frames:
-                pixels = torch.tensor(frame.image()).permute(2, 0, 1)[None].float() / 255.0
-                heatmaps = torch.sigmoid(network(pixels))[0].numpy()
-                people = recording.people_truth(frame.exposure_ns(), max_gap_s=0.5)
-                assert people is not None
-                truth = truth_from_positions(people.position, terrain, **definition, off_terrain="ignore")
+                feet = _recorded_people(recording, frame) if people_at is None else people_at(frame)
+                truth = truth_from_positions(feet, terrain, **definition, off_terrain="ignore")
                 pose = true_camera_pose(frame)
-                for target, heatmap in zip(targets, heatmaps, strict=True):
+                for kind, heatmap in heatmaps_of(frame).items():
                     view = View(frame.drone, frame.stamp_ns, frame.camera, pose, heatmap)
-                    for height_m in HEIGHTS_M[target]:
+                    for height_m in (0.0,) if kind == "ground" else BODY_HEIGHTS_M:
                         seen = project(
                             view, terrain, max_range_m=MAX_RANGE_M, target_height_m=height_m, coverage="full"
                         )
-                        name = f"{target} at {height_m:g} m"
-                        _count(counts[name, "one view"], seen.mean > 0.5, truth[seen.voxel_ids])
+                        name = f"{kind} at {height_m:g} m"
+                        agreement[name, "one view"].add(seen.mean, truth[seen.voxel_ids])
                         looks[name].append((seen.voxel_ids, seen.mean))
             for name, views in looks.items():
                 ids, look = np.unique(np.concatenate([ids for ids, _ in views]), return_inverse=True)
                 mean = np.bincount(look, np.concatenate([mean for _, mean in views])) / np.bincount(look)
-                _count(counts[name, "all views"], mean > 0.5, truth[ids])
-    result: dict[str, dict[str, float]] = defaultdict(dict)
-    for (name, views), (both, either) in counts.items():
-        result[name][views] = both / max(1, either)
+                agreement[name, "all views"].add(mean, truth[ids])
+    result: dict[str, dict[str, dict[str, float]]] = defaultdict(dict)
+    for (name, views), one in agreement.items():
+        result[name][views] = one.to_json()
     return result
 
 
-def _count(counts: list[int], called: np.ndarray, crowd: np.ndarray) -> None:
-    counts[0] += int((called & crowd).sum())
-    counts[1] += int((called | crowd).sum())
+def heatmaps_of_checkpoint(path: Path) -> HeatmapsOf:
+    """Both outputs of a network and, where a frame has one, the recorded heatmap."""
+    state = torch.load(path, weights_only=True)
+    targets = state["plan"]["targets"]
+    network = CrowdNet(len(targets), width=state["plan"]["width"]).eval()
+    network.load_state_dict(state["best"])
+
+    @torch.no_grad()
+    def heatmaps(frame: Frame) -> dict[str, NDArray[Any]]:
+        pixels = torch.tensor(frame.image()).permute(2, 0, 1)[None].float() / 255.0
+        found: dict[str, NDArray[Any]] = dict(
+            zip(targets, torch.sigmoid(network(pixels))[0].numpy(), strict=True)
+        )
+        return found if frame.pixels.heatmap is None else found | {"recorded": frame.heatmap()}
+
+    return heatmaps
+
+
+def people_of_table(path: Path) -> PeopleAt:
+    """Feet [P, 3] at the stamp of a frame."""
+    table = np.load(path)
+    row = {int(stamp): number for number, stamp in enumerate(table["stamp_ns"])}
+    return lambda frame: table["position_enu"][row[frame.stamp_ns]]
+
+
+def _recorded_people(recording: Recording, frame: Frame) -> NDArray[Any]:
+    people = recording.people_truth(frame.exposure_ns(), max_gap_s=0.5)
+    assert people is not None
+    return people.position
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("missions", type=Path, nargs="+")
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("--people", type=Path, help="positions of people (.npz)")
     given = parser.parse_args()
-    print(json.dumps(compare(given.checkpoint, given.missions), indent=2))
+    compared = compare(
+        [open_recording(path) for path in given.recordings],
+        heatmaps_of_checkpoint(given.checkpoint),
+        None if given.people is None else people_of_table(given.people),
+    )
+    print(json.dumps(compared, indent=2))

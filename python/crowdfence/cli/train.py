@@ -11,7 +11,8 @@ from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
     from crowdfence.training.frame_store import StoredMission
-    from crowdfence.training.trainer import Checkup, Trained, TrainingPlan
+    from crowdfence.training.plan import TrainingPlan
+    from crowdfence.training.trainer import Checkup, Trained
 
 
 def train(
@@ -49,7 +50,7 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Train the crowd detector on labelled missions (needs `crowdfence[train]`).
+    """Train the crowd detector on labelled missions (needs `crowdfence\\[train]`).
 
     Writes the model, <model>.checkpoint while it runs, and a folder <model>.report with figures, curves and
     example pictures. Run `crowdfence calibrate` on other missions before you rely on its probabilities.
@@ -104,7 +105,7 @@ def train(
 
 def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
     from crowdfence.training.labels import TARGETS
-    from crowdfence.training.trainer import TrainingPlan
+    from crowdfence.training.plan import TrainingPlan
 
     wanted = [one.value for one in target or [options.LabelTarget.ground]]
     targets = tuple(one for name in wanted for one in TARGETS if one == name)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from crowdfence.exports.atomic import atomic_path
 from crowdfence.training.frame_store import StoredMission
 from crowdfence.training.network import MULTIPLE_OF, CrowdNet
-from crowdfence.training.trainer import Checkup, Trained, TrainingPlan
+from crowdfence.training.plan import TrainingPlan
+from crowdfence.training.trainer import Checkup, Trained
 
 EXAMPLES = 12
 _COLUMNS = 4

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,57 +16,12 @@ import torch
 from crowdfence.exports.atomic import atomic_path
 from crowdfence.training.augmentation import varied
 from crowdfence.training.average import WeightAverage
-from crowdfence.training.crops import Batch, CropPlan, CropSampler
+from crowdfence.training.crops import Batch, CropSampler
 from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.labels import Target
 from crowdfence.training.loss import crowd_loss
 from crowdfence.training.network import CrowdNet
+from crowdfence.training.plan import TrainingPlan
 from crowdfence.training.validation import ValidationScore, validate
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingPlan:
-    """Everything that decides the result, besides the missions."""
-
-    targets: tuple[Target, ...] = ("ground",)
-    width: float = 1.0
-    """Scale of the channel counts; 1 is crowdnet-s."""
-    steps: int = 10_000
-    batch: int = 16
-    learning_rate: float = 3e-3
-    warm_up_steps: int = 200
-    weight_decay: float = 1e-4
-    dice_weight: float = 0.5
-    calm_share: float = 0.2
-    """Share of the steps at the end without Dice, which would leave the network too sure of itself."""
-    average_decay: float = 0.998
-    validate_every: int = 500
-    patience: int = 8
-    """Validations without improvement before training stops; counted outside the calm steps."""
-    seed: int = 0
-    crops: CropPlan = field(default_factory=CropPlan)
-
-    def __post_init__(self) -> None:
-        for name in ("steps", "batch", "validate_every", "patience"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        for name in ("width", "learning_rate"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it must be above 0")
-        if not self.targets or len(set(self.targets)) < len(self.targets):
-            raise ValueError(f"targets are {self.targets}; name each wanted one once")
-
-    @property
-    def calm_from(self) -> int:
-        """First step without Dice."""
-        return self.steps - round(self.calm_share * self.steps)
-
-    def learning_rate_at(self, step: int) -> float:
-        """Linear warm-up, then a half cosine down to a hundredth."""
-        if step < self.warm_up_steps:
-            return self.learning_rate * (step + 1) / self.warm_up_steps
-        done = (step - self.warm_up_steps) / max(1, self.steps - self.warm_up_steps)
-        return self.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +98,7 @@ def train(
                 run.save(checkpoint)
             if on_checkup is not None:
                 on_checkup(checkup)
-            if run.waited(plan) >= plan.patience:
+            if run.waited >= plan.patience:
                 stopped = True
                 break
     run.average.network.load_state_dict(run.best_state)
@@ -215,9 +170,10 @@ class _Run:
     def seconds(self) -> float:
         return self.history[-1].seconds if self.history else 0.0
 
-    def waited(self, plan: TrainingPlan) -> int:
+    @property
+    def waited(self) -> int:
         """Validations since the best one. The calm steps at the end are always taken whole."""
-        if self.step > plan.calm_from:
+        if self.step > self._plan.calm_from:
             return 0
         return len(self.history) - 1 - self.history.index(self.best)
 
@@ -254,7 +210,7 @@ class _Run:
             "average": self.average.network.state_dict(),
             "best": self.best_state,
             "optimiser": self._optimiser.state_dict(),
-            "history": [_checkup_as_data(one) for one in self.history],
+            "history": [asdict(one) for one in self.history],
         }
         with atomic_path(path) as part, part.open("wb") as file:
             torch.save(state, file)
@@ -279,10 +235,6 @@ def _computes_bfloat16(device: torch.device) -> bool:
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported()
     return bool(torch.cpu._is_avx512_bf16_supported())
-
-
-def _checkup_as_data(checkup: Checkup) -> dict[str, Any]:
-    return asdict(checkup)
 
 
 def _checkup_of_data(data: dict[str, Any]) -> Checkup:
