@@ -58,7 +58,7 @@ def calibrate(
 
     Chooses between no change, a temperature, scale and bias, and a curve by missions held out; measures TPR,
     FPR and likelihood ratios per voxel observation, with 95 % intervals over missions. Needs the package onnx
-    (`pip install crowdfence[train]`).
+    (`pip install crowdfence\\[train]`).
     """
     _require_onnx()
     from crowdfence.detector.detector import Detector
