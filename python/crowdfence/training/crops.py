@@ -34,7 +34,7 @@ class CropPlan:
 
     height: int = 240
     width: int = 320
-    scale: tuple[float, float] = (0.5, 2.0)
+    scale: tuple[float, float] = (0.5, 1.6)
     """Pixels of the frame per pixel of the crop: below 1 the crop shows things larger."""
     rotation_deg: float = 15.0
     on_crowd: float = 0.6
