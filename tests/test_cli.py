@@ -192,6 +192,11 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
     assert "a mean IoU is below --min-iou 1" in missed.stderr
 
 
+def test_evaluate_needs_the_truth_that_is_asked_for(airsim: Path) -> None:
+    done = crowdfence("evaluate", airsim, *RECORDED, "--prior", 0.2, "--truth", "world")
+    assert "does not record where people are" in error_line(done)
+
+
 def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: Path, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged"
     subprocess.run(["cp", "-r", airsim, damaged], check=True)

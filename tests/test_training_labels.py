@@ -123,7 +123,7 @@ def test_the_people_themselves_hide_nothing():
 
 def test_ground_labels_need_a_map_and_people():
     nobody_knows = recording(None)
-    with pytest.raises(FrameError, match="does not say where the people are"):
+    with pytest.raises(FrameError, match="nobody's position is recorded"):
         ground(nobody_knows)
     with pytest.raises(ValueError, match="without a map"):
         cell_labels("ground", nobody_knows.frames[0], nobody_knows, None)

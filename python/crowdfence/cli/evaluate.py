@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +13,10 @@ from crowdfence.cli.options import DEFAULT
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
+    from crowdfence._core import View
     from crowdfence.evaluation.detector_rates import Confusion
     from crowdfence.evaluation.replay import Score
+    from crowdfence.sources.recording import Instant
 
 GATE_NOT_MET = 3
 
@@ -49,6 +52,13 @@ def evaluate(
     coverage: options.CoverageOption = options.Coverage.rays,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     threshold: options.Threshold = None,
+    truth: Annotated[
+        options.TruthChoice,
+        typer.Option(
+            help="Score against the labels of the images, projected (the paper's), or against where the "
+            "recorded people stand: fairer to a detector that marks the ground."
+        ),
+    ] = options.TruthChoice.projected,
     min_iou: Annotated[
         float | None, typer.Option("--min-iou", help="Exit with 3 unless every row reaches this mean IoU.")
     ] = None,
@@ -57,8 +67,8 @@ def evaluate(
     """Mean IoU (equation 4) of the methods against the truth that the recording holds."""
     shared = options.run_config(context.params, method="paper", alpha=DEFAULT.alpha)
     from crowdfence import pipeline
+    from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
-    from crowdfence.evaluation.replay import score
     from crowdfence.heatmap_source import choose_detector, heatmap_source
     from crowdfence.sources import open_recording
 
@@ -66,33 +76,46 @@ def evaluate(
     chosen = choose_detector(source, detector, contract=contract)
     ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     heatmaps = heatmap_source(chosen, ground, max_range_m)
-    with console.progress("measuring the detector", len(source.frames), "frames") as advance:
-        counts = count_rates(source, heatmaps, on_instant=lambda instant: advance(len(instant.frames)))
     if measured_rates:
-        rates = counts.rates()
+        with console.progress("measuring the detector", len(source.frames), "frames") as advance:
+            rates = count_rates(
+                source, heatmaps, on_instant=lambda instant, _: advance(len(instant.frames))
+            ).rates()
         shared = replace(
             shared, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
     configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
+    cells = CellCounter()
     with console.progress("scoring", len(source.frames), "frames") as advance:
-        scores = score(
-            source, ground, configs, heatmaps, on_instant=lambda instant: advance(len(instant.frames))
-        )
+
+        def count(instant: Instant, views: Sequence[View]) -> None:
+            cells.add(instant, views)
+            advance(len(instant.frames))
+
+        scores = score(source, ground, configs, heatmaps, truth=truth.value, on_instant=count)
+    counts = cells.counts if truth is options.TruthChoice.world else cells.rates()
     if as_json:
         console.print_json(
             {
                 "detector": {**heatmaps.to_json(), **_rates(counts)},
+                "truth": truth.value,
                 "scores": [_as_json(row) for row in scores],
                 "refused": [str(refused) for refused in source.refused],
             }
         )
     else:
-        _print(source.name, counts, scores)
+        _print(source.name, truth, counts, scores)
         for refused in source.refused:
             console.warn(str(refused))
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
+
+
+_AGAINST = {
+    options.TruthChoice.projected: "the labels of the images",
+    options.TruthChoice.world: "where the crowds stand",
+}
 
 
 def _configs(shared: RunConfig, methods: list[options.MethodName], alphas: list[float]) -> list[RunConfig]:
@@ -125,13 +148,12 @@ def _as_json(row: Score) -> dict[str, Any]:
     }
 
 
-def _print(name: str, counts: Confusion, scores: list[Score]) -> None:
+def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: list[Score]) -> None:
     from rich.table import Table
 
-    tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
     out = console.stdout()
     table = Table(
-        title=f"{name}: mean IoU inside what was seen so far",
+        title=f"{name}: mean IoU inside what was seen so far, against {_AGAINST[truth]}",
         title_justify="left",
         title_style="bold",
         box=None,
@@ -150,10 +172,10 @@ def _print(name: str, counts: Confusion, scores: list[Score]) -> None:
             f"{best.mean:.3f}",
         )
     out.print(table)
-    out.print(
-        f"detector, per heatmap cell: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}. The best threshold is chosen "
-        "on this very recording."
-    )
+    if counts.positives + counts.negatives:
+        tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
+        out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
+    out.print("The best threshold is chosen on this very recording.")
 
 
 def _label(config: RunConfig) -> str:

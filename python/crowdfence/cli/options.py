@@ -45,6 +45,11 @@ class Coverage(str, Enum):
     full = "full"
 
 
+class TruthChoice(str, Enum):
+    projected = "projected"
+    world = "world"
+
+
 class LabelTarget(str, Enum):
     """What a detector's heatmap marks."""
 

@@ -11,4 +11,8 @@ Each module stands alone; import what is needed from it:
 - `crowd_regions`     silhouettes of people -> crowd regions of an image
 - `projected_truth`   crowd regions of images -> labels of the terrain's voxels
 - `world_truth`       positions of people -> labels of the terrain's voxels
+- `crowd_ground`      positions of people -> the outline of each crowd, without voxels
+- `ground_labels`     positions of people -> labels of an image's cells
+- `truth_over_time`   either truth, instant by instant
+- `replay`            a recording under several configurations, scored
 """

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
 from crowdfence.evaluation.ground_labels import GroundCells, ground_cells
 from crowdfence.evaluation.labelled_projection import MaskOf
-from crowdfence.evaluation.replay import crowd_mask, has_truth
 from crowdfence.sources.recording import Frame, FrameError, Recording
 
 Target = Literal["silhouettes", "ground"]
@@ -43,7 +43,7 @@ def label_functions(
 
 
 def _silhouettes(frame: Frame) -> NDArray[np.bool_]:
-    if not has_truth(frame):
+    if not has_crowd_mask(frame):
         raise FrameError(frame.drone, frame.stamp_ns, "has no truth: neither crowd regions nor silhouettes")
     return crowd_mask(frame)
 

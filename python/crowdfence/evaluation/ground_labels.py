@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.evaluation.crowd_ground import CrowdGround, crowd_grounds
-from crowdfence.evaluation.labelled_projection import MAX_PEOPLE_GAP_S, crowd_definition, true_camera_pose
-from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
+from crowdfence.sources.recording import Frame, Recording
 
 STRIDE = 4
 """Image pixels per cell along each axis."""
@@ -53,9 +53,7 @@ def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> Ground
 
     FrameError when the frame's truth (people, pose, depth, instances) is missing or cannot be read.
     """
-    people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
-    if people is None:
-        raise FrameError(frame.drone, frame.stamp_ns, "the recording does not say where the people are")
+    people = people_at(frame, recording)
     definition = crowd_definition(recording.manifest)
     reach_m = definition["radius_m"] + terrain.voxel_size_m
     rows, columns = _RAYS * (frame.camera.height // STRIDE), _RAYS * (frame.camera.width // STRIDE)

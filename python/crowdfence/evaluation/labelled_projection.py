@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.evaluation.crowd_masks import crowd_mask
 from crowdfence.evaluation.world_truth import truth_from_positions
+from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, Recording
 
 if TYPE_CHECKING:
@@ -81,8 +83,7 @@ class LabelledProjection:
         self._recording, self._terrain = recording, terrain
         self._target_height_m, self._max_range_m = target_height_m, max_range_m
         self._coverage: Literal["rays", "full"] = coverage
-        self._mask_of, self._ignore_of = mask_of or _recorded_crowd, ignore_of
-        self._crowd_definition = crowd_definition(recording.manifest)
+        self._mask_of, self._ignore_of = mask_of or crowd_mask, ignore_of
         self._world: tuple[int, NDArray[np.bool_], NDArray[np.int64]] | None = None
 
     def observe(self, frame: Frame, heatmap: NDArray[Any]) -> LabelledObservation:
@@ -133,16 +134,12 @@ class LabelledProjection:
 
     def _crowd_ground(self, frame: Frame) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Crowd voxels [V] of the terrain at the exposure, and the columns at their edges."""
-        people = self._recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
-        if people is None:
-            raise FrameError(
-                frame.drone,
-                frame.stamp_ns,
-                f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of the exposure",
-            )
+        people = people_at(frame, self._recording)
         # Drones that expose together share one instant of the world.
         if self._world is None or self._world[0] != people.stamp_ns:
-            crowd = truth_from_positions(people.position, self._terrain, **self._crowd_definition)
+            crowd = truth_from_positions(
+                people.position, self._terrain, **crowd_definition(self._recording.manifest)
+            )
             edges = _edge_columns(self._columns(np.flatnonzero(crowd)))
             self._world = (people.stamp_ns, crowd, edges)
         return self._world[1:]
@@ -169,15 +166,33 @@ def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
     return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
 
 
+def crowd_ground_at(frame: Frame, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+    """Voxels [V] that crowds stand on when `frame` was exposed, seen or not (`truth_from_positions`).
+
+    FrameError when nobody's position is recorded then; ValueError when people of a crowd stand on no voxel.
+    """
+    return _crowd_ground_of(people_at(frame, recording), recording, terrain)
+
+
+def _crowd_ground_of(people: RecordedPeople, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+    return truth_from_positions(people.position, terrain, **crowd_definition(recording.manifest))
+
+
+def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
+    """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then."""
+    people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
+    if people is None:
+        raise FrameError(
+            frame.drone,
+            frame.stamp_ns,
+            f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of the exposure",
+        )
+    return people
+
+
 def true_camera_pose(frame: Frame) -> NDArray[np.float64]:
     """world_from_camera [4, 4] as it was, where recorded; else as the recording has it."""
     return frame.world_from_camera if frame.truth.pose is None else frame.true_pose().world_from_camera()
-
-
-def _recorded_crowd(frame: Frame) -> NDArray[np.bool_]:
-    from crowdfence.evaluation.replay import crowd_mask
-
-    return crowd_mask(frame)
 
 
 def _as_heatmap(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -1,0 +1,23 @@
+"""The label that a recording itself holds for a frame: its crowd pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.evaluation.crowd_regions import crowd_regions
+from crowdfence.sources.recording import Frame
+
+CLOSING_PX = 6.0
+"""Radius in pixels with which silhouettes are merged where a recording holds no ready regions."""
+
+
+def has_crowd_mask(frame: Frame) -> bool:
+    return frame.pixels.regions is not None or frame.pixels.silhouettes is not None
+
+
+def crowd_mask(frame: Frame) -> NDArray[np.bool_]:
+    """True crowd pixels [H, W]: recorded regions, or silhouettes merged and filled. FrameError without."""
+    if frame.pixels.regions is not None:
+        return frame.regions() > 0
+    return crowd_regions(frame.silhouettes(), closing_px=CLOSING_PX)
