@@ -80,6 +80,20 @@ def test_agrees_with_the_scores_that_look_at_every_cell(seed: int, as_bytes: boo
         assert overall.calibration_error_above.value == pytest.approx(above.expected_calibration_error)
 
 
+def test_what_is_found_when_one_empty_cell_in_a_hundred_may_be_called() -> None:
+    """200 empty cells, 5 of them at 0.5, 0.6, 0.7, 0.8 and 0.9: two may be called, so the threshold is 0.7.
+    Of the crowd cells at 0.65, 0.72, 0.75 and 0.95 three lie above it."""
+    values = np.concatenate([[0.5, 0.6, 0.7, 0.8, 0.9], np.full(195, 0.01), [0.65, 0.72, 0.75, 0.95]])
+    crowd = np.arange(204) >= 200
+    overall = detector_quality(frames(values[None, None], crowd[None, None])).overall
+    assert overall.true_positive_rate_at_one_percent.value == pytest.approx(3 / 4)
+
+
+def test_nothing_is_found_at_a_price_that_no_threshold_meets() -> None:
+    overall = detector_quality(frames(np.ones((1, 1, 2)), np.array([[[1, 0]]]))).overall
+    assert overall.true_positive_rate_at_one_percent.value == 0.0
+
+
 def test_cells_are_grouped_by_distance_tilt_and_name() -> None:
     gsd_m = np.array([[0.03, 0.03, 0.3], [np.nan, 0.3, 9.0]])
     collected = DetectorQuality(gsd_edges_m=(0.0, 0.1, 1.0))

@@ -21,6 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from crowdfence import View, project
+from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
 from crowdfence.evaluation.labelled_projection import crowd_definition, true_camera_pose
 from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.pipeline import open_terrain
@@ -37,30 +38,40 @@ HeatmapsOf = Callable[[Frame], dict[str, NDArray[Any]]]
 
 
 class Agreement:
-    """Voxels called crowd at each threshold, voxels that are crowd, and both."""
+    """Places called crowd at each threshold against places that are."""
 
     def __init__(self) -> None:
-        self.both, self.either = np.zeros(len(THRESHOLDS)), np.zeros(len(THRESHOLDS))
+        self.both, self.called = np.zeros(len(THRESHOLDS)), np.zeros(len(THRESHOLDS))
+        self.crowd = self.places = 0
 
-    def add(self, mean: NDArray[np.float64], crowd: NDArray[np.bool_]) -> None:
-        called = mean > THRESHOLDS[:, None]
+    def add(self, value: NDArray[np.floating], crowd: NDArray[np.bool_]) -> None:
+        """Values and truth [N]."""
+        called = value > THRESHOLDS[:, None]
         self.both += (called & crowd).sum(axis=1)
-        self.either += (called | crowd).sum(axis=1)
+        self.called += called.sum(axis=1)
+        self.crowd += int(crowd.sum())
+        self.places += crowd.size
 
     def to_json(self) -> dict[str, float]:
-        """IoU at 0.5 and at the threshold that is best for it."""
-        iou = self.both / np.maximum(self.either, 1)
-        best = int(iou.argmax())
-        return {
-            "at 0.5": round(float(iou[THRESHOLDS == 0.5][0]), 4),
-            f"at {THRESHOLDS[best]}": round(float(iou[best]), 4),
+        """IoU and rates at 0.5, and the best IoU with its threshold."""
+        iou = self.both / np.maximum(self.called + self.crowd - self.both, 1)
+        half, best = int(np.flatnonzero(THRESHOLDS == 0.5)[0]), int(iou.argmax())
+        empty = self.places - self.crowd
+        figures = {
+            "iou": iou[half],
+            "tpr": self.both[half] / max(self.crowd, 1),
+            "fpr": (self.called[half] - self.both[half]) / max(empty, 1),
+            "best_iou": iou[best],
+            "best_threshold": THRESHOLDS[best],
         }
+        return {name: round(float(value), 4) for name, value in figures.items()}
 
 
 def compare(
     recordings: list[Recording], heatmaps_of: HeatmapsOf, people_at: PeopleAt | None
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """IoU over all seen voxels of all recordings, by heatmap and height, from one view and from all views."""
+    """Over all seen voxels of all recordings, by heatmap and height, from one view and from all views; over
+    the cells of heatmaps that mark bodies, against the recorded labels of the images."""
     agreement: dict[tuple[str, str], Agreement] = defaultdict(Agreement)
     for recording in recordings:
         terrain, definition = open_terrain(recording, None), crowd_definition(recording.manifest)
@@ -71,6 +82,8 @@ def compare(
                 truth = truth_from_positions(feet, terrain, **definition, off_terrain="ignore")
                 pose = true_camera_pose(frame)
                 for kind, heatmap in heatmaps_of(frame).items():
+                    if kind != "ground" and has_crowd_mask(frame):
+                        agreement[kind, "cells"].add(*_cells(frame, heatmap))
                     view = View(frame.drone, frame.stamp_ns, frame.camera, pose, heatmap)
                     for height_m in (0.0,) if kind == "ground" else BODY_HEIGHTS_M:
                         seen = project(
@@ -112,6 +125,15 @@ def people_of_table(path: Path) -> PeopleAt:
     table = np.load(path)
     row = {int(stamp): number for number, stamp in enumerate(table["stamp_ns"])}
     return lambda frame: table["position_enu"][row[frame.stamp_ns]]
+
+
+def _cells(frame: Frame, heatmap: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Values and whether more than half of the cell is crowd, cell by cell."""
+    values = heatmap / 255.0 if heatmap.dtype == np.uint8 else heatmap.astype(np.float64)
+    rows, columns = heatmap.shape
+    mask = crowd_mask(frame)
+    share = mask.reshape(rows, mask.shape[0] // rows, columns, mask.shape[1] // columns).mean(axis=(1, 3))
+    return values.ravel(), share.ravel() > 0.5
 
 
 def _recorded_people(recording: Recording, frame: Frame) -> NDArray[Any]:

@@ -20,6 +20,7 @@ from crowdfence.evaluation.value_histogram import (
 )
 
 THRESHOLD = 0.5
+AFFORDABLE_FALSE_POSITIVE_RATE = 0.01
 RELIABILITY_BINS = 15
 RELIABILITY_ABOVE = 0.05
 """Cells below this are mostly easy ground, and so many that they hide how the rest is doing."""
@@ -44,6 +45,9 @@ class Quality:
     true_positive_rate: Estimate
     """At 0.5, as the next two."""
     false_positive_rate: Estimate
+    true_positive_rate_at_one_percent: Estimate
+    """With the lowest threshold that calls at most 1 % of the empty cells crowd: how much is found when that
+    is the price."""
     false_crowd_share: Estimate
     """Cells wrongly called crowd as a share of all cells."""
     true_positive_rate_at_best: Estimate
@@ -121,6 +125,7 @@ _ESTIMATES = (
     "pr_auc",
     "true_positive_rate",
     "false_positive_rate",
+    "true_positive_rate_at_one_percent",
     "false_crowd_share",
     "true_positive_rate_at_best",
     "false_positive_rate_at_best",
@@ -137,6 +142,7 @@ def _scores(histograms: NDArray[np.float64], *, best_bin: int) -> NDArray[np.flo
     cells = positives + negatives
     hits, false = called_above(histograms, CROWD), called_above(histograms, EMPTY)
     half = int(THRESHOLD * BINS)
+    affordable = false <= AFFORDABLE_FALSE_POSITIVE_RATE * negatives[:, None]
     precision = _ratio(hits, hits + false)
     average_precision = np.nansum(crowd * precision, axis=-1)
     iou = _iou(hits, false, positives)
@@ -147,6 +153,7 @@ def _scores(histograms: NDArray[np.float64], *, best_bin: int) -> NDArray[np.flo
             _ratio(average_precision, positives),
             _ratio(hits[:, half], positives),
             _ratio(false[:, half], negatives),
+            _ratio(np.where(affordable, hits, 0.0).max(-1), positives),
             _ratio(false[:, half], cells),
             _ratio(hits[:, best_bin], positives),
             _ratio(false[:, best_bin], negatives),

@@ -13,6 +13,7 @@ _COLUMNS = (
     ("PR-AUC", "pr_auc", 3),
     ("TPR", "true_positive_rate", 3),
     ("FPR", "false_positive_rate", 4),
+    ("TPR at FPR .01", "true_positive_rate_at_one_percent", 3),
     ("false area", "false_crowd_share", 4),
     ("ECE", "calibration_error", 4),
     ("ECE > 0.05", "calibration_error_above", 3),
