@@ -192,7 +192,7 @@ def test_the_exported_model_is_the_network(tmp_path: Path):
             module.running_mean.uniform_(-0.5, 0.5)
             module.running_var.uniform_(0.5, 2.0)
     network.eval()
-    contract = _contract(tmp_path / "tiny.onnx", TrainingPlan(targets=("ground",)), {"parameters": 1})
+    contract = _contract(tmp_path / "tiny.onnx", TrainingPlan(targets=("ground",)), {"parameters": 1}, None)
     export_onnx(network, 1, contract, tmp_path / "tiny.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "tiny.onnx", providers=["CPUExecutionProvider"])
     stored = json.loads(session.get_modelmeta().custom_metadata_map["crowdfence"])

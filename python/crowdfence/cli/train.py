@@ -47,6 +47,9 @@ def train(
         Path | None,
         typer.Option("--initial", help="Checkpoint of an earlier training to start from."),
     ] = None,
+    licence: Annotated[
+        str | None, typer.Option("--licence", help="Licence of the weights, written into the model.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -95,7 +98,7 @@ def train(
             on_checkup=None if as_json else _tell,
         )
     facts = training_facts(trained, plan, learned, judged)
-    export_onnx(trained.network, 0, _contract(output, plan, facts), output)
+    export_onnx(trained.network, 0, _contract(output, plan, facts, licence), output)
     write_report(output.with_suffix(".report"), trained, plan, learned, judged)
     if as_json:
         console.print_json(facts)
@@ -113,7 +116,7 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
     return TrainingPlan(targets=targets, seed=seed, **chosen)
 
 
-def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:
+def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
     from crowdfence import __version__
     from crowdfence.detector.contract import Contract
     from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
@@ -125,6 +128,7 @@ def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any]) -> Any:
             "schema": 1,
             "name": output.stem,
             "version": __version__,
+            "licence": licence,
             "input": {
                 "name": "image",
                 "layout": "NHWC",
