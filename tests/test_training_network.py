@@ -10,6 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
+from crowdfence.evaluation.detector_rates import Confusion  # noqa: E402
 from crowdfence.training.augmentation import varied  # noqa: E402
 from crowdfence.training.crops import CropPlan, CropSampler  # noqa: E402
 from crowdfence.training.frame_store import StoredMission  # noqa: E402
@@ -17,7 +18,7 @@ from crowdfence.training.loss import crowd_loss  # noqa: E402
 from crowdfence.training.network import CrowdNet  # noqa: E402
 from crowdfence.training.plan import TrainingPlan  # noqa: E402
 from crowdfence.training.trainer import train  # noqa: E402
-from crowdfence.training.validation import validate  # noqa: E402
+from crowdfence.training.validation import ValidationScore, validate  # noqa: E402
 
 CPU = torch.device("cpu")
 
@@ -118,6 +119,21 @@ def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
     assert [one.step for one in resumed.history] == [50, 100, 150]
     for name, value in whole.network.state_dict().items():
         assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+def test_weights_that_dice_made_too_sure_are_not_kept(monkeypatch: pytest.MonkeyPatch):
+    """Dice ends after step 15: of the scores 0.9 at step 10, 0.4 at 20 and 0.5 at 30 the last is kept."""
+    scores = iter((9, 4, 5))
+
+    def scripted(*_: object) -> ValidationScore:
+        hits = next(scores)
+        return ValidationScore(0.1, {"silhouettes": Confusion(hits, 10 - hits, 90, 0)})
+
+    monkeypatch.setattr("crowdfence.training.trainer.validate", scripted)
+    plan = replace(PLAN, steps=30, validate_every=10, calm_share=0.5)
+    trained = train([squares(1)], [squares(3)], plan)
+    assert [one.score.iou("silhouettes") for one in trained.history] == [0.9, 0.4, 0.5]
+    assert trained.best.step == 30
 
 
 def test_a_checkpoint_of_another_plan_is_refused(tmp_path: Path):

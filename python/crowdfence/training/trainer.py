@@ -164,7 +164,10 @@ class _Run:
 
     @property
     def best(self) -> Checkup:
-        return max(self.history, key=lambda one: one.score.mean_iou)
+        """The largest IoU; once there are calm steps, among those: equally good but sure of too much does not
+        count."""
+        calm = [one for one in self.history if one.step > self._plan.calm_from]
+        return max(calm or self.history, key=lambda one: one.score.mean_iou)
 
     @property
     def seconds(self) -> float:
