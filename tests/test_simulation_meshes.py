@@ -7,7 +7,7 @@ from crowdfence.simulation.landscape.props import PROP_KINDS
 from crowdfence.simulation.rendering.instances import packed_colors
 from crowdfence.simulation.rendering.mesh_catalogue import cyclist_family, people_family, prop_families
 from crowdfence.simulation.rendering.meshes.shape import FIXED, Limb, ball, box, joined, loft, tube
-from crowdfence.simulation.rendering.season_palette import cover_colors, foliage_colors
+from crowdfence.simulation.rendering.season_palette import SeasonPalette
 from crowdfence.simulation.rendering.shader_program import shader_source
 
 FAMILIES = {**prop_families(), "person": people_family(), "cyclist": cyclist_family()}
@@ -103,10 +103,11 @@ def test_colours_survive_packing():
 @pytest.mark.parametrize("season", ["summer", "autumn", "winter", "dry"])
 def test_seasons_colour_leaves_but_not_needles(season):
     summer = np.array([[74, 104, 44], [96, 120, 50], [62, 92, 48]], np.uint8)
-    assert (foliage_colors("conifer", summer, season) == summer).all()
-    assert (foliage_colors("broadleaf", summer, season) == summer).all() == (season == "summer")
-    assert cover_colors(season).shape == (16, 3)
-    assert (cover_colors(season) < 1.0).all()
+    palette = SeasonPalette(season)
+    assert (palette.things("conifer", summer) == summer).all()
+    assert (palette.things("broadleaf", summer) == summer).all() == (season == "summer")
+    assert palette.covers().shape == (16, 3)
+    assert (palette.covers() < 1.0).all()
 
 
 def test_shader_includes_are_expanded():

@@ -42,9 +42,13 @@ class Appearance:
     height_m: NDArray[np.float64]
 
 
-def appearance(people: int, rng: np.random.Generator) -> Appearance:
-    """Independent looks of `people` people."""
-    palettes = (_SKIN, _HAIR, _CLOTHES, _TROUSERS, _SHOES, _CLOTHES)
+def appearance(
+    people: int, rng: np.random.Generator, clothes: NDArray[np.float64] | None = None
+) -> Appearance:
+    """Independent looks of `people` people, in usual colours or in those of `clothes` [K, 3]."""
+    tops = _CLOTHES if clothes is None else clothes
+    trousers = _TROUSERS if clothes is None else np.concatenate([_TROUSERS, clothes])
+    palettes = (_SKIN, _HAIR, tops, trousers, _SHOES, tops)
     parts = [palette[rng.integers(len(palette), size=people)] for palette in palettes]
     shade = rng.normal(1.0, 0.08, (people, len(parts), 1)) * rng.normal(1.0, 0.03, (people, len(parts), 3))
     child = rng.random(people) < 0.08

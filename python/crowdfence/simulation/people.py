@@ -16,6 +16,7 @@ from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.lone_walkers import LoneWalkers, place_walkers
 from crowdfence.simulation.plan_checks import ScenarioError
 from crowdfence.simulation.plans import CrowdDefinition
+from crowdfence.simulation.random_colors import random_clothes
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.scenario import Scenario
 
@@ -132,7 +133,7 @@ def build_people(scenario: Scenario, seed: int, landscape: Landscape) -> People:
     crowd_id = np.repeat(np.arange(len(crowds) + 1), [walkers.count, *sizes])
     crowd_id = np.concatenate([crowd_id[crowd_id > 0], crowd_id[crowd_id == 0]])
     rng = stream(seed, Stream.APPEARANCE)
-    looks = appearance(len(crowd_id), rng)
+    looks = appearance(len(crowd_id), rng, random_clothes(seed) if scenario.colors == "random" else None)
     draws = rng.random((3, len(crowd_id)))
     in_plan = crowd_id > 0
     return People(

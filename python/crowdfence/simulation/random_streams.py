@@ -20,6 +20,7 @@ class Stream(IntEnum):
     FRAMES = 108
     TELEMETRY = 109
     DETECTOR = 110
+    COLORS = 111
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -11,7 +11,7 @@ from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.rendering.backdrop import backdrop
 from crowdfence.simulation.rendering.clip_space import inside
 from crowdfence.simulation.rendering.ground_tiles import LAYOUT, NAMES, ground_tiles
-from crowdfence.simulation.rendering.season_palette import cover_colors
+from crowdfence.simulation.rendering.season_palette import SeasonPalette
 from crowdfence.simulation.rendering.shader_program import build_program, set_uniforms
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class GroundPainter:
         self,
         context: moderngl.Context,
         landscape: Landscape,
-        season: str,
+        palette: SeasonPalette,
         sun_direction: tuple[float, float, float],
         seed: int,
     ) -> None:
@@ -43,7 +43,7 @@ class GroundPainter:
         set_uniforms(
             self.program,
             {
-                "u_cover_color": cover_colors(season),
+                "u_cover_color": palette.covers(),
                 "u_road_half_width_m": road.half_width_m if road else 3.0,
                 "u_road_marked": road.marked if road else False,
             },

@@ -29,8 +29,9 @@ from crowdfence.simulation.rendering.mesh_catalogue import (
 from crowdfence.simulation.rendering.noise_texture import noise_texture
 from crowdfence.simulation.rendering.opengl_context import open_context
 from crowdfence.simulation.rendering.picture_settings import PictureSettings
+from crowdfence.simulation.rendering.random_palette import RandomPalette
 from crowdfence.simulation.rendering.sample_lattice import lattice_for
-from crowdfence.simulation.rendering.season_palette import SNOW_ON_THINGS
+from crowdfence.simulation.rendering.season_palette import SeasonPalette
 from crowdfence.simulation.rendering.shader_program import build_program, set_uniforms
 from crowdfence.simulation.rendering.shadow_maps import ShadowMaps, caster_planes, shadow_focus
 from crowdfence.simulation.rendering.sky_painter import SkyPainter
@@ -78,20 +79,21 @@ class Renderer:
         context, light, landscape = self._context, scene.light, scene.landscape
         families: dict[str, MeshFamily] = {str(kind): family for kind, family in prop_families().items()}
         families |= {"person": people_family(), "cyclist": cyclist_family()}
-        self._props = prop_batches(landscape, families, light.season)
+        palette = _palette(scene)
+        self._props = prop_batches(landscape, families, palette)
         largest = max(
             [len(batch.rows) for batch in self._props] + [scene.people.count, scene.cyclists.count, 64]
         )
         self._thing_program = build_program(context, "thing.vert", "thing.frag")
         self._shadow_program = build_program(context, "thing_shadow.vert", "shadow.frag")
         self._things = ThingPainter(context, self._thing_program, self._shadow_program, families, largest)
-        self._ground = GroundPainter(context, landscape, light.season, light.sun_direction, scene.seed)
+        self._ground = GroundPainter(context, landscape, palette, light.sun_direction, scene.seed)
         self._buildings = BuildingPainter(context, landscape.buildings)
         self._sky = SkyPainter(context)
         self._noise = noise_texture(context, 7)
         self._kinds = len(families["person"].variants)
         self._shadows = ShadowMaps(context, light.sun_direction)
-        set_uniforms(self._thing_program, {"u_snow": SNOW_ON_THINGS[light.season]})
+        set_uniforms(self._thing_program, {"u_snow": palette.snow_on_things})
         self._draw_standing_shadows()
 
     def _draw_standing_shadows(self) -> None:
@@ -230,3 +232,9 @@ class Renderer:
             "u_noise": _NOISE_UNIT,
             **self._shadows.uniforms(),
         }
+
+
+def _palette(scene: Scene) -> SeasonPalette:
+    if scene.scenario.colors == "random":
+        return RandomPalette(scene.light.season, scene.seed)
+    return SeasonPalette(scene.light.season)

@@ -38,14 +38,7 @@ _SEASONS: dict[str, dict[Cover, _Tones]] = {
         Cover.DIRT: ((0.260, 0.175, 0.098), (0.390, 0.280, 0.170)),
     },
 }
-SNOW_ON_THINGS = {"summer": 0.0, "autumn": 0.0, "winter": 0.75, "dry": 0.0}
-
-
-def cover_colors(season: str) -> NDArray[np.float32]:
-    """[16, 3] linear RGB: dark and light tone of each `Cover`."""
-    tones = {**_ALWAYS, **_SEASONS[season]}
-    return np.array([tone for cover in Cover for tone in tones[cover]], np.float32)
-
+_SNOW_ON_THINGS = {"summer": 0.0, "autumn": 0.0, "winter": 0.75, "dry": 0.0}
 
 _AUTUMN_LEAVES = np.array(
     [[176, 108, 40], [150, 70, 38], [186, 146, 54], [136, 114, 52], [112, 62, 42]], np.float64
@@ -54,14 +47,27 @@ _BARE_TWIGS = np.array([[112, 96, 82], [96, 84, 74]], np.float64)
 _DRY_LEAVES = np.array([[126, 122, 58], [150, 132, 66], [104, 108, 54]], np.float64)
 
 
-def foliage_colors(kind: PropKind, summer: NDArray[np.uint8], season: str) -> NDArray[np.uint8]:
-    """Leaf colours [N, 3] of plants whose summer colours are given; needles keep theirs."""
-    palette = {"autumn": _AUTUMN_LEAVES, "winter": _BARE_TWIGS, "dry": _DRY_LEAVES}.get(season)
-    if palette is None or kind not in ("broadleaf", "birch", "bush"):
-        return summer
-    # Each plant turns by its own amount and towards its own colour, chosen by its summer shade.
-    choice = summer.astype(np.int64).sum(axis=1)
-    turned = palette[choice % len(palette)] * (0.85 + 0.3 * ((choice % 7) / 6.0))[:, None]
-    least = {"autumn": 0.55, "winter": 1.0, "dry": 0.35}[season]
-    share = least + (1.0 - least) * ((choice % 5) / 4.0)
-    return np.asarray(np.clip(summer + share[:, None] * (turned - summer), 0, 255), dtype=np.uint8)
+class SeasonPalette:
+    """Colours as a season has them."""
+
+    def __init__(self, season: str) -> None:
+        self._season = season
+        self.snow_on_things = _SNOW_ON_THINGS[season]
+        """Share of a thing's upper side that is white."""
+
+    def covers(self) -> NDArray[np.float32]:
+        """[16, 3] linear RGB: dark and light tone of each `Cover`."""
+        tones = {**_ALWAYS, **_SEASONS[self._season]}
+        return np.array([tone for cover in Cover for tone in tones[cover]], np.float32)
+
+    def things(self, kind: PropKind, summer: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Colours [N, 3] of things whose summer colours are given: leaves turn, needles keep theirs."""
+        palette = {"autumn": _AUTUMN_LEAVES, "winter": _BARE_TWIGS, "dry": _DRY_LEAVES}.get(self._season)
+        if palette is None or kind not in ("broadleaf", "birch", "bush"):
+            return summer
+        # Each plant turns by its own amount and towards its own colour, chosen by its summer shade.
+        choice = summer.astype(np.int64).sum(axis=1)
+        turned = palette[choice % len(palette)] * (0.85 + 0.3 * ((choice % 7) / 6.0))[:, None]
+        least = {"autumn": 0.55, "winter": 1.0, "dry": 0.35}[self._season]
+        share = least + (1.0 - least) * ((choice % 5) / 4.0)
+        return np.asarray(np.clip(summer + share[:, None] * (turned - summer), 0, 255), dtype=np.uint8)

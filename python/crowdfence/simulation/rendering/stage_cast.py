@@ -19,7 +19,7 @@ from crowdfence.simulation.rendering.instances import (
 )
 from crowdfence.simulation.rendering.mesh_catalogue import MeshFamily
 from crowdfence.simulation.rendering.meshes.figures import FIGURE_HEIGHT_M
-from crowdfence.simulation.rendering.season_palette import foliage_colors
+from crowdfence.simulation.rendering.season_palette import SeasonPalette
 from crowdfence.simulation.rendering.thing_painter import Batch
 from crowdfence.simulation.scene_class import SceneClass
 
@@ -30,13 +30,15 @@ _JERSEYS = np.array(
 )
 
 
-def prop_batches(landscape: Landscape, families: dict[str, MeshFamily], season: str) -> list[Batch]:
+def prop_batches(
+    landscape: Landscape, families: dict[str, MeshFamily], palette: SeasonPalette
+) -> list[Batch]:
     """Everything that stands in the landscape, sorted by mesh."""
     batches = []
     for kind in sorted({props.kind for props in landscape.props}):
         rows = np.concatenate(
             [
-                _prop_rows(props, landscape, families[kind], season)
+                _prop_rows(props, landscape, families[kind], palette)
                 for props in landscape.props
                 if props.kind == kind
             ]
@@ -50,7 +52,9 @@ def prop_batches(landscape: Landscape, families: dict[str, MeshFamily], season: 
     return batches
 
 
-def _prop_rows(props: Props, landscape: Landscape, family: MeshFamily, season: str) -> NDArray[np.float32]:
+def _prop_rows(
+    props: Props, landscape: Landscape, family: MeshFamily, palette: SeasonPalette
+) -> NDArray[np.float32]:
     rows = instance_rows(len(props.position))
     rows[:, PLACE] = np.column_stack([props.position, props.scale])
     rows[:, TURN.start] = props.heading_rad
@@ -59,7 +63,7 @@ def _prop_rows(props: Props, landscape: Landscape, family: MeshFamily, season: s
         rows[:, TURN.start + 1] = (landscape.height_m(x + 1, y) - landscape.height_m(x - 1, y)) / 2
         rows[:, TURN.start + 2] = (landscape.height_m(x, y + 1) - landscape.height_m(x, y - 1)) / 2
     rows[:, TURN.stop - 1] = seeds(len(rows))
-    rows[:, COLORS.start] = packed_colors(foliage_colors(props.kind, props.color, season))
+    rows[:, COLORS.start] = packed_colors(palette.things(props.kind, props.color))
     rows[:, LABEL.start] = SceneClass.GROUND
     return rows
 
