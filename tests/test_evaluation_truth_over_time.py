@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from crowdfence import Camera, Terrain
 from crowdfence.config import RunConfig
+from crowdfence.evaluation.replay import measured_rates
 from crowdfence.evaluation.truth_over_time import CrowdsOfTheWorld, ProjectedLabels
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
@@ -62,3 +63,5 @@ def test_truth_that_is_not_recorded_is_refused() -> None:
         CrowdsOfTheWorld(nothing, terrain)
     with pytest.raises(ValueError, match="bare holds no truth"):
         ProjectedLabels(nothing, terrain, RunConfig())
+    with pytest.raises(ValueError, match="bare holds no truth"):
+        measured_rates(nothing)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from crowdfence import View, project
 from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
-from crowdfence.evaluation.labelled_projection import crowd_definition, true_camera_pose
+from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
 from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
@@ -33,7 +34,7 @@ MAX_RANGE_M = 150.0
 BODY_HEIGHTS_M = (0.0, 0.4, 0.6, 0.9)
 THRESHOLDS = np.round(np.arange(0.1, 0.91, 0.1), 1)
 
-PeopleAt = Callable[[Frame], NDArray[Any]]
+FeetAt = Callable[[Frame], NDArray[Any]]
 HeatmapsOf = Callable[[Frame], dict[str, NDArray[Any]]]
 
 
@@ -68,7 +69,7 @@ class Agreement:
 
 
 def compare(
-    recordings: list[Recording], heatmaps_of: HeatmapsOf, people_at: PeopleAt | None
+    recordings: list[Recording], heatmaps_of: HeatmapsOf, feet_at: FeetAt | None
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Over all seen voxels of all recordings, by heatmap and height, from one view and from all views; over
     the cells of heatmaps that mark bodies, against the recorded labels of the images."""
@@ -78,12 +79,14 @@ def compare(
         for instant in recording.instants(150.0):
             looks = defaultdict(list)
             for frame in instant.frames:
-                feet = _recorded_people(recording, frame) if people_at is None else people_at(frame)
+                feet = people_at(frame, recording).position if feet_at is None else feet_at(frame)
                 truth = truth_from_positions(feet, terrain, **definition, off_terrain="ignore")
                 pose = true_camera_pose(frame)
                 for kind, heatmap in heatmaps_of(frame).items():
                     if kind != "ground" and has_crowd_mask(frame):
-                        agreement[kind, "cells"].add(*_cells(frame, heatmap))
+                        values = heatmap_values(heatmap)
+                        labels = crowd_cells(crowd_mask(frame), values.shape)
+                        agreement[kind, "cells"].add(values.ravel(), labels.ravel())
                     view = View(frame.drone, frame.stamp_ns, frame.camera, pose, heatmap)
                     for height_m in (0.0,) if kind == "ground" else BODY_HEIGHTS_M:
                         seen = project(
@@ -120,26 +123,11 @@ def heatmaps_of_checkpoint(path: Path) -> HeatmapsOf:
     return heatmaps
 
 
-def people_of_table(path: Path) -> PeopleAt:
+def feet_of_table(path: Path) -> FeetAt:
     """Feet [P, 3] at the stamp of a frame."""
     table = np.load(path)
     row = {int(stamp): number for number, stamp in enumerate(table["stamp_ns"])}
     return lambda frame: table["position_enu"][row[frame.stamp_ns]]
-
-
-def _cells(frame: Frame, heatmap: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Values and whether more than half of the cell is crowd, cell by cell."""
-    values = heatmap / 255.0 if heatmap.dtype == np.uint8 else heatmap.astype(np.float64)
-    rows, columns = heatmap.shape
-    mask = crowd_mask(frame)
-    share = mask.reshape(rows, mask.shape[0] // rows, columns, mask.shape[1] // columns).mean(axis=(1, 3))
-    return values.ravel(), share.ravel() > 0.5
-
-
-def _recorded_people(recording: Recording, frame: Frame) -> NDArray[Any]:
-    people = recording.people_truth(frame.exposure_ns(), max_gap_s=0.5)
-    assert people is not None
-    return people.position
 
 
 if __name__ == "__main__":
@@ -151,6 +139,6 @@ if __name__ == "__main__":
     compared = compare(
         [open_recording(path) for path in given.recordings],
         heatmaps_of_checkpoint(given.checkpoint),
-        None if given.people is None else people_of_table(given.people),
+        None if given.people is None else feet_of_table(given.people),
     )
     print(json.dumps(compared, indent=2))

@@ -76,24 +76,26 @@ def evaluate(
     chosen = choose_detector(source, detector, contract=contract)
     ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     heatmaps = heatmap_source(chosen, ground, max_range_m)
+    cells = CellCounter()
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
-            rates = count_rates(
+            cells.counts = count_rates(
                 source, heatmaps, on_instant=lambda instant, _: advance(len(instant.frames))
-            ).rates()
+            )
+        rates = cells.counts.rates()
         shared = replace(
             shared, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
     configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
-    cells = CellCounter()
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
         def count(instant: Instant, views: Sequence[View]) -> None:
-            cells.add(instant, views)
+            if not measured_rates:
+                cells.add(instant, views)
             advance(len(instant.frames))
 
         scores = score(source, ground, configs, heatmaps, truth=truth.value, on_instant=count)
-    counts = cells.counts if truth is options.TruthChoice.world else cells.rates()
+    counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     if as_json:
         console.print_json(
             {

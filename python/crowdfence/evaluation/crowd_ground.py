@@ -28,7 +28,8 @@ class CrowdGround:
         """`feet` [P, 3], at least one. ValueError for a crowd that is too large to draw."""
         from scipy.spatial import cKDTree
 
-        self._feet, self._pixel_m = feet, pixel_m
+        self.feet, self._pixel_m = feet, pixel_m
+        """[P, 3] where the people of the crowd stand."""
         self._tree = cKDTree(feet[:, :2])
         self.low: NDArray[np.float64] = feet[:, :2].min(axis=0) - person_radius_m
         """South-west corner of the region's bounding box."""
@@ -57,19 +58,19 @@ class CrowdGround:
 
     def nearest_feet_m(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height [N] that the nearest person stands at."""
-        return np.asarray(self._feet[self._tree.query(xy)[1], 2])
+        return np.asarray(self.feet[self._tree.query(xy)[1], 2])
 
     def height_m(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height [N] of the ground, from the feet of the nearest people, the nearer the more."""
-        nearest = np.arange(1, min(_HEIGHT_NEIGHBOURS, len(self._feet)) + 1)
+        nearest = np.arange(1, min(_HEIGHT_NEIGHBOURS, len(self.feet)) + 1)
         distance_m, who = self._tree.query(xy, k=nearest)
         weight = 1.0 / (distance_m**2 + _HEIGHT_SOFTENING_M2)
-        return np.asarray((weight * self._feet[who, 2]).sum(axis=1) / weight.sum(axis=1))
+        return np.asarray((weight * self.feet[who, 2]).sum(axis=1) / weight.sum(axis=1))
 
     def _discs(self, shape: NDArray[np.int64], person_radius_m: float) -> NDArray[np.bool_]:
         """Pixels whose centre lies within `person_radius_m` of a person."""
         reach = int(np.ceil(person_radius_m / self._pixel_m)) + 1
-        place = (self._feet[:, :2] - self._corner) / self._pixel_m
+        place = (self.feet[:, :2] - self._corner) / self._pixel_m
         near = np.floor(place).astype(np.int64)[:, :, None] + np.arange(-reach, reach + 1)  # [P, 2, K]
         along = near + 0.5 - place[:, :, None]
         close = (
@@ -88,13 +89,12 @@ def crowd_grounds(
     *,
     pixel_m: float,
     person_radius_m: float = PERSON_RADIUS_M,
-) -> Iterator[tuple[NDArray[np.float64], CrowdGround]]:
-    """Feet [P, 3] and ground of every crowd that `crowds_of` finds. ValueError as from there."""
+) -> Iterator[CrowdGround]:
+    """The ground of every crowd that `crowds_of` finds. ValueError as from there."""
     feet = np.asarray(positions_enu, np.float64)
     crowd_of_person = crowds_of(feet, radius_m, min_people)
     for crowd in range(crowd_of_person.max(initial=-1) + 1):
-        people = feet[crowd_of_person == crowd]
-        yield people, CrowdGround(people, radius_m, person_radius_m, pixel_m)
+        yield CrowdGround(feet[crowd_of_person == crowd], radius_m, person_radius_m, pixel_m)
 
 
 def crowds_of(positions_enu: ArrayLike, radius_m: float, min_people: int) -> NDArray[np.int64]:

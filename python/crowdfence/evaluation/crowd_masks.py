@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.evaluation.crowd_regions import crowd_regions
-from crowdfence.sources.recording import Frame
+from crowdfence.sources.recording import Frame, Recording
 
 CLOSING_PX = 6.0
 """Radius in pixels with which silhouettes are merged where a recording holds no ready regions."""
@@ -14,6 +14,14 @@ CLOSING_PX = 6.0
 
 def has_crowd_mask(frame: Frame) -> bool:
     return frame.pixels.regions is not None or frame.pixels.silhouettes is not None
+
+
+def require_crowd_masks(recording: Recording) -> None:
+    """ValueError when no frame has a label."""
+    if not any(has_crowd_mask(frame) for frame in recording.frames):
+        raise ValueError(
+            f"{recording.name} holds no truth: no frame has crowd regions or a segmentation with crowd"
+        )
 
 
 def crowd_mask(frame: Frame) -> NDArray[np.bool_]:

@@ -65,7 +65,7 @@ def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> Ground
     met = np.flatnonzero(ids >= 0)
     points = origins[met] + directions[met] * distance_m[met, None]
     on_crowd = np.zeros(rows * columns, np.bool_)
-    for _, ground in crowd_grounds(people.position, **definition, pixel_m=_PIXEL_M):
+    for ground in crowd_grounds(people.position, **definition, pixel_m=_PIXEL_M):
         on_crowd[met] |= _on_ground(ground, points, directions[met], reach_m)
     crowd = on_crowd.reshape(rows, columns)
     hidden = crowd & _hidden(frame, (distance_m * rays[:, 2]).reshape(rows, columns))

@@ -137,9 +137,7 @@ class LabelledProjection:
         people = people_at(frame, self._recording)
         # Drones that expose together share one instant of the world.
         if self._world is None or self._world[0] != people.stamp_ns:
-            crowd = truth_from_positions(
-                people.position, self._terrain, **crowd_definition(self._recording.manifest)
-            )
+            crowd = _crowd_ground_of(people, self._recording, self._terrain)
             edges = _edge_columns(self._columns(np.flatnonzero(crowd)))
             self._world = (people.stamp_ns, crowd, edges)
         return self._world[1:]

@@ -10,7 +10,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain, View
 from crowdfence.config import RunConfig
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
+from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.evaluation.detector_rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
@@ -51,8 +51,8 @@ class CellCounter:
             masks = (crowd_mask(labelled[view.drone]) for view in judged)
             self.counts += confusion((view.heatmap for view in judged), masks)
 
-    def rates(self) -> Confusion:
-        """ValueError when there was no labelled frame with a usable heatmap."""
+    def counted(self) -> Confusion:
+        """The counts; ValueError when there was no labelled frame with a usable heatmap."""
         if self.counts.positives + self.counts.negatives == 0:
             raise ValueError("no frame has both a crowd label and a usable heatmap")
         return self.counts
@@ -65,6 +65,7 @@ def measured_rates(
     on_instant: OnViews | None = None,
 ) -> Confusion:
     """Heatmap cells of all labelled frames, counted at threshold 0.5. ValueError when there are none."""
+    require_crowd_masks(recording)
     cells = CellCounter()
     with heatmaps.viewing(len(recording.drones)) as views_of:
         for instant in recording.instants():
@@ -72,7 +73,7 @@ def measured_rates(
             cells.add(instant, views)
             if on_instant is not None:
                 on_instant(instant, views)
-    return cells.rates()
+    return cells.counted()
 
 
 def score(

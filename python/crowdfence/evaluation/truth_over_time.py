@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.config import RunConfig
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
+from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.evaluation.labelled_projection import crowd_ground_at
 from crowdfence.evaluation.projected_truth import ProjectedTruth, TruthMap, project_truth
 from crowdfence.sources.recording import Instant, Recording
@@ -29,10 +29,7 @@ class ProjectedLabels:
 
     def __init__(self, recording: Recording, terrain: Terrain, config: RunConfig) -> None:
         """`config` says how to project. ValueError when no frame has a label."""
-        if not any(has_crowd_mask(frame) for frame in recording.frames):
-            raise ValueError(
-                f"{recording.name} holds no truth: no frame has crowd regions or a segmentation with crowd"
-            )
+        require_crowd_masks(recording)
         self._terrain, self._config = terrain, config
         self._map = TruthMap(terrain.voxel_count)
 

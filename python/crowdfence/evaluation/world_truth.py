@@ -49,19 +49,17 @@ def truth_from_positions(
     # The ground is drawn finely enough to show single people, whatever the voxels.
     pixel_m = min(person_radius_m, terrain.voxel_size_m) / _PIXELS_PER_LENGTH
     truth = np.zeros(terrain.voxel_count, np.bool_)
-    for people, ground in crowd_grounds(
+    for ground in crowd_grounds(
         positions_enu, radius_m, min_people, pixel_m=pixel_m, person_radius_m=person_radius_m
     ):
         if off_terrain == "refuse":
-            _require_ground(people, terrain, reach_m)
-        ids = _voxels_near(*_crowd_columns(people, ground, terrain), terrain, reach_m)
+            _require_ground(ground.feet, terrain, reach_m)
+        ids = _voxels_near(*_crowd_columns(ground, terrain), terrain, reach_m)
         truth[ids[ids >= 0]] = True
     return truth
 
 
-def _crowd_columns(
-    people: NDArray[np.float64], ground: CrowdGround, terrain: Terrain
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _crowd_columns(ground: CrowdGround, terrain: Terrain) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Columns [C, 2] (grid indices i, j) of one crowd's ground and feet height [C] of the nearest person."""
     size_m, origin = terrain.voxel_size_m, np.asarray(terrain.origin)[:2]
     lowest, highest = (
@@ -71,7 +69,7 @@ def _crowd_columns(
         np.meshgrid(*(np.arange(lowest[axis], highest[axis] + 1) for axis in (0, 1)), indexing="ij"), axis=-1
     ).reshape(-1, 2)
     on_ground = candidates[ground.contains(origin + (candidates + 0.5) * size_m)]
-    stood_in = np.floor((people[:, :2] - origin) / size_m).astype(np.int64)
+    stood_in = np.floor((ground.feet[:, :2] - origin) / size_m).astype(np.int64)
     columns = np.unique(np.concatenate([on_ground, stood_in]), axis=0)
     return columns, ground.nearest_feet_m(origin + (columns + 0.5) * size_m)
 
