@@ -15,6 +15,8 @@ from shapely.geometry import shape
 
 from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
 from crowdfence.cli.demo import RECORDING
+from crowdfence.cli.evaluate import _rates
+from crowdfence.evaluation.detector_rates import Confusion
 from recordings import STARTS, flight, write_airsim, write_folder
 
 FAILED, USAGE, GATE_NOT_MET = 1, 2, 3
@@ -190,6 +192,12 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
     missed = crowdfence(*arguments, "--min-iou", 1.0)
     assert missed.returncode == GATE_NOT_MET
     assert "a mean IoU is below --min-iou 1" in missed.stderr
+
+
+def test_rates_that_nobody_could_count_are_null() -> None:
+    rates = json.loads(json.dumps(_rates(Confusion(0, 1, 9, 0)), allow_nan=False))
+    assert rates["true_positive_rate"]["rate"] is None
+    assert rates["false_positive_rate"]["rate"] == 0.1
 
 
 def test_evaluate_needs_the_truth_that_is_asked_for(airsim: Path) -> None:

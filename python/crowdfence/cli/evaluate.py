@@ -134,7 +134,10 @@ def _rates(counts: Confusion) -> dict[str, Any]:
         "true_positive_rate": counts.true_positive_rate(),
         "false_positive_rate": counts.false_positive_rate(),
     }
-    return {name: estimate._asdict() for name, estimate in estimates.items()}
+    return {
+        name: {part: None if value != value else value for part, value in estimate._asdict().items()}
+        for name, estimate in estimates.items()
+    }
 
 
 def _as_json(row: Score) -> dict[str, Any]:
