@@ -194,3 +194,16 @@ def test_ground_of_a_road_margin_uses_the_same_triangles():
     flat = np.zeros((3, 3), np.float32)
     ground = Ground(lattice, flat, cover_weights((3, 3)), (x - 0.75).astype(np.float32), flat, flat)
     assert ground.on_road([0.7, 0.8], [1.0, 1.0]).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("from_road_m", [1.5, 8.5, 20.0])
+def test_plants_begin_where_the_plan_says(from_road_m):
+    plan = LandscapePlan(
+        "mountain_road", size_m=512, road=True, bushes=1500, rocks=1500, plants_from_road_m=from_road_m
+    )
+    landscape = build_landscape(plan, seed=4)
+    for kind in ("bush", "rock"):
+        feet = np.concatenate([props.position for props in landscape.props if props.kind == kind])
+        lateral = landscape.road.nearest(feet[:, 0], feet[:, 1])[1]
+        nearest_m = (np.abs(lateral) - landscape.road.half_width_m).min()
+        assert from_road_m - 0.1 < nearest_m < from_road_m + 1.5

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from crowdfence.simulation.crowd_motion import CrowdMotion, slot_spacing_m, smooth_step, waves_of
-from crowdfence.simulation.crowd_slots import crowd_slots
+from crowdfence.simulation.crowd_slots import core_slots, even_slots
 from crowdfence.simulation.cyclists import build_cyclists
 from crowdfence.simulation.guide_line import GuideLine
 from crowdfence.simulation.people import build_people
@@ -35,9 +35,8 @@ def nearest_m(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def crowd(plan: CrowdPlan, seed: int, line: GuideLine | None = None) -> CrowdMotion:
     rng = np.random.default_rng(seed)
-    slots = crowd_slots(
-        plan.people, plan.length_m, plan.depth_m, slot_spacing_m(plan.spacing_m), everywhere, rng
-    )
+    made = core_slots if plan.density == "core" else even_slots
+    slots = made(plan.people, plan.length_m, plan.depth_m, slot_spacing_m(plan.spacing_m), everywhere, rng)
     assert slots is not None
     line = line or GuideLine.straight(0.0, 0.0, 0.3)
     return CrowdMotion(plan, line, 50.0, 0.0, slots, waves_of(rng), rng.uniform(0.0, 6.3, len(slots)))
@@ -86,28 +85,59 @@ def test_guide_line_around_a_quarter_circle() -> None:
 def test_slots_keep_their_distance(people: int, spacing: float, room: float, shape: float, seed: int) -> None:
     area = people * spacing**2 * room + (4.0 * spacing) ** 2
     length, depth = np.sqrt(area * shape), np.sqrt(area / shape)
-    slots = crowd_slots(people, length, depth, spacing, everywhere, np.random.default_rng(seed))
+    slots = even_slots(people, length, depth, spacing, everywhere, np.random.default_rng(seed))
     assert slots is not None and slots.shape == (people, 2)
     if people > 1:
         assert nearest_m(slots).min() >= spacing * (1 - 1e-9)
     assert np.abs(slots[:, 0]).max() <= length and np.abs(slots[:, 1]).max() <= depth
 
 
+@given(people=st.integers(1, 120), spacing=st.floats(0.5, 2.0), seed=st.integers(0, 1000))
+@settings(max_examples=40, deadline=None)
+def test_core_slots_keep_their_distance_and_stay_inside(people: int, spacing: float, seed: int) -> None:
+    length, depth = 20.0 * spacing, 16.0 * spacing
+    slots = core_slots(people, length, depth, spacing, everywhere, np.random.default_rng(seed))
+    assert slots is not None and slots.shape == (people, 2)
+    if people > 1:
+        assert nearest_m(slots).min() >= spacing
+    assert np.abs(slots[:, 0]).max() <= 0.5 * length and np.abs(slots[:, 1]).max() <= 0.5 * depth
+
+
+def test_core_slots_are_normally_distributed() -> None:
+    """Cut off at 2.5 deviations, a normal distribution has a deviation of
+    sqrt(1 - 5 phi(2.5) / (2 Phi(2.5) - 1)) = 0.9546 of its own."""
+    slots = core_slots(4000, 100.0, 50.0, 1e-6, everywhere, np.random.default_rng(1))
+    assert slots is not None
+    np.testing.assert_allclose(slots.std(axis=0), [0.9546 * 20.0, 0.9546 * 10.0], rtol=0.03)
+
+
+def test_core_slots_leave_free_what_is_blocked() -> None:
+    slots = core_slots(60, 20.0, 10.0, 0.5, lambda places: places[:, 0] > 1.0, np.random.default_rng(2))
+    assert slots is not None and slots[:, 0].min() > 1.0
+
+
 def test_no_room_is_no_crowd() -> None:
     rng = np.random.default_rng(0)
-    assert crowd_slots(50, 5.0, 5.0, 1.0, everywhere, rng) is None
-    assert crowd_slots(20, 20.0, 20.0, 1.0, lambda places: places[:, 0] > 100.0, rng) is None
+    assert core_slots(50, 5.0, 5.0, 1.0, everywhere, rng) is None
+    assert core_slots(20, 20.0, 20.0, 1.0, lambda places: places[:, 0] > 100.0, rng) is None
+    assert even_slots(50, 5.0, 5.0, 1.0, everywhere, rng) is None
+    assert even_slots(20, 20.0, 20.0, 1.0, lambda places: places[:, 0] > 100.0, rng) is None
 
 
 @given(
     motion=st.sampled_from(["march", "stand", "gather"]),
+    density=st.sampled_from(["even", "core"]),
     spacing=st.floats(0.5, 1.5),
     t_s=st.floats(-10.0, 5000.0),
     seed=st.integers(0, 50),
 )
 @settings(max_examples=60, deadline=None)
-def test_personal_distance_is_kept_at_any_time(motion: str, spacing: float, t_s: float, seed: int) -> None:
-    plan = CrowdPlan(people=40, length_m=24, depth_m=14, spacing_m=spacing, motion=motion, scatter=3.0)
+def test_personal_distance_is_kept_at_any_time(
+    motion: str, density: str, spacing: float, t_s: float, seed: int
+) -> None:
+    plan = CrowdPlan(
+        people=40, length_m=24, depth_m=14, spacing_m=spacing, motion=motion, scatter=3.0, density=density
+    )
     assert nearest_m(crowd(plan, seed).positions(t_s)).min() >= spacing
 
 

@@ -1,11 +1,13 @@
 """Rendered frames from outside: labels and depth against the map, the raycast and rays worked out by hand."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from crowdfence._core import Camera, Terrain
+from crowdfence.simulation.bodies import Bodies
 from crowdfence.simulation.rendering.clip_space import clip_from_camera, light_from_world
 from crowdfence.simulation.rendering.opengl_context import INSTALL_LINE, NoOpenGL, open_context
 from crowdfence.simulation.rendering.picture_settings import PictureSettings
@@ -126,6 +128,35 @@ def test_people_are_where_the_scene_says(scene, frame):
         assert offset[:, 2].max() < 1.4 * scene.people.height_m[person - 1]
         expected = SceneClass.CROWD if people.in_crowd[person - 1] else SceneClass.GROUND
         assert (frame.class_id.ravel()[pixels] == expected).all()
+
+
+@needs_opengl
+def test_girth_widens_and_stance_parts_the_legs(scene):
+    """A walker from 8 m in front, at 50 pixels a metre."""
+    camera = Camera.pinhole(WIDTH, HEIGHT, 400.0, 400.0, 80.0, 64.0)
+    walker = scene.people.count - 1
+    state = scene.people.at(5.0)
+    ahead = np.array([np.cos(state.heading_rad[walker]), np.sin(state.heading_rad[walker]), 0.0])
+    middle = state.position[walker] + [0.0, 0.0, 0.9]
+    pose = looking(middle + 8.0 * ahead, middle)
+
+    def shown(girth, stance_rad):
+        count = scene.people.count
+        bodies = Bodies(np.full(count, girth), np.full(count, stance_rad), 0.0)
+        with Renderer(replace(scene, people=replace(scene.people, bodies=bodies)), camera) as renderer:
+            return renderer.render(5.0, pose).instance_id == walker + 1
+
+    usual, stout, astride = shown(1.0, 0.0), shown(1.6, 0.0), shown(1.0, 0.4)
+    assert stout.sum() / usual.sum() == pytest.approx(1.6, rel=0.1)
+
+    def feet_apart_px(mask):
+        lowest_half_metre = mask[np.flatnonzero(mask.any(axis=1))[-25:]]
+        return np.ptp(np.flatnonzero(lowest_half_metre.any(axis=0))) + 1
+
+    # Hip joints 0.088 m from the middle, legs of 0.92 m, shoes 0.1 m wide.
+    assert feet_apart_px(usual) == pytest.approx(50.0 * (2.0 * 0.088 + 0.1), abs=4.0)
+    astride_m = 2.0 * (0.088 + 0.92 * np.sin(0.4)) + 0.1
+    assert feet_apart_px(astride) == pytest.approx(50.0 * astride_m, abs=4.0)
 
 
 @needs_opengl

@@ -33,10 +33,16 @@ def missions(only: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield name, merged(merged(every, table.get("every", {})), mission)
 
 
+def _scenario_of(name: str) -> str | Path:
+    """A file of this folder, or one that crowdfence knows."""
+    own = MISSIONS.with_name(f"{name}.toml")
+    return own if own.exists() else name
+
+
 def record(path: Path, mission: dict[str, Any]) -> str:
     """One mission, with its map beside it."""
     differs = dict(mission)
-    scenario = load_scenario(differs.pop("scenario"), **{k: v for k, v in differs.items() if k != "seed"})
+    scenario = load_scenario(_scenario_of(differs.pop("scenario")), **{k: v for k, v in differs.items() if k != "seed"})
     path.parent.mkdir(parents=True, exist_ok=True)
     scene = build_scene(scenario, mission["seed"])
     recorded = record_mission(scene, path, options=FrameOptions(heatmaps=False), workers=1, overwrite=True)

@@ -44,8 +44,8 @@ def simulate(
     fps: Annotated[float | None, _scenario_option("--fps", "Images per second and drone.")] = None,
     size: Annotated[str | None, _scenario_option("--size", "Image size in pixels, such as 640x480.")] = None,
     season: Annotated[str | None, _scenario_option("--season", "summer, autumn, winter or dry.")] = None,
-    colors: Annotated[
-        str | None, _scenario_option("--colors", "natural, or random to train detectors on.")
+    looks: Annotated[
+        str | None, _scenario_option("--looks", "natural, or random to train detectors on.")
     ] = None,
     time_of_day_h: Annotated[
         float | None, _scenario_option("--time-of-day", "Hour of the day, 0 to 24.")
@@ -90,7 +90,7 @@ def simulate(
         fps=fps,
         camera={"width": width, "height": height} if width else None,
         season=season,
-        colors=colors,
+        looks=looks,
         time_of_day_h=time_of_day_h,
         voxel_size_m=voxel_size_m,
         trouble=TroublePlan() if no_trouble else None,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.simulation.crowd_motion import CrowdMotion, slot_spacing_m, waves_of
-from crowdfence.simulation.crowd_slots import crowd_slots
+from crowdfence.simulation.crowd_slots import core_slots, even_slots
 from crowdfence.simulation.guide_line import GuideLine
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.plan_checks import ScenarioError
@@ -127,7 +127,8 @@ def _placed(
         return free
 
     # On the inside of bends the strip shrinks along the line, so the slots are laid out on the shrunk strip.
-    flat = crowd_slots(plan.people, plan.length_m, plan.depth_m, slot_spacing_m(plan.spacing_m), is_free, rng)
+    slots = core_slots if plan.density == "core" else even_slots
+    flat = slots(plan.people, plan.length_m, plan.depth_m, slot_spacing_m(plan.spacing_m), is_free, rng)
     if flat is None:
         return None
     return CrowdMotion(

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from crowdfence.evaluation.crowd_ground import crowds_of
 from crowdfence.simulation.appearance import appearance
+from crowdfence.simulation.bodies import Bodies, random_bodies, usual_bodies
 from crowdfence.simulation.crowd_motion import CrowdMotion
 from crowdfence.simulation.crowd_placement import place_crowd
 from crowdfence.simulation.landscape.landscape import Landscape
@@ -23,7 +24,7 @@ from crowdfence.simulation.scenario import Scenario
 STRIDE_M = 1.35
 _SPEED_STEP_S = 0.05
 _WALKING_M_S = 0.18
-_CHEERING, _WATCHING = 0.22, 0.4
+_WATCHING = 0.4
 _CROWDS_APART_M, _MEETING_SAMPLES = 0.6, 40
 _WAY_SAMPLES, _WAY_HORIZON_S = 60, 600.0
 
@@ -65,6 +66,7 @@ class People:
     """[P] looks at the line that the crowd moves along instead of where it goes."""
     cheering: NDArray[np.float64]
     """[P] how far the arms go up."""
+    bodies: Bodies
 
     @property
     def count(self) -> int:
@@ -133,7 +135,9 @@ def build_people(scenario: Scenario, seed: int, landscape: Landscape) -> People:
     crowd_id = np.repeat(np.arange(len(crowds) + 1), [walkers.count, *sizes])
     crowd_id = np.concatenate([crowd_id[crowd_id > 0], crowd_id[crowd_id == 0]])
     rng = stream(seed, Stream.APPEARANCE)
-    looks = appearance(len(crowd_id), rng, random_clothes(seed) if scenario.colors == "random" else None)
+    varied = scenario.looks == "random"
+    looks = appearance(len(crowd_id), rng, random_clothes(seed) if varied else None)
+    bodies = (random_bodies if varied else usual_bodies)(len(crowd_id), seed)
     draws = rng.random((3, len(crowd_id)))
     in_plan = crowd_id > 0
     return People(
@@ -147,7 +151,8 @@ def build_people(scenario: Scenario, seed: int, landscape: Landscape) -> People:
         looks.height_m,
         2.0 * np.pi * draws[0],
         in_plan & (draws[1] < _WATCHING),
-        np.where(in_plan & (draws[2] < _CHEERING), 0.4 + 2.5 * draws[2], 0.0),
+        np.where(in_plan & (draws[2] < bodies.cheering), np.minimum(0.4 + 2.5 * draws[2], 1.0), 0.0),
+        bodies,
     )
 
 

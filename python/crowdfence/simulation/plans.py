@@ -16,6 +16,7 @@ from crowdfence.simulation.plan_checks import (
 LANDSCAPE_KINDS = ("mountain_road", "field", "street", "beach")
 SIDES = ("left", "right", "middle")
 MOTIONS = ("march", "stand", "gather")
+DENSITIES = ("even", "core")
 FLIGHT_PATTERNS = ("follow", "survey")
 MAX_IMAGE_PX = 4096
 IMAGE_MULTIPLE_PX = 16
@@ -28,6 +29,7 @@ class LandscapePlan:
     """Ground, road, buildings and the number of things that stand around.
 
     `relief_m` is the height difference between valley and ridges. Counts are for the whole landscape.
+    Beside a mountain road bushes and rocks begin `plants_from_road_m` from its edge.
     """
 
     kind: str
@@ -46,12 +48,14 @@ class LandscapePlan:
     posts: int = 0
     sculptures: int = 0
     animals: int = 0
+    plants_from_road_m: float = 8.5
 
     def __post_init__(self) -> None:
         require_one_of("landscape.kind", self.kind, LANDSCAPE_KINDS)
         require_within("landscape.size_m", self.size_m, 100.0, 4000.0)
         require_within("landscape.relief_m", self.relief_m, 0.0, 1000.0)
         require_within("landscape.cell_m", self.cell_m, 0.5, 10.0)
+        require_within("landscape.plants_from_road_m", self.plants_from_road_m, 0.0, 1000.0)
         for thing in (
             "buildings",
             "trees",
@@ -77,7 +81,9 @@ class CrowdPlan:
     through (`x_m`, `y_m`) in direction `heading_deg` (clockwise from north). The crowd is centred `along_m`
     metres along the line (from its start; on "ground" from the point), on one `side` of it, `offset_m` from
     the edge of the road or from the line, and fills `length_m` x `depth_m`.
-    `spacing_m` is the least distance between two of its people when it is densest.
+    `spacing_m` is the least distance between two of its people when it is densest. `density`: "even" fills
+    the whole band; "core" is densest in the middle and thins out like a normal distribution, of which
+    `length_m` and `depth_m` are five standard deviations.
 
     `motion`: "march" moves along the line at `speed_m_s` and turns back smoothly after `reach_m`; "stand"
     only sways; "gather" starts `scatter` times as wide, is together from `gather_s` to `disperse_s` while
@@ -92,6 +98,7 @@ class CrowdPlan:
     length_m: float = 20.0
     depth_m: float = 4.0
     spacing_m: float = 0.6
+    density: str = "even"
     motion: str = "march"
     speed_m_s: float = 0.3
     reach_m: float = 45.0
@@ -107,6 +114,7 @@ class CrowdPlan:
         require_within("crowds.people", self.people, 1, MAX_PEOPLE)
         require_one_of("crowds.side", self.side, SIDES)
         require_one_of("crowds.motion", self.motion, MOTIONS)
+        require_one_of("crowds.density", self.density, DENSITIES)
         require_within("crowds.offset_m", self.offset_m, 0.0, 200.0)
         require_positive("crowds.length_m", self.length_m, 1000.0)
         require_positive("crowds.depth_m", self.depth_m, 1000.0)

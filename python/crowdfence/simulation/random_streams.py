@@ -21,6 +21,7 @@ class Stream(IntEnum):
     TELEMETRY = 109
     DETECTOR = 110
     COLORS = 111
+    BODIES = 112
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -29,7 +29,7 @@ from crowdfence.simulation.plans import (
 
 __all__ = [
     "BUILT_IN",
-    "COLORS",
+    "LOOKS",
     "SEASONS",
     "CameraPlan",
     "CrowdDefinition",
@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 SEASONS = ("summer", "autumn", "winter", "dry")
-COLORS = ("natural", "random")
+LOOKS = ("natural", "random")
 BUILT_IN = ("race", "festival", "street", "beach", "empty")
 MAX_DRONES = 64
 MAX_INSTANCES = 65_535
@@ -74,8 +74,9 @@ class Scenario:
     frames: int = 1056
     fps: float = 10.0
     season: str = "summer"
-    colors: str = "natural"
-    """ "natural", or "random": plants, ground and clothes in colours of their own, to train detectors on."""
+    looks: str = "natural"
+    """ "natural", or "random": plants, ground and clothes in any colours, people of any build and pose, to
+    train detectors on."""
     time_of_day_h: float = 15.0
     voxel_size_m: float = 0.5
     crowd_definition: CrowdDefinition = field(default_factory=CrowdDefinition)
@@ -88,7 +89,7 @@ class Scenario:
         require_within("frames", self.frames, 1, 10_000_000)
         require_positive("fps", self.fps, 240.0)
         require_one_of("season", self.season, SEASONS)
-        require_one_of("colors", self.colors, COLORS)
+        require_one_of("looks", self.looks, LOOKS)
         require_within("time_of_day_h", self.time_of_day_h, 0.0, 24.0)
         require_within("voxel_size_m", self.voxel_size_m, 0.1, 20.0)
         require_within("epoch_ns", self.epoch_ns, 0, 4_000_000_000_000_000_000)

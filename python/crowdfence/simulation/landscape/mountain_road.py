@@ -116,7 +116,7 @@ def _furnish(plan: LandscapePlan, surface: Ground, road: Road, things: Furnishin
 
     def open_ground(x: Array, y: Array) -> Array:
         margin = lattice.interpolate(surface.road_margin_m, x, y)
-        return np.asarray((margin > 8.5) * np.exp(-np.maximum(margin, 0.0) / 120.0))
+        return np.asarray((margin > plan.plants_from_road_m) * np.exp(-np.maximum(margin, 0.0) / 120.0))
 
     plant_bushes(things, plan.bushes, extent, open_ground)
     strew_rocks(things, plan.rocks, extent, open_ground)

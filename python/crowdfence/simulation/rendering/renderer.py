@@ -163,6 +163,7 @@ class Renderer:
             people.in_crowd,
             scene.people.colors,
             scene.people.height_m,
+            scene.people.bodies,
         )
         return people_batches(rows, scene.people.kind, self._kinds) + cyclist_batches(
             cyclists.position,
@@ -235,6 +236,6 @@ class Renderer:
 
 
 def _palette(scene: Scene) -> SeasonPalette:
-    if scene.scenario.colors == "random":
+    if scene.scenario.looks == "random":
         return RandomPalette(scene.light.season, scene.seed)
     return SeasonPalette(scene.light.season)

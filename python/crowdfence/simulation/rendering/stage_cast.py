@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.simulation.bodies import Bodies
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.landscape.props import Props
 from crowdfence.simulation.rendering.instances import (
@@ -77,13 +78,13 @@ def people_rows(
     in_crowd: NDArray[np.bool_],
     colors: NDArray[np.uint8],
     height_m: NDArray[np.float64],
+    bodies: Bodies,
 ) -> NDArray[np.float32]:
     """All people [P] of an instant; person p has instance id p + 1."""
     count = len(position)
     rows = instance_rows(count)
     rows[:, PLACE] = np.column_stack([position, height_m / FIGURE_HEIGHT_M])
-    rows[:, TURN.start] = heading_rad
-    rows[:, TURN.stop - 1] = seeds(count)
+    rows[:, TURN] = np.column_stack([heading_rad, bodies.girth, bodies.stance_rad, seeds(count)])
     stride = np.minimum(_STRIDE_PER_M_S * speed_m_s, _MAX_STRIDE_RAD)
     which_arms = 1 + np.arange(count) * 7 % 3
     rows[:, POSE] = np.column_stack([phase, stride, arms, which_arms])

@@ -8,8 +8,17 @@ void swing(inout vec3 point, inout vec3 normal, vec2 joint, float angle) {
     normal.xz = vec2(c * normal.x - s * normal.z, s * normal.x + c * normal.z);
 }
 
+// Outwards about the x axis (forward); side 1 = left.
+void spread(inout vec3 point, inout vec3 normal, vec2 joint, float side, float angle) {
+    float c = cos(angle), s = side * sin(angle);
+    vec2 arm = point.yz - joint;
+    point.yz = joint + vec2(c * arm.x - s * arm.y, s * arm.x + c * arm.y);
+    normal.yz = vec2(c * normal.y - s * normal.z, s * normal.y + c * normal.z);
+}
+
 // pose: phase of the gait, stride (0-1), arms raised (0-1), which arms (1 = left, 2 = right, 3 = both).
-void pose_person(inout vec3 point, inout vec3 normal, int limb, vec4 pose) {
+// stance: how far legs point sideways [rad].
+void pose_person(inout vec3 point, inout vec3 normal, int limb, vec4 pose, float stance) {
     bool lower = limb > 5;
     int upper = lower ? limb - 5 : limb;
     float side = (upper == 1 || upper == 3) ? 1.0 : -1.0;
@@ -18,11 +27,14 @@ void pose_person(inout vec3 point, inout vec3 normal, int limb, vec4 pose) {
         float knee = max(0.0, side * cos(pose.x)) * pose.y * 1.5 + 0.05;
         if (lower) swing(point, normal, vec2(0.0, 0.48), -knee);
         swing(point, normal, vec2(0.0, 0.92), swinging);
+        spread(point, normal, vec2(side * 0.088, 0.92), side, stance);
     } else {
         bool raised = (int(pose.w + 0.5) & (upper == 3 ? 1 : 2)) != 0;
         float lift = raised ? pose.z * (2.5 + 0.3 * sin(2.3 * pose.x + side)) : 0.0;
         if (lower) swing(point, normal, vec2(0.0, 1.14), 0.25 + 0.5 * pose.y + 0.4 * lift / 2.5);
         swing(point, normal, vec2(0.0, 1.42), lift - 0.9 * swinging);
+        // An arm above the shoulder goes outwards by turning the other way.
+        if (raised) spread(point, normal, vec2(side * 0.205, 1.42), side, -2.0 * stance * pose.z);
     }
 }
 

@@ -5,6 +5,7 @@ import colorsys
 import numpy as np
 import pytest
 
+from crowdfence.simulation.bodies import random_bodies, usual_bodies
 from crowdfence.simulation.random_colors import random_clothes, rgb_of_hsv
 from crowdfence.simulation.rendering.random_palette import RandomPalette
 from crowdfence.simulation.rendering.season_palette import SeasonPalette
@@ -36,7 +37,7 @@ def test_a_seed_is_a_palette() -> None:
 
 def test_people_wear_few_colours_and_stay_where_they_are() -> None:
     natural = build_scene(load_scenario("race"), 3).people
-    odd = build_scene(load_scenario("race", colors="random"), 3).people
+    odd = build_scene(load_scenario("race", looks="random"), 3).people
     np.testing.assert_array_equal(odd.positions(2.0), natural.positions(2.0))
     assert 3 <= len(random_clothes(3)) < 14
     np.testing.assert_array_equal(random_clothes(3), random_clothes(3))
@@ -44,6 +45,21 @@ def test_people_wear_few_colours_and_stay_where_they_are() -> None:
     np.testing.assert_array_equal(odd.colors[:, 0], natural.colors[:, 0])  # skin
 
 
-def test_unknown_colours_are_refused() -> None:
-    with pytest.raises(ScenarioError, match="colors"):
-        load_scenario("race", colors="loud")
+def test_bodies_are_random_only_where_wanted() -> None:
+    natural = usual_bodies(500, 3)
+    people = build_scene(load_scenario("race"), 3).people
+    np.testing.assert_array_equal(people.bodies.girth, usual_bodies(people.count, 3).girth)
+    assert natural.girth.min() >= 0.75 and natural.girth.max() <= 1.4 and natural.stance_rad.max() <= 0.2
+    one, same, other = random_bodies(500, 3), random_bodies(500, 3), random_bodies(500, 4)
+    np.testing.assert_array_equal(one.girth, same.girth)
+    np.testing.assert_array_equal(one.stance_rad, same.stance_rad)
+    assert (one.girth != other.girth).all() and one.cheering != other.cheering
+    for bodies in (one, other):
+        assert bodies.girth.min() >= 0.6 and bodies.girth.max() <= 1.8 and bodies.girth.std() > 0.1
+        assert bodies.stance_rad.min() == 0.0 and bodies.stance_rad.max() <= 0.45
+        assert 0.1 <= bodies.cheering <= 0.7
+
+
+def test_unknown_looks_are_refused() -> None:
+    with pytest.raises(ScenarioError, match="looks must be one of natural, random; got 'loud'"):
+        load_scenario("race", looks="loud")
