@@ -41,8 +41,8 @@ def _scenario_of(name: str) -> str | Path:
 
 def record(path: Path, mission: dict[str, Any]) -> str:
     """One mission, with its map beside it."""
-    differs = dict(mission)
-    scenario = load_scenario(_scenario_of(differs.pop("scenario")), **{k: v for k, v in differs.items() if k != "seed"})
+    differs = {key: value for key, value in mission.items() if key not in ("scenario", "seed")}
+    scenario = load_scenario(_scenario_of(mission["scenario"]), **differs)
     path.parent.mkdir(parents=True, exist_ok=True)
     scene = build_scene(scenario, mission["seed"])
     recorded = record_mission(scene, path, options=FrameOptions(heatmaps=False), workers=1, overwrite=True)
