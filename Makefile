@@ -68,7 +68,7 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation \
-	  --target ground --target silhouettes --steps 18000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
+	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from crowdfence.simulation.frame_maker import FrameOptions
 from crowdfence.simulation.mission_recorder import record_mission
-from crowdfence.simulation.scenario import load_scenario
+from crowdfence.simulation.scenario import Scenario, load_scenario
 from crowdfence.simulation.scenario_file import merged, read_toml
 from crowdfence.simulation.scene import build_scene
 
@@ -33,18 +33,17 @@ def missions(only: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield name, merged(merged(every, table.get("every", {})), mission)
 
 
-def _scenario_of(name: str) -> str | Path:
-    """A file of this folder, or one that crowdfence knows."""
-    own = MISSIONS.with_name(f"{name}.toml")
-    return own if own.exists() else name
+def scenario_of(mission: dict[str, Any]) -> Scenario:
+    """What a mission changes of the scenario that it names: a file of this folder, or one of crowdfence."""
+    own = MISSIONS.with_name(f"{mission['scenario']}.toml")
+    differs = {key: value for key, value in mission.items() if key not in ("scenario", "seed")}
+    return load_scenario(own if own.exists() else mission["scenario"], **differs)
 
 
 def record(path: Path, mission: dict[str, Any]) -> str:
     """One mission, with its map beside it."""
-    differs = {key: value for key, value in mission.items() if key not in ("scenario", "seed")}
-    scenario = load_scenario(_scenario_of(mission["scenario"]), **differs)
     path.parent.mkdir(parents=True, exist_ok=True)
-    scene = build_scene(scenario, mission["seed"])
+    scene = build_scene(scenario_of(mission), mission["seed"])
     recorded = record_mission(scene, path, options=FrameOptions(heatmaps=False), workers=1, overwrite=True)
     if not recorded.complete:
         path.unlink()  # what is there counts as whole

@@ -16,7 +16,7 @@ class TrainingPlan:
     targets: tuple[Target, ...] = ("ground",)
     width: float = 1.0
     """Scale of the channel counts; 1 is crowdnet-s."""
-    steps: int = 18_000
+    steps: int = 16_000
     batch: int = 16
     learning_rate: float = 3e-3
     warm_up_steps: int = 200
