@@ -41,7 +41,7 @@ class Trained:
     """What training ends with."""
 
     network: CrowdNet
-    """The averaged weights of the best validation."""
+    """The averaged weights of `best`."""
     best: Checkup
     history: list[Checkup]
     stopped_early: bool
@@ -59,7 +59,8 @@ def train(
     on_step: Callable[[int], None] | None = None,
     on_checkup: Callable[[Checkup], None] | None = None,
 ) -> Trained:
-    """Train a network on `missions`, choose its weights by the mean IoU on `validation`.
+    """Train a network on `missions`: its averaged weights at the end, or, when the mean IoU on `validation`
+    no longer improves before the calm steps, the best until then.
 
     With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
@@ -164,10 +165,11 @@ class _Run:
 
     @property
     def best(self) -> Checkup:
-        """The largest IoU; once there are calm steps, among those: equally good but sure of too much does not
-        count."""
-        calm = [one for one in self.history if one.step > self._plan.calm_from]
-        return max(calm or self.history, key=lambda one: one.score.mean_iou)
+        """The largest IoU; once there are calm steps the last of them: averaged weights need time to become
+        calm, and what is equally good but sure of too much does not count."""
+        if self.history[-1].step > self._plan.calm_from:
+            return self.history[-1]
+        return max(self.history, key=lambda one: one.score.mean_iou)
 
     @property
     def seconds(self) -> float:
