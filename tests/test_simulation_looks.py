@@ -1,4 +1,4 @@
-"""Worlds in colours of their own."""
+"""Worlds in colours of their own, with people of other builds."""
 
 import colorsys
 
@@ -53,11 +53,11 @@ def test_bodies_are_random_only_where_wanted() -> None:
     one, same, other = random_bodies(500, 3), random_bodies(500, 3), random_bodies(500, 4)
     np.testing.assert_array_equal(one.girth, same.girth)
     np.testing.assert_array_equal(one.stance_rad, same.stance_rad)
-    assert (one.girth != other.girth).all() and one.cheering != other.cheering
+    assert (one.girth != other.girth).all() and one.cheering_share != other.cheering_share
     for bodies in (one, other):
         assert bodies.girth.min() >= 0.6 and bodies.girth.max() <= 1.8 and bodies.girth.std() > 0.1
         assert bodies.stance_rad.min() == 0.0 and bodies.stance_rad.max() <= 0.45
-        assert 0.1 <= bodies.cheering <= 0.7
+        assert 0.1 <= bodies.cheering_share <= 0.7
 
 
 def test_unknown_looks_are_refused() -> None:

@@ -21,7 +21,7 @@ def train(
     ],
     validation: Annotated[
         list[Path],
-        typer.Option("--validation", help="Mission, or folder of them, that only chooses weights; repeat."),
+        typer.Option("--validation", help="Mission, or folder of them, that decides when to stop; repeat."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
     target: Annotated[

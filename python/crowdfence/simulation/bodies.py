@@ -20,7 +20,7 @@ class Bodies:
     """[P] factor on width and depth of the body."""
     stance_rad: NDArray[np.float64]
     """[P] how far each leg points sideways; raised arms do twice as much."""
-    cheering: float
+    cheering_share: float
     """Share of the people in crowds who raise their arms now and then."""
 
 

@@ -151,7 +151,7 @@ def build_people(scenario: Scenario, seed: int, landscape: Landscape) -> People:
         looks.height_m,
         2.0 * np.pi * draws[0],
         in_plan & (draws[1] < _WATCHING),
-        np.where(in_plan & (draws[2] < bodies.cheering), np.minimum(0.4 + 2.5 * draws[2], 1.0), 0.0),
+        np.where(in_plan & (draws[2] < bodies.cheering_share), np.minimum(0.4 + 2.5 * draws[2], 1.0), 0.0),
         bodies,
     )
 
