@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from crowdfence import Camera, Terrain
+from crowdfence.evaluation.ground_labels import ground_cells
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
 from crowdfence.training.frame_store import store_missions
-from crowdfence.training.labels import cell_labels
+from crowdfence.training.labels import training_labels
 
 # 20 m above the plain with a focal length of 80 px, a cell of 4 px covers 1 m; the image covers 40 x 30 m and
 # cell (row, column) lies 40 + column east and 75 - row north (its lower edge at 74 - row).
@@ -57,21 +58,21 @@ def recording(
 
 
 def ground(of: Recording) -> tuple[np.ndarray, np.ndarray]:
-    labels = cell_labels("ground", of.frames[0], of, PLAIN)
-    return labels.crowd, labels.known
+    cells = ground_cells(of.frames[0], of, PLAIN)
+    return cells.share, cells.known
 
 
 def test_the_ground_under_a_crowd_appears_where_the_camera_sees_it():
     # Three people on one line, a metre apart: the middle of cell (9, 20) is at (60.5, 65.5).
     crowd, known = ground(recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5))))
     assert known.all()
-    assert crowd[9, 19:22].tolist() == [255] * 3
+    assert crowd[9, 19:22].tolist() == [1.0] * 3
     # Ground reaches a metre around each person: 0.5 m into the cells beside the three, 0.5 m into the rows
     # above and below. Rays go through the quarters of a cell, 0.25 and 0.75 m from its edges.
     rows, columns = np.nonzero(crowd)
     assert rows.min() == 8 and rows.max() == 10
     assert columns.min() == 18 and columns.max() == 22
-    assert crowd[9, 18] == crowd[9, 22] == crowd[8, 20] == crowd[10, 20] == 128
+    assert crowd[9, 18] == crowd[9, 22] == crowd[8, 20] == crowd[10, 20] == 0.5
 
 
 def test_the_outline_does_not_depend_on_the_voxels():
@@ -87,8 +88,7 @@ def test_the_outline_does_not_depend_on_the_voxels():
         of = recording(people_at(*crowd_at, up=0.2), depth_m=1e3, pose=pose)
         count = int(120 / size_m)
         plain = Terrain.from_height_map(np.full((count, count), 0.2), size_m, origin=(0.0, 0.0, 0.0))
-        labels = cell_labels("ground", of.frames[0], of, plain)
-        areas.append(labels.crowd / 255)
+        areas.append(ground_cells(of.frames[0], of, plain).share)
     assert areas[0].sum() > 30
     for area in areas[1:]:
         assert np.minimum(area, areas[0]).sum() > 0.97 * np.maximum(area, areas[0]).sum()
@@ -108,8 +108,8 @@ def test_a_crowd_behind_a_tree_is_unknown_and_empty_ground_behind_it_is_not():
     depth_m = np.full((120, 160), 20.0)
     depth_m[:, :80] = 5.0  # a canopy over the western half
     crowd, known = ground(recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5)), depth_m))
-    assert crowd[9, 19] == 255 and not known[9, 19]  # under the canopy
-    assert crowd[9, 20] == 255 and known[9, 20]  # beside it
+    assert crowd[9, 19] == 1.0 and not known[9, 19]  # under the canopy
+    assert crowd[9, 20] == 1.0 and known[9, 20]  # beside it
     assert known[0, 0] and crowd[0, 0] == 0  # under it, but nobody is there
 
 
@@ -126,17 +126,28 @@ def test_ground_labels_need_a_map_and_people():
     with pytest.raises(FrameError, match="nobody's position is recorded"):
         ground(nobody_knows)
     with pytest.raises(ValueError, match="without a map"):
-        cell_labels("ground", nobody_knows.frames[0], nobody_knows, None)
+        training_labels("ground", nobody_knows.frames[0], nobody_knows, None)
 
 
-def test_silhouettes_are_shares_of_cells():
+def test_training_wants_two_by_two_labels_in_a_cell():
+    of = recording(people_at((59.5, 65.5), (60.5, 65.5), (61.5, 65.5)), np.full((120, 160), 20.0))
+    labels, cells = training_labels("ground", of.frames[0], of, PLAIN), ground_cells(of.frames[0], of, PLAIN)
+    assert labels.crowd.shape == labels.known.shape == (60, 80)
+    # Half a metre into the row of cells above the three people is the lower half of those cells.
+    assert labels.crowd[16:18, 40].tolist() == [0, 255]
+    blocks = (labels.crowd / 255).reshape(30, 2, 40, 2)
+    assert np.array_equal(blocks.mean(axis=(1, 3), dtype=np.float32), cells.share)
+
+
+def test_silhouettes_are_shares_of_labels():
     regions = np.zeros((120, 160), int)
-    regions[8:12, 20:22] = 3  # half of cell (2, 5)
-    regions[40, 40] = 1  # a sixteenth of cell (10, 10)
+    regions[8:12, 21:22] = 3  # half of labels (4, 10) and (5, 10)
+    regions[40, 40] = 1  # a quarter of label (20, 20)
     of = recording(None, regions=regions)
-    crowd, known = cell_labels("silhouettes", of.frames[0], of, None)
-    assert crowd[2, 5] == 128 and crowd[10, 10] == 16
-    assert np.count_nonzero(crowd) == 2 and known.all()
+    crowd, known = training_labels("silhouettes", of.frames[0], of, None)
+    assert crowd.shape == (60, 80)
+    assert crowd[4:6, 10].tolist() == [128, 128] and crowd[20, 20] == 64
+    assert np.count_nonzero(crowd) == 3 and known.all()
 
 
 def test_the_missions_own_rule_says_what_a_crowd_is():
@@ -158,7 +169,7 @@ def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
     for index in (0, len(stored) // 2, len(stored) - 1):
         frame = recorded.frames[index]
         assert np.array_equal(stored.images[index], frame.image())
-        share = (frame.regions() > 0).reshape(60, 4, 80, 4).mean(axis=(1, 3))
+        share = (frame.regions() > 0).reshape(120, 2, 160, 2).mean(axis=(1, 3))
         assert np.abs(stored.crowd[index, 0] / 255 - share).max() <= 0.5 / 255 + 1e-9
     written = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     store_missions([DEMO], ["silhouettes"], tmp_path)

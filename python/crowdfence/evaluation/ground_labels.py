@@ -22,14 +22,23 @@ STRIDE = 4
 MAX_RANGE_M = 300.0
 """Ground farther away is not labelled."""
 
-_RAYS = 2
-"""Rays per cell along each axis."""
+RAYS_PER_CELL = 2
+"""Along each axis."""
 
 _PIXEL_M = 0.125
 _HIDDEN_FROM = 0.9
 _HIDDEN_SLACK_M = 1.0
 _ONTO_GROUND_STEPS = 5
 _ONTO_GROUND_M = 0.1
+
+
+class GroundRays(NamedTuple):
+    """What the rays of one image meet, [2 * (H // 4), 2 * (W // 4)]."""
+
+    crowd: NDArray[np.bool_]
+    """The ground of a crowd."""
+    hidden: NDArray[np.bool_]
+    """The ground of a crowd, but something that is no person stands before it."""
 
 
 class GroundCells(NamedTuple):
@@ -47,18 +56,25 @@ class GroundCells(NamedTuple):
 
 
 def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> GroundCells:
+    """The rays of `ground_rays` by cells. What a tree, car or tent hides is unknown where it is crowd."""
+    rays = ground_rays(frame, recording, terrain)
+    return GroundCells(_cell_means(rays.crowd), _cell_means(rays.hidden) < 0.5)
+
+
+def ground_rays(frame: Frame, recording: Recording, terrain: Terrain) -> GroundRays:
     """A ray is crowd when, with all people and things taken away, it meets the ground of a crowd
     (`CrowdGround`). Such a label projects to where it belongs, while silhouettes smear over the ground behind
-    the people. What a tree, car or tent hides is unknown where it is crowd.
+    the people.
 
     FrameError when the frame's truth (people, pose, depth, instances) is missing or cannot be read.
     """
     people = people_at(frame, recording)
     definition = crowd_definition(recording.manifest)
     reach_m = definition["radius_m"] + terrain.voxel_size_m
-    rows, columns = _RAYS * (frame.camera.height // STRIDE), _RAYS * (frame.camera.width // STRIDE)
+    camera = frame.camera
+    rows, columns = (side // STRIDE * RAYS_PER_CELL for side in (camera.height, camera.width))
     world_from_camera = true_camera_pose(frame)
-    rays = frame.camera.unproject(_ray_pixels(rows, columns))
+    rays = camera.unproject(_ray_pixels(rows, columns))
     directions = rays @ world_from_camera[:3, :3].T
     origins = np.broadcast_to(world_from_camera[:3, 3], directions.shape)
     ids, distance_m = terrain.raycast(origins, directions, MAX_RANGE_M)
@@ -69,12 +85,12 @@ def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> Ground
         on_crowd[met] |= _on_ground(ground, points, directions[met], reach_m)
     crowd = on_crowd.reshape(rows, columns)
     hidden = crowd & _hidden(frame, (distance_m * rays[:, 2]).reshape(rows, columns))
-    return GroundCells(_cell_means(crowd), _cell_means(hidden) < 0.5)
+    return GroundRays(crowd, hidden)
 
 
 def _ray_pixels(rows: int, columns: int) -> NDArray[np.float64]:
     """Pixel coordinates [rows * columns, 2] that rays go through, row by row."""
-    step = STRIDE / _RAYS
+    step = STRIDE / RAYS_PER_CELL
     v, u = np.meshgrid((np.arange(rows) + 0.5) * step, (np.arange(columns) + 0.5) * step, indexing="ij")
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
@@ -108,14 +124,13 @@ def _on_ground(
 def _hidden(frame: Frame, terrain_depth_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Rays [rows, columns] on which something that is no person stands well before the terrain."""
     rows, columns = terrain_depth_m.shape
-    pixel = [
-        np.floor((np.arange(count) + 0.5) * STRIDE / _RAYS).astype(np.int64) for count in (rows, columns)
-    ]
+    step = STRIDE / RAYS_PER_CELL
+    pixel = [np.floor((np.arange(count) + 0.5) * step).astype(np.int64) for count in (rows, columns)]
     depth_m, person = frame.depth_m()[np.ix_(*pixel)], frame.instances()[np.ix_(*pixel)]
     nearer = depth_m < _HIDDEN_FROM * terrain_depth_m - _HIDDEN_SLACK_M
     return np.asarray(nearer & (person == 0))
 
 
 def _cell_means(rays: NDArray[np.bool_]) -> NDArray[np.float32]:
-    rows, columns = (side // _RAYS for side in rays.shape)
-    return rays.reshape(rows, _RAYS, columns, _RAYS).mean(axis=(1, 3), dtype=np.float32)
+    rows, columns = (side // RAYS_PER_CELL for side in rays.shape)
+    return rays.reshape(rows, RAYS_PER_CELL, columns, RAYS_PER_CELL).mean(axis=(1, 3), dtype=np.float32)

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.labels import STRIDE
+from crowdfence.training.labels import LABEL_STRIDE, LABELS_PER_CELL
 
 
 class Batch(NamedTuple):
@@ -72,13 +72,16 @@ class CropSampler:
         window = _window(frame_from_crop, plan.height, plan.width, height, width)
         image = torch.from_numpy(np.array(stored.images[frame][window])).to(device)
         image = image.permute(2, 0, 1)[None].float() / 255.0
-        image = _resampled(image, _cell_grid(frame_from_crop, plan, 1, window, device), _span(window))
-        cells = np.stack([crowd, known.astype(np.uint8) * np.uint8(255)]).reshape(-1, *crowd.shape[1:])
-        labels = torch.from_numpy(cells).to(device)[None].float() / 255.0
+        # Bilinear values would show the network softer pictures than those it will be used on.
+        at = _cell_grid(frame_from_crop, plan, 1, window, device)
+        image = _resampled(image, at, _span(window), "bicubic").clamp_(0.0, 1.0)
+        planes = np.stack([crowd, known.astype(np.uint8) * np.uint8(255)]).reshape(-1, *crowd.shape[1:])
+        labels = torch.from_numpy(planes).to(device)[None].float() / 255.0
         whole = (slice(0, height), slice(0, width))
-        labels = _resampled(labels, _cell_grid(frame_from_crop, plan, STRIDE, whole, device), (height, width))
-        half = labels.shape[1] // 2
-        return Batch(image, (labels[:, :half] >= 0.5).float(), (labels[:, half:] > 0.99).float())
+        at = _cell_grid(frame_from_crop, plan, LABEL_STRIDE, whole, device)
+        cells = functional.avg_pool2d(_resampled(labels, at, (height, width)), LABELS_PER_CELL)
+        half = cells.shape[1] // 2
+        return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
 
     def _centre(
         self, crowd: NDArray[np.uint8], height: int, width: int, scale: float, rng: np.random.Generator
@@ -92,7 +95,7 @@ class CropSampler:
             if len(rows):
                 one = rng.integers(len(rows))
                 near = rng.uniform(-0.4, 0.4, 2) * (plan.width, plan.height) * scale
-                centre = np.array([columns[one] + 0.5, rows[one] + 0.5]) * STRIDE + near
+                centre = np.array([columns[one] + 0.5, rows[one] + 0.5]) * LABEL_STRIDE + near
         margin = np.minimum(0.5 * scale * np.array([plan.width, plan.height]), 0.5 * size)
         return np.clip(centre, margin, size - margin)
 
@@ -136,7 +139,7 @@ def _cell_grid(
     return torch.stack([u, v], dim=-1)[None]
 
 
-def _resampled(values: Tensor, at: Tensor, span: tuple[int, int]) -> Tensor:
-    """Bilinear values [1, C, h, w] at coordinates that run over `span` = (height, width); 0 outside."""
+def _resampled(values: Tensor, at: Tensor, span: tuple[int, int], mode: str = "bilinear") -> Tensor:
+    """Values [1, C, h, w] at coordinates that run over `span` = (height, width); 0 outside."""
     size = torch.tensor([span[1], span[0]], dtype=torch.float32, device=at.device)
-    return functional.grid_sample(values, 2.0 * at / size - 1.0, mode="bilinear", align_corners=False)
+    return functional.grid_sample(values, 2.0 * at / size - 1.0, mode=mode, align_corners=False)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.training.labels import STRIDE, Target, cell_labels
+from crowdfence.training.labels import LABEL_STRIDE, STRIDE, Target, training_labels
 
-_FORMAT = 3
+_FORMAT = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class StoredMission:
     images: NDArray[np.uint8]
     """[N, H, W, 3] RGB."""
     crowd: NDArray[np.uint8]
-    """[N, T, h, w] share of crowd per cell times 255, one plane per target."""
+    """[N, T, h, w] labels (`TrainingLabels`), one plane per target."""
     known: NDArray[np.bool_]
     """[N, T, h, w] False where the truth is unknown."""
     skipped: tuple[str, ...]
@@ -87,7 +87,7 @@ def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
     kept, skipped = 0, []
     for frame in recording.frames:
         try:
-            labels = [cell_labels(target, frame, recording, terrain) for target in targets]
+            labels = [training_labels(target, frame, recording, terrain) for target in targets]
             arrays.images[kept] = frame.image()[:height, :width]
         except FrameError as error:
             skipped.append(str(error))
@@ -110,11 +110,11 @@ class _Arrays:
 
     @classmethod
     def create(cls, part: Path, frames: int, targets: int, height: int, width: int) -> _Arrays:
-        cells = (frames, targets, height // STRIDE, width // STRIDE)
+        labels = (frames, targets, height // LABEL_STRIDE, width // LABEL_STRIDE)
         return cls(
             np.lib.format.open_memmap(_file(part, "images"), "w+", np.uint8, (frames, height, width, 3)),
-            np.lib.format.open_memmap(_file(part, "crowd"), "w+", np.uint8, cells),
-            np.lib.format.open_memmap(_file(part, "known"), "w+", np.bool_, cells),
+            np.lib.format.open_memmap(_file(part, "crowd"), "w+", np.uint8, labels),
+            np.lib.format.open_memmap(_file(part, "known"), "w+", np.bool_, labels),
         )
 
 

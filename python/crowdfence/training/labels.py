@@ -1,4 +1,4 @@
-"""What the network is to mark in an image, cell by cell, as training wants it."""
+"""What the network is to mark in an image, finer than it can: crops move, turn and scale the labels."""
 
 from __future__ import annotations
 
@@ -9,40 +9,58 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.evaluation.frame_labels import Target
-from crowdfence.evaluation.ground_labels import STRIDE, ground_cells
+from crowdfence.evaluation.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
 from crowdfence.sources.recording import Frame, Recording
 
-__all__ = ["STRIDE", "TARGETS", "CellLabels", "Target", "cell_labels"]
+__all__ = [
+    "LABELS_PER_CELL",
+    "LABEL_STRIDE",
+    "STRIDE",
+    "TARGETS",
+    "Target",
+    "TrainingLabels",
+    "training_labels",
+]
 
 TARGETS: tuple[Target, ...] = get_args(Target)
 
+LABELS_PER_CELL = RAYS_PER_CELL
+"""Along each axis of an output cell. With one label per cell, the labels of a turned crop agree with the
+pixels that they stand for only to an IoU of .95; with two, of .985."""
 
-class CellLabels(NamedTuple):
+LABEL_STRIDE = STRIDE // LABELS_PER_CELL
+"""Image pixels per label along each axis."""
+
+
+class TrainingLabels(NamedTuple):
     """Labels of one image for one target."""
 
     crowd: NDArray[np.uint8]
-    """[h, w] share of the cell that is crowd, times 255."""
+    """[H, W] share of the label's pixels that is crowd, times 255."""
     known: NDArray[np.bool_]
-    """[h, w] False where the truth cannot be told from the image: such cells teach nothing."""
+    """[H, W] False where the truth cannot be told from the image: such places teach nothing."""
 
 
-def cell_labels(target: Target, frame: Frame, recording: Recording, terrain: Terrain | None) -> CellLabels:
-    """Labels [h, w] of a frame at `STRIDE`. FrameError when its truth cannot be read, ValueError when
-    `ground` is wanted without a terrain."""
+def training_labels(
+    target: Target, frame: Frame, recording: Recording, terrain: Terrain | None
+) -> TrainingLabels:
+    """Labels of a frame at `LABEL_STRIDE`, whole output cells of them. FrameError when its truth cannot be
+    read, ValueError when `ground` is wanted without a terrain."""
     if target == "silhouettes":
-        return _silhouette_cells(frame)
+        return _silhouettes(frame)
     if target == "ground":
         if terrain is None:
             raise ValueError(f"{recording.name} comes without a map, which the target 'ground' needs")
-        cells = ground_cells(frame, recording, terrain)
-        return CellLabels(np.rint(cells.share * 255.0).astype(np.uint8), cells.known)
+        rays = ground_rays(frame, recording, terrain)
+        return TrainingLabels(rays.crowd.astype(np.uint8) * np.uint8(255), ~rays.hidden)
     raise ValueError(f"target is {target!r}; it must be one of {', '.join(TARGETS)}")
 
 
-def _silhouette_cells(frame: Frame) -> CellLabels:
+def _silhouettes(frame: Frame) -> TrainingLabels:
     regions = frame.regions() > 0
-    rows, columns = regions.shape[0] // STRIDE, regions.shape[1] // STRIDE
-    blocks = regions[: rows * STRIDE, : columns * STRIDE].reshape(rows, STRIDE, columns, STRIDE)
-    return CellLabels(
-        np.rint(blocks.mean(axis=(1, 3)) * 255.0).astype(np.uint8), np.ones((rows, columns), np.bool_)
+    height, width = (side // STRIDE * STRIDE for side in regions.shape)
+    blocks = regions[:height, :width].reshape(
+        height // LABEL_STRIDE, LABEL_STRIDE, width // LABEL_STRIDE, LABEL_STRIDE
     )
+    share = np.rint(blocks.mean(axis=(1, 3)) * 255.0).astype(np.uint8)
+    return TrainingLabels(share, np.ones(share.shape, np.bool_))
