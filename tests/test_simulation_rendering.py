@@ -8,6 +8,8 @@ import pytest
 
 from crowdfence._core import Camera, Terrain
 from crowdfence.simulation.bodies import Bodies
+from crowdfence.simulation.cyclists import Cyclists
+from crowdfence.simulation.people import People
 from crowdfence.simulation.rendering.clip_space import clip_from_camera, light_from_world
 from crowdfence.simulation.rendering.opengl_context import INSTALL_LINE, NoOpenGL, open_context
 from crowdfence.simulation.rendering.picture_settings import PictureSettings
@@ -157,6 +159,61 @@ def test_girth_widens_and_stance_parts_the_legs(scene):
     assert feet_apart_px(usual) == pytest.approx(50.0 * (2.0 * 0.088 + 0.1), abs=4.0)
     astride_m = 2.0 * (0.088 + 0.92 * np.sin(0.4)) + 0.1
     assert feet_apart_px(astride) == pytest.approx(50.0 * astride_m, abs=4.0)
+
+
+@needs_opengl
+def test_cheering_raises_the_hands(scene, monkeypatch):
+    """Somebody who stands, from 10 m in front, at 40 pixels a metre."""
+    camera = Camera.pinhole(WIDTH, HEIGHT, 400.0, 400.0, 80.0, 64.0)
+    person = scene.people.count - 1
+    moving = scene.people.at(5.0)
+    still, nobody = np.zeros_like(moving.speed_m_s), np.zeros_like(moving.arms)
+    ahead = np.array([np.cos(moving.heading_rad[person]), np.sin(moving.heading_rad[person]), 0.0])
+    middle = moving.position[person] + [0.0, 0.0, 0.9]
+
+    def top_m(arms):
+        posed = replace(moving, speed_m_s=still, phase=still, arms=arms)
+        monkeypatch.setattr(People, "at", lambda *_: posed)
+        with Renderer(scene, camera) as renderer:
+            shown = renderer.render(5.0, looking(middle + 10.0 * ahead, middle)).instance_id == person + 1
+        return 0.9 + (64 - np.flatnonzero(shown.any(axis=1))[0]) / 40.0
+
+    size = scene.people.height_m[person] / 1.75
+    assert top_m(nobody) == pytest.approx(1.75 * size, abs=0.05)
+    # Shoulder 1.42 m high, upper arm 0.28 m, from elbow to fingers 0.38 m. The left arm is raised by
+    # 2.5 + 0.3 sin(1) = 2.75 rad and bent by 0.25 + 0.16 * 2.75, the right by 2.25 and 0.25 + 0.16 * 2.25.
+    left_m = 1.42 - 0.28 * np.cos(2.75) - 0.38 * np.cos(3.44)
+    right_m = 1.42 - 0.28 * np.cos(2.25) - 0.38 * np.cos(2.86)
+    raised = 1 + person * 7 % 3  # 1 left, 2 right, 3 both
+    highest = max(height for arm, height in ((1, left_m), (2, right_m)) if raised & arm)
+    assert top_m(nobody + 1.0) == pytest.approx(highest * size, abs=0.05)
+
+
+@needs_opengl
+def test_pedals_turn(scene, monkeypatch):
+    """A cyclist from 4 m in front, at 100 pixels a metre: cranks of 0.17 m, 0.09 m beside the middle, turn
+    about the bracket, 0.28 m high; the left one points down at phase 0."""
+    camera = Camera.pinhole(WIDTH, HEIGHT, 400.0, 400.0, 80.0, 64.0)
+    riding = scene.cyclists.at(5.0)
+    ahead = np.array([np.cos(riding.heading_rad[0]), np.sin(riding.heading_rad[0]), 0.0])
+    bracket = riding.position[0] + [0.0, 0.0, 0.28]
+
+    def lowest_m(phase):
+        """Of the left and of the right leg, above the bracket."""
+        posed = replace(
+            riding, pitch_rad=0.0 * riding.pitch_rad, pedal_phase=0.0 * riding.pedal_phase + phase
+        )
+        monkeypatch.setattr(Cyclists, "at", lambda *_: posed)
+        with Renderer(scene, camera) as renderer:
+            frame = renderer.render(5.0, looking(bracket + 4.0 * ahead, bracket))
+        shown = frame.instance_id == scene.people.count + 1
+        # The rider's left is on the right of who looks at him; columns 5 to 14 cm beside the middle.
+        sides = shown[:, 85:95], shown[:, 65:75]
+        return [(64 - 1 - np.flatnonzero(side.any(axis=1))[-1]) / 100.0 for side in sides]
+
+    assert lowest_m(0.0) == pytest.approx([-0.17, 0.0], abs=0.03)
+    assert lowest_m(np.pi) == pytest.approx([0.0, -0.17], abs=0.03)
+    assert lowest_m(np.pi / 2) == pytest.approx([0.0, 0.0], abs=0.08)  # level; a foot hangs below its pedal
 
 
 @needs_opengl
