@@ -1,12 +1,12 @@
-"""crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.69 M parameters, output at stride 4.
+"""crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.70 M parameters, output at stride 4.
 
-    3 -> 16 s2 | 24 s2, residual = p4 | 48 s2, residual x 2 = p8
+    3 -> 16 s2, residual | 24 s2, residual = p4 | 48 s2, residual x 2 = p8
     96 s2, residual x 3 with dilation 1, 2, 4 | + global mean
     48, up, + p8 | 24, up, + p4 | one logit per target
 
 Plain convolutions run on every CPU, GPU and NPU runtime at full speed, where depthwise ones often do not. The
 largest stride is 16, so 320x240, 640x480 and 1280x720 need no padding. People are a few pixels tall, so the
-residuals at strides 4 and 8 earn their time (`training/README.md`).
+residuals at strides 2, 4 and 8 earn their time (`training/README.md`).
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ class CrowdNet(nn.Module):
         super().__init__()
         self.width = width
         c2, c4, c8, c16 = (round(channels * width) for channels in (16, 24, 48, 96))
-        self.to_p4 = nn.Sequential(ConvUnit(3, c2, stride=2), ConvUnit(c2, c4, stride=2), Residual(c4))
+        self.to_p4 = nn.Sequential(
+            ConvUnit(3, c2, stride=2), Residual(c2), ConvUnit(c2, c4, stride=2), Residual(c4)
+        )
         self.to_p8 = nn.Sequential(ConvUnit(c4, c8, stride=2), Residual(c8), Residual(c8))
         self.to_p16 = nn.Sequential(
             ConvUnit(c8, c16, stride=2), Residual(c16), Residual(c16, dilation=2), Residual(c16, dilation=4)
