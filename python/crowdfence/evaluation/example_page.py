@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
@@ -13,13 +15,21 @@ COLUMNS = 4
 TILE_PX = (480, 360)
 
 
+class _Example(NamedTuple):
+    crowd: int
+    wrong: int
+    """Cells."""
+    image: NDArray[np.uint8]
+    values: NDArray[np.float64]
+    mask: NDArray[np.bool_]
+
+
 class ExamplePage:
-    """Keeps two frames of every mission: the one with most crowd and the one with most wrong cells. Where a
-    model fails is what examples are for."""
+    """Keeps two frames of every mission: the one with most crowd and, of the others, the one with most wrong
+    cells. Where a model fails is what examples are for."""
 
     def __init__(self) -> None:
-        self._most_crowd: dict[str, tuple[int, NDArray[np.uint8]]] = {}
-        self._most_wrong: dict[str, tuple[int, NDArray[np.uint8]]] = {}
+        self._kept: dict[str, list[_Example]] = {}
 
     def offer(
         self,
@@ -36,35 +46,35 @@ class ExamplePage:
         wrong = (values > 0.5) != crowd
         if ignored is not None:
             wrong &= ~crowd_cells(ignored, values.shape)
-        for kept, amount in ((self._most_crowd, int(crowd.sum())), (self._most_wrong, int(wrong.sum()))):
-            if mission not in kept or amount > kept[mission][0]:
-                kept[mission] = amount, _tile(image, values, mask)
+        one = _Example(int(crowd.sum()), int(wrong.sum()), image, values, mask)
+        self._kept[mission] = _most_crowd_and_most_wrong([*self._kept.get(mission, []), one])
 
     def picture(self) -> NDArray[np.uint8]:
         """The page [H, W, 3]: mission after mission, most crowd before most errors. ValueError before the
         first frame."""
-        if not self._most_crowd:
+        if not self._kept:
             raise ValueError("no frames: a page of examples needs at least one")
-        tiles = [
-            tile
-            for mission in self._most_crowd
-            for tile in (self._most_crowd[mission][1], self._most_wrong[mission][1])
-        ]
+        tiles = [_tile(one) for kept in self._kept.values() for one in kept]
         tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
         rows = [np.hstack(tiles[first : first + COLUMNS]) for first in range(0, len(tiles), COLUMNS)]
         return np.vstack(rows)
 
 
-def _tile(
-    image: NDArray[np.uint8], values: NDArray[np.float64], mask: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
+def _most_crowd_and_most_wrong(examples: list[_Example]) -> list[_Example]:
+    """Two of three at most; the earlier one where they are equal."""
+    first = max(examples, key=lambda one: one.crowd)
+    others = [one for one in examples if one is not first]
+    return [first, *sorted(others, key=lambda one: -one.wrong)[:1]]
+
+
+def _tile(one: _Example) -> NDArray[np.uint8]:
     """The picture with its heatmap, and the true outline in cyan."""
     from PIL import Image
 
     from crowdfence.detector.overlay import overlay
 
-    drawn = overlay(image, values.astype(np.float32))
+    drawn = overlay(one.image, one.values.astype(np.float32))
     height, width = drawn.shape[:2]
-    truth = np.asarray(Image.fromarray(mask).resize((width, height), Image.Resampling.NEAREST))
+    truth = np.asarray(Image.fromarray(one.mask).resize((width, height), Image.Resampling.NEAREST))
     drawn[binary_dilation(truth, iterations=2) & ~truth] = TRUTH_COLOUR
     return np.asarray(Image.fromarray(drawn).resize(TILE_PX))
