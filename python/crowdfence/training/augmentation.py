@@ -8,6 +8,7 @@ between worlds.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -82,18 +83,20 @@ def _focused(image: Tensor, rng: np.random.Generator) -> Tensor:
         kind = rng.integers(9)
         if kind < 3:
             soft = _convolved(one, _gaussian(rng.uniform(0.5, 1.2)))
-            image[index] += float(rng.uniform(0.2, 1.6)) * (one - soft)[0]
+            one += float(rng.uniform(0.2, 1.6)) * (one - soft)
         elif kind == 3:
-            image[index] = _convolved(one, _gaussian(rng.uniform(0.4, 1.4)))[0]
+            one.copy_(_convolved(one, _gaussian(rng.uniform(0.4, 1.4))))
         elif kind == 4:
-            image[index] = _convolved(one, _streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi)))[0]
+            one.copy_(_convolved(one, _streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi))))
         elif kind == 5:
             fewer = [max(8, int(side / rng.uniform(1.2, 2.2))) for side in one.shape[2:]]
-            small = functional.interpolate(one, fewer, mode="bilinear", align_corners=False, antialias=True)
-            image[index] = functional.interpolate(small, one.shape[2:], mode="bilinear", align_corners=False)[
-                0
-            ]
+            one.copy_(_resized(_resized(one, fewer), one.shape[2:]))
     return image
+
+
+def _resized(image: Tensor, size: Sequence[int]) -> Tensor:
+    smaller = size[0] < image.shape[2]
+    return functional.interpolate(image, list(size), mode="bilinear", align_corners=False, antialias=smaller)
 
 
 def _gaussian(sigma: float) -> np.ndarray:
