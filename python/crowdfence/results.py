@@ -100,7 +100,7 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN
         },
         "zones": [
-            {"id": zone.id, "area_m2": zone.area_m2, "probability_max": round(zone.probability_max, 4)}
+            {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
             for zone in zones
         ],
         "dropped_regions": zones.dropped_count,
