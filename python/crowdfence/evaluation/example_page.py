@@ -16,9 +16,10 @@ TILE_PX = (480, 360)
 
 
 class _Example(NamedTuple):
+    """A frame, and how many of its cells are crowd and wrong."""
+
     crowd: int
     wrong: int
-    """Cells."""
     image: NDArray[np.uint8]
     values: NDArray[np.float64]
     mask: NDArray[np.bool_]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.evaluation.block_means import block_means
 from crowdfence.evaluation.crowd_ground import CrowdGround, crowd_grounds
 from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
 from crowdfence.sources.recording import Frame, Recording
@@ -58,7 +59,7 @@ class GroundCells(NamedTuple):
 def ground_cells(frame: Frame, recording: Recording, terrain: Terrain) -> GroundCells:
     """The rays of `ground_rays` by cells. What a tree, car or tent hides is unknown where it is crowd."""
     rays = ground_rays(frame, recording, terrain)
-    return GroundCells(_cell_means(rays.crowd), _cell_means(rays.hidden) < 0.5)
+    return GroundCells(block_means(rays.crowd, RAYS_PER_CELL), block_means(rays.hidden, RAYS_PER_CELL) < 0.5)
 
 
 def ground_rays(frame: Frame, recording: Recording, terrain: Terrain) -> GroundRays:
@@ -90,9 +91,13 @@ def ground_rays(frame: Frame, recording: Recording, terrain: Terrain) -> GroundR
 
 def _ray_pixels(rows: int, columns: int) -> NDArray[np.float64]:
     """Pixel coordinates [rows * columns, 2] that rays go through, row by row."""
-    step = STRIDE / RAYS_PER_CELL
-    v, u = np.meshgrid((np.arange(rows) + 0.5) * step, (np.arange(columns) + 0.5) * step, indexing="ij")
+    v, u = np.meshgrid(_pixels_along(rows), _pixels_along(columns), indexing="ij")
     return np.stack([u.ravel(), v.ravel()], axis=1)
+
+
+def _pixels_along(count: int) -> NDArray[np.float64]:
+    """Pixel coordinates of `count` rays along one axis."""
+    return np.asarray((np.arange(count) + 0.5) * (STRIDE / RAYS_PER_CELL), np.float64)
 
 
 def _on_ground(
@@ -124,13 +129,7 @@ def _on_ground(
 def _hidden(frame: Frame, terrain_depth_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Rays [rows, columns] on which something that is no person stands well before the terrain."""
     rows, columns = terrain_depth_m.shape
-    step = STRIDE / RAYS_PER_CELL
-    pixel = [np.floor((np.arange(count) + 0.5) * step).astype(np.int64) for count in (rows, columns)]
+    pixel = [np.floor(_pixels_along(count)).astype(np.int64) for count in (rows, columns)]
     depth_m, person = frame.depth_m()[np.ix_(*pixel)], frame.instances()[np.ix_(*pixel)]
     nearer = depth_m < _HIDDEN_FROM * terrain_depth_m - _HIDDEN_SLACK_M
     return np.asarray(nearer & (person == 0))
-
-
-def _cell_means(rays: NDArray[np.bool_]) -> NDArray[np.float32]:
-    rows, columns = (side // RAYS_PER_CELL for side in rays.shape)
-    return rays.reshape(rows, RAYS_PER_CELL, columns, RAYS_PER_CELL).mean(axis=(1, 3), dtype=np.float32)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from crowdfence.evaluation.block_means import block_means
 from crowdfence.simulation.random_streams import Stream, stream
 
 STRIDE = 4
@@ -38,8 +39,8 @@ class SimulatedDetector:
 
         Equal for equal arguments. H and W must be multiples of 4.
         """
-        crowd = _cells(regions > 0)
-        alone = _cells((instances > 0) & (regions == 0))
+        crowd = _shares(regions > 0)
+        alone = _shares((instances > 0) & (regions == 0))
         rng = stream(seed, Stream.DETECTOR, drone, frame)
         smooth = gaussian_filter(rng.normal(size=crowd.shape), self.noise_cells)
         smooth *= 2.0 * np.sqrt(np.pi) * self.noise_cells  # back to a standard deviation of 1
@@ -52,9 +53,6 @@ class SimulatedDetector:
         return {"made_by": "simulated detector: true regions with mistakes", "stride": STRIDE, **asdict(self)}
 
 
-def _cells(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Share [h, w] of the pixels of every cell."""
-    height, width = mask.shape
-    if height % STRIDE or width % STRIDE:
-        raise ValueError(f"an image of {width}x{height} pixels has no whole cells of {STRIDE}x{STRIDE}")
-    return np.asarray(mask.reshape(height // STRIDE, STRIDE, width // STRIDE, STRIDE).mean(axis=(1, 3)))
+def _shares(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """[h, w] share of the pixels of every cell."""
+    return block_means(mask, STRIDE).astype(np.float64)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.evaluation.block_means import block_means
 from crowdfence.evaluation.frame_labels import Target
 from crowdfence.evaluation.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
 from crowdfence.sources.recording import Frame, Recording
@@ -59,8 +60,5 @@ def training_labels(
 def _silhouettes(frame: Frame) -> TrainingLabels:
     regions = frame.regions() > 0
     height, width = (side // STRIDE * STRIDE for side in regions.shape)
-    blocks = regions[:height, :width].reshape(
-        height // LABEL_STRIDE, LABEL_STRIDE, width // LABEL_STRIDE, LABEL_STRIDE
-    )
-    share = np.rint(blocks.mean(axis=(1, 3)) * 255.0).astype(np.uint8)
+    share = np.rint(block_means(regions[:height, :width], LABEL_STRIDE) * 255.0).astype(np.uint8)
     return TrainingLabels(share, np.ones(share.shape, np.bool_))

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch.nn import functional
 
+from crowdfence.evaluation.block_means import block_means
 from crowdfence.evaluation.detector_rates import Confusion
 from crowdfence.training.frame_store import StoredMission
 from crowdfence.training.labels import LABELS_PER_CELL, Target
@@ -55,8 +52,8 @@ def validate(
             logits = network(image.permute(0, 3, 1, 2).float() / 255.0)
             rows, columns = logits.shape[2:]
             within = (some, slice(None), slice(rows * LABELS_PER_CELL), slice(columns * LABELS_PER_CELL))
-            crowd = (_cell_means(mission.crowd[within]) >= 127.5).to(device)
-            known = (_cell_means(mission.known[within]) > 0.5).to(device)
+            crowd = torch.from_numpy(block_means(mission.crowd[within], LABELS_PER_CELL) >= 127.5).to(device)
+            known = torch.from_numpy(block_means(mission.known[within], LABELS_PER_CELL) > 0.5).to(device)
             loss_sum += len(image) * float(crowd_loss(logits, crowd.float(), known.float(), dice_weight=0.0))
             frames += len(image)
             for plane, target in enumerate(targets):
@@ -64,8 +61,3 @@ def validate(
                 called = logits[:, plane][kept] > 0.0
                 counts[target] += Confusion.of(called.cpu().numpy(), crowd[:, plane][kept].cpu().numpy())
     return ValidationScore(loss_sum / frames, counts)
-
-
-def _cell_means(labels: NDArray[Any]) -> torch.Tensor:
-    """[B, T, h, w] from labels [B, T, H, W]."""
-    return functional.avg_pool2d(torch.from_numpy(labels.astype(np.float32)), LABELS_PER_CELL)
