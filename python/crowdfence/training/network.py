@@ -1,6 +1,6 @@
 """crowdnet-s: plain 3x3 convolutions with a U-shaped head, 0.70 M parameters, output at stride 4.
 
-    3 -> 16 s2, residual | 24 s2, residual = p4 | 48 s2, residual x 2 = p8
+    3 -> 16 s2, residual x 2 | 24 s2, residual = p4 | 48 s2, residual x 2 = p8
     96 s2, residual x 3 with dilation 1, 2, 4 | + global mean
     48, up, + p8 | 24, up, + p4 | one logit per target
 
@@ -57,7 +57,7 @@ class CrowdNet(nn.Module):
         self.width = width
         c2, c4, c8, c16 = (round(channels * width) for channels in (16, 24, 48, 96))
         self.to_p4 = nn.Sequential(
-            ConvUnit(3, c2, stride=2), Residual(c2), ConvUnit(c2, c4, stride=2), Residual(c4)
+            ConvUnit(3, c2, stride=2), Residual(c2), Residual(c2), ConvUnit(c2, c4, stride=2), Residual(c4)
         )
         self.to_p8 = nn.Sequential(ConvUnit(c4, c8, stride=2), Residual(c8), Residual(c8))
         self.to_p16 = nn.Sequential(
