@@ -11,6 +11,7 @@ residuals at strides 2, 4 and 8 earn their time (`training/README.md`).
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -46,6 +47,35 @@ class Residual(nn.Module):
         return functional.relu(x + self.second(self.first(x)))
 
 
+class SceneProjection(nn.Module):
+    """1x1 convolution [B, C, h, w] -> [B, out, h, w] of every cell plus what the mean of all cells says."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.scene, self.down = nn.Conv2d(inputs, inputs, 1), nn.Conv2d(inputs, outputs, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.down(x + self.scene(_mean(x)))
+
+
+class FoldedScene(nn.Module):
+    """The function of a `SceneProjection`, with the mean's two matrices multiplied into one."""
+
+    def __init__(self, trained: SceneProjection) -> None:
+        super().__init__()
+        down, scene = trained.down, trained.scene
+        matrix = down.weight.detach().flatten(1)
+        self.down = nn.Conv2d(down.in_channels, down.out_channels, 1)
+        self.scene = nn.Conv2d(down.in_channels, down.out_channels, 1, bias=False)
+        with torch.no_grad():
+            self.down.weight.copy_(down.weight)
+            self.down.bias.copy_(down.bias + matrix @ scene.bias)
+            self.scene.weight.copy_((matrix @ scene.weight.flatten(1))[:, :, None, None])
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.down(x) + self.scene(_mean(x))
+
+
 class CrowdNet(nn.Module):
     """Images [B, 3, H, W] in [0, 1] -> logits [B, targets, H / 4, W / 4]; H and W are multiples of 16.
 
@@ -63,8 +93,8 @@ class CrowdNet(nn.Module):
         self.to_p16 = nn.Sequential(
             ConvUnit(c8, c16, stride=2), Residual(c16), Residual(c16, dilation=2), Residual(c16, dilation=4)
         )
-        self.scene = nn.Conv2d(c16, c16, 1)
-        self.down_p16, self.down_p8 = nn.Conv2d(c16, c8, 1), nn.Conv2d(c8, c4, 1)
+        self.down_p16: SceneProjection | FoldedScene = SceneProjection(c16, c8)
+        self.down_p8 = nn.Conv2d(c8, c4, 1)
         self.side_p8, self.side_p4 = nn.Conv2d(c8, c8, 1), nn.Conv2d(c4, c4, 1)
         self.merge_p8, self.merge_p4 = ConvUnit(c8, c8), ConvUnit(c4, c4)
         self.logit = nn.Conv2d(c4, targets, 1)
@@ -73,11 +103,24 @@ class CrowdNet(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         p4 = self.to_p4(image * 2.0 - 1.0)
         p8 = self.to_p8(p4)
-        p16 = self.to_p16(p8)
-        p16 = p16 + self.scene(p16.mean(dim=(2, 3), keepdim=True))
-        p8 = self.merge_p8(functional.relu(_doubled(self.down_p16(p16)) + self.side_p8(p8)))
+        p16 = self.down_p16(self.to_p16(p8))
+        p8 = self.merge_p8(functional.relu(_doubled(p16) + self.side_p8(p8)))
         p4 = self.merge_p4(functional.relu(_doubled(self.down_p8(p8)) + self.side_p4(p4)))
         return self.logit(p4)
+
+    def deployed(self, target: int) -> CrowdNet:
+        """A copy on the CPU for use, not for training: one target, the scene folded, fewer parameters."""
+        copy = CrowdNet(1, width=self.width)
+        state = {name: value.detach().cpu() for name, value in self.state_dict().items()}
+        for name in ("logit.weight", "logit.bias"):
+            state[name] = state[name][target : target + 1]
+        copy.load_state_dict(state)
+        copy.down_p16 = FoldedScene(copy.down_p16)
+        return copy.eval()
+
+
+def _mean(x: Tensor) -> Tensor:
+    return x.mean(dim=(2, 3), keepdim=True)
 
 
 def _doubled(x: Tensor) -> Tensor:

@@ -19,21 +19,20 @@ OPSET = 18
 class PictureNet(nn.Module):
     """uint8 pictures [N, H, W, 3] RGB -> probability of crowd [N, 1, H / 4, W / 4] for one target."""
 
-    def __init__(self, network: CrowdNet, target: int) -> None:
+    def __init__(self, network: CrowdNet) -> None:
         super().__init__()
-        self.network, self.target = network, target
+        self.network = network
 
     def forward(self, image: Tensor) -> Tensor:
-        logits = self.network(image.permute(0, 3, 1, 2).float() / 255.0)
-        return torch.sigmoid(logits[:, self.target : self.target + 1])
+        return torch.sigmoid(self.network(image.permute(0, 3, 1, 2).float() / 255.0))
 
 
 def export_onnx(network: CrowdNet, target: int, contract: Contract, path: Path) -> None:
-    """Write plane `target` of the network's output with `contract` as metadata; batch normalisation is
-    folded, and batch, height and width stay free. OSError when the file cannot be written."""
+    """Write plane `target` of the network's output with `contract` as metadata; batch normalisation
+    and scene are folded, and batch, height and width stay free. OSError when the file cannot be written."""
     import json
 
-    model = PictureNet(_single(network, target), 0).eval()
+    model = PictureNet(network.deployed(target)).eval()
     batch = torch.export.Dim("batch", min=1, max=1024)
     rows, columns = (torch.export.Dim(name, min=1, max=4096) for name in ("rows", "columns"))
     with warnings.catch_warnings(), torch.no_grad():
@@ -52,14 +51,3 @@ def export_onnx(network: CrowdNet, target: int, contract: Contract, path: Path) 
     program.model.metadata_props[METADATA_KEY] = json.dumps(contract.to_json())
     with atomic_path(path) as part:
         program.save(str(part), external_data=False)
-
-
-def _single(network: CrowdNet, target: int) -> CrowdNet:
-    """A copy on the CPU that computes one target only."""
-    width = network.width
-    single = CrowdNet(1, width=width)
-    state = {name: value.detach().cpu() for name, value in network.state_dict().items()}
-    state["logit.weight"] = state["logit.weight"][target : target + 1]
-    state["logit.bias"] = state["logit.bias"][target : target + 1]
-    single.load_state_dict(state)
-    return single

@@ -47,7 +47,7 @@ def training_facts(
     """Plan, missions and the course of the training, ready for JSON."""
     return {
         "plan": asdict(plan),
-        "parameters": sum(value.numel() for value in trained.network.parameters()),
+        "parameters": sum(value.numel() for value in trained.network.deployed(0).parameters()),
         "torch": torch.__version__,
         "missions": {mission.name: len(mission) for mission in missions},
         "validation_missions": {mission.name: len(mission) for mission in validation},
