@@ -202,7 +202,7 @@ class _Voxels:
         """Ids in blocks, so that no array of indices of the whole terrain ever exists."""
         for start in range(0, self.count, _VOXELS_PER_BLOCK):
             stop = min(start + _VOXELS_PER_BLOCK, self.count)
-            ids = np.arange(start, stop, dtype=np.int64)
+            ids: NDArray[np.int64] = np.arange(start, stop, dtype=np.int64)
             if only_seen:
                 ids = ids[_is_seen(self.state[start:stop])]
             if ids.size:

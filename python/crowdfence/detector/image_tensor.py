@@ -68,7 +68,7 @@ class InputTensor:
             return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2) if self._channels_first else pixels)
         shape = pixels.shape
         if self._channels_first:
-            tensor = np.empty((shape[0], 3, shape[1], shape[2]), np.float32)
+            tensor: NDArray[np.float32] = np.empty((shape[0], 3, shape[1], shape[2]), np.float32)
             for channel, levels in enumerate(self._levels):
                 tensor[:, channel] = levels[pixels[..., channel]]
         else:

@@ -95,7 +95,7 @@ class LabelledProjection:
         seen = self._project(frame, heatmap)
         if self.truth == "world":
             crowd_on_terrain, edge_columns = self._crowd_ground(frame)
-            known = np.ones(len(seen.voxel_ids), np.bool_)
+            known: NDArray[np.bool_] = np.ones(len(seen.voxel_ids), np.bool_)
             crowd = crowd_on_terrain[seen.voxel_ids]
         else:
             crowd, known = self._labels(frame, seen)

@@ -19,9 +19,9 @@ TILT_EDGES_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
 MEAN_EDGES = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 _SPREAD_EDGES = {
-    "gsd_m": np.geomspace(1e-3, 10.0, 401),
-    "distance_m": np.arange(0.0, 2001.0),
-    "tilt_deg": np.arange(-90.0, 91.0),
+    "gsd_m": np.geomspace(1e-3, 10.0, 401, dtype=np.float64),
+    "distance_m": np.arange(0.0, 2001.0, dtype=np.float64),
+    "tilt_deg": np.arange(-90.0, 91.0, dtype=np.float64),
 }
 
 

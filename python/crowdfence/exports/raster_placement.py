@@ -64,7 +64,7 @@ def _in_projection(grid: SurfaceGrid, anchor: Georeference) -> RasterPlacement:
     middle = _on_map(samples, (lowest_m + highest_m) / 2, anchor, wkt)
     east = np.polynomial.Polynomial.fit(samples[:, 0], middle[:, 0], 1)
     north = np.polynomial.Polynomial.fit(samples[:, 1], middle[:, 1], 1)
-    placed = np.column_stack([east(samples[:, 0]), north(samples[:, 1])])
+    placed = np.column_stack([east(samples[:, 0]), north(samples[:, 1])]).astype(np.float64)
     errors_m = [
         np.linalg.norm(placed - _on_map(samples, level_m, anchor, wkt), axis=1).max()
         for level_m in (lowest_m, highest_m)

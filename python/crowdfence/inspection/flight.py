@@ -46,7 +46,8 @@ class FlightReport:
         poses = np.array([frame.world_from_camera for frame in frames]).reshape(-1, 4, 4)
         positions, axes = poses[:, :3, 3], poses[:, :3, 2]
         tilt_deg = np.degrees(np.arcsin(np.clip(-axes[:, 2], -1.0, 1.0)))
-        seconds = np.diff(np.array([frame.stamp_ns for frame in frames], dtype=np.int64)) / 1e9
+        stamps_ns = np.array([frame.stamp_ns for frame in frames], dtype=np.int64)
+        seconds = np.diff(stamps_ns).astype(np.float64) / 1e9
         speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / seconds
         heights_m = None if terrain is None else heights_above(terrain, positions)
         return FlightReport(

@@ -25,7 +25,7 @@ def core_slots(
     `spacing_m`. None without enough room.
     """
     size = np.array([length_m, depth_m])
-    places = np.zeros((0, 2))
+    places: NDArray[np.float64] = np.zeros((0, 2))
     for _ in range(_CORE_DRAWS):
         drawn = rng.normal(0.0, size / _CORE_SIGMAS, (people, 2))
         drawn = drawn[(np.abs(drawn) <= 0.5 * size).all(axis=1)]

@@ -129,5 +129,5 @@ def _lowest(way: GuideLine, top: TopSurface) -> CubicSpline:
     """Smooth height by arc length, above everything within reach of the way."""
     arc = np.arange(0.0, way.length_m + 1.0)
     sides = np.linspace(-SIDE_M, SIDE_M, 7)
-    highest = np.max([top.at(way.position(arc, side)) for side in sides], axis=0)
+    highest = np.stack([top.at(way.position(arc, side)) for side in sides]).max(axis=0)
     return CubicSpline(arc, rounded_above(highest, _HEIGHT_ROUNDING_M, closed=False))

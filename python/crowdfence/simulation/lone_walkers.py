@@ -101,7 +101,7 @@ def _free_walk(
         )
         if any(np.hypot(*(row[:2] - other[:2])) < row[2] + other[2] + APART_M for other in others):
             continue
-        angle = np.linspace(0.0, 2 * np.pi, _WALKED_POINTS, endpoint=False)
+        angle = np.linspace(0.0, 2 * np.pi, _WALKED_POINTS, endpoint=False, dtype=np.float64)
         same = np.repeat(row[None], _WALKED_POINTS, axis=0)
         way = LoneWalkers(same[:, :2], same[:, 2:4], same[:, 4], same[:, 5], same[:, 6])._on_ellipse(angle)
         if avoid is not None and avoid.query(way)[0].min() < APART_M:

@@ -49,7 +49,7 @@ def _shore_north(x: Array, phase: Array) -> Array:
 
 def _line(surface: Ground, phase: Array, inland_m: float, west_m: float = -1e9) -> CentreLine:
     west, _, east, _ = surface.lattice.extent_m
-    x = np.arange(max(west + 4.0, west_m), east - 3.0, 2.0)
+    x = np.arange(max(west + 4.0, west_m), east - 3.0, 2.0, dtype=np.float64)
     return CentreLine.through(x, _shore_north(x, phase) + inland_m)
 
 
@@ -115,7 +115,7 @@ def _furnish(plan: LandscapePlan, surface: Ground, phase: Array, things: Furnish
     good = things.free(x, y, 1.0)
     things.place("flag", x[good], y[good], color=things.choose(CLOTH_COLORS, int(good.sum())))
     posts = plan.posts
-    x = np.linspace(extent[0] + 10, extent[2] - 10, max(posts, 1))[:posts]
+    x = np.linspace(extent[0] + 10, extent[2] - 10, max(posts, 1), dtype=np.float64)[:posts]
     things.place("post", x, _shore_north(x, phase) + PROMENADE_M - HALF_WIDTH_M - 1.5, color=(140, 110, 76))
     x, y = scatter(plan.trees, extent, rng, behind)
     plant_trees(things, x, y, shares=(0.45, 0.4, 0.15), size=0.8)

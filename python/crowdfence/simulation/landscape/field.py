@@ -52,7 +52,7 @@ def _on(surface: Ground, xy: Array) -> Array:
 
 def _lane(surface: Ground) -> CentreLine:
     west, _, east, _ = surface.lattice.extent_m
-    x = np.arange(west, east + 0.5, 1.0)
+    x = np.arange(west, east + 0.5, 1.0, dtype=np.float64)
     return CentreLine.through(x, LANE_NORTH_M + 9.0 * np.sin(x / 70.0))
 
 
@@ -127,7 +127,7 @@ def _camp_and_cars(plan: LandscapePlan, things: Furnishing) -> None:
     things.place("car", x[~van], y[~van], heading_rad=heading[~van], color=color[~van])
     things.place("van", x[van], y[van], heading_rad=heading[van], color=color[van])
     posts = plan.posts
-    y = np.linspace(-110.0, 110.0, max(posts, 1))[:posts]
+    y = np.linspace(-110.0, 110.0, max(posts, 1), dtype=np.float64)[:posts]
     things.place("post", np.full(posts, ARENA_M + 8.0), y, heading_rad=0.0, color=(120, 92, 60))
 
 

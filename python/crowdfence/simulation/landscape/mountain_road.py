@@ -43,7 +43,7 @@ def build_mountain_road(plan: LandscapePlan, seed: int) -> Landscape:
 def _winding_line(lattice: SurfaceLattice, rng: np.random.Generator) -> CentreLine:
     """A curve from the west edge to the east edge; no bend is tighter than about 35 m."""
     west, _, east, _ = lattice.extent_m
-    x = np.arange(west, east + 0.5, 0.5)
+    x = np.arange(west, east + 0.5, 0.5, dtype=np.float64)
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     y = (
         105.0 * np.sin(x / 165.0 + phase[0])

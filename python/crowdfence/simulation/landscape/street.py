@@ -139,7 +139,7 @@ def _furnish(plan: LandscapePlan, surface: Ground, things: Furnishing) -> None:
     plant_bushes(things, plan.bushes, extent, green)
     _parked_cars(plan.cars, things, extent)
     _plaza(plan, things)
-    x = np.linspace(extent[0] + 20, extent[2] - 20, max(plan.posts, 1))[: plan.posts]
+    x = np.linspace(extent[0] + 20, extent[2] - 20, max(plan.posts, 1), dtype=np.float64)[: plan.posts]
     y = np.where(np.arange(len(x)) % 2 == 0, -BLOCK_M + 4.8, -BLOCK_M - 4.8)
     crossing = np.abs(_to_street(x)[0]) > PAVED_M
     things.place("lamp", x[crossing], y[crossing], heading_rad=np.where(y[crossing] > -BLOCK_M, -1.57, 1.57))
@@ -193,7 +193,7 @@ def _plaza(plan: LandscapePlan, things: Furnishing) -> None:
     edge = 25.0 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
     color = things.choose(CLOTH_COLORS, plan.flags)
     things.place("flag", center + edge * np.cos(angle), center + edge * np.sin(angle), color=color)
-    row = 2.4 * (np.arange(plan.barriers) - plan.barriers / 2)
+    row = 2.4 * (np.arange(plan.barriers, dtype=np.float64) - plan.barriers / 2)
     row = row[np.abs(row) < 24]
     things.place(
         "barrier", center + row, np.full(len(row), center + 20.0), heading_rad=0.0, color=(150, 155, 162)
