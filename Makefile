@@ -72,8 +72,9 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 
-fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
-	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map
+fuzz: ## the readers of OctoMaps, crowd maps and observations on damaged files, for minutes
+	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map \
+	  --test fuzz_observation
 
 demo-recording: setup opengl ## the bundled recording, from the simulator
 	$(BIN)/crowdfence simulate race --seed 7 --frames 40 --fps 5 --size 320x240 --voxel 1 --force \

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Result, require};
+use crate::observation::{Observation, SeenVoxels};
 use crate::raycast::Hit;
 use crate::terrain::Terrain;
 use crate::terrain::tree::Node;
@@ -53,15 +54,36 @@ impl Projection {
     }
 }
 
-/// What one view says about the terrain. The first three are parallel and sorted by voxel id.
+/// What a view meets on the terrain. The first three are parallel and sorted by voxel id.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Observation {
-    pub voxel_ids: Vec<u32>,
+struct Footprint {
+    voxel_ids: Vec<u32>,
     /// m_i: mean heatmap value over the pixels whose ray first hits the voxel.
-    pub mean: Vec<f64>,
-    pub pixel_count: Vec<u32>,
+    mean: Vec<f64>,
+    pixel_count: Vec<u32>,
     /// With [`Coverage::Full`]: voxels in range of which all bare faces in the image lie behind something.
-    pub occluded_ids: Vec<u32>,
+    occluded_ids: Vec<u32>,
+}
+
+impl Footprint {
+    fn observed(self, view: &View, terrain: &Terrain) -> Observation {
+        let camera = view.world_from_camera.translation;
+        let lines: Vec<DVec3> = terrain.centers(&self.voxel_ids).map(|center| center - camera).collect();
+        let seen = SeenVoxels {
+            ids: self.voxel_ids,
+            mean: self.mean,
+            pixel_count: self.pixel_count,
+            range_m: lines.iter().map(|line| line.length() as f32).collect(),
+            tilt_deg: lines.iter().map(|&line| tilt_deg(line)).collect(),
+        };
+        Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, self.occluded_ids)
+            .expect("a footprint is sorted, and means of a heatmap lie in [0, 1]")
+    }
+}
+
+/// Of a line of sight, below the horizon.
+fn tilt_deg(line: DVec3) -> f32 {
+    (-line.z).atan2(line.truncate().length()).to_degrees() as f32
 }
 
 /// Back-projects a view. A camera inside an occupied voxel, or one that `target_height_m` would push through
@@ -70,7 +92,7 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
     let pose = &view.world_from_camera;
     let height = projection.target_height_m;
     if terrain.raycast(pose.translation, DVec3::NEG_Z, height).is_some() {
-        return Observation::default();
+        return Footprint::default().observed(view, terrain);
     }
     let caster = Caster {
         view,
@@ -79,10 +101,11 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
         max_range_m: projection.max_range_m,
     };
     let hit = caster.pixels();
-    match projection.coverage {
+    let footprint = match projection.coverage {
         Coverage::Rays => hit,
         Coverage::Full => caster.with_faces(hit),
-    }
+    };
+    footprint.observed(view, terrain)
 }
 
 /// One camera position looking at one terrain.
@@ -95,7 +118,7 @@ struct Caster<'a> {
 
 impl Caster<'_> {
     /// Casts the ray of every pixel centre and averages the heatmap per voxel.
-    fn pixels(&self) -> Observation {
+    fn pixels(&self) -> Footprint {
         let camera = &self.view.camera;
         let width = camera.width();
         // Sorting (voxel, pixel) pairs groups the pixels of a voxel in image order, whatever the threads did.
@@ -107,7 +130,7 @@ impl Caster<'_> {
             })
             .collect();
         hits.par_sort_unstable();
-        let mut observation = Observation::default();
+        let mut observation = Footprint::default();
         for group in hits.chunk_by(|a, b| a >> 32 == b >> 32) {
             let sum: f64 = group
                 .iter()
@@ -129,7 +152,7 @@ impl Caster<'_> {
     }
 
     /// Adds the voxels of which a face is visible although no pixel centre hits them, and lists the hidden ones.
-    fn with_faces(&self, hit: Observation) -> Observation {
+    fn with_faces(&self, hit: Footprint) -> Footprint {
         let cone = self.viewing_cone();
         let looks: Vec<(u32, Look)> = self
             .voxels_inside(&cone)
@@ -149,7 +172,7 @@ impl Caster<'_> {
         }
         rows.sort_unstable_by_key(|row| row.0);
         occluded_ids.sort_unstable();
-        Observation {
+        Footprint {
             voxel_ids: rows.iter().map(|row| row.0).collect(),
             mean: rows.iter().map(|row| row.1).collect(),
             pixel_count: rows.iter().map(|row| row.2).collect(),
