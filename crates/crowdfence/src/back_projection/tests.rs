@@ -152,10 +152,3 @@ fn terrain_and_pose_that_do_not_overlap_give_an_empty_observation() {
     let observation = project(&view(DOWN, [1e6, 1e6, 50.0], [8, 8], 8.0, uniform(1.0)), &map, &full(300.0));
     assert_eq!(observation, Observation::default());
 }
-
-#[test]
-fn bounds_of_the_projection_are_named() {
-    let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
-    assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
-    assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be finite and >= 0");
-}
