@@ -171,10 +171,3 @@ fn range_and_tilt_lead_to_the_voxels_centre() {
     assert!((f64::from(ahead.range_m()[0]) - 200f64.sqrt()).abs() < 1e-6);
     assert!((ahead.tilt_deg()[0] - 45.0).abs() < 1e-5);
 }
-
-#[test]
-fn bounds_of_the_projection_are_named() {
-    let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
-    assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
-    assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be finite and >= 0");
-}
