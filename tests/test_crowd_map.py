@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence import Camera, CrowdMap, Or, Paper, Rates, Terrain, View, VoxelState, project
-from crowdfence.exports import atomic
+from crowdfence import atomic_file
 
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
@@ -116,7 +116,7 @@ def test_a_failed_write_leaves_the_old_file(
         if step == "write_bytes":
             patch.setattr(Path, "write_bytes", disk_full)
         else:
-            patch.setattr(atomic.os, step, disk_full)
+            patch.setattr(atomic_file.os, step, disk_full)
         with pytest.raises(OSError, match="No space left"):
             crowd_map.save(path)
     assert path.read_bytes() == before

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crowdfence.evaluation.block_means import block_means
+from crowdfence.block_means import block_means
 
 
 def test_every_cell_is_the_mean_of_its_block():

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from crowdfence import landing_area as module
 from crowdfence._core import Terrain
-from crowdfence.evaluation import landing_prior as module
-from crowdfence.evaluation.landing_prior import (
+from crowdfence.landing_area import (
     VOXEL_SLOPE_WINDOW,
     column_tops_m,
     landing_prior,

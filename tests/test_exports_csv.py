@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from crowdfence.exports.atomic import atomic_path, write_bytes
+from crowdfence.atomic_file import atomic_path, write_bytes
 from crowdfence.exports.frames_csv import FrameRow, write_frames_csv
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.iso_time import iso_utc
 
 
 def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from crowdfence.detector.errors import DetectorError
     from crowdfence.evaluation.detector_rates import detector_rates
     from crowdfence.evaluation.iou import mean_iou
-    from crowdfence.evaluation.landing_prior import landing_prior
     from crowdfence.georeference import Georeference
+    from crowdfence.landing_area import landing_prior
     from crowdfence.sources import open_recording
     from crowdfence.sources.recording import Recording
 
@@ -67,7 +67,7 @@ _LAZY = {
     "Georeference": "crowdfence.georeference",
     "Recording": "crowdfence.sources.recording",
     "detector_rates": "crowdfence.evaluation.detector_rates",
-    "landing_prior": "crowdfence.evaluation.landing_prior",
+    "landing_prior": "crowdfence.landing_area",
     "mean_iou": "crowdfence.evaluation.iou",
     "open_recording": "crowdfence.sources",
 }

@@ -170,7 +170,7 @@ _OF_PAPER = (
 
 
 def _landing_prior(terrain: Terrain) -> float:
-    from crowdfence.evaluation.landing_prior import landing_prior
+    from crowdfence.landing_area import landing_prior
 
     try:
         return landing_prior(terrain)

@@ -16,9 +16,9 @@ from PIL import Image
 
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HeatmapFolder
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.heatmap_source import HeatmapSource
+from crowdfence.iso_time import iso_utc
 from crowdfence.sources.convert import Conversion, convert
 from crowdfence.sources.picture_stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.recording import Frame, Pixels, Recording

@@ -241,7 +241,7 @@ def _write_overlay(path: Path, report: ModelCheck) -> None:
 def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from PIL import Image
 
-    from crowdfence.exports.atomic import atomic_path
+    from crowdfence.atomic_file import atomic_path
 
     with atomic_path(path) as temporary:
         Image.fromarray(picture).save(temporary, "PNG")

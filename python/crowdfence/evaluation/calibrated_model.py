@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.atomic_file import atomic_path
 from crowdfence.detector.calibration import Calibration
 from crowdfence.detector.calibration_fit import LogitMap
 from crowdfence.detector.calibration_graph import bake, write_contract
@@ -16,7 +17,6 @@ from crowdfence.detector.contract import Contract, Validity
 from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.logit_counts import LIMIT, cell_logits
 from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRates
-from crowdfence.exports.atomic import atomic_path
 
 if TYPE_CHECKING:
     from onnx import ModelProto

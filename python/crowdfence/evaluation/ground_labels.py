@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.block_means import block_means
+from crowdfence.block_means import block_means
 from crowdfence.evaluation.crowd_ground import CrowdGround, crowd_grounds
 from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
 from crowdfence.sources.recording import Frame, Recording

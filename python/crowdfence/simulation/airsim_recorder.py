@@ -22,7 +22,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import write_bytes
+from crowdfence.atomic_file import write_bytes
 from crowdfence.simulation.airsim_frames import (
     AirSimEncoder,
     airsim_settings,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.exports.raster_placement import azimuthal_equidistant_wkt
 from crowdfence.georeference import Georeference

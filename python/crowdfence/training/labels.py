@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.block_means import block_means
+from crowdfence.block_means import block_means
 from crowdfence.evaluation.frame_labels import Target
 from crowdfence.evaluation.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
 from crowdfence.sources.recording import Frame, Recording

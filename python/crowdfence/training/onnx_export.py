@@ -8,8 +8,8 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from crowdfence.atomic_file import atomic_path
 from crowdfence.detector.contract import Contract
-from crowdfence.exports.atomic import atomic_path
 from crowdfence.training.network import MULTIPLE_OF, CrowdNet
 
 METADATA_KEY = "crowdfence"

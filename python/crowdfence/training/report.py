@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 from crowdfence.training.frame_store import StoredMission
 from crowdfence.training.network import MULTIPLE_OF, CrowdNet
 from crowdfence.training.plan import TrainingPlan

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 from crowdfence.training.augmentation import varied
 from crowdfence.training.average import WeightAverage
 from crowdfence.training.crops import Batch, CropSampler

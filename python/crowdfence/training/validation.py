@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from crowdfence.evaluation.block_means import block_means
+from crowdfence.block_means import block_means
 from crowdfence.evaluation.detector_rates import Confusion
 from crowdfence.training.frame_store import StoredMission
 from crowdfence.training.labels import LABELS_PER_CELL, Target
