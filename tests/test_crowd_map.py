@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crowdfence import Camera, CrowdMap, Or, Paper, Rates, Terrain, View, VoxelState, project
-from crowdfence import atomic_file
+from crowdfence import Camera, CrowdMap, Or, Paper, Rates, Terrain, View, VoxelState, atomic_file, project
 
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS

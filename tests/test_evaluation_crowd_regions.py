@@ -8,8 +8,8 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from crowdfence.evaluation.crowd_regions import crowd_regions
-from crowdfence.evaluation.morphology import close_with_disc
+from crowdfence.truth.crowd_regions import crowd_regions
+from crowdfence.truth.morphology import close_with_disc
 
 
 def two_bars(value: int = 1, other: int = 1) -> NDArray[np.uint8]:

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera, Terrain
-from crowdfence.evaluation.projected_truth import ProjectedTruth, TruthMap, project_truth
+from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
 # 5 m above the top of 8 x 8 voxels of 1 m: with f = 10 px a voxel shows as 2 x 2 pixels.
 TERRAIN = Terrain.from_occupancy(np.ones((8, 8, 1), np.bool_), 1.0)

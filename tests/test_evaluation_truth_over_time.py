@@ -1,6 +1,5 @@
 """Truth that maps are scored against: remembered labels, and where people stand."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +7,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from crowdfence import Camera, Terrain
-from crowdfence.config import RunConfig
 from crowdfence.evaluation.replay import measured_rates
-from crowdfence.evaluation.truth_over_time import CrowdsOfTheWorld, ProjectedLabels
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, PixelSources, Recording
+from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels
 
 DEMO = Path(__file__).parent.parent / "python" / "crowdfence" / "demo_data" / "race.mcap"
 
@@ -48,7 +46,7 @@ def test_a_label_stays_until_the_place_is_seen_again() -> None:
 
     frames = (look(10**9, 10.0, True), look(2 * 10**9, 30.0, False), look(3 * 10**9, 10.0, False))
     recording = Recording("looks", ("a",), frames, None, None, [], (), {}, {})
-    labels = ProjectedLabels(recording, plain, replace(RunConfig(), target_height_m=0.0))
+    labels = ProjectedLabels(recording, plain, max_range_m=300.0, target_height_m=0.0, coverage="rays")
     first, second, third = (labels.at(instant) for instant in recording.instants())
     east = plain.voxel_indices(np.flatnonzero(first))[:, 0]
     assert first.sum() == 100 and (east.min(), east.max()) == (5, 14)
@@ -62,6 +60,6 @@ def test_truth_that_is_not_recorded_is_refused() -> None:
     with pytest.raises(ValueError, match="bare does not record where people are"):
         CrowdsOfTheWorld(nothing, terrain)
     with pytest.raises(ValueError, match="bare holds no truth"):
-        ProjectedLabels(nothing, terrain, RunConfig())
+        ProjectedLabels(nothing, terrain, max_range_m=300.0, target_height_m=0.0, coverage="rays")
     with pytest.raises(ValueError, match="bare holds no truth"):
         measured_rates(nothing)

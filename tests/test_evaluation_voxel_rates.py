@@ -12,16 +12,13 @@ from scipy.stats import beta
 
 from crowdfence import Camera, Terrain
 from crowdfence.evaluation.isotonic import pool_adjacent_violators
-from crowdfence.evaluation.labelled_projection import (
-    LabelledObservation,
-    LabelledProjection,
-    crowd_definition,
-)
+from crowdfence.evaluation.labelled_projection import LabelledObservation, LabelledProjection
 from crowdfence.evaluation.likelihood_ratio import BORROWED, likelihood_ratio
 from crowdfence.evaluation.observed_range import ObservedRange
 from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
+from crowdfence.truth.at_exposure import crowd_definition
 
 BINS = {"distance_edges_m": (0.0, 50.0, 100.0), "tilt_edges_deg": (0.0, 45.0, 90.0)}
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.crowd_ground import CrowdGround, crowds_of
-from crowdfence.evaluation.world_truth import truth_from_positions
+from crowdfence.truth.crowd_ground import CrowdGround, crowds_of
+from crowdfence.truth.world import truth_from_positions
 
 # Flat ground of 1 m voxels whose top lies at z = 1, and a deck above it whose top lies at z = 11.
 TWO_LEVELS = np.zeros((20, 20, 11), np.bool_)

@@ -119,9 +119,9 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
     from crowdfence import __version__
     from crowdfence.detector.contract import Contract
-    from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
     from crowdfence.training.labels import STRIDE
     from crowdfence.training.network import MULTIPLE_OF
+    from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
     return Contract.from_json(
         {

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M, Target, label_functions
-from crowdfence.evaluation.labelled_projection import MaskOf
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+from crowdfence.truth.crowd_masks import MaskOf
+from crowdfence.truth.frame_labels import TARGET_HEIGHT_M, Target, label_functions
 
 BLOCK_S = 10.0
 """A single mission is resampled in blocks of this length."""

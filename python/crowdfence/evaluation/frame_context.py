@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.labelled_projection import true_camera_pose
 from crowdfence.sources.recording import Frame, Recording
+from crowdfence.truth.at_exposure import true_camera_pose
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain

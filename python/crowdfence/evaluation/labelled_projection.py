@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.crowd_masks import crowd_mask
-from crowdfence.evaluation.world_truth import truth_from_positions
-from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.truth.at_exposure import crowd_ground_of, people_at, true_camera_pose
+from crowdfence.truth.crowd_masks import MaskOf, crowd_mask
 
 if TYPE_CHECKING:
     from crowdfence._core import Observation, Terrain
-
-MaskOf = Callable[[Frame], NDArray[np.bool_]]
-
-MAX_PEOPLE_GAP_S = 0.25
-"""Largest time between an exposure and the recorded instant of the world: people walk 0.4 m in it."""
-DEFAULT_CROWD = {"radius_m": 2.0, "min_people": 3}
 
 _COLUMN = np.int64(1) << 31
 _NEIGHBOURS = np.array([di * _COLUMN + dj for di in (-1, 0, 1) for dj in (-1, 0, 1) if (di, dj) != (0, 0)])
@@ -137,7 +129,7 @@ class LabelledProjection:
         people = people_at(frame, self._recording)
         # Drones that expose together share one instant of the world.
         if self._world is None or self._world[0] != people.stamp_ns:
-            crowd = _crowd_ground_of(people, self._recording, self._terrain)
+            crowd = crowd_ground_of(people, self._recording, self._terrain)
             edges = _edge_columns(self._columns(np.flatnonzero(crowd)))
             self._world = (people.stamp_ns, crowd, edges)
         return self._world[1:]
@@ -154,43 +146,6 @@ class LabelledProjection:
         """One number per voxel for the column (i, j) that it is in."""
         i, j, _ = self._terrain.voxel_indices(ids).T
         return np.asarray(i * _COLUMN + j)
-
-
-def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
-    """`radius_m` and `min_people` that a simulated recording was labelled with; else three within 2 m."""
-    given = manifest
-    for key in ("simulation", "scenario", "crowd_definition"):
-        given = given.get(key) or {}
-    return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
-
-
-def crowd_ground_at(frame: Frame, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
-    """Voxels [V] that crowds stand on when `frame` was exposed, seen or not (`truth_from_positions`).
-
-    FrameError when nobody's position is recorded then; ValueError when people of a crowd stand on no voxel.
-    """
-    return _crowd_ground_of(people_at(frame, recording), recording, terrain)
-
-
-def _crowd_ground_of(people: RecordedPeople, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
-    return truth_from_positions(people.position, terrain, **crowd_definition(recording.manifest))
-
-
-def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
-    """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then."""
-    people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
-    if people is None:
-        raise FrameError(
-            frame.drone,
-            frame.stamp_ns,
-            f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of the exposure",
-        )
-    return people
-
-
-def true_camera_pose(frame: Frame) -> NDArray[np.float64]:
-    """world_from_camera [4, 4] as it was, where recorded; else as the recording has it."""
-    return frame.world_from_camera if frame.truth.pose is None else frame.true_pose().world_from_camera()
 
 
 def _as_heatmap(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -31,10 +31,10 @@ from crowdfence.evaluation.calibration_data import (
 )
 from crowdfence.evaluation.detector_quality import QualityReport
 from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
-from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
 from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
 from crowdfence.evaluation.voxel_rates import VoxelRates
 from crowdfence.sources.recording import Frame
+from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from crowdfence.evaluation.crowd_ground import crowds_of
 from crowdfence.simulation.appearance import appearance
 from crowdfence.simulation.bodies import Bodies, random_bodies, usual_bodies
 from crowdfence.simulation.crowd_motion import CrowdMotion
@@ -20,6 +19,7 @@ from crowdfence.simulation.plans import CrowdDefinition
 from crowdfence.simulation.random_colors import random_clothes
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.scenario import Scenario
+from crowdfence.truth.crowd_ground import crowds_of
 
 STRIDE_M = 1.35
 _SPEED_STEP_S = 0.05

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
-from crowdfence.evaluation.crowd_regions import crowd_regions
-from crowdfence.evaluation.world_truth import truth_from_positions
 from crowdfence.simulation.scene import Scene
+from crowdfence.truth.crowd_regions import crowd_regions
+from crowdfence.truth.world import truth_from_positions
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.block_means import block_means
-from crowdfence.evaluation.frame_labels import Target
-from crowdfence.evaluation.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
 from crowdfence.sources.recording import Frame, Recording
+from crowdfence.truth.frame_labels import Target
+from crowdfence.truth.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
 
 __all__ = [
     "LABELS_PER_CELL",

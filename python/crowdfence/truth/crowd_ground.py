@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.morphology import MAX_PADDED_CELLS, close_with_disc
+from crowdfence.truth.morphology import MAX_PADDED_CELLS, close_with_disc
 
 PERSON_RADIUS_M = 1.0
 """Ground that one person of a crowd takes up: an arm's length around."""

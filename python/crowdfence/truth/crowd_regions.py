@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.morphology import close_with_disc
+from crowdfence.truth.morphology import close_with_disc
 
 
 def crowd_regions(

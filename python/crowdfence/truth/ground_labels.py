@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.block_means import block_means
-from crowdfence.evaluation.crowd_ground import CrowdGround, crowd_grounds
-from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
 from crowdfence.sources.recording import Frame, Recording
+from crowdfence.truth.at_exposure import crowd_definition, people_at, true_camera_pose
+from crowdfence.truth.crowd_ground import CrowdGround, crowd_grounds
 
 STRIDE = 4
 """Image pixels per cell along each axis."""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.config import RunConfig
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
-from crowdfence.evaluation.labelled_projection import crowd_ground_at
-from crowdfence.evaluation.projected_truth import ProjectedTruth, TruthMap, project_truth
 from crowdfence.sources.recording import Instant, Recording
+from crowdfence.truth.at_exposure import crowd_ground_at
+from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
+from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
 
 class TruthOverTime(Protocol):
@@ -27,10 +26,20 @@ class ProjectedLabels:
     last seen with. This is the paper's truth: it knows no more than the drones saw, and where labels are
     silhouettes it reaches behind the people as far as their bodies hide the ground."""
 
-    def __init__(self, recording: Recording, terrain: Terrain, config: RunConfig) -> None:
-        """`config` says how to project. ValueError when no frame has a label."""
+    def __init__(
+        self,
+        recording: Recording,
+        terrain: Terrain,
+        *,
+        max_range_m: float,
+        target_height_m: float,
+        coverage: Literal["rays", "full"],
+    ) -> None:
+        """Labels are projected as `project_truth` says. ValueError when no frame has one."""
         require_crowd_masks(recording)
-        self._terrain, self._config = terrain, config
+        self._terrain = terrain
+        self._max_range_m, self._target_height_m = max_range_m, target_height_m
+        self._coverage: Literal["rays", "full"] = coverage
         self._map = TruthMap(terrain.voxel_count)
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
@@ -44,9 +53,9 @@ class ProjectedLabels:
                 frame.camera,
                 frame.world_from_camera,
                 self._terrain,
-                max_range_m=self._config.max_range_m,
-                target_height_m=self._config.used("target_height_m"),
-                coverage=self._config.coverage,
+                max_range_m=self._max_range_m,
+                target_height_m=self._target_height_m,
+                coverage=self._coverage,
             )
             for frame in instant.frames
             if has_crowd_mask(frame)

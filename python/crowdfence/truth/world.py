@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.crowd_ground import PERSON_RADIUS_M, CrowdGround, crowd_grounds
+from crowdfence.truth.crowd_ground import PERSON_RADIUS_M, CrowdGround, crowd_grounds
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
-from crowdfence.evaluation.ground_labels import GroundCells, ground_cells
-from crowdfence.evaluation.labelled_projection import MaskOf
 from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.truth.crowd_masks import MaskOf, crowd_mask, has_crowd_mask
+from crowdfence.truth.ground_labels import GroundCells, ground_cells
 
 Target = Literal["silhouettes", "ground"]
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.crowd_regions import crowd_regions
 from crowdfence.sources.recording import Frame, Recording
+from crowdfence.truth.crowd_regions import crowd_regions
+
+MaskOf = Callable[[Frame], NDArray[np.bool_]]
+"""Pixels [H, W] of a frame: those of crowds, or those that do not count."""
 
 CLOSING_PX = 6.0
 """Radius in pixels with which silhouettes are merged where a recording holds no ready regions."""
