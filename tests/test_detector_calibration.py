@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from crowdfence.detector.calibration import calibrate
-from crowdfence.detector.calibration_fit import (
+from crowdfence.calibration.choice import calibrate
+from crowdfence.calibration.correction import (
     FITS,
     LogitMap,
     fit_curve,
@@ -24,9 +24,9 @@ from crowdfence.detector.calibration_fit import (
     negative_log_likelihood,
     sigmoid,
 )
-from crowdfence.detector.calibration_graph import bake, write_contract
+from crowdfence.calibration.graph import bake, write_contract
+from crowdfence.calibration.logit_counts import logit_counts
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.logit_counts import logit_counts
 
 CURVE = LogitMap("curve", ((-3.0, -4.0), (-1.0, -1.0), (0.5, -1.0), (2.0, 4.0)), 1.0, 0.5)
 

@@ -110,9 +110,9 @@ def evaluate(
     Intervals are 95 %, over missions. The page of examples shows the frame with most crowd and the one with
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
+    from crowdfence.calibration.calibrate import plan_for
     from crowdfence.detector.detector import Detector
     from crowdfence.evaluation.calibration_data import CalibrationPlan
-    from crowdfence.evaluation.model_calibration import plan_for
     from crowdfence.evaluation.model_quality import model_quality
     from crowdfence.sources import open_recording
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.calibration_fit import (
+from crowdfence.calibration.correction import (
     FITS,
     LogitMap,
     negative_log_likelihood,
     sigmoid,
 )
-from crowdfence.detector.logit_counts import COUNT_CROWD, COUNT_EMPTY, mean_logits
+from crowdfence.calibration.logit_counts import COUNT_CROWD, COUNT_EMPTY, mean_logits
 from crowdfence.evaluation.quality_scores import Quality, quality
 from crowdfence.evaluation.value_histogram import BINS as VALUE_BINS
 from crowdfence.evaluation.value_histogram import CROWD, EMPTY, SQUARED_ERROR, VALUE_SUM, bin_of_values

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from crowdfence.detector.calibration_fit import LogitMap
+from crowdfence.calibration.correction import LogitMap
 from crowdfence.detector.contract_lookup import METADATA_KEY
 from crowdfence.detector.errors import DetectorError
 

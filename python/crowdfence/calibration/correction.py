@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.logit_counts import COUNT_CROWD, COUNT_EMPTY, cell_logits, mean_logits
+from crowdfence.calibration.logit_counts import COUNT_CROWD, COUNT_EMPTY, cell_logits, mean_logits
 from crowdfence.evaluation.isotonic import pool_adjacent_violators
 
 MAX_SCALE = 20.0

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
-from crowdfence.detector.calibration import Calibration
-from crowdfence.detector.calibration_fit import LogitMap
-from crowdfence.detector.calibration_graph import bake, write_contract
+from crowdfence.calibration.choice import Calibration
+from crowdfence.calibration.correction import LogitMap
+from crowdfence.calibration.graph import bake, write_contract
+from crowdfence.calibration.logit_counts import LIMIT, cell_logits
 from crowdfence.detector.contract import Contract, Validity
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.logit_counts import LIMIT, cell_logits
 from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRates
 
 if TYPE_CHECKING:

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.calibration import Calibration, calibrate
-from crowdfence.detector.calibration_fit import UNCHANGED, LogitMap
-from crowdfence.detector.calibration_graph import bake
-from crowdfence.detector.contract import Contract
-from crowdfence.detector.contract_lookup import sidecar_path
-from crowdfence.detector.logit_counts import logit_counts
-from crowdfence.evaluation.calibrated_model import (
+from crowdfence.calibration.choice import Calibration, calibrate
+from crowdfence.calibration.correction import UNCHANGED, LogitMap
+from crowdfence.calibration.graph import bake
+from crowdfence.calibration.logit_counts import logit_counts
+from crowdfence.calibration.model_file import (
     calibrated_contract,
     output_kind,
     require_agreement,
     write_calibrated,
 )
+from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract_lookup import sidecar_path
 from crowdfence.evaluation.calibration_data import (
     BLOCK_S,
     CalibrationPlan,
