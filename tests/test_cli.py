@@ -16,7 +16,7 @@ from shapely.geometry import shape
 from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
 from crowdfence.cli.demo import RECORDING
 from crowdfence.cli.evaluate import _rates
-from crowdfence.evaluation.detector_rates import Confusion
+from crowdfence.evaluation.cells.rates import Confusion
 from recordings import STARTS, flight, write_airsim, write_folder
 
 FAILED, USAGE, GATE_NOT_MET = 1, 2, 3

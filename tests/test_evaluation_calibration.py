@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crowdfence.evaluation.calibration import reliability
+from crowdfence.evaluation.cells.reliability import reliability
 
 HEATMAP = np.array([[0.1, 0.2], [0.7, 1.0]])
 MASK = np.array([[0, 1], [1, 1]])

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crowdfence.evaluation.calibration import reliability
-from crowdfence.evaluation.detector_quality import DetectorQuality, LabelledHeatmap, detector_quality
-from crowdfence.evaluation.detector_rates import confusion
+from crowdfence.evaluation.cells.quality import DetectorQuality, LabelledHeatmap, detector_quality
+from crowdfence.evaluation.cells.rates import confusion
+from crowdfence.evaluation.cells.reliability import reliability
 from crowdfence.evaluation.quality_table import quality_text
-from crowdfence.evaluation.unit_bootstrap import bootstrap_interval
+from crowdfence.evaluation.statistics.unit_bootstrap import bootstrap_interval
 
 SIX = np.array([[0.9, 0.8, 0.7], [0.4, 0.3, 0.1]])
 SIX_CROWD = np.array([[1, 0, 1], [1, 0, 0]])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.detector_rates import (
+from crowdfence.evaluation.cells.rates import (
     Confusion,
     confusion,
     crowd_cells,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crowdfence.evaluation.example_page import COLUMNS, TILE_PX, ExamplePage
+from crowdfence.evaluation.cells.example_page import COLUMNS, TILE_PX, ExamplePage
 
 WIDTH, HEIGHT = TILE_PX
 

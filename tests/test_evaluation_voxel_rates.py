@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from crowdfence import Camera, Terrain
-from crowdfence.evaluation.isotonic import pool_adjacent_violators
-from crowdfence.evaluation.labelled_projection import LabelledObservation, LabelledProjection
-from crowdfence.evaluation.likelihood_ratio import BORROWED, likelihood_ratio
-from crowdfence.evaluation.observed_range import ObservedRange
-from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter
+from crowdfence.evaluation.statistics.isotonic import pool_adjacent_violators
+from crowdfence.evaluation.statistics.observed_range import ObservedRange
+from crowdfence.evaluation.voxels.labelled_projection import LabelledObservation, LabelledProjection
+from crowdfence.evaluation.voxels.likelihood_ratio import BORROWED, likelihood_ratio
+from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRateCounter
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
 from crowdfence.truth.at_exposure import crowd_definition

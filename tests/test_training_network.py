@@ -10,7 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
-from crowdfence.evaluation.detector_rates import Confusion  # noqa: E402
+from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
 from crowdfence.training.augmentation import _focused, varied  # noqa: E402
 from crowdfence.training.crops import CropPlan, CropSampler  # noqa: E402
 from crowdfence.training.frame_store import StoredMission  # noqa: E402

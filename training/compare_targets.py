@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from crowdfence import View, project
-from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, Recording

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from crowdfence.detector.contract import Contract
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.errors import DetectorError
-    from crowdfence.evaluation.detector_rates import detector_rates
+    from crowdfence.evaluation.cells.rates import detector_rates
     from crowdfence.evaluation.iou import mean_iou
     from crowdfence.georeference import Georeference
     from crowdfence.landing_area import landing_prior
@@ -66,7 +66,7 @@ _LAZY = {
     "DetectorError": "crowdfence.detector.errors",
     "Georeference": "crowdfence.georeference",
     "Recording": "crowdfence.sources.recording",
-    "detector_rates": "crowdfence.evaluation.detector_rates",
+    "detector_rates": "crowdfence.evaluation.cells.rates",
     "landing_prior": "crowdfence.landing_area",
     "mean_iou": "crowdfence.evaluation.iou",
     "open_recording": "crowdfence.sources",

@@ -23,16 +23,16 @@ from crowdfence.calibration.model_file import (
 )
 from crowdfence.detector.contract import Contract
 from crowdfence.detector.contract_lookup import sidecar_path
-from crowdfence.evaluation.calibration_data import (
+from crowdfence.evaluation.cells.quality import QualityReport
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.labelled_missions import (
     BLOCK_S,
-    CalibrationPlan,
     LabelledMission,
     LabelledMissions,
+    MeasurementPlan,
 )
-from crowdfence.evaluation.detector_quality import QualityReport
-from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
 from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
-from crowdfence.evaluation.voxel_rates import VoxelRates
+from crowdfence.evaluation.voxels.rates import VoxelRates
 from crowdfence.sources.recording import Frame
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
@@ -46,7 +46,7 @@ class ModelCalibration:
 
     contract: Contract
     """Of the calibrated model."""
-    plan: CalibrationPlan
+    plan: MeasurementPlan
     calibration: Calibration
     quality: QualityReport
     """Of the calibrated heatmaps. The few numbers of the correction were fitted on these very missions; the
@@ -60,8 +60,8 @@ class ModelCalibration:
 
 
 def plan_for(
-    contract: Contract, plan: CalibrationPlan, *, target: bool = False, target_height_m: bool = False
-) -> CalibrationPlan:
+    contract: Contract, plan: MeasurementPlan, *, target: bool = False, target_height_m: bool = False
+) -> MeasurementPlan:
     """The plan with what the contract says about the heatmap, except where `target` or `target_height_m` say
     that the caller has chosen."""
     if not target and (contract.about or {}).get("marks") in TARGET_HEIGHT_M:
@@ -77,7 +77,7 @@ def calibrate_model(
     model: Path,
     data: list[Path],
     output: Path,
-    plan: CalibrationPlan,
+    plan: MeasurementPlan,
     *,
     on_frame: Callable[[], None] = lambda: None,
 ) -> ModelCalibration:

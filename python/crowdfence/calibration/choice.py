@@ -16,9 +16,9 @@ from crowdfence.calibration.correction import (
     sigmoid,
 )
 from crowdfence.calibration.logit_counts import COUNT_CROWD, COUNT_EMPTY, mean_logits
-from crowdfence.evaluation.quality_scores import Quality, quality
-from crowdfence.evaluation.value_histogram import BINS as VALUE_BINS
-from crowdfence.evaluation.value_histogram import CROWD, EMPTY, SQUARED_ERROR, VALUE_SUM, bin_of_values
+from crowdfence.evaluation.cells.scores import Quality, quality
+from crowdfence.evaluation.cells.value_histogram import BINS as VALUE_BINS
+from crowdfence.evaluation.cells.value_histogram import CROWD, EMPTY, SQUARED_ERROR, VALUE_SUM, bin_of_values
 
 
 @dataclass(frozen=True, slots=True, eq=False)

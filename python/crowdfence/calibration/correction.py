@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.calibration.logit_counts import COUNT_CROWD, COUNT_EMPTY, cell_logits, mean_logits
-from crowdfence.evaluation.isotonic import pool_adjacent_violators
+from crowdfence.evaluation.statistics.isotonic import pool_adjacent_violators
 
 MAX_SCALE = 20.0
 """Cells that a threshold separates perfectly would take an infinite scale."""

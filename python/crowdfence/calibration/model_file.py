@@ -16,7 +16,7 @@ from crowdfence.calibration.graph import bake, write_contract
 from crowdfence.calibration.logit_counts import LIMIT, cell_logits
 from crowdfence.detector.contract import Contract, Validity
 from crowdfence.detector.errors import DetectorError
-from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRates
+from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRates
 
 if TYPE_CHECKING:
     from onnx import ModelProto

@@ -112,13 +112,13 @@ def evaluate(
     """
     from crowdfence.calibration.calibrate import plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.calibration_data import CalibrationPlan
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan
     from crowdfence.evaluation.model_quality import model_quality
     from crowdfence.sources import open_recording
 
     _require_png("--examples", examples)
     detector = Detector(model, contract)
-    plan = CalibrationPlan(max_range_m=max_range_m, every=every)
+    plan = MeasurementPlan(max_range_m=max_range_m, every=every)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
     if target_height_m is not None:
         given["target_height_m"] = target_height_m

@@ -10,7 +10,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain, View
 from crowdfence.config import RunConfig
-from crowdfence.evaluation.detector_rates import Confusion, confusion
+from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.heatmap_source import RECORDED, HeatmapSource

@@ -243,7 +243,7 @@ def _computes_bfloat16(device: torch.device) -> bool:
 
 
 def _checkup_of_data(data: dict[str, Any]) -> Checkup:
-    from crowdfence.evaluation.detector_rates import Confusion
+    from crowdfence.evaluation.cells.rates import Confusion
 
     score = data["score"]
     cells = {target: Confusion(**counts) for target, counts in score["cells"].items()}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from crowdfence.block_means import block_means
-from crowdfence.evaluation.detector_rates import Confusion
+from crowdfence.evaluation.cells.rates import Confusion
 from crowdfence.training.frame_store import StoredMission
 from crowdfence.training.labels import LABELS_PER_CELL, Target
 from crowdfence.training.loss import crowd_loss

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.bin_edges import increasing_edges
-from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
-from crowdfence.evaluation.quality_scores import (
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.cells.scores import (
     PrecisionRecall,
     Quality,
     precision_recall,
     quality,
     reliability_of,
 )
-from crowdfence.evaluation.unit_bootstrap import RESAMPLES
-from crowdfence.evaluation.value_histogram import value_histogram
+from crowdfence.evaluation.cells.value_histogram import value_histogram
+from crowdfence.evaluation.statistics.bin_edges import increasing_edges
+from crowdfence.evaluation.statistics.unit_bootstrap import RESAMPLES
 
 GSD_EDGES_M = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.5, np.inf)
 """Metres on the ground per image pixel."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.isotonic import pool_adjacent_violators
-from crowdfence.evaluation.unit_bootstrap import RESAMPLES, bootstrap_interval
+from crowdfence.evaluation.statistics.isotonic import pool_adjacent_violators
+from crowdfence.evaluation.statistics.unit_bootstrap import RESAMPLES, bootstrap_interval
 
 EMPTY, CROWD = 0, 1
 """Last axis of the counts."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.detector_rates import labelled_cells
+from crowdfence.evaluation.cells.rates import labelled_cells
 
 
 @dataclass(frozen=True, slots=True)

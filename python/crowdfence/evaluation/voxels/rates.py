@@ -8,11 +8,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.evaluation.bin_edges import increasing_edges
-from crowdfence.evaluation.labelled_projection import LabelledObservation
-from crowdfence.evaluation.likelihood_ratio import CROWD, EMPTY, LikelihoodRatio, likelihood_ratio
-from crowdfence.evaluation.observed_range import ObservedRange
-from crowdfence.evaluation.unit_bootstrap import RESAMPLES, Estimate, bootstrap_interval
+from crowdfence.evaluation.statistics.bin_edges import increasing_edges
+from crowdfence.evaluation.statistics.observed_range import ObservedRange
+from crowdfence.evaluation.statistics.unit_bootstrap import RESAMPLES, Estimate, bootstrap_interval
+from crowdfence.evaluation.voxels.labelled_projection import LabelledObservation
+from crowdfence.evaluation.voxels.likelihood_ratio import CROWD, EMPTY, LikelihoodRatio, likelihood_ratio
 
 DISTANCE_EDGES_M = (0.0, 20.0, 35.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
 TILT_EDGES_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.unit_bootstrap import RESAMPLES, Estimate, bootstrap_interval
-from crowdfence.evaluation.value_histogram import (
+from crowdfence.evaluation.cells.value_histogram import (
     BINS,
     CROWD,
     EMPTY,
@@ -18,6 +17,7 @@ from crowdfence.evaluation.value_histogram import (
     VALUE_SUM,
     called_above,
 )
+from crowdfence.evaluation.statistics.unit_bootstrap import RESAMPLES, Estimate, bootstrap_interval
 
 THRESHOLD = 0.5
 AFFORDABLE_FALSE_POSITIVE_RATE = 0.01

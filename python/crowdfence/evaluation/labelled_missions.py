@@ -1,4 +1,4 @@
-"""Labelled missions as a calibration goes over them: several times, one frame and one map in memory."""
+"""Labelled missions as a measurement goes over them: several times, one frame and one map in memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BLOCK_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationPlan:
+class MeasurementPlan:
     """What is measured, and how."""
 
     target: Target = "silhouettes"
@@ -59,7 +59,7 @@ class LabelledMission:
 class LabelledMissions:
     """The missions named by `paths`, opened anew by every pass."""
 
-    def __init__(self, paths: list[Path], plan: CalibrationPlan, on_frame: Callable[[], None]) -> None:
+    def __init__(self, paths: list[Path], plan: MeasurementPlan, on_frame: Callable[[], None]) -> None:
         if not paths:
             raise ValueError("no data: name at least one labelled mission")
         resolved = [path.resolve() for path in paths]

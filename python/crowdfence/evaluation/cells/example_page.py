@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 
 TRUTH_COLOUR = (0, 255, 255)
 COLUMNS = 4
