@@ -16,9 +16,9 @@ from crowdfence.detection import detect_pictures
 from crowdfence.detector.detector import Detector
 from crowdfence.detector.overlay import overlay
 from crowdfence.exports.video import VideoWriter
-from crowdfence.sources.images import picture_files, read_pictures
-from crowdfence.sources.picture_stream import SkippedPicture, StreamPicture
-from crowdfence.sources.video import Video
+from crowdfence.sources.pictures.files import picture_files, read_pictures
+from crowdfence.sources.pictures.stream import SkippedPicture, StreamPicture
+from crowdfence.sources.pictures.video import Video
 from onnx_models import contract, write_map_model, write_pixel_people_model
 from recordings import flight, write_airsim
 from videos import HEIGHT, WIDTH, damage, picture, write_video

@@ -10,7 +10,7 @@ from crowdfence.exports.contact_sheet import write_contact_sheet
 from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLORS, REGION_COLOR, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import panel_extent
 from crowdfence.sources import open_recording
-from crowdfence.sources.mission_writer import MissionWriter
+from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.recorded_truth import RecordedPeople
 
 CAMERA = Camera.pinhole(64, 48, 40.0, 40.0, 32.0, 24.0)

@@ -35,11 +35,12 @@ from crowdfence.simulation.simulated_detector import SimulatedDetector
 from crowdfence.simulation.timeline import TelemetryRow, WorldInstant, arriving, timeline
 from crowdfence.simulation.trouble import Capture, build_schedule
 from crowdfence.simulation.truth import people_truth
-from crowdfence.sources import mission_writer, open_recording
+from crowdfence.sources import open_recording
 from crowdfence.sources.convert import convert
-from crowdfence.sources.mission_layout import CLASSES, CROWD_CLASS
-from crowdfence.sources.mission_messages import depth_in_whole_cm
-from crowdfence.sources.mission_writer import part_path
+from crowdfence.sources.mission import writer as mission_writer
+from crowdfence.sources.mission.layout import CLASSES, CROWD_CLASS
+from crowdfence.sources.mission.messages import depth_in_whole_cm
+from crowdfence.sources.mission.writer import part_path
 
 LABELS = FrameOptions(rgb=False)
 SEED, FRAMES, DRONES = 3, 6, 3

@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from crowdfence.sources import FrameError, open_recording
-from crowdfence.sources.airsim_table import parse_image_name
+from crowdfence.sources.airsim.table import parse_image_name
 from recordings import (
     EPOCH_NS,
     HEIGHT,

@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources import FrameError, open_recording, ros2_messages
-from crowdfence.sources.camera_info import camera_from_info, camera_info_fields
+from crowdfence.sources import FrameError, open_recording
 from crowdfence.sources.convert import convert
-from crowdfence.sources.mission_layout import MAGIC, split_topic, topic, topic_prefix
-from crowdfence.sources.mission_writer import MissionWriter
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.camera_info import camera_from_info, camera_info_fields
+from crowdfence.sources.mission.layout import MAGIC, split_topic, topic, topic_prefix
+from crowdfence.sources.mission.writer import MissionWriter
 from recordings import EPOCH_NS, HEIGHT, WIDTH, camera_enu, flight, heatmap, write_airsim
 
 MS = 1_000_000

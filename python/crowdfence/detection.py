@@ -20,7 +20,7 @@ from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.heatmap_source import HeatmapSource
 from crowdfence.iso_time import iso_utc
 from crowdfence.sources.convert import Conversion, convert
-from crowdfence.sources.picture_stream import PictureStream, SkippedPicture, StreamPicture, check_every
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.recording import Frame, Pixels, Recording
 
 if TYPE_CHECKING:

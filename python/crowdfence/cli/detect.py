@@ -84,14 +84,14 @@ def _detect_pictures(
 ) -> None:
     from crowdfence.detection import detect_pictures
     from crowdfence.heatmap_source import describe_model
-    from crowdfence.sources.images import is_picture_file, picture_files, read_pictures
+    from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
 
     with ExitStack() as stack:
         if source.is_dir() or is_picture_file(source):
             files = picture_files(source)
             stream, count = read_pictures(files, every=every), len(files)
         else:
-            from crowdfence.sources.video import Video
+            from crowdfence.sources.pictures.video import Video
 
             film = stack.enter_context(Video(source))
             stream, count = film.pictures(every=every), film.frame_count or 0

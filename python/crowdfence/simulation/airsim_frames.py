@@ -21,7 +21,7 @@ from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M
 from crowdfence.simulation.scenario import Scenario
 from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.simulation.trouble import Capture
-from crowdfence.sources.mission_messages import FrameContent, decode_people, encode_people
+from crowdfence.sources.mission.messages import FrameContent, decode_people, encode_people
 
 CAMERA = "front_center"
 SCENE, DEPTH_PLANAR, SEGMENTATION = 0, 1, 5
@@ -110,7 +110,7 @@ def summary_of_files(
     folder: Path, paths: FramePaths, scenario: Scenario, world_from_camera: NDArray[np.float64] | None
 ) -> FrameSummary:
     """Statistics of a frame from its files. OSError or ValueError when one is damaged."""
-    from crowdfence.sources.pictures import read_pfm
+    from crowdfence.sources.pictures.decoding import read_pfm
 
     camera = scenario.intrinsics()
     with Image.open(folder / paths.segmentation) as picture:

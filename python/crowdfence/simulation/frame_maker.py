@@ -20,7 +20,7 @@ from crowdfence.simulation.simulated_detector import SimulatedDetector
 from crowdfence.simulation.trouble import Capture, Schedule, build_schedule
 from crowdfence.simulation.truth import PeopleTruth, Sight, people_truth, region_mask, sight_of_people
 from crowdfence.simulation.truth import visible_pixels as count_pixels
-from crowdfence.sources.mission_messages import FrameContent, depth_in_whole_cm
+from crowdfence.sources.mission.messages import FrameContent, depth_in_whole_cm
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 
 SHUTTER_S = 1 / 250

@@ -16,7 +16,7 @@ from crowdfence.simulation.frame_summary import FrameSummary
 from crowdfence.simulation.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.trouble import Capture
-from crowdfence.sources.mission_messages import FrameContent
+from crowdfence.sources.mission.messages import FrameContent
 
 _T = TypeVar("_T")
 

@@ -22,9 +22,9 @@ from crowdfence.simulation.timeline import TelemetryRow, WorldInstant
 from crowdfence.simulation.timeline_run import TimelineRun
 from crowdfence.simulation.trouble import Capture, build_schedule
 from crowdfence.simulation.truth import people_truth
-from crowdfence.sources.mission_layout import Part, camera_frame, topic_prefix
-from crowdfence.sources.mission_messages import FrameContent, encode_frame
-from crowdfence.sources.mission_writer import MissionWriter, part_path
+from crowdfence.sources.mission.layout import Part, camera_frame, topic_prefix
+from crowdfence.sources.mission.messages import FrameContent, encode_frame
+from crowdfence.sources.mission.writer import MissionWriter, part_path
 from crowdfence.sources.recorded_truth import RecordedPeople
 
 

@@ -14,16 +14,16 @@ from mcap.records import Metadata
 from crowdfence._core import Camera
 from crowdfence.simulation.frame_summary import FrameSummary
 from crowdfence.simulation.manifest import first_difference
-from crowdfence.sources.mcap_records import McapFile, MessageLocation, StoredMessage
-from crowdfence.sources.mission_layout import (
+from crowdfence.sources.mission.layout import (
     MAGIC,
     METADATA_SIMULATION,
     Part,
     split_topic,
 )
-from crowdfence.sources.mission_messages import decode_people, decode_picture, decode_pose, decode_raster
-from crowdfence.sources.pictures import decode_depth_cm
-from crowdfence.sources.ros2_messages import header_stamp_ns
+from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
+from crowdfence.sources.mission.messages import decode_people, decode_picture, decode_pose, decode_raster
+from crowdfence.sources.mission.ros2_messages import header_stamp_ns
+from crowdfence.sources.pictures.decoding import decode_depth_cm
 
 
 @dataclass(slots=True)

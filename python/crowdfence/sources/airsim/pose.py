@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.sources.airsim_settings import Mount
+from crowdfence.sources.airsim.settings import Mount
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
 

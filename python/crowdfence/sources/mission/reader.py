@@ -1,4 +1,4 @@
-"""Reads the native mission file, and any MCAP with the same topics. `mission_layout` describes it.
+"""Reads the native mission file, and any MCAP with the same topics. `layout` describes it.
 
 The file is passed over once: poses and intrinsics are decoded, of everything else only the stamp and the
 place in the file are kept. Pixels are fetched from their chunk when asked for, so memory does not grow with
@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources import ros2_messages
-from crowdfence.sources.admission import Capture, Limits, admit
-from crowdfence.sources.camera_info import camera_from_info
-from crowdfence.sources.mcap_records import McapFile, MessageLocation, StoredMessage
-from crowdfence.sources.mission_layout import (
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.camera_info import camera_from_info
+from crowdfence.sources.mission.layout import (
     CROWD_CLASS,
     FORMAT_VERSION,
     METADATA,
@@ -36,14 +34,16 @@ from crowdfence.sources.mission_layout import (
     Part,
     split_topic,
 )
-from crowdfence.sources.mission_messages import (
+from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
+from crowdfence.sources.mission.messages import (
     decode_exposure_ns,
     decode_people,
     decode_picture,
     decode_pose,
     decode_raster,
 )
-from crowdfence.sources.pictures import decode_depth_cm
+from crowdfence.sources.pictures.decoding import decode_depth_cm
+from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
@@ -206,13 +206,13 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         )
     names = {prefix: content.names.get(prefix, prefix[1:]) for prefix in content.drones}
     tracks: dict[str, PoseTrack] = {}
-    captures: dict[str, list[Capture]] = {}
+    unplaced: dict[str, list[UnplacedFrame]] = {}
     for prefix, found in content.drones.items():
         drone = names[prefix]
         tracks[drone], remarks = track_from_rows(found.pose_stamps_ns, found.positions, found.quaternions)
         warnings.extend(f"{drone}: {remark}" for remark in remarks)
-        captures[drone] = _captures(mcap, found)
-    frames, refused = admit(captures, tracks, limits)
+        unplaced[drone] = _unplaced_frames(mcap, found)
+    frames, refused = place_cameras(unplaced, tracks, limits)
     description = content.description or {}
     return Recording(
         name=mcap.path.stem,
@@ -228,21 +228,23 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
     )
 
 
-def _captures(mcap: McapFile, found: _DroneContent) -> list[Capture]:
+def _unplaced_frames(mcap: McapFile, found: _DroneContent) -> list[UnplacedFrame]:
     # A bag of other tools may send the intrinsics once: they then hold for all frames.
     only = next(iter(found.cameras.values())) if len(set(map(id, found.cameras.values()))) == 1 else None
-    captures = []
+    unplaced = []
     for stamp_ns, parts in found.parts.items():
         camera = found.cameras.get(stamp_ns, only)
         fault = camera if isinstance(camera, str) else None
         usable = None if isinstance(camera, str) else camera
-        captures.append(Capture(stamp_ns, usable, _pixel_sources(mcap, parts), fault, _truth(mcap, parts)))
+        unplaced.append(
+            UnplacedFrame(stamp_ns, usable, _pixel_sources(mcap, parts), fault, _truth(mcap, parts))
+        )
     # A stamp that was sent twice is refused once; its first message stands.
-    captures.extend(
-        Capture(stamp_ns, None, fault=f"stamp {stamp_ns} repeats an earlier frame of this drone")
+    unplaced.extend(
+        UnplacedFrame(stamp_ns, None, fault=f"stamp {stamp_ns} repeats an earlier frame of this drone")
         for stamp_ns in dict.fromkeys(found.repeated)
     )
-    return captures
+    return unplaced
 
 
 def _pixel_sources(mcap: McapFile, parts: dict[Part, MessageLocation]) -> PixelSources:

@@ -20,7 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 
-from crowdfence.sources.mission_layout import MAGIC
+from crowdfence.sources.mission.layout import MAGIC
 
 MAX_CHUNK_BYTES = 2**28
 """No chunk or record may be larger than this, packed or unpacked; writers use 1 to 4 MiB."""

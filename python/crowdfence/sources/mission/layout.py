@@ -43,7 +43,7 @@ version 1 too.
 import re
 from typing import Literal, get_args
 
-from crowdfence.sources import ros2_messages
+from crowdfence.sources.mission import ros2_messages
 
 FORMAT_VERSION = 1
 MAGIC = b"\x89MCAP0\r\n"

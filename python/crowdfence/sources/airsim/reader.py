@@ -18,10 +18,10 @@ holds exactly these poses, gives the same views bit for bit.
 
 from pathlib import Path
 
-from crowdfence.sources.admission import Limits, admit
-from crowdfence.sources.airsim_settings import AirSimSettings
-from crowdfence.sources.airsim_table import TABLE_NAME, TableRow, read_table
-from crowdfence.sources.airsim_vehicle import AirSimOptions, Vehicle, VehicleReader, first_file
+from crowdfence.sources.airsim.settings import AirSimSettings
+from crowdfence.sources.airsim.table import TABLE_NAME, TableRow, read_table
+from crowdfence.sources.airsim.vehicle import AirSimOptions, Vehicle, VehicleReader, first_file
+from crowdfence.sources.place_camera import Limits, place_cameras
 from crowdfence.sources.recording import Recording, RefusedFrame
 from crowdfence.sources.terrain_hint import find_terrain
 
@@ -44,8 +44,8 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
     reader = VehicleReader(folder, settings, options, fleet=len(by_vehicle))
     found = {vehicle: reader.read(vehicle, rows) for vehicle, rows in sorted(by_vehicle.items())}
     _check_one_clock(found)
-    frames, refused = admit(
-        {vehicle: item.captures for vehicle, item in found.items()},
+    frames, refused = place_cameras(
+        {vehicle: item.unplaced for vehicle, item in found.items()},
         {vehicle: item.track for vehicle, item in found.items()},
         limits,
     )
@@ -70,7 +70,7 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
 
 def _check_one_clock(found: dict[str, Vehicle]) -> None:
     """Frames of different vehicles are only simultaneous if one clock stamped them."""
-    by_clock = {item.clock: vehicle for vehicle, item in found.items() if item.captures}
+    by_clock = {item.clock: vehicle for vehicle, item in found.items() if item.unplaced}
     if len(by_clock) > 1:
         (clock, vehicle), (other_clock, other_vehicle) = sorted(by_clock.items())
         raise ValueError(

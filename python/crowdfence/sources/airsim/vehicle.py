@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
-from crowdfence.sources.admission import Capture
-from crowdfence.sources.airsim_pose import CameraRows, compose, read_telemetry
-from crowdfence.sources.airsim_settings import SCENE, AirSimSettings
-from crowdfence.sources.airsim_table import TABLE_NAME, ImageName, TableRow
-from crowdfence.sources.airsim_truth import DEPTH_VIS, SEGMENTATION, TRUTH_TYPES, depth_source, pair_truth
-from crowdfence.sources.pictures import Size, read_heatmap, read_regions, read_silhouettes
+from crowdfence.sources.airsim.pose import CameraRows, compose, read_telemetry
+from crowdfence.sources.airsim.settings import SCENE, AirSimSettings
+from crowdfence.sources.airsim.table import TABLE_NAME, ImageName, TableRow
+from crowdfence.sources.airsim.truth_pictures import (
+    DEPTH_VIS,
+    SEGMENTATION,
+    TRUTH_TYPES,
+    depth_source,
+    pair_truth,
+)
+from crowdfence.sources.pictures.decoding import Size, read_heatmap, read_regions, read_silhouettes
+from crowdfence.sources.place_camera import UnplacedFrame
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources
 
@@ -50,7 +56,7 @@ class AirSimOptions:
 class Vehicle:
     """What a recording holds of one vehicle."""
 
-    captures: list[Capture]
+    unplaced: list[UnplacedFrame]
     track: PoseTrack
     camera: str
     """Name of the camera that was read."""
@@ -103,11 +109,11 @@ class VehicleReader:
             track = track.shifted(-round(self.options.pose_delay_ms * 1e6))
         intrinsics = self.settings.intrinsics(vehicle, camera)
         truth_types = self._matching_truth(vehicle, camera, moments)
-        captures = [
-            Capture(m.stamp_ns, intrinsics, self._pixels(vehicle, m, intrinsics, truth_types), m.fault)
+        frames = [
+            UnplacedFrame(m.stamp_ns, intrinsics, self._pixels(vehicle, m, intrinsics, truth_types), m.fault)
             for m in moments
         ]
-        return Vehicle(captures, track, camera, clock)
+        return Vehicle(frames, track, camera, clock)
 
     def _check_camera(self, vehicle: str, camera: str, recorded: set[str]) -> None:
         if camera not in recorded:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence.sources.picture_stream import PictureStream, SkippedPicture, StreamPicture, check_every
-from crowdfence.sources.pictures import LARGEST
+from crowdfence.sources.pictures.decoding import LARGEST
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 
 if TYPE_CHECKING:
     from av.container import InputContainer

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
-from crowdfence.sources import ros2_messages
-from crowdfence.sources.camera_info import camera_info_fields
-from crowdfence.sources.mission_layout import MAP_FRAME, TOPICS, Part
-from crowdfence.sources.pictures import picture_format
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.camera_info import camera_info_fields
+from crowdfence.sources.mission.layout import MAP_FRAME, TOPICS, Part
+from crowdfence.sources.pictures.decoding import picture_format
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 
 CLOCK_OF_THE_WORLD = "world"
@@ -32,7 +32,7 @@ class FrameContent:
     heatmap       [h, w] uint8 (value / 255) or float in [0, 1], stored as uint8 or float32
     regions       [H, W] crowd number per image pixel, 0 = none, at most 65535
     silhouettes   [H, W] bool; depth_m [H, W] metres along the camera's z axis, NaN = unknown
-    segmentation  [H, W] class per pixel (`mission_layout.CLASSES`); instances [H, W] person, 0 = none
+    segmentation  [H, W] class per pixel (`layout.CLASSES`); instances [H, W] person, 0 = none
     true_pose, exposure_ns, people   as in `recorded_truth.FrameTruth`
     """
 

@@ -1,4 +1,4 @@
-"""Writes the native mission file frame by frame. `mission_layout` describes it."""
+"""Writes the native mission file frame by frame. `layout` describes it."""
 
 import contextlib
 import json
@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources import ros2_messages
-from crowdfence.sources.mission_layout import (
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     MAP_FRAME,
     METADATA,
@@ -32,7 +32,7 @@ from crowdfence.sources.mission_layout import (
     topic,
     topic_prefix,
 )
-from crowdfence.sources.mission_messages import FrameContent, encode_frame, encode_people, pose_fields
+from crowdfence.sources.mission.messages import FrameContent, encode_frame, encode_people, pose_fields
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.sources.stamps import LAST_STAMP_NS

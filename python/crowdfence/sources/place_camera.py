@@ -1,4 +1,5 @@
-"""The step that all sources share: images as found + the camera's track -> frames, or the reason why not."""
+"""Places the camera, a step that all sources share: images as found + the camera's track -> frames, each with
+the pose at its stamp, or the reason why not."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +29,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Capture:
+class UnplacedFrame:
     """One image as a source found it, before its pose is known."""
 
     stamp_ns: int
@@ -39,14 +40,14 @@ class Capture:
     truth: FrameTruth = field(default_factory=FrameTruth)
 
 
-def admit(
-    captures: Mapping[str, Sequence[Capture]], tracks: Mapping[str, PoseTrack], limits: Limits
+def place_cameras(
+    unplaced: Mapping[str, Sequence[UnplacedFrame]], tracks: Mapping[str, PoseTrack], limits: Limits
 ) -> tuple[tuple[Frame, ...], list[RefusedFrame]]:
-    """Captures per drone, in the order of recording -> usable frames and refused ones, both by stamp."""
+    """Images per drone, in the order of recording -> usable frames and refused ones, both by stamp."""
     frames: list[Frame] = []
     refused: list[RefusedFrame] = []
-    for drone, found in captures.items():
-        for outcome in _admit_drone(drone, found, tracks.get(drone), limits):
+    for drone, images in unplaced.items():
+        for outcome in _placed(drone, images, tracks.get(drone), limits):
             if isinstance(outcome, Frame):
                 frames.append(outcome)
             else:
@@ -56,26 +57,26 @@ def admit(
     return tuple(frames), refused
 
 
-def _admit_drone(
-    drone: str, captures: Sequence[Capture], track: PoseTrack | None, limits: Limits
+def _placed(
+    drone: str, images: Sequence[UnplacedFrame], track: PoseTrack | None, limits: Limits
 ) -> Iterable[Frame | RefusedFrame]:
-    # A capture that is refused anyway must not make its twin look like a repetition.
-    sound = [capture for capture in captures if capture.fault is None]
-    for capture in captures:
-        if capture.fault is not None:
-            yield RefusedFrame(drone, capture.stamp_ns, capture.fault)
-    faults = stamp_faults([capture.stamp_ns for capture in sound], limits.max_jump_s)
-    for capture, fault in zip(sound, faults, strict=True):
-        if fault is None and capture.camera is None:
+    # An image that is refused anyway must not make its twin look like a repetition.
+    sound = [image for image in images if image.fault is None]
+    for image in images:
+        if image.fault is not None:
+            yield RefusedFrame(drone, image.stamp_ns, image.fault)
+    faults = stamp_faults([image.stamp_ns for image in sound], limits.max_jump_s)
+    for image, fault in zip(sound, faults, strict=True):
+        if fault is None and image.camera is None:
             fault = "no camera intrinsics were recorded for it"
         if fault is None and track is None:
             fault = "no telemetry was recorded for this drone"
-        if fault is not None or capture.camera is None or track is None:
-            yield RefusedFrame(drone, capture.stamp_ns, fault or "")
+        if fault is not None or image.camera is None or track is None:
+            yield RefusedFrame(drone, image.stamp_ns, fault or "")
             continue
         try:
-            pose = track.at(capture.stamp_ns, limits.max_pose_gap_s)
+            pose = track.at(image.stamp_ns, limits.max_pose_gap_s)
         except PoseGapError as error:
-            yield RefusedFrame(drone, capture.stamp_ns, str(error))
+            yield RefusedFrame(drone, image.stamp_ns, str(error))
             continue
-        yield Frame(drone, capture.stamp_ns, capture.camera, pose, capture.pixels, capture.truth)
+        yield Frame(drone, image.stamp_ns, image.camera, pose, image.pixels, image.truth)

@@ -1,4 +1,4 @@
-"""Pictures one after the other, from files or a video: what `images` and `video` yield."""
+"""Pictures one after the other, from files or a video: what `files` and `video` yield."""
 
 from __future__ import annotations
 

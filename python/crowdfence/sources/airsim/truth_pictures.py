@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
-from crowdfence.sources.airsim_table import ImageName
-from crowdfence.sources.pictures import read_depth_cm, read_pfm
+from crowdfence.sources.airsim.table import ImageName
+from crowdfence.sources.pictures.decoding import read_depth_cm, read_pfm
 
 DEPTH_PLANAR, DEPTH_PERSPECTIVE, DEPTH_VIS, SEGMENTATION = 1, 2, 3, 5
 """AirSim's ImageType numbers. DepthVis is 8-bit and clipped at 100 m, a picture and no truth."""

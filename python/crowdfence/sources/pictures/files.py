@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from crowdfence.sources.picture_stream import PictureStream, SkippedPicture, StreamPicture, check_every
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".ppm", ".tif", ".tiff")
 
@@ -30,7 +30,7 @@ def picture_files(path: Path) -> list[Path]:
 
 def read_pictures(files: Sequence[Path], *, every: int = 1) -> PictureStream:
     """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped, and said so."""
-    from crowdfence.sources.pictures import read_rgb
+    from crowdfence.sources.pictures.decoding import read_rgb
 
     check_every(every)
     for number in range(0, len(files), every):
