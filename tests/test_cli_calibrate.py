@@ -12,7 +12,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from crowdfence import Terrain, _core, open_recording
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import Detector
 from recordings import HEIGHT, WIDTH, Flight, flight, write_airsim, write_folder
 from test_cli import crowdfence, ground

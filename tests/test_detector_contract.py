@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from crowdfence import Contract, DetectorError
-from crowdfence.detector.contract import MAX_JSON_BYTES, contract_from_text
-from crowdfence.detector.contract_lookup import load_contract
+from crowdfence.detector.contract.contract import MAX_JSON_BYTES, contract_from_text
+from crowdfence.detector.contract.lookup import load_contract
 from onnx_models import contract as document
 
 SHIPPED = {

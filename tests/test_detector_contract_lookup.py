@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto
 
 from crowdfence import Detector, DetectorError
-from crowdfence.detector.contract_lookup import load_contract
+from crowdfence.detector.contract.lookup import load_contract
 from onnx_models import contract as document
 from onnx_models import write_fixed_output_model, write_map_model
 

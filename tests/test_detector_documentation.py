@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from crowdfence import Contract
-from crowdfence.detector.contract_rules import DensityRule, PeopleRule
+from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
 
 TEXT = (Path(__file__).parent.parent / "docs" / "models.md").read_text(encoding="utf-8")
 BLOCKS = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", TEXT, re.DOTALL)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from crowdfence import Detector, DetectorError
-from crowdfence.detector.contract_rules import PeopleRule
+from crowdfence.detector.contract.crowd_rules import PeopleRule
 from onnx_models import contract as document
 
 BLACK = np.zeros((64, 96, 3), np.uint8)

@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from crowdfence import Detector, DetectorError
-from crowdfence.detector.overlap_removal import strongest_boxes
-from crowdfence.detector.people_map import closed
+from crowdfence.detector.inference.overlap_removal import strongest_boxes
+from crowdfence.detector.inference.people_map import closed
 from onnx_models import contract as document
 from onnx_models import write_fixed_output_model, write_map_model
 

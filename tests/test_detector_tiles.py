@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crowdfence import Contract, Detector
-from crowdfence.detector import patches as patches_module
-from crowdfence.detector.patches import patches
+from crowdfence.detector.inference import patches as patches_module
+from crowdfence.detector.inference.patches import patches
 from onnx_models import contract as document
 from onnx_models import write_map_model, write_pixel_people_model
 

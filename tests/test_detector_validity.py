@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence import Camera, Terrain
-from crowdfence.detector.contract import Contract, Validity
+from crowdfence.detector.contract.contract import Contract, Validity
+from crowdfence.detector.contract.model_input import ModelInput
+from crowdfence.detector.contract.model_output import ModelOutput
 from crowdfence.detector.ground_sampling import ground_sampling
-from crowdfence.detector.model_input import ModelInput
-from crowdfence.detector.model_output import ModelOutput
 from crowdfence.detector.validity import FlightSample, check_ranges, sample_flight, statement_warnings
 from crowdfence.sources.recording import Frame
 

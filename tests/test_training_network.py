@@ -251,7 +251,7 @@ def test_the_exported_model_is_the_network(tmp_path: Path):
     import onnxruntime
 
     from crowdfence.cli.train import _contract
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.training.onnx_export import export_onnx
 
     torch.manual_seed(3)

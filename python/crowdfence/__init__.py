@@ -24,7 +24,7 @@ from crowdfence._core import (
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.errors import DetectorError
     from crowdfence.evaluation.cells.rates import detector_rates
@@ -61,7 +61,7 @@ __all__ = [
 ]
 
 _LAZY = {
-    "Contract": "crowdfence.detector.contract",
+    "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
     "DetectorError": "crowdfence.detector.errors",
     "Georeference": "crowdfence.georeference",

@@ -21,8 +21,8 @@ from crowdfence.calibration.model_file import (
     require_agreement,
     write_calibrated,
 )
-from crowdfence.detector.contract import Contract
-from crowdfence.detector.contract_lookup import sidecar_path
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.lookup import sidecar_path
 from crowdfence.evaluation.cells.quality import QualityReport
 from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 from crowdfence.evaluation.labelled_missions import (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from crowdfence.calibration.correction import LogitMap
-from crowdfence.detector.contract_lookup import METADATA_KEY
+from crowdfence.detector.contract.lookup import METADATA_KEY
 from crowdfence.detector.errors import DetectorError
 
 if TYPE_CHECKING:

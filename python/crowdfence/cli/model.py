@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract, Validity
+    from crowdfence.detector.contract.contract import Contract, Validity
     from crowdfence.detector.model_check import ModelCheck
     from crowdfence.evaluation.model_quality import ModelQuality
 

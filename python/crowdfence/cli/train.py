@@ -118,7 +118,7 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
 
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
     from crowdfence import __version__
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.training.labels import STRIDE
     from crowdfence.training.network import MULTIPLE_OF
     from crowdfence.truth.frame_labels import TARGET_HEIGHT_M

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from crowdfence.atomic_file import atomic_path
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.training.network import MULTIPLE_OF, CrowdNet
 
 METADATA_KEY = "crowdfence"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from crowdfence.detector.contract.json_section import JsonSection
+from crowdfence.detector.contract.model_output import MAP_KINDS, ModelOutput
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import JsonSection
-from crowdfence.detector.model_output import MAP_KINDS, ModelOutput
 
 _LARGEST_SIDE = 16384
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.detector.contract import Contract
-from crowdfence.detector.contract_rules import PeopleRule
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.crowd_rules import PeopleRule
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.model_input import ModelInput
+from crowdfence.detector.contract.model_output import ModelOutput
 from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.ground_scale import GroundScale, Gsd
-from crowdfence.detector.image_tensor import Image
-from crowdfence.detector.json_section import shown
-from crowdfence.detector.map_output import Map, in_unit_range
-from crowdfence.detector.model_input import ModelInput
-from crowdfence.detector.model_output import ModelOutput
-from crowdfence.detector.people_map import crowd_from_people
-from crowdfence.detector.people_output import People, foot_points
+from crowdfence.detector.inference.image_tensor import Image
+from crowdfence.detector.inference.map_output import Map, in_unit_range
+from crowdfence.detector.inference.people_map import crowd_from_people
+from crowdfence.detector.inference.people_output import People, foot_points
 
 _PIXELS = ModelInput(name="image", layout="NHWC", dtype="uint8")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract import Contract
-from crowdfence.detector.contract_check import chosen_channel
+from crowdfence.detector.contract.check import chosen_channel
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.errors import DetectorError
 
 ROUNDING = 1e-4

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from crowdfence.detector.json_section import JsonSection
+from crowdfence.detector.contract.json_section import JsonSection
 
 
 @dataclass(frozen=True, slots=True)

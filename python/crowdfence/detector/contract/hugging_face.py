@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from crowdfence.detector.contract.json_section import JsonSection, shown
+from crowdfence.detector.contract.metadata_values import fixed, only_image_input
+from crowdfence.detector.contract.model_face import ModelFace
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import JsonSection, shown
-from crowdfence.detector.metadata_values import fixed, only_image_input
-from crowdfence.detector.model_face import ModelFace
 
 NAME = "Hugging Face"
 _LARGEST_BYTES = 1_000_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from crowdfence.detector.contract_rules import DensityRule, PeopleRule
+from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
+from crowdfence.detector.contract.json_section import JsonSection
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import JsonSection
 
 MAP_KINDS = ("probability", "logits", "class_logits", "density")
 PEOPLE_KINDS = ("points", "boxes")

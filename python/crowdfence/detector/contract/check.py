@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.metadata_values import fixed
+from crowdfence.detector.contract.model_face import ModelFace, Tensor
+from crowdfence.detector.contract.model_output import PEOPLE_KINDS
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import shown
-from crowdfence.detector.metadata_values import fixed
-from crowdfence.detector.model_face import ModelFace, Tensor
-from crowdfence.detector.model_output import PEOPLE_KINDS
 
 _FLOATS = ("float32", "float16", "float64")
 

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract import Contract
-from crowdfence.detector.contract_check import check_contract
-from crowdfence.detector.contract_rules import DensityRule, PeopleRule
-from crowdfence.detector.density_map import crowd_from_density
+from crowdfence.detector.contract.check import check_contract
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
+from crowdfence.detector.contract.metadata_values import fixed
+from crowdfence.detector.contract.model_output import PEOPLE_KINDS
 from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.ground_scale import GroundScale, Gsd
-from crowdfence.detector.image_tensor import Image, InputTensor, patch_pixels
-from crowdfence.detector.map_output import Map, map_values
-from crowdfence.detector.metadata_values import fixed
-from crowdfence.detector.model_output import PEOPLE_KINDS
+from crowdfence.detector.inference.density_map import crowd_from_density
+from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
+from crowdfence.detector.inference.map_output import Map, map_values
+from crowdfence.detector.inference.patches import Patch, Span, patches
+from crowdfence.detector.inference.people_map import crowd_from_people
+from crowdfence.detector.inference.people_output import People, people_in
 from crowdfence.detector.onnx_session import OnnxSession, reason
-from crowdfence.detector.patches import Patch, Span, patches
-from crowdfence.detector.people_map import crowd_from_people
-from crowdfence.detector.people_output import People, people_in
 
 
 class OnnxModel:

@@ -15,10 +15,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from crowdfence.detector import deepness_contract, hugging_face_contract, ultralytics_contract
-from crowdfence.detector.contract import Contract, contract_from_text, contract_of, read_contract
+from crowdfence.detector.contract import deepness, hugging_face, ultralytics
+from crowdfence.detector.contract.contract import Contract, contract_from_text, contract_of, read_contract
+from crowdfence.detector.contract.model_face import ModelFace
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.model_face import ModelFace
 
 METADATA_KEY = "crowdfence"
 SIDECAR_SUFFIX = ".crowdfence.json"
@@ -59,15 +59,15 @@ def find_contract(face: ModelFace, output: Mapping[str, Any] | None = None) -> F
     if METADATA_KEY in face.metadata:
         source = f'{face.path}, metadata "{METADATA_KEY}"'
         return FoundContract(contract_from_text(face.metadata[METADATA_KEY], source), source)
-    for convention in (ultralytics_contract, deepness_contract):
+    for convention in (ultralytics, deepness):
         if convention.applies(face):
             source = f"{face.path}, metadata of {convention.NAME}"
             return FoundContract(contract_of(_converted(convention.document, face, source), source), source)
-    config = hugging_face_contract.config_path(face)
+    config = hugging_face.config_path(face)
     if config.is_file():
         source = str(config)
         return FoundContract(
-            contract_of(_converted(hugging_face_contract.document, face, source, output), source), source
+            contract_of(_converted(hugging_face.document, face, source, output), source), source
         )
     raise DetectorError(
         f"{face.path} says neither what it expects nor what its output means: no {sidecar.name} beside it, "

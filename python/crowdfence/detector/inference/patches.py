@@ -16,8 +16,8 @@ from math import lcm
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.model_input import ModelInput
 
 TILE_PX = 1024
 """Side of the tiles of a model that takes any size."""

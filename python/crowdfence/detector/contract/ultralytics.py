@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import shown
-from crowdfence.detector.metadata_values import (
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.metadata_values import (
     PEOPLE_NAMES,
     class_names,
     classes_named,
@@ -23,7 +22,8 @@ from crowdfence.detector.metadata_values import (
     literal,
     only_image_input,
 )
-from crowdfence.detector.model_face import ModelFace
+from crowdfence.detector.contract.model_face import ModelFace
+from crowdfence.detector.errors import DetectorError
 
 NAME = "Ultralytics"
 SCORE_MIN, IOU_MAX = 0.25, 0.7

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract_rules import PeopleRule
+from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.ground_scale import GroundScale
-from crowdfence.detector.map_output import Map, sigmoid
-from crowdfence.detector.people_output import People
+from crowdfence.detector.inference.map_output import Map, sigmoid
+from crowdfence.detector.inference.people_output import People
 
 _OWN_CELL = 0.7072
 """Half the diagonal of a cell, and a little: people count at least in the cell that they stand in."""

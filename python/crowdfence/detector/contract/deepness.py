@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import is_number, shown
-from crowdfence.detector.metadata_values import (
+from crowdfence.detector.contract.json_section import is_number, shown
+from crowdfence.detector.contract.metadata_values import (
     CROWD_NAMES,
     PEOPLE_NAMES,
     class_names,
@@ -21,7 +20,8 @@ from crowdfence.detector.metadata_values import (
     literal,
     only_image_input,
 )
-from crowdfence.detector.model_face import ModelFace
+from crowdfence.detector.contract.model_face import ModelFace
+from crowdfence.detector.errors import DetectorError
 
 NAME = "Deepness"
 

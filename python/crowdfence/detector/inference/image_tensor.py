@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.model_input import ModelInput
-from crowdfence.detector.patches import Patch
+from crowdfence.detector.inference.patches import Patch
 
 LETTERBOX_GREY = 114
 """What YOLO models are trained with around the picture."""

@@ -7,9 +7,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.model_face import Dimension, ModelFace, Tensor
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import shown
-from crowdfence.detector.model_face import Dimension, ModelFace, Tensor
 
 PEOPLE_NAMES = frozenset({"person", "persons", "people", "pedestrian", "pedestrians", "human", "humans"})
 CROWD_NAMES = frozenset({"crowd", "crowds"})

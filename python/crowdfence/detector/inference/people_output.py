@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.overlap_removal import strongest_boxes
+from crowdfence.detector.inference.overlap_removal import strongest_boxes
 
 MAX_DETECTIONS = 10_000
 """Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract_rules import DensityRule
+from crowdfence.detector.contract.crowd_rules import DensityRule
 from crowdfence.detector.ground_scale import GroundScale
-from crowdfence.detector.map_output import Map, sigmoid
+from crowdfence.detector.inference.map_output import Map, sigmoid
 
 
 def crowd_from_density(people_per_px: Map, scale: GroundScale, rule: DensityRule, stride: int) -> Map:

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+from crowdfence.detector.contract.json_section import JsonSection, is_number
+from crowdfence.detector.contract.model_input import ModelInput, input_from_json
+from crowdfence.detector.contract.model_output import PEOPLE_KINDS, ModelOutput, output_from_json
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import JsonSection, is_number
-from crowdfence.detector.model_input import ModelInput, input_from_json
-from crowdfence.detector.model_output import PEOPLE_KINDS, ModelOutput, output_from_json
 
 SCHEMA = 1
 MAX_JSON_BYTES = 4_000_000
