@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from crowdfence.simulation.scenario import load_scenario
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import Scene, build_scene
 
 SEED = 7

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence.simulation.airsim_frames import PALETTE
-from crowdfence.simulation.airsim_recorder import record_airsim
-from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
-from crowdfence.simulation.mission_recorder import record_mission
-from crowdfence.simulation.scenario import ScenarioError, TroublePlan, load_scenario
+from crowdfence.simulation.recording.airsim_frames import PALETTE
+from crowdfence.simulation.recording.airsim_recorder import record_airsim
+from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
+from crowdfence.simulation.recording.mission_recorder import record_mission
+from crowdfence.simulation.scenarios.scenario import ScenarioError, TroublePlan
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
-from crowdfence.simulation.trouble import build_schedule
+from crowdfence.simulation.schedule import build_schedule
 from crowdfence.sources import open_recording
 from opengl import needs_opengl
 

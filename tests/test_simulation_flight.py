@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crowdfence._core import Terrain
-from crowdfence.simulation.flight import build_flight
-from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M, body_attitude, camera_attitude
+from crowdfence.simulation.flight.flight import build_flight
+from crowdfence.simulation.flight.gimbal import CAMERA_IN_BODY_M, body_attitude, camera_attitude
+from crowdfence.simulation.flight.top_surface import TopSurface, rounded_above
 from crowdfence.simulation.landscape.triangle_mesh import merged
-from crowdfence.simulation.plans import FlightPlan
-from crowdfence.simulation.scenario import ScenarioError
+from crowdfence.simulation.scenarios.plans import FlightPlan
+from crowdfence.simulation.scenarios.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.top_surface import TopSurface, rounded_above
 from simulated_scenes import SEED, scene_of
 
 EAST, NORTH, UP = np.eye(3)

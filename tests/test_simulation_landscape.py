@@ -9,7 +9,7 @@ from crowdfence.simulation.landscape.obstacles import Obstacles
 from crowdfence.simulation.landscape.road import CentreLine
 from crowdfence.simulation.landscape.surface_lattice import SurfaceLattice, square_lattice
 from crowdfence.simulation.light import daylight, sun_direction
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 PLANS = {
     "mountain_road": LandscapePlan(

@@ -5,11 +5,12 @@ import colorsys
 import numpy as np
 import pytest
 
-from crowdfence.simulation.bodies import random_bodies, usual_bodies
-from crowdfence.simulation.random_colors import random_clothes, rgb_of_hsv
+from crowdfence.simulation.people.bodies import random_bodies, usual_bodies
+from crowdfence.simulation.random_colours import random_clothes, rgb_of_hsv
 from crowdfence.simulation.rendering.random_palette import RandomPalette
 from crowdfence.simulation.rendering.season_palette import SeasonPalette
-from crowdfence.simulation.scenario import ScenarioError, load_scenario
+from crowdfence.simulation.scenarios.scenario import ScenarioError
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import build_scene
 
 LEAVES = np.tile(np.array([[74, 104, 44]], np.uint8), (400, 1))

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from crowdfence.simulation.crowd_motion import CrowdMotion, slot_spacing_m, smooth_step, waves_of
-from crowdfence.simulation.crowd_slots import core_slots, even_slots
-from crowdfence.simulation.cyclists import build_cyclists
 from crowdfence.simulation.guide_line import GuideLine
-from crowdfence.simulation.people import build_people
-from crowdfence.simulation.plans import CrowdPlan, CyclistPlan, WalkerPlan
-from crowdfence.simulation.scenario import ScenarioError
-from crowdfence.simulation.there_and_back import ThereAndBack
+from crowdfence.simulation.people.crowd_motion import CrowdMotion, slot_spacing_m, smooth_step, waves_of
+from crowdfence.simulation.people.crowd_slots import core_slots, even_slots
+from crowdfence.simulation.people.cyclists import build_cyclists
+from crowdfence.simulation.people.people import build_people
+from crowdfence.simulation.people.there_and_back import ThereAndBack
+from crowdfence.simulation.scenarios.plans import CrowdPlan, CyclistPlan, WalkerPlan
+from crowdfence.simulation.scenarios.scenario import ScenarioError
 from simulated_scenes import SEED, scene_of
 
 RACE_TIMES = np.linspace(0.0, 105.5, 24)
@@ -297,7 +297,7 @@ def test_impossible_rides_are_refused_by_name() -> None:
 DIGEST = """
 import hashlib
 import numpy as np
-from crowdfence.simulation.trouble import build_schedule
+from crowdfence.simulation.schedule import build_schedule
 def digest(scene):
     state = hashlib.sha256()
     schedule = build_schedule(scene)
@@ -318,7 +318,7 @@ def test_another_process_makes_the_same_world() -> None:
     exec(DIGEST, here)
     program = (
         DIGEST
-        + "from crowdfence.simulation.scenario import load_scenario\n"
+        + "from crowdfence.simulation.scenarios.scenario_file import load_scenario\n"
         + "from crowdfence.simulation.scene import build_scene\n"
         + f"print(digest(build_scene(load_scenario('race'), {SEED})))"
     )

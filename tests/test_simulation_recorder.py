@@ -21,20 +21,21 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from scipy.ndimage import uniform_filter
 
-from crowdfence.simulation import mission_recorder
-from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
-from crowdfence.simulation.frame_pool import FramePool
-from crowdfence.simulation.interrupts import StopRequest
-from crowdfence.simulation.manifest import first_difference
-from crowdfence.simulation.mission_recorder import record_mission
+from crowdfence.simulation.recording import mission_recorder
+from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
+from crowdfence.simulation.recording.frame_pool import FramePool
+from crowdfence.simulation.recording.interrupts import StopRequest
+from crowdfence.simulation.recording.manifest import first_difference
+from crowdfence.simulation.recording.mission_recorder import record_mission
+from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant, arriving, timeline
 from crowdfence.simulation.rendering.opengl_context import NoOpenGL
-from crowdfence.simulation.scenario import ScenarioError, TroublePlan, load_scenario
+from crowdfence.simulation.scenarios.scenario import ScenarioError, TroublePlan
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import Scene, build_scene
 from crowdfence.simulation.scene_class import SceneClass
+from crowdfence.simulation.scene_truth import people_truth
+from crowdfence.simulation.schedule import Capture, build_schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
-from crowdfence.simulation.timeline import TelemetryRow, WorldInstant, arriving, timeline
-from crowdfence.simulation.trouble import Capture, build_schedule
-from crowdfence.simulation.truth import people_truth
 from crowdfence.sources import open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.mission import writer as mission_writer
@@ -402,7 +403,7 @@ def test_without_opengl_the_error_says_how_to_get_labels(tmp_path, monkeypatch):
     def missing(*arguments, **options):
         raise NoOpenGL("no EGL here")
 
-    monkeypatch.setattr("crowdfence.simulation.frame_maker.Renderer", missing)
+    monkeypatch.setattr("crowdfence.simulation.recording.frame_maker.Renderer", missing)
     with pytest.raises(NoOpenGL, match="no EGL here"):
         record_mission(beach(), tmp_path / "m.mcap", workers=1)
     assert list(tmp_path.iterdir()) == []

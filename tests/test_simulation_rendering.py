@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from crowdfence._core import Camera, Terrain
-from crowdfence.simulation.bodies import Bodies
-from crowdfence.simulation.cyclists import Cyclists
-from crowdfence.simulation.people import People
+from crowdfence.simulation.people.bodies import Bodies
+from crowdfence.simulation.people.cyclists import Cyclists
+from crowdfence.simulation.people.people import People
 from crowdfence.simulation.rendering.clip_space import clip_from_camera, light_from_world
 from crowdfence.simulation.rendering.opengl_context import INSTALL_LINE, NoOpenGL, open_context
 from crowdfence.simulation.rendering.picture_settings import PictureSettings
@@ -17,7 +17,7 @@ from crowdfence.simulation.rendering.ray_surface import capsule_hits, triangle_h
 from crowdfence.simulation.rendering.raycast_labels import LabelRaycaster
 from crowdfence.simulation.rendering.renderer import Renderer
 from crowdfence.simulation.rendering.sample_lattice import lattice_for
-from crowdfence.simulation.scenario import load_scenario
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
 from opengl import needs_opengl

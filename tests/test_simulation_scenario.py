@@ -5,14 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crowdfence.simulation.scenario import (
-    BUILT_IN,
-    CrowdPlan,
-    Scenario,
-    ScenarioError,
-    TroublePlan,
-    load_scenario,
-)
+from crowdfence.simulation.scenarios.scenario import CrowdPlan, Scenario, ScenarioError, TroublePlan
+from crowdfence.simulation.scenarios.scenario_file import BUILT_IN, load_scenario
 from crowdfence.simulation.scene import build_scene
 
 

@@ -7,14 +7,14 @@ import trimesh
 
 from crowdfence import Terrain
 from crowdfence.simulation.landscape.triangle_mesh import TriangleMesh
-from crowdfence.simulation.scenario import load_scenario
-from crowdfence.simulation.scene import build_scene
-from crowdfence.simulation.terrain_files import (
+from crowdfence.simulation.recording.terrain_files import (
     known_map,
     top_height_m,
     write_ply,
     write_terrain_files,
 )
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
+from crowdfence.simulation.scene import build_scene
 
 VOXEL_M = 4.0
 

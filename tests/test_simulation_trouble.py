@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M
-from crowdfence.simulation.plans import TroublePlan
-from crowdfence.simulation.scenario import EPOCH_NS
+from crowdfence.simulation.flight.gimbal import CAMERA_IN_BODY_M
+from crowdfence.simulation.flight.telemetry import Telemetry
+from crowdfence.simulation.scenarios.plans import TroublePlan
+from crowdfence.simulation.scenarios.scenario import EPOCH_NS
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.telemetry import Telemetry
-from crowdfence.simulation.trouble import Capture, Schedule, build_schedule
+from crowdfence.simulation.schedule import Capture, Schedule, build_schedule
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.rotation import multiply, rotation_matrix
 from simulated_scenes import scene_of

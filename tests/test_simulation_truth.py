@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera, Terrain
-from crowdfence.simulation.footprint_overlap import OverlapStatistics, footprint_cells
-from crowdfence.simulation.gimbal import camera_attitude, rigid
-from crowdfence.simulation.truth import (
+from crowdfence.simulation.flight.gimbal import camera_attitude, rigid
+from crowdfence.simulation.recording.footprint_overlap import OverlapStatistics, footprint_cells
+from crowdfence.simulation.scene_truth import (
     PeopleTruth,
     Sight,
     crowd_ground,

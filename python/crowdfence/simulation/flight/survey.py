@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from crowdfence.simulation.flight.top_surface import TopSurface, rounded_above
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.plans import FlightPlan
 from crowdfence.simulation.random_streams import Stream, stream
-from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.top_surface import TopSurface, rounded_above
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.plans import FlightPlan
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 _SPACING_M = 1.0
 _CLEARANCE_M = 8.0

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.plans import WalkerPlan
 from crowdfence.simulation.random_streams import Stream, stream
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.plans import WalkerPlan
 
 APART_M = 6.0
 """A walker never comes closer than this to where a crowd passes or another walker walks."""

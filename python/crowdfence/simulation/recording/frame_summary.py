@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
-from crowdfence.simulation.footprint_overlap import OverlapStatistics, footprint_cells
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.recording.footprint_overlap import OverlapStatistics, footprint_cells
+from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.sources.recorded_truth import RecordedPeople
 

@@ -8,8 +8,8 @@ from heapq import heappop, heappush, merge
 
 import numpy as np
 
-from crowdfence.simulation.telemetry import PoseRows
-from crowdfence.simulation.trouble import TELEMETRY_MARGIN_S, Capture, Schedule
+from crowdfence.simulation.flight.telemetry import PoseRows
+from crowdfence.simulation.schedule import TELEMETRY_MARGIN_S, Capture, Schedule
 
 _TELEMETRY_BLOCK_S = 2.0
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from crowdfence.simulation.frame_summary import FrameSummary
-from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.flight.gimbal import CAMERA_IN_BODY_M
+from crowdfence.simulation.recording.frame_summary import FrameSummary
+from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.simulation.scene_class import SceneClass
-from crowdfence.simulation.trouble import Capture
+from crowdfence.simulation.schedule import Capture
 from crowdfence.sources.mission.messages import FrameContent, decode_people, encode_people
 
 CAMERA = "front_center"

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from crowdfence.simulation.frame_pool import FramePool, MadeFrame
-from crowdfence.simulation.frame_summary import MissionStatistics
-from crowdfence.simulation.interrupts import StopRequest
-from crowdfence.simulation.recorded import Progress
-from crowdfence.simulation.timeline import Event, TelemetryRow, WorldInstant, timeline
-from crowdfence.simulation.trouble import Capture, Schedule
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame
+from crowdfence.simulation.recording.frame_summary import MissionStatistics
+from crowdfence.simulation.recording.interrupts import StopRequest
+from crowdfence.simulation.recording.recorded import Progress
+from crowdfence.simulation.recording.timeline import Event, TelemetryRow, WorldInstant, timeline
+from crowdfence.simulation.schedule import Capture, Schedule
 
 FRAMES_AHEAD = 3
 """Frames per worker that are begun before they are needed."""

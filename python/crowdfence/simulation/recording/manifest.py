@@ -8,12 +8,12 @@ from dataclasses import asdict
 from typing import Any
 
 from crowdfence import __version__
-from crowdfence.simulation.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
+from crowdfence.simulation.recording.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_class import SceneClass
+from crowdfence.simulation.scene_truth import CLOSING_M
+from crowdfence.simulation.schedule import Schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
-from crowdfence.simulation.trouble import Schedule
-from crowdfence.simulation.truth import CLOSING_M
 
 
 def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, made_by: str) -> dict[str, Any]:

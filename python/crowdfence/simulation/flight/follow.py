@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from crowdfence.simulation.crowd_motion import smooth_step
-from crowdfence.simulation.cyclists import Cyclists
+from crowdfence.simulation.flight.top_surface import TopSurface, rounded_above
 from crowdfence.simulation.guide_line import GuideLine
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.plans import FlightPlan
+from crowdfence.simulation.people.crowd_motion import smooth_step
+from crowdfence.simulation.people.cyclists import Cyclists
 from crowdfence.simulation.random_streams import Stream, stream
-from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.top_surface import TopSurface, rounded_above
+from crowdfence.simulation.scenarios.plans import FlightPlan
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 SIDE_M = 9.0
 """Greatest distance of a drone from the smoothed middle of the road, on its own side of it."""

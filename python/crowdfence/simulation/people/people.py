@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from crowdfence.simulation.appearance import appearance
-from crowdfence.simulation.bodies import Bodies, random_bodies, usual_bodies
-from crowdfence.simulation.crowd_motion import CrowdMotion
-from crowdfence.simulation.crowd_placement import place_crowd
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.lone_walkers import LoneWalkers, place_walkers
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.plans import CrowdDefinition
-from crowdfence.simulation.random_colors import random_clothes
+from crowdfence.simulation.people.appearance import appearance
+from crowdfence.simulation.people.bodies import Bodies, random_bodies, usual_bodies
+from crowdfence.simulation.people.crowd_motion import CrowdMotion
+from crowdfence.simulation.people.crowd_placement import place_crowd
+from crowdfence.simulation.people.lone_walkers import LoneWalkers, place_walkers
+from crowdfence.simulation.random_colours import random_clothes
 from crowdfence.simulation.random_streams import Stream, stream
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.plans import CrowdDefinition
+from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.truth.crowd_ground import crowds_of
 
 STRIDE_M = 1.35

@@ -12,8 +12,8 @@ from typing import Any
 from mcap.records import Metadata
 
 from crowdfence._core import Camera
-from crowdfence.simulation.frame_summary import FrameSummary
-from crowdfence.simulation.manifest import first_difference
+from crowdfence.simulation.recording.frame_summary import FrameSummary
+from crowdfence.simulation.recording.manifest import first_difference
 from crowdfence.sources.mission.layout import (
     MAGIC,
     METADATA_SIMULATION,

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import write_bytes
-from crowdfence.simulation.airsim_frames import (
+from crowdfence.simulation.flight.telemetry import true_poses
+from crowdfence.simulation.recording.airsim_frames import (
     AirSimEncoder,
     airsim_settings,
     body_quaternions_ned,
@@ -32,19 +33,18 @@ from crowdfence.simulation.airsim_frames import (
     ned,
     summary_of_files,
 )
-from crowdfence.simulation.frame_maker import FrameOptions, camera_pose
-from crowdfence.simulation.frame_pool import FramePool, MadeFrame, usable_workers
-from crowdfence.simulation.interrupts import StopRequest
-from crowdfence.simulation.manifest import first_difference, mission_manifest
-from crowdfence.simulation.preparation import Preparation
-from crowdfence.simulation.recorded import Progress, Recorded, require_folder, require_nothing_there
-from crowdfence.simulation.scenario import ScenarioError
+from crowdfence.simulation.recording.frame_maker import FrameOptions, camera_pose
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.recording.interrupts import StopRequest
+from crowdfence.simulation.recording.manifest import first_difference, mission_manifest
+from crowdfence.simulation.recording.preparation import Preparation
+from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
+from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant
+from crowdfence.simulation.recording.timeline_run import TimelineRun
+from crowdfence.simulation.scenarios.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.telemetry import true_poses
-from crowdfence.simulation.timeline import TelemetryRow, WorldInstant
-from crowdfence.simulation.timeline_run import TimelineRun
-from crowdfence.simulation.trouble import Capture, Schedule, build_schedule
-from crowdfence.simulation.truth import people_truth
+from crowdfence.simulation.scene_truth import people_truth
+from crowdfence.simulation.schedule import Capture, Schedule, build_schedule
 from crowdfence.sources.recorded_truth import CameraPose
 
 MANIFEST = "simulation.json"

@@ -1,4 +1,4 @@
-"""TOML tables -> `Scenario`: every key known, every value of the declared type."""
+"""TOML files -> `Scenario`: every key known, every value of the declared type."""
 
 from __future__ import annotations
 
@@ -8,15 +8,31 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
+BUILT_IN = ("race", "festival", "street", "beach", "empty")
 MAX_SCENARIO_BYTES = 1_000_000
+
+
+def load_scenario(name_or_path: str | Path, **overrides: Any) -> Scenario:
+    """A built-in scenario ("race", "festival", "street", "beach", "empty") or a TOML file of the same form.
+
+    `overrides` replace values of the file: `frames=90`, `camera={"width": 320, "height": 240}` (a mapping
+    changes only the keys that it names), `trouble=TroublePlan()`; None leaves a value as it is.
+
+    Raises ScenarioError for an unknown name, key or value (naming it and the file), OSError when the file
+    cannot be read.
+    """
+    path = _path_of(name_or_path)
+    tables = read_toml(path)
+    given: Mapping[str, Any] = {key: value for key, value in overrides.items() if value is not None}
+    return scenario_from_tables(merged(tables, given), default_name=path.stem, source=str(path))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -51,6 +67,17 @@ def scenario_from_tables(tables: Mapping[str, Any], *, default_name: str, source
         raise ScenarioError(f"{source}: {mistake}") from mistake
     assert isinstance(scenario, Scenario)
     return scenario
+
+
+def _path_of(name_or_path: str | Path) -> Path:
+    if str(name_or_path) in BUILT_IN:
+        return Path(__file__).parent / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.exists():
+        raise ScenarioError(
+            f"unknown scenario {str(name_or_path)!r}: choose one of {', '.join(BUILT_IN)} or a .toml file"
+        )
+    return path
 
 
 def _record(kind: Any, table: Any, where: str) -> Any:

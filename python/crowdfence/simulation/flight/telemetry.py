@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from crowdfence.simulation.flight import Flight
-from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M
-from crowdfence.simulation.plans import TroublePlan
+from crowdfence.simulation.flight.flight import Flight
+from crowdfence.simulation.flight.gimbal import CAMERA_IN_BODY_M
 from crowdfence.simulation.random_streams import Stream, stream
+from crowdfence.simulation.scenarios.plans import TroublePlan
 
 BLOCK_ROWS = 512
 """Noise is drawn in blocks of rows, each from its own stream, so that any span of time can be made alone."""

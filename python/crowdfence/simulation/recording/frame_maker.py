@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from crowdfence.simulation.frame_summary import FrameSummary
+from crowdfence.simulation.recording.frame_summary import FrameSummary
 from crowdfence.simulation.rendering.frame import RenderedFrame
 from crowdfence.simulation.rendering.raycast_labels import LabelRaycaster
 from crowdfence.simulation.rendering.renderer import Renderer
-from crowdfence.simulation.scenario import ScenarioError
+from crowdfence.simulation.scenarios.scenario import ScenarioError
 from crowdfence.simulation.scene import Scene
+from crowdfence.simulation.scene_truth import PeopleTruth, Sight, people_truth, region_mask, sight_of_people
+from crowdfence.simulation.scene_truth import visible_pixels as count_pixels
+from crowdfence.simulation.schedule import Capture, Schedule, build_schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
-from crowdfence.simulation.trouble import Capture, Schedule, build_schedule
-from crowdfence.simulation.truth import PeopleTruth, Sight, people_truth, region_mask, sight_of_people
-from crowdfence.simulation.truth import visible_pixels as count_pixels
 from crowdfence.sources.mission.messages import FrameContent, depth_in_whole_cm
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 

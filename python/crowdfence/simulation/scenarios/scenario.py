@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.simulation.plan_checks import (
+from crowdfence.simulation.scenarios.plan_checks import (
     ScenarioError,
     require_one_of,
     require_positive,
     require_within,
 )
-from crowdfence.simulation.plans import (
+from crowdfence.simulation.scenarios.plans import (
     CameraPlan,
     CrowdDefinition,
     CrowdPlan,
@@ -28,7 +25,6 @@ from crowdfence.simulation.plans import (
 )
 
 __all__ = [
-    "BUILT_IN",
     "LOOKS",
     "SEASONS",
     "CameraPlan",
@@ -41,12 +37,10 @@ __all__ = [
     "ScenarioError",
     "TroublePlan",
     "WalkerPlan",
-    "load_scenario",
 ]
 
 SEASONS = ("summer", "autumn", "winter", "dry")
 LOOKS = ("natural", "random")
-BUILT_IN = ("race", "festival", "street", "beach", "empty")
 MAX_DRONES = 64
 MAX_INSTANCES = 65_535
 ALPINE_VALLEY = Georeference(46.5, 8.0, 1200.0)
@@ -125,31 +119,3 @@ class Scenario:
         return Camera.pinhole(
             plan.width, plan.height, focal_px, focal_px, plan.width / 2.0, plan.height / 2.0, distortion
         )
-
-
-def load_scenario(name_or_path: str | Path, **overrides: Any) -> Scenario:
-    """A built-in scenario ("race", "festival", "street", "beach", "empty") or a TOML file of the same form.
-
-    `overrides` replace values of the file: `frames=90`, `camera={"width": 320, "height": 240}` (a mapping
-    changes only the keys that it names), `trouble=TroublePlan()`; None leaves a value as it is.
-
-    Raises ScenarioError for an unknown name, key or value (naming it and the file), OSError when the file
-    cannot be read.
-    """
-    from crowdfence.simulation.scenario_file import merged, read_toml, scenario_from_tables
-
-    path = _path_of(name_or_path)
-    tables = read_toml(path)
-    given: Mapping[str, Any] = {key: value for key, value in overrides.items() if value is not None}
-    return scenario_from_tables(merged(tables, given), default_name=path.stem, source=str(path))
-
-
-def _path_of(name_or_path: str | Path) -> Path:
-    if str(name_or_path) in BUILT_IN:
-        return Path(__file__).parent / "scenarios" / f"{name_or_path}.toml"
-    path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.exists():
-        raise ScenarioError(
-            f"unknown scenario {str(name_or_path)!r}: choose one of {', '.join(BUILT_IN)} or a .toml file"
-        )
-    return path

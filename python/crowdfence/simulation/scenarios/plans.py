@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from crowdfence.simulation.plan_checks import (
+from crowdfence.simulation.scenarios.plan_checks import (
     ScenarioError,
     require_one_of,
     require_positive,

@@ -11,11 +11,11 @@ from multiprocessing import get_context
 from types import TracebackType
 from typing import Protocol, TypeVar
 
-from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
-from crowdfence.simulation.frame_summary import FrameSummary
-from crowdfence.simulation.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
+from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
+from crowdfence.simulation.recording.frame_summary import FrameSummary
+from crowdfence.simulation.recording.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.trouble import Capture
+from crowdfence.simulation.schedule import Capture
 from crowdfence.sources.mission.messages import FrameContent
 
 _T = TypeVar("_T")

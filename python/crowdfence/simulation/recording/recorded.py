@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdfence.simulation.terrain_files import TerrainFiles
+from crowdfence.simulation.recording.terrain_files import TerrainFiles
 
 Progress = Callable[[int, int], None]
 """Called with (frames recorded, frames in all)."""

@@ -9,19 +9,19 @@ from typing import Any, cast
 
 import numpy as np
 
-from crowdfence.simulation.frame_maker import FrameOptions
-from crowdfence.simulation.frame_pool import FramePool, MadeFrame, usable_workers
-from crowdfence.simulation.interrupts import StopRequest
-from crowdfence.simulation.manifest import mission_manifest
-from crowdfence.simulation.mission_salvage import Salvage, finished, salvage, summary_of_parts
-from crowdfence.simulation.preparation import Preparation
-from crowdfence.simulation.recorded import Progress, Recorded, require_folder, require_nothing_there
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.recording.frame_maker import FrameOptions
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.recording.interrupts import StopRequest
+from crowdfence.simulation.recording.manifest import mission_manifest
+from crowdfence.simulation.recording.mission_salvage import Salvage, finished, salvage, summary_of_parts
+from crowdfence.simulation.recording.preparation import Preparation
+from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
+from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant
+from crowdfence.simulation.recording.timeline_run import TimelineRun
+from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.timeline import TelemetryRow, WorldInstant
-from crowdfence.simulation.timeline_run import TimelineRun
-from crowdfence.simulation.trouble import Capture, build_schedule
-from crowdfence.simulation.truth import people_truth
+from crowdfence.simulation.scene_truth import people_truth
+from crowdfence.simulation.schedule import Capture, build_schedule
 from crowdfence.sources.mission.layout import Part, camera_frame, topic_prefix
 from crowdfence.sources.mission.messages import FrameContent, encode_frame
 from crowdfence.sources.mission.writer import MissionWriter, part_path

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from crowdfence.simulation.flight import Flight
+from crowdfence.simulation.flight.flight import Flight
+from crowdfence.simulation.flight.telemetry import PoseBias, Telemetry, noisy_poses, row_numbers, true_poses
 from crowdfence.simulation.random_streams import Stream, stream
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.telemetry import PoseBias, Telemetry, noisy_poses, row_numbers, true_poses
 
 TELEMETRY_MARGIN_S = 0.25
 """Telemetry starts and ends so long before and after the images."""

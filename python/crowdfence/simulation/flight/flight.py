@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.cyclists import Cyclists
-from crowdfence.simulation.follow_flight import FollowFlight
-from crowdfence.simulation.gimbal import CAMERA_IN_BODY_M, body_attitude, camera_attitude, rigid
+from crowdfence.simulation.flight.follow import FollowFlight
+from crowdfence.simulation.flight.gimbal import CAMERA_IN_BODY_M, body_attitude, camera_attitude, rigid
+from crowdfence.simulation.flight.survey import SurveyFlight
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.survey_flight import SurveyFlight
+from crowdfence.simulation.people.cyclists import Cyclists
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 _STEP_S = 0.25
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.simulation.guide_line import GuideLine
-from crowdfence.simulation.plans import CrowdPlan
-from crowdfence.simulation.there_and_back import ThereAndBack
+from crowdfence.simulation.people.there_and_back import ThereAndBack
+from crowdfence.simulation.scenarios.plans import CrowdPlan
 
 SWAY_M = 0.12
 SHIFT_M = 0.03

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.simulation.crowd_motion import smooth_step
-from crowdfence.simulation.crowd_placement import road_line
 from crowdfence.simulation.guide_line import GuideLine
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.plans import CyclistPlan
+from crowdfence.simulation.people.crowd_motion import smooth_step
+from crowdfence.simulation.people.crowd_placement import road_line
+from crowdfence.simulation.people.there_and_back import ThereAndBack
 from crowdfence.simulation.random_streams import Stream, stream
-from crowdfence.simulation.scenario import Scenario
-from crowdfence.simulation.there_and_back import ThereAndBack
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.plans import CyclistPlan
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 MAX_SPEED_M_S = 18.0
 METRES_PER_PEDAL_TURN = 4.6

@@ -14,11 +14,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
-from crowdfence.simulation.frame_maker import FrameMaker, FrameOptions
-from crowdfence.simulation.frame_pool import WorkerKilled
-from crowdfence.simulation.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
+from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
+from crowdfence.simulation.recording.frame_pool import WorkerKilled
+from crowdfence.simulation.recording.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
+from crowdfence.simulation.recording.terrain_files import TerrainFiles, write_terrain_files
 from crowdfence.simulation.scene import Scene
-from crowdfence.simulation.terrain_files import TerrainFiles, write_terrain_files
 
 _T = TypeVar("_T")
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.crowd_motion import CrowdMotion, slot_spacing_m, waves_of
-from crowdfence.simulation.crowd_slots import core_slots, even_slots
 from crowdfence.simulation.guide_line import GuideLine
 from crowdfence.simulation.landscape.landscape import Landscape
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.plans import CrowdPlan
+from crowdfence.simulation.people.crowd_motion import CrowdMotion, slot_spacing_m, waves_of
+from crowdfence.simulation.people.crowd_slots import core_slots, even_slots
 from crowdfence.simulation.random_streams import Stream, stream
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.plans import CrowdPlan
 
 CLEARANCE_M = 0.65
 """From the middle of a body to any obstacle: half a body, its sway, and what two checked moves leave out."""
