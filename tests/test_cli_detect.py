@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from crowdfence import open_recording
-from crowdfence.detection import detect_pictures
 from crowdfence.detector.detector import Detector
 from crowdfence.detector.overlay import overlay
 from crowdfence.exports.video import VideoWriter
+from crowdfence.heatmap_files import detect_pictures
 from crowdfence.sources.pictures.files import picture_files, read_pictures
 from crowdfence.sources.pictures.stream import SkippedPicture, StreamPicture
 from crowdfence.sources.pictures.video import Video

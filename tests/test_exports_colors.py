@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crowdfence.exports.colors import STATE_COLORS, probability_colors, state_colors
+from crowdfence.exports.colours import STATE_COLORS, probability_colors, state_colors
 from crowdfence.voxel_state import VoxelState
 
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence import Georeference, Terrain, VoxelState
-from crowdfence.exports.colors import STATE_COLORS
+from crowdfence.exports.colours import STATE_COLORS
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_colored_octomap, write_terrain_octomap
 

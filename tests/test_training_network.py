@@ -10,15 +10,15 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
+from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
+from crowdfence.detector_training.crops import CropPlan, CropSampler  # noqa: E402
+from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
+from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
+from crowdfence.detector_training.network import CrowdNet  # noqa: E402
+from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
+from crowdfence.detector_training.trainer import train  # noqa: E402
+from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
 from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
-from crowdfence.training.augmentation import _focused, varied  # noqa: E402
-from crowdfence.training.crops import CropPlan, CropSampler  # noqa: E402
-from crowdfence.training.frame_store import StoredMission  # noqa: E402
-from crowdfence.training.loss import crowd_loss  # noqa: E402
-from crowdfence.training.network import CrowdNet  # noqa: E402
-from crowdfence.training.plan import TrainingPlan  # noqa: E402
-from crowdfence.training.trainer import train  # noqa: E402
-from crowdfence.training.validation import ValidationScore, validate  # noqa: E402
 
 CPU = torch.device("cpu")
 
@@ -182,7 +182,7 @@ def test_weights_that_dice_made_too_sure_are_not_kept(monkeypatch: pytest.Monkey
         hits = next(scores)
         return ValidationScore(0.1, {"silhouettes": Confusion(hits, 10 - hits, 90, 0)})
 
-    monkeypatch.setattr("crowdfence.training.trainer.validate", scripted)
+    monkeypatch.setattr("crowdfence.detector_training.trainer.validate", scripted)
     plan = replace(PLAN, steps=30, validate_every=10, calm_share=0.5)
     trained = train([squares(1)], [squares(3)], plan)
     assert [one.score.iou("silhouettes") for one in trained.history] == [0.9, 0.5, 0.4]
@@ -252,7 +252,7 @@ def test_the_exported_model_is_the_network(tmp_path: Path):
 
     from crowdfence.cli.train import _contract
     from crowdfence.detector.contract.contract import Contract
-    from crowdfence.training.onnx_export import export_onnx
+    from crowdfence.detector_training.onnx_export import export_onnx
 
     torch.manual_seed(3)
     network = CrowdNet(2, width=0.5)

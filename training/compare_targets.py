@@ -21,11 +21,11 @@ import torch
 from numpy.typing import NDArray
 
 from crowdfence import View, project
+from crowdfence.detector_training.network import CrowdNet
 from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, Recording
-from crowdfence.training.network import CrowdNet
 from crowdfence.truth.at_exposure import crowd_definition, people_at, true_camera_pose
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask
 from crowdfence.truth.world import truth_from_positions

@@ -82,7 +82,7 @@ def _detect_pictures(
     force: bool,
     as_json: bool,
 ) -> None:
-    from crowdfence.detection import detect_pictures
+    from crowdfence.heatmap_files import detect_pictures
     from crowdfence.heatmap_source import describe_model
     from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
 
@@ -129,7 +129,7 @@ def _detect_recording(
 ) -> None:
     from crowdfence import pipeline
     from crowdfence.config import RunConfig
-    from crowdfence.detection import detect_recording
+    from crowdfence.heatmap_files import detect_recording
     from crowdfence.heatmap_source import describe_model, heatmap_source
 
     if output.is_dir():

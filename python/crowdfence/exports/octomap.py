@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.atomic_file import write_bytes
-from crowdfence.exports.colors import STATE_COLORS, state_colors
+from crowdfence.exports.colours import STATE_COLORS, state_colors
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.iso_time import iso_utc
 from crowdfence.octomap_frame import annotated, described

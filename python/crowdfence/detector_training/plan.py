@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from crowdfence.training.crops import CropPlan
-from crowdfence.training.labels import Target
+from crowdfence.detector_training.crops import CropPlan
+from crowdfence.detector_training.labels import Target
 
 
 @dataclass(frozen=True, slots=True)

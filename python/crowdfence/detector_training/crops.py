@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.labels import LABEL_STRIDE, LABELS_PER_CELL
+from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.labels import LABEL_STRIDE, LABELS_PER_CELL
 
 
 class Batch(NamedTuple):

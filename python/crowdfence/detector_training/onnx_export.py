@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.training.network import MULTIPLE_OF, CrowdNet
+from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
 
 METADATA_KEY = "crowdfence"
 OPSET = 18

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.training.labels import LABEL_STRIDE, STRIDE, Target, training_labels
+from crowdfence.detector_training.labels import LABEL_STRIDE, STRIDE, Target, training_labels
 
 _FORMAT = 4
 

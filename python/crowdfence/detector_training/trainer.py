@@ -14,14 +14,14 @@ import numpy as np
 import torch
 
 from crowdfence.atomic_file import atomic_path
-from crowdfence.training.augmentation import varied
-from crowdfence.training.average import WeightAverage
-from crowdfence.training.crops import Batch, CropSampler
-from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.loss import crowd_loss
-from crowdfence.training.network import CrowdNet
-from crowdfence.training.plan import TrainingPlan
-from crowdfence.training.validation import ValidationScore, validate
+from crowdfence.detector_training.augmentation import varied
+from crowdfence.detector_training.average import WeightAverage
+from crowdfence.detector_training.crops import Batch, CropSampler
+from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.loss import crowd_loss
+from crowdfence.detector_training.network import CrowdNet
+from crowdfence.detector_training.plan import TrainingPlan
+from crowdfence.detector_training.validation import ValidationScore, validate
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 
 from crowdfence.block_means import block_means
+from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.labels import LABELS_PER_CELL, Target
+from crowdfence.detector_training.loss import crowd_loss
+from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
 from crowdfence.evaluation.cells.rates import Confusion
-from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.labels import LABELS_PER_CELL, Target
-from crowdfence.training.loss import crowd_loss
-from crowdfence.training.network import MULTIPLE_OF, CrowdNet
 
 BATCH = 4
 

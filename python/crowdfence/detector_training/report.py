@@ -13,10 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
-from crowdfence.training.frame_store import StoredMission
-from crowdfence.training.network import MULTIPLE_OF, CrowdNet
-from crowdfence.training.plan import TrainingPlan
-from crowdfence.training.trainer import Checkup, Trained
+from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
+from crowdfence.detector_training.plan import TrainingPlan
+from crowdfence.detector_training.trainer import Checkup, Trained
 
 EXAMPLES = 12
 _COLUMNS = 4
