@@ -23,8 +23,8 @@ from crowdfence.evaluation.replay import measured_rates
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.heatmap_source import choose_detector, heatmap_source
 from crowdfence.sources.recording import Frame, FrameError
-from onnx_models import contract, write_map_model, write_pixel_people_model
-from recordings import STARTS, flight, heatmap, write_airsim, write_folder
+from support.onnx_models import contract, write_map_model, write_pixel_people_model
+from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
 
 CONFIG = RunConfig(prior=0.2)
 RATES = {
