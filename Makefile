@@ -63,7 +63,7 @@ $(VENV)/.training: requirements-train.txt $(VENV)/.installed
 	@touch $@
 
 test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
-	$(BIN)/pytest tests/test_training_network.py
+	$(BIN)/pytest tests/detector_training/test_network.py
 
 detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.exports.atomic import write_bytes
-from crowdfence.exports.colors import STATE_COLORS, state_colors
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.atomic_file import write_bytes
+from crowdfence.exports.colours import STATE_COLORS, state_colors
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.iso_time import iso_utc
 from crowdfence.octomap_frame import annotated, described
 
 if TYPE_CHECKING:

@@ -78,7 +78,7 @@ def inspect_file(
 def _kind(path: Path) -> str:
     from crowdfence.inspection.crowd_map import MAGIC as CROWD_MAP_MAGIC
     from crowdfence.maps import SUFFIXES
-    from crowdfence.sources.mission_layout import MAGIC as MCAP_MAGIC
+    from crowdfence.sources.mission.layout import MAGIC as MCAP_MAGIC
 
     path.stat()  # FileNotFoundError and PermissionError name the file
     if path.is_dir():

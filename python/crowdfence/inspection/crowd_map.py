@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.inspection.terrain import open_map
+from crowdfence.iso_time import iso_utc
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:

@@ -136,7 +136,7 @@ def count_columns(terrain: Terrain) -> ColumnReport | None:
 
 def _landing_prior(terrain: Terrain, tell: Callable[[str], None]) -> tuple[float | None, str | None]:
     """(prior, None), or (None, why there is none)."""
-    from crowdfence.evaluation.landing_prior import landing_prior
+    from crowdfence.landing_area import landing_prior
 
     tell("taking the landing prior")
     try:

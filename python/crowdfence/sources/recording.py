@@ -50,7 +50,7 @@ class PixelSources:
     regions       [H, W] crowd number per image pixel, 0 = none: truth, silhouettes merged and gaps filled
     silhouettes   [H, W] bool, pixels that show a person of a crowd: truth, as segmented
     depth_m       [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
-    segmentation  [H, W] uint8, class of what a pixel shows (`mission_layout.CLASSES`): truth
+    segmentation  [H, W] uint8, class of what a pixel shows (`mission.layout.CLASSES`): truth
     instances     [H, W] number of the person that a pixel shows, 0 = none: truth
     """
 
@@ -85,7 +85,7 @@ class Frame:
 
     def image(self) -> NDArray[np.uint8]:
         """The picture [H, W, 3], RGB. FrameError when there is none or it is damaged."""
-        from crowdfence.sources.pictures import decode_rgb
+        from crowdfence.sources.pictures.decoding import decode_rgb
 
         size = (self.camera.width, self.camera.height)
         return self._read("image", lambda: decode_rgb(self.encoded_image(), size))
@@ -103,7 +103,7 @@ class Frame:
         return self._read_at_image_size("depth", self.pixels.depth_m)
 
     def segmentation(self) -> Pixels:
-        """True class per image pixel [H, W], see `mission_layout.CLASSES`. FrameError as for `regions`."""
+        """True class per image pixel [H, W], see `mission.layout.CLASSES`. FrameError as for `regions`."""
         return self._read_at_image_size("segmentation", self.pixels.segmentation)
 
     def instances(self) -> Pixels:

@@ -60,7 +60,7 @@ def _grey(photo: Rgb | None, frame: Frame) -> NDArray[np.float64]:
 
 
 def _classes(frame: Frame, ground: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    from crowdfence.sources.mission_layout import CLASSES
+    from crowdfence.sources.mission.layout import CLASSES
 
     if frame.pixels.segmentation is None:
         return None

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLORS, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import draw_ground_panel, footprints, panel_extent
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.picture.line_style import INK, drone_line
+from crowdfence.iso_time import iso_utc
 from crowdfence.sources.recording import Frame, Instant, Recording
 
 if TYPE_CHECKING:

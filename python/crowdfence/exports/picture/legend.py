@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence.exports.colors import STATE_COLORS, probability_colors
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.exports.colours import STATE_COLORS, probability_colors
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.line_style import INK, MOST_LABELS, drone_line
 from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import ZoneSet

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.colors import state_colors
+from crowdfence.exports.colours import state_colors
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 

@@ -16,7 +16,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 SHORE_NORTH_M = -40.0
 SAND_WIDTH_M = 85.0

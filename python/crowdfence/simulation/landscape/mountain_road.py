@@ -17,7 +17,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import Acceptance, scatter
 from crowdfence.simulation.landscape.surface_lattice import SurfaceLattice, square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 HALF_WIDTH_M = 3.5
 VERGE_M = 9.0  # level ground beside the road, where spectators stand

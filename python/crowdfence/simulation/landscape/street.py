@@ -13,7 +13,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 # Multiples of 4 m: with cells of 1, 2 or 4 m the edges of road and pavement lie on lattice lines, sharp.
 BLOCK_M = 72.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.simulation.landscape.props import PropKind
-from crowdfence.simulation.random_colors import rgb_of_hsv
+from crowdfence.simulation.random_colours import rgb_of_hsv
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.rendering.season_palette import SeasonPalette
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.bodies import Bodies
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.landscape.props import Props
+from crowdfence.simulation.people.bodies import Bodies
 from crowdfence.simulation.rendering.instances import (
     COLORS,
     LABEL,
