@@ -1,19 +1,32 @@
-//! Python face of the core: arrays in, arrays out, no arithmetic. `_core.pyi` documents it.
+//! Python face of the core: arrays in, arrays out, no arithmetic. Doc comments on what Python sees become its
+//! docstrings and, by `make stub`, those of `_core.pyi`; notes on the Rust are plain comments.
 #![forbid(unsafe_code)]
 
 mod arrays;
 mod back_projection;
 mod camera;
 mod crowd_map;
+mod errors;
 mod opinion_pool;
+mod stamps;
 mod terrain;
 mod view;
 
 use pyo3::prelude::*;
 
+/// The compiled core (Rust crate `crowdfence`). Arrays in, arrays out; no files, no clock.
+///
+/// Conventions everywhere: world = local ENU metres (x east, y north, z up), float64; camera = OpenCV axes
+/// (x right, y down, z forward); continuous pixel coordinates, the centre of pixel (column i, row j) is at
+/// (i + 0.5, j + 0.5); `stamp_ns` = int64 nanoseconds since the Unix epoch; durations and rates in seconds.
+/// Arrays that come out are copies.
+///
+/// Input that cannot be used raises CrowdfenceError or one of its children (all are ValueErrors); the message
+/// names the offending value and its bound. Arguments of a wrong type raise TypeError.
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    errors::add_exceptions(module)?;
     module.add_class::<camera::PyCamera>()?;
     module.add_class::<view::PyView>()?;
     module.add_class::<terrain::PyTerrain>()?;
