@@ -6,8 +6,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training stub \
-	opengl demo-recording detector
+.PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training \
+	stub opengl demo-recording detector
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
