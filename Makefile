@@ -7,7 +7,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training \
-	opengl demo-recording detector
+	stub opengl demo-recording detector
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -38,8 +38,8 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(BIN)/ruff check python tests benchmarks
-	$(BIN)/ruff format --check python tests benchmarks
+	$(BIN)/ruff check python tests benchmarks crates
+	$(BIN)/ruff format --check python tests benchmarks crates
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest crowdfence._core
 
@@ -71,6 +71,10 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
+
+stub: setup ## docstrings of the compiled core -> _core.pyi
+	$(BIN)/python crates/crowdfence-python/stub_docs.py
+	$(BIN)/ruff format --quiet python/crowdfence/_core.pyi
 
 fuzz: ## the readers of OctoMaps, crowd maps and observations on damaged files, for minutes
 	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map \

@@ -115,6 +115,60 @@ pub enum Error {
     Damaged { name: &'static str, offset: usize, what: &'static str },
 }
 
+/// What a refused input was: bindings have one exception for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A camera, heatmap or pose, or the drone that they are of.
+    View,
+    /// A stamp: out of order, in the past, or too far from the others.
+    Stamp,
+    /// The bytes of an OctoMap or a crowd map, or the terrain that a crowd map belongs to.
+    MapFile,
+    /// Any other value: a parameter, the content of an array, a terrain.
+    Other,
+}
+
+impl Error {
+    /// Without a wildcard, so that a new variant has to choose.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Error::Camera(_)
+            | Error::UnnamedDrone
+            | Error::EmptyHeatmap { .. }
+            | Error::HeatmapValue { .. }
+            | Error::HeatmapShape { .. }
+            | Error::PoseNotFinite { .. }
+            | Error::PoseNotRigid { .. }
+            | Error::DuplicateDrone { .. }
+            | Error::FleetTooLarge { .. } => ErrorKind::View,
+            Error::NegativeStamp { .. }
+            | Error::StampUnit { .. }
+            | Error::StampNotAfter { .. }
+            | Error::ReadInPast { .. }
+            | Error::StampJump { .. }
+            | Error::ViewStamp { .. } => ErrorKind::Stamp,
+            Error::Octomap(_)
+            | Error::NotOfKind { .. }
+            | Error::FormatVersion { .. }
+            | Error::Damaged { .. }
+            | Error::OtherTerrain { .. } => ErrorKind::MapFile,
+            Error::Triangles(_)
+            | Error::OutOfRange { .. }
+            | Error::Length { .. }
+            | Error::EmptyTerrain
+            | Error::TerrainExtent { .. }
+            | Error::TooManyVoxels { .. }
+            | Error::PointOffGrid { .. }
+            | Error::Height { .. }
+            | Error::VoxelId { .. }
+            | Error::IdsNotSorted { .. }
+            | Error::SeenAndOccluded { .. }
+            | Error::UselessRates { .. }
+            | Error::Ray { .. } => ErrorKind::Other,
+        }
+    }
+}
+
 /// Refuses a value that does not satisfy its bound (NaN satisfies none).
 pub(crate) fn require(ok: bool, name: &'static str, value: f64, bound: &'static str) -> Result<()> {
     if ok { Ok(()) } else { Err(Error::OutOfRange { name, value, bound }) }

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera, View
+from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
@@ -18,14 +19,6 @@ from crowdfence.sources.synchronize import group_instants
 
 Pixels = NDArray[Any]
 PixelsT = TypeVar("PixelsT")
-
-
-class FrameError(ValueError):
-    """Something of this frame cannot be used; the message names drone, stamp and reason."""
-
-    def __init__(self, drone: str, stamp_ns: int, reason: str) -> None:
-        super().__init__(f"frame of {drone} at {stamp_ns}: {reason}")
-        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,15 @@ pub enum Coverage {
     Full,
 }
 
+impl Coverage {
+    pub fn name(self) -> &'static str {
+        match self {
+            Coverage::Rays => "rays",
+            Coverage::Full => "full",
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     max_range_m: f64,
