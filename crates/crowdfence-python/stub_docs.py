@@ -15,9 +15,6 @@ from crowdfence import _core
 
 STUB = Path(__file__).parents[2] / "python" / "crowdfence" / "_core.pyi"
 
-# TEMPORARY: what is documented in the stub alone. Delete each name with its new doc comments, then the set.
-NOT_YET = {"CrowdMap", "Observation", "Or", "Paper", "Update", "project"}
-
 Node = ast.Module | ast.ClassDef | ast.FunctionDef
 
 
@@ -58,7 +55,7 @@ def entries(stub: str) -> Iterator[Entry]:
     module = ast.parse(stub)
     yield Entry(_core.__name__, module, _documentation(_core))
     for declared in module.body:
-        if isinstance(declared, ast.ClassDef | ast.FunctionDef) and declared.name not in NOT_YET:
+        if isinstance(declared, ast.ClassDef | ast.FunctionDef):
             value = getattr(_core, declared.name, None)
             yield Entry(declared.name, declared, _documentation(value))
             for member in declared.body if isinstance(declared, ast.ClassDef) else []:

@@ -45,8 +45,8 @@ __version__: str
 class CrowdfenceError(ValueError):
     """Something that crowdfence cannot use; the message names the value and its bound.
 
-    Every refusal of crowdfence is one of these and so a ValueError. This class itself is raised for
-    parameters, for arrays of a wrong shape, element type or content, and for terrains.
+    Its children say what kind of thing it was. This class itself is raised for parameters, for arrays of a
+    wrong shape, element type or content, and for terrains.
     """
 
 class ViewError(CrowdfenceError):
@@ -330,18 +330,75 @@ class Terrain:
 
 @final
 class Observation:
-    """What one view says about the terrain (arrays of equal length V, sorted by voxel id)."""
+    """What one view says about the terrain: arrays of equal length V, one row per voxel that it sees.
 
+    terrain       the terrain that the ids are meant for
+    drone         name of the drone
+    stamp_ns      when the image was exposed: int, nanoseconds since the Unix epoch
+    voxel_ids     [V] sorted and unique
+    mean          [V] m_i of equation 1, in [0, 1]
+    pixel_count   [V] pixels that show the voxel; 0 = in view, but between the pixel centres
+    range_m       [V] from the camera to the voxel's centre, metres
+    tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
+    occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
+
+    `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
+    names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
+    drone without a name; StampError a stamp that is none. It can be compared, pickled, and sent as
+    bytes.
+    """
+    def __new__(
+        cls,
+        terrain: Terrain,
+        drone: str,
+        stamp_ns: int,
+        *,
+        voxel_ids: ArrayLike,
+        mean: ArrayLike,
+        pixel_count: ArrayLike,
+        range_m: ArrayLike,
+        tilt_deg: ArrayLike,
+        occluded_ids: ArrayLike,
+    ) -> Observation: ...
     @property
-    def voxel_ids(self) -> NDArray[np.int64]: ...
+    def drone(self) -> str:
+        """Name of the drone."""
+    @property
+    def stamp_ns(self) -> int:
+        """When the image was exposed, nanoseconds since the Unix epoch."""
+    @property
+    def terrain_fingerprint(self) -> int:
+        """`Terrain.fingerprint` of the terrain that the ids are meant for."""
+    @property
+    def voxel_ids(self) -> NDArray[np.int64]:
+        """Voxels seen [V] int64, sorted."""
     @property
     def mean(self) -> NDArray[np.float64]:
-        """m_i: mean heatmap value over the pixels whose ray first hits the voxel."""
+        """m_i [V] float64: mean heatmap value over the pixels whose ray first hits the voxel."""
     @property
-    def pixel_count(self) -> NDArray[np.int64]: ...
+    def pixel_count(self) -> NDArray[np.int64]:
+        """Those pixels [V] int64; 0 for a voxel that is in view but between the pixel centres."""
+    @property
+    def range_m(self) -> NDArray[np.float32]:
+        """From the camera to the voxel's centre [V] float32, metres."""
+    @property
+    def tilt_deg(self) -> NDArray[np.float32]:
+        """Of that line, below the horizon [V] float32, degrees: 90 is straight down, negative is upwards."""
     @property
     def occluded_ids(self) -> NDArray[np.int64]:
-        """coverage="full": voxels inside the image and in range that something hides. Empty for "rays"."""
+        """Voxels inside the image and in range that something hides [O] int64, sorted. Empty for coverage
+        "rays".
+        """
+    def to_bytes(self) -> bytes:
+        """The observation as bytes, with a checksum, for other machines and other versions of this
+        library.
+        """
+    @staticmethod
+    def from_bytes(data: bytes) -> Observation:
+        """The observation that `to_bytes` wrote. MapFileError for bytes that are damaged, of another kind
+        or of a newer version, CrowdfenceError where their content breaks a promise of an observation.
+        """
+    def __len__(self) -> int: ...
 
 def project(
     view: View,
@@ -351,16 +408,26 @@ def project(
     target_height_m: float = 0.0,
     coverage: Literal["rays", "full"] = "rays",
 ) -> Observation:
-    """Back-project a view onto the terrain: mean heatmap value per visible voxel."""
+    """Back-project a view onto the terrain: mean heatmap value per visible voxel.
+
+    max_range_m      > 0, rays end here
+    target_height_m  >= 0, height above the ground at which people are marked
+    coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
+                     also those between the pixels of which a face is in view, and which are occluded
+
+    A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
+    CrowdfenceError for a parameter out of bounds.
+    """
 
 @final
 class Rates:
-    """What a detector is worth, both rates strictly between 0 and 1.
+    """What a detector is worth: two rates strictly between 0 and 1, the true positive rate the larger one.
 
     true_positive   P(B = 1 | A = 1), how often it calls crowd what is crowd
     false_positive  P(B = 1 | A = 0), how often it calls crowd what is none
 
-    CrowdfenceError names a rate out of bounds. Rates cannot change; they can be compared, hashed and pickled.
+    CrowdfenceError names a rate out of bounds or two rates that are swapped. Rates cannot change; they
+    can be compared, hashed and pickled.
     """
 
     def __new__(cls, true_positive: float, false_positive: float) -> Rates: ...
@@ -389,9 +456,9 @@ def pool(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Equations 1-2, the linear opinion pool over the drones of a fleet: (probability [V], seen [V]).
 
-    P(A = 1) = sum over drones i of w_i P(A = 1 | B_i = b_i) with w_i = |m_i - 0.5| / (0.5 N) and b_i = 1
-    where m_i > b_threshold; P(A | B) follows from rates and prior by Bayes' rule. The weights need not
-    sum to 1.
+    P(A = 1) = sum over drones i of w_i P(A = 1 | B_i = b_i) with w_i = |m_i - 0.5| / (0.5 N) and b_i =
+    1 where m_i > b_threshold; P(A | B) follows from rates and prior by Bayes' rule. The weights need
+    not sum to 1.
 
     m            [N drones, V voxels] mean heatmap values in [0, 1], read only where `visible`
     visible      [N, V] bool, which drone sees which voxel
@@ -402,8 +469,8 @@ def pool(
                  left out, N counts those that see it, and what nobody sees has the prior
     normalise    divide the weights by their sum; where they are all 0 the result is the prior
 
-    probability is float64 and seen bool: whether any drone sees the voxel. CrowdfenceError names the value
-    out of bounds, or the array whose shape does not fit.
+    probability is float64 and seen bool: whether any drone sees the voxel. CrowdfenceError names the
+    value out of bounds, or the array whose shape does not fit.
     """
 
 def blend(
@@ -417,8 +484,8 @@ def blend(
 ) -> NDArray[np.float64]:
     """Equation 3, temporal blending with decay: P~ per voxel [V] float64.
 
-    With beta = exp(-decay_per_s * elapsed_s): alpha * pooled + (1 - alpha) * beta * previous where a voxel is
-    seen, beta * previous where it is not.
+    With beta = exp(-decay_per_s * elapsed_s): alpha * pooled + (1 - alpha) * beta * previous where a
+    voxel is seen, beta * previous where it is not.
 
     previous     [V] P~ after the last look, in [0, 1]
     elapsed_s    [V] time since that look, >= 0
@@ -432,15 +499,30 @@ def blend(
 
 @final
 class Paper:
-    """Method `paper`: equations 1-3 with a switch for everything that the paper leaves open."""
+    """Method `paper`: equations 1-3 with a switch for everything that the paper leaves open.
 
+    rates        of the detector, which decides P(A | B)
+    prior        P(A = 1), strictly between 0 and 1
+    alpha        weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1
+    decay        lambda of equation 3, >= 0, per `decay_unit`
+    fleet_size   N of equation 1, >= 1; no more drones than this may ever give a view
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    unseen       what a drone that does not see a voxel says: "fleet", m = 0 with full weight as printed, or
+                 "visible", nothing
+    normalise    divide the weights of equation 2 by their sum
+    initial      P~ before the first look: "zero", "prior", or "first", which takes the first look whole
+    decay_unit   what lambda counts: "second", or "frame", the instants integrated
+
+    CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+    pickled.
+    """
     def __new__(
         cls,
         rates: Rates,
         prior: float,
         *,
         alpha: float = 0.1,
-        decay_per_s: float = 0.0005,
+        decay: float = 0.0005,
         fleet_size: int,
         b_threshold: float = 0.5,
         unseen: Literal["fleet", "visible"] = "fleet",
@@ -449,53 +531,110 @@ class Paper:
         decay_unit: Literal["second", "frame"] = "second",
     ) -> Paper: ...
     @property
-    def rates(self) -> Rates: ...
+    def name(self) -> Literal["paper"]:
+        """Name of the method: "paper"."""
     @property
-    def prior(self) -> float: ...
+    def rates(self) -> Rates:
+        """Rates of the detector."""
     @property
-    def alpha(self) -> float: ...
+    def prior(self) -> float:
+        """P(A = 1)."""
     @property
-    def decay_per_s(self) -> float:
-        """lambda, per second or per instant as `decay_unit` says."""
+    def alpha(self) -> float:
+        """Weight of the newest instant in equation 3."""
     @property
-    def fleet_size(self) -> int: ...
+    def decay(self) -> float:
+        """lambda of equation 3, per `decay_unit`."""
+    @property
+    def decay_unit(self) -> Literal["second", "frame"]:
+        """What lambda counts: "second" or "frame"."""
+    @property
+    def fleet_size(self) -> int:
+        """N of equation 1."""
+    @property
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def unseen(self) -> Literal["fleet", "visible"]:
+        """What a drone that does not see a voxel says: "fleet" or "visible"."""
+    @property
+    def normalise(self) -> bool:
+        """Whether the weights of equation 2 are divided by their sum."""
+    @property
+    def initial(self) -> Literal["zero", "prior", "first"]:
+        """P~ before the first look: "zero", "prior" or "first"."""
     @property
     def post_positive(self) -> float:
-        """P(A=1 | b=1)."""
+        """P(A = 1 | b = 1), by Bayes' rule from rates and prior."""
     @property
     def post_negative(self) -> float:
-        """P(A=1 | b=0)."""
+        """P(A = 1 | b = 0), by Bayes' rule from rates and prior."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise: a quarter of
+        the way from a place that all drones see empty to one where a single drone of the fleet is sure
+        of crowd.
+        """
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
 class Or:
-    """Baseline `or`: a voxel once called crowd (m > b_threshold in any view) stays crowd."""
+    """Baseline `or`: a voxel once called crowd by any view stays crowd. Instants may come in any order.
 
-    def __new__(cls, *, fleet_size: int, b_threshold: float = 0.5) -> Or: ...
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+
+    CrowdfenceError for a threshold out of bounds. It cannot change; it can be compared and pickled.
+    """
+    def __new__(cls, *, b_threshold: float = 0.5) -> Or: ...
     @property
-    def fleet_size(self) -> int: ...
+    def name(self) -> Literal["or"]:
+        """Name of the method: "or"."""
     @property
-    def b_threshold(self) -> float: ...
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd: 0.5, as `or` knows only 0 and 1."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
 class Update:
-    """What one instant changed."""
-
+    """What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled."""
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """The instant, nanoseconds since the Unix epoch."""
     @property
     def voxel_ids(self) -> NDArray[np.int64]:
-        """Voxels seen at this instant by any drone, sorted."""
+        """Voxels seen at this instant by any drone [V] int64, sorted."""
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Their probability after this instant."""
+        """Their probability of crowd after the instant [V] float64."""
     @property
     def observations(self) -> list[Observation]:
-        """One per view, in the order given."""
+        """What each view says about the terrain, in the order of the views."""
 
 @final
 class CrowdMap:
-    """Probability of crowd per terrain voxel over time."""
+    """Probability of crowd per terrain voxel over time.
 
+    terrain          what the views are projected onto
+    method           `Paper` or `Or`
+    max_range_m      > 0, rays end here
+    target_height_m  >= 0, height above the ground at which people are marked
+    coverage         "rays" or "full", see `project`
+    max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
+                     is taken for a wrong clock
+
+    A voxel keeps its belief as of its last look, so that an update costs what was seen and not the
+    map. One thread may integrate while others read: a reader sees whole instants. CrowdfenceError for
+    a parameter out of bounds.
+    """
     def __new__(
         cls,
         terrain: Terrain,
@@ -507,46 +646,97 @@ class CrowdMap:
         max_gap_s: float = 3600.0,
     ) -> CrowdMap: ...
     @property
-    def terrain(self) -> Terrain: ...
+    def terrain(self) -> Terrain:
+        """What the views are projected onto."""
     @property
-    def method(self) -> Paper | Or: ...
+    def method(self) -> Paper | Or:
+        """`Paper` or `Or`, with its parameters."""
     @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        """Stamps of the instants integrated so far."""
+    def max_range_m(self) -> float:
+        """Rays end here, metres."""
+    @property
+    def target_height_m(self) -> float:
+        """Height above the ground at which people are marked, metres."""
+    @property
+    def coverage(self) -> Literal["rays", "full"]:
+        """ "rays" or "full", see `project`."""
+    @property
+    def max_gap_s(self) -> float:
+        """Longest time between two instants, and between a view and its instant, seconds."""
+    @property
+    def instant_count(self) -> int:
+        """Instants integrated so far."""
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Stamps of the first and of the newest instant, nanoseconds since the Unix epoch; None before
+        the first.
+        """
+    @property
+    def drones(self) -> list[str]:
+        """Every drone that ever gave a view, by name."""
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
-        """Project, pool, blend. An error leaves the map as it was."""
-    def integrate_observations(
-        self, drones: Sequence[str], observations: Sequence[Observation], stamp_ns: int
-    ) -> Update:
-        """Pool, blend: the same for views that were projected onto this terrain before, one drone each."""
-    def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
-        """P~ per voxel [V], or of the voxels `ids`, at a stamp not before the last instant.
+        """Take in the views of one instant, each drone at most once: project, fuse, store.
 
-        A voxel that nobody has seen holds the method's initial value, which is no evidence of absence: see
-        `state`."""
+        stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+
+        A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
+        leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
+        ViewError for a drone that appears twice or makes the fleet larger than `Paper.fleet_size`.
+        """
+    def integrate_observations(self, observations: Sequence[Observation], stamp_ns: int) -> Update:
+        """The same for views that were projected before, onto this very terrain, here or on another
+        machine.
+
+        Errors as for `integrate`, and MapFileError for an observation of another terrain.
+        """
+    def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Probability of crowd per voxel [V] float64, or of the voxels `ids` [N], at a stamp not before
+        the newest instant.
+
+        A voxel that nobody has seen holds the method's initial value, which is no evidence of absence:
+        see `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
+        """
     def state(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.uint8]:
-        """`VoxelState` per voxel [V]: unseen is never the same as empty.
+        """`VoxelState` per voxel [V] uint8: unseen is never the same as empty.
 
-        Crowd is P~ >= `threshold` (default: `default_threshold()`); what is not crowd is stale once its last
-        look is more than `stale_after_s` old."""
+        threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+        stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
+
+        StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
+        """
     def seen(self) -> NDArray[np.bool_]:
-        """Union of the fields of view so far [V] (equation 4)."""
+        """Union of the fields of view so far (equation 4): [V] bool per voxel."""
     def seen_ids(self) -> NDArray[np.int64]:
-        """The same as sorted voxel ids. Costs what was seen, not the map."""
-    def last_seen_ns(self) -> NDArray[np.int64]:
-        """Stamp of the last look per voxel [V], -1 = never."""
+        """The same as sorted voxel ids [N] int64. Costs what was seen, not the map."""
+    def last_seen_ns(self, ids: ArrayLike | None = None) -> NDArray[np.int64]:
+        """Stamp of the last look per voxel [V] int64, or at the voxels `ids` [N]; -1 = never.
+
+        CrowdfenceError for an id that does not exist.
+        """
+    def seen_by(self, ids: ArrayLike) -> list[str]:
+        """Drones that have ever seen one of the voxels `ids` [N], by name. A map that was saved by a
+        build that did not keep this knows nobody. CrowdfenceError for an id that does not exist.
+        """
     def default_threshold(self) -> float:
-        """Probability above which a voxel is called crowd unless the caller says otherwise."""
-    def to_bytes(self) -> bytes: ...
+        """Probability from which a voxel is called crowd unless the caller says otherwise: the method's."""
+    def to_bytes(self) -> bytes:
+        """The map as bytes, with a checksum; the terrain is not among them."""
     @staticmethod
-    def from_bytes(data: bytes, terrain: Terrain) -> CrowdMap: ...
+    def from_bytes(data: bytes, terrain: Terrain) -> CrowdMap:
+        """The map that `to_bytes` wrote, on its terrain. MapFileError for bytes that are damaged, of
+        another kind, of a newer version or of another terrain.
+        """
     def save(self, path: str | PathLike[str]) -> None:
-        """Write atomically (temporary file, then rename)."""
+        """Write the map to a file, in one step: what stood there stays until the new file is whole.
+        OSError when it cannot be written.
+        """
     @staticmethod
     def load(path: str | PathLike[str], terrain: Terrain) -> CrowdMap:
-        """ValueError for a damaged file, a newer version, or a map of another terrain."""
+        """The map that `save` wrote, on its terrain. MapFileError as for `from_bytes`, OSError when the
+        file cannot be read.
+        """
 
 def write_octomap_binary(terrain: Terrain, ids: ArrayLike) -> bytes:
     """OctoMap `.bt` file content: the voxels `ids` [N] of a terrain, occupied.

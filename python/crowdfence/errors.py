@@ -1,4 +1,4 @@
-"""Everything that crowdfence refuses: one tree under `CrowdfenceError`, which is a ValueError.
+"""The exceptions of crowdfence: one tree under `CrowdfenceError`, which is a ValueError.
 
 CrowdfenceError  parameters, arrays of a wrong shape or content, terrains
   ViewError      a camera, heatmap, pose or drone's name

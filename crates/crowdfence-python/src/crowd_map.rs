@@ -103,9 +103,9 @@ impl PyUpdate {
 /// max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
 ///                  is taken for a wrong clock
 ///
-/// A voxel keeps its belief as of its last look, so that an update costs what was seen and not the map. One
-/// thread may integrate while others read: a reader sees whole instants. CrowdfenceError for a parameter out of
-/// bounds.
+/// A voxel keeps its belief as of its last look, so that an update costs what was seen and not the
+/// map. One thread may integrate while others read: a reader sees whole instants. CrowdfenceError for
+/// a parameter out of bounds.
 //
 // The lock lets one thread integrate while others read, with the interpreter released.
 #[pyclass(frozen, name = "CrowdMap", module = "crowdfence")]
@@ -190,7 +190,8 @@ impl PyCrowdMap {
         self.read(py, |map| Ok(map.instant_count()))
     }
 
-    /// Stamps of the first and of the newest instant, nanoseconds since the Unix epoch; None before the first.
+    /// Stamps of the first and of the newest instant, nanoseconds since the Unix epoch; None before
+    /// the first.
     #[getter]
     fn span_ns(&self, py: Python<'_>) -> PyResult<Option<(i64, i64)>> {
         self.read(py, |map| Ok(map.span_ns()))
@@ -206,9 +207,9 @@ impl PyCrowdMap {
     ///
     /// stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
     ///
-    /// A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error leaves the
-    /// map as it was: StampError for an instant or a view whose stamp cannot be right, ViewError for a drone
-    /// that appears twice or makes the fleet larger than `Paper.fleet_size`.
+    /// A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
+    /// leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
+    /// ViewError for a drone that appears twice or makes the fleet larger than `Paper.fleet_size`.
     fn integrate(
         &self,
         py: Python<'_>,
@@ -224,7 +225,8 @@ impl PyCrowdMap {
         .map_err(refuse)
     }
 
-    /// The same for views that were projected before, onto this very terrain, here or on another machine.
+    /// The same for views that were projected before, onto this very terrain, here or on another
+    /// machine.
     ///
     /// Errors as for `integrate`, and MapFileError for an observation of another terrain.
     fn integrate_observations(
@@ -242,11 +244,11 @@ impl PyCrowdMap {
         .map_err(refuse)
     }
 
-    /// Probability of crowd per voxel [V] float64, or of the voxels `ids` [N], at a stamp not before the
-    /// newest instant.
+    /// Probability of crowd per voxel [V] float64, or of the voxels `ids` [N], at a stamp not before
+    /// the newest instant.
     ///
-    /// A voxel that nobody has seen holds the method's initial value, which is no evidence of absence: see
-    /// `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
+    /// A voxel that nobody has seen holds the method's initial value, which is no evidence of absence:
+    /// see `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
     #[pyo3(signature = (stamp_ns, ids=None))]
     fn probability<'py>(
         &self,
@@ -318,8 +320,8 @@ impl PyCrowdMap {
         Ok(stamps.into_pyarray(py))
     }
 
-    /// Drones that have ever seen one of the voxels `ids` [N], by name. A map that was saved by a build that
-    /// did not keep this knows nobody. CrowdfenceError for an id that does not exist.
+    /// Drones that have ever seen one of the voxels `ids` [N], by name. A map that was saved by a
+    /// build that did not keep this knows nobody. CrowdfenceError for an id that does not exist.
     fn seen_by(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
         let ids = self.ids(py, ids)?;
         self.read(py, |map| Ok(map.seen_by(&ids).into_iter().map(str::to_owned).collect()))
@@ -336,8 +338,8 @@ impl PyCrowdMap {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// The map that `to_bytes` wrote, on its terrain. MapFileError for bytes that are damaged, of another kind,
-    /// of a newer version or of another terrain.
+    /// The map that `to_bytes` wrote, on its terrain. MapFileError for bytes that are damaged, of
+    /// another kind, of a newer version or of another terrain.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: Cow<'_, [u8]>, terrain: Py<PyTerrain>) -> PyResult<Self> {
         let voxels = terrain.borrow(py).terrain.clone();
@@ -345,8 +347,8 @@ impl PyCrowdMap {
         Ok(PyCrowdMap { map: RwLock::new(map), terrain })
     }
 
-    /// Write the map to a file, in one step: what stood there stays until the new file is whole. OSError when it
-    /// cannot be written.
+    /// Write the map to a file, in one step: what stood there stays until the new file is whole.
+    /// OSError when it cannot be written.
     //
     // Files are Python's part.
     fn save(&self, py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -354,8 +356,8 @@ impl PyCrowdMap {
         Ok(())
     }
 
-    /// The map that `save` wrote, on its terrain. MapFileError as for `from_bytes`, OSError when the file cannot
-    /// be read.
+    /// The map that `save` wrote, on its terrain. MapFileError as for `from_bytes`, OSError when the
+    /// file cannot be read.
     #[staticmethod]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>, terrain: Py<PyTerrain>) -> PyResult<Self> {
         let path = py.import("pathlib")?.call_method1("Path", (path,))?;

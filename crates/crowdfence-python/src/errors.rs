@@ -12,8 +12,8 @@ create_exception!(
     PyValueError,
     "Something that crowdfence cannot use; the message names the value and its bound.
 
-Every refusal of crowdfence is one of these and so a ValueError. This class itself is raised for
-parameters, for arrays of a wrong shape, element type or content, and for terrains."
+Its children say what kind of thing it was. This class itself is raised for parameters, for arrays of a
+wrong shape, element type or content, and for terrains."
 );
 create_exception!(
     crowdfence,

@@ -21,7 +21,8 @@ use crate::opinion_pool::{PyRates, opinion_pool};
 /// initial      P~ before the first look: "zero", "prior", or "first", which takes the first look whole
 /// decay_unit   what lambda counts: "second", or "frame", the instants integrated
 ///
-/// CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and pickled.
+/// CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+/// pickled.
 #[pyclass(frozen, name = "Paper", module = "crowdfence", eq)]
 #[derive(Clone, Copy, PartialEq)]
 pub struct PyPaper(pub Paper);
@@ -140,8 +141,9 @@ impl PyPaper {
         self.0.pool().post_negative()
     }
 
-    /// Probability from which a voxel is called crowd unless the caller says otherwise: a quarter of the way
-    /// from a place that all drones see empty to one where a single drone of the fleet is sure of crowd.
+    /// Probability from which a voxel is called crowd unless the caller says otherwise: a quarter of
+    /// the way from a place that all drones see empty to one where a single drone of the fleet is sure
+    /// of crowd.
     #[getter]
     fn default_threshold(&self) -> f64 {
         Method::Paper(self.0).default_threshold()

@@ -24,9 +24,10 @@ use crate::view::PyView;
 /// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
 /// occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
 ///
-/// `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError names
-/// what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a drone without a
-/// name; StampError a stamp that is none. It can be compared, pickled, and sent as bytes.
+/// `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
+/// names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
+/// drone without a name; StampError a stamp that is none. It can be compared, pickled, and sent as
+/// bytes.
 #[pyclass(frozen, name = "Observation", module = "crowdfence", eq)]
 #[derive(Clone, PartialEq)]
 pub struct PyObservation(pub Arc<Observation>);
@@ -109,19 +110,21 @@ impl PyObservation {
         self.0.tilt_deg().to_vec().into_pyarray(py)
     }
 
-    /// Voxels inside the image and in range that something hides [O] int64, sorted. Empty for coverage "rays".
+    /// Voxels inside the image and in range that something hides [O] int64, sorted. Empty for coverage
+    /// "rays".
     #[getter]
     fn occluded_ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         id_array(py, self.0.occluded_ids())
     }
 
-    /// The observation as bytes, with a checksum, for other machines and other versions of this library.
+    /// The observation as bytes, with a checksum, for other machines and other versions of this
+    /// library.
     fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &py.detach(|| self.0.to_bytes()))
     }
 
-    /// The observation that `to_bytes` wrote. MapFileError for bytes that are damaged, of another kind or of a
-    /// newer version, CrowdfenceError where their content breaks a promise of an observation.
+    /// The observation that `to_bytes` wrote. MapFileError for bytes that are damaged, of another kind
+    /// or of a newer version, CrowdfenceError where their content breaks a promise of an observation.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: Cow<'_, [u8]>) -> PyResult<Self> {
         py.detach(|| Observation::from_bytes(&data))
@@ -174,8 +177,8 @@ pub fn projection(max_range_m: f64, target_height_m: f64, coverage: &str) -> PyR
 ///
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
-/// coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full": also
-///                  those between the pixels of which a face is in view, and which voxels are occluded
+/// coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
+///                  also those between the pixels of which a face is in view, and which are occluded
 ///
 /// A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
 /// CrowdfenceError for a parameter out of bounds.

@@ -5,12 +5,13 @@ use pyo3::prelude::*;
 use crate::arrays::{Array, refuse};
 use crate::errors::CrowdfenceError;
 
-/// What a detector is worth, both rates strictly between 0 and 1.
+/// What a detector is worth: two rates strictly between 0 and 1, the true positive rate the larger one.
 ///
 /// true_positive   P(B = 1 | A = 1), how often it calls crowd what is crowd
 /// false_positive  P(B = 1 | A = 0), how often it calls crowd what is none
 ///
-/// CrowdfenceError names a rate out of bounds. Rates cannot change; they can be compared, hashed and pickled.
+/// CrowdfenceError names a rate out of bounds or two rates that are swapped. Rates cannot change; they
+/// can be compared, hashed and pickled.
 #[pyclass(frozen, name = "Rates", module = "crowdfence", eq)]
 #[derive(Clone, Copy, PartialEq)]
 pub struct PyRates(pub Rates);
@@ -83,9 +84,9 @@ type Pooled<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 
 /// Equations 1-2, the linear opinion pool over the drones of a fleet: (probability [V], seen [V]).
 ///
-/// P(A = 1) = sum over drones i of w_i P(A = 1 | B_i = b_i) with w_i = |m_i - 0.5| / (0.5 N) and b_i = 1
-/// where m_i > b_threshold; P(A | B) follows from rates and prior by Bayes' rule. The weights need not
-/// sum to 1.
+/// P(A = 1) = sum over drones i of w_i P(A = 1 | B_i = b_i) with w_i = |m_i - 0.5| / (0.5 N) and b_i =
+/// 1 where m_i > b_threshold; P(A | B) follows from rates and prior by Bayes' rule. The weights need
+/// not sum to 1.
 ///
 /// m            [N drones, V voxels] mean heatmap values in [0, 1], read only where `visible`
 /// visible      [N, V] bool, which drone sees which voxel
@@ -96,8 +97,8 @@ type Pooled<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 ///              left out, N counts those that see it, and what nobody sees has the prior
 /// normalise    divide the weights by their sum; where they are all 0 the result is the prior
 ///
-/// probability is float64 and seen bool: whether any drone sees the voxel. CrowdfenceError names the value
-/// out of bounds, or the array whose shape does not fit.
+/// probability is float64 and seen bool: whether any drone sees the voxel. CrowdfenceError names the
+/// value out of bounds, or the array whose shape does not fit.
 #[pyfunction]
 #[pyo3(signature = (m, visible, rates, prior, *, b_threshold=0.5, unseen="fleet", normalise=false))]
 #[allow(clippy::too_many_arguments)] // the switches of equation 1, keyword-only in Python
@@ -122,8 +123,8 @@ pub fn pool<'py>(
 
 /// Equation 3, temporal blending with decay: P~ per voxel [V] float64.
 ///
-/// With beta = exp(-decay_per_s * elapsed_s): alpha * pooled + (1 - alpha) * beta * previous where a voxel is
-/// seen, beta * previous where it is not.
+/// With beta = exp(-decay_per_s * elapsed_s): alpha * pooled + (1 - alpha) * beta * previous where a
+/// voxel is seen, beta * previous where it is not.
 ///
 /// previous     [V] P~ after the last look, in [0, 1]
 /// elapsed_s    [V] time since that look, >= 0
