@@ -1,7 +1,7 @@
 """The map as OctoMap files, for octovis, RViz and everything else that reads them.
 
 Two files, because the plain format can only say "occupied": a binary tree (`.bt`) with the terrain, and a
-ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colors.py`).
+ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colours.py`).
 
 In both every voxel is occupied, because it is solid ground. The probability of crowd is not written as
 occupancy: ground that was seen empty would then read as free space, to fly through.
