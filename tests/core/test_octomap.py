@@ -13,7 +13,7 @@ from crowdfence import Terrain, _core
 
 VOXEL_SIZE_M = 0.25
 Index = tuple[int, int, int]
-Color = tuple[int, int, int]
+Colour = tuple[int, int, int]
 
 
 def some_voxels() -> NDArray[np.int64]:
@@ -26,12 +26,12 @@ def some_voxels() -> NDArray[np.int64]:
     return np.unique(np.concatenate(parts), axis=0)
 
 
-def center(index: NDArray[np.int64]) -> NDArray[np.float64]:
+def centre(index: NDArray[np.int64]) -> NDArray[np.float64]:
     return (np.asarray(index, dtype=np.float64) + 0.5) * VOXEL_SIZE_M
 
 
 def terrain_of(voxels: NDArray[np.int64]) -> Terrain:
-    return Terrain.from_points(center(voxels), VOXEL_SIZE_M)
+    return Terrain.from_points(centre(voxels), VOXEL_SIZE_M)
 
 
 def cells(leaf: Any) -> list[Index]:
@@ -64,8 +64,8 @@ def test_binary_files_of_the_library_are_read(tmp_path: Path) -> None:
     voxels, path = some_voxels(), tmp_path / "map.bt"
     tree = pyoctomap.OcTree(VOXEL_SIZE_M)
     for voxel in voxels:
-        tree.updateNode(center(voxel), True)
-        tree.updateNode(center(voxel + np.array([100, 0, 0])), False)
+        tree.updateNode(centre(voxel), True)
+        tree.updateNode(centre(voxel + np.array([100, 0, 0])), False)
     assert tree.writeBinary(str(path))
 
     terrain = Terrain.from_octomap(path.read_bytes())
@@ -79,7 +79,7 @@ def test_full_files_of_the_library_are_read(tmp_path: Path, tree_type: Any) -> N
     log_odds = np.random.default_rng(7).choice([-2.0, -0.125, 0.0, 0.5, 3.5], len(voxels))
     tree = tree_type(VOXEL_SIZE_M)
     for voxel, value in zip(voxels, log_odds, strict=True):
-        tree.updateNode(center(voxel), float(value))
+        tree.updateNode(centre(voxel), float(value))
     assert tree.write(str(path))
 
     terrain = Terrain.from_octomap(path.read_bytes())
@@ -115,44 +115,44 @@ def test_only_the_chosen_voxels_are_written() -> None:
     assert indices(read_back) == as_set(terrain.voxel_indices(ids))
 
 
-def test_our_color_files_are_read_by_the_library(tmp_path: Path) -> None:
+def test_our_colour_files_are_read_by_the_library(tmp_path: Path) -> None:
     terrain, path = terrain_of(some_voxels()), tmp_path / "crowd.ot"
     ids = np.arange(terrain.voxel_count)
     # Probability and colour change every second layer, so blocks of 2 x 2 x 2 prune and larger ones do not.
     probability = np.clip((terrain.voxel_indices(ids)[:, 2] // 2 + 20) / 40, 0.0, 1.0)
-    colors = np.stack([255 * probability, 255 * (1 - probability), np.full(len(ids), 30)], axis=1).astype(
+    colours = np.stack([255 * probability, 255 * (1 - probability), np.full(len(ids), 30)], axis=1).astype(
         np.uint8
     )
-    path.write_bytes(_core.write_octomap_color(terrain, ids, colors, probability))
+    path.write_bytes(_core.write_octomap_color(terrain, ids, colours, probability))
 
     tree = pyoctomap.ColorOcTree(1.0).read(str(path))
-    seen: dict[Index, tuple[Color, float]] = {}
+    seen: dict[Index, tuple[Colour, float]] = {}
     for leaf in tree.begin_leafs():
         node = leaf.current_node
         seen |= {cell: (node.getColor(), node.getOccupancy()) for cell in cells(leaf)}
     assert len(seen) == terrain.voxel_count
     assert tree.getNumLeafNodes() < terrain.voxel_count, "nothing was pruned"
-    for index, color, value in zip(
-        terrain.voxel_indices(ids).tolist(), colors.tolist(), probability, strict=True
+    for index, colour, value in zip(
+        terrain.voxel_indices(ids).tolist(), colours.tolist(), probability, strict=True
     ):
-        assert seen[tuple(index)][0] == tuple(color)
+        assert seen[tuple(index)][0] == tuple(colour)
         assert seen[tuple(index)][1] == pytest.approx(value, abs=2e-6)
 
 
-def test_inner_nodes_of_color_files_are_what_the_library_makes_of_them(tmp_path: Path) -> None:
+def test_inner_nodes_of_colour_files_are_what_the_library_makes_of_them(tmp_path: Path) -> None:
     terrain, path = terrain_of(some_voxels()), tmp_path / "crowd.ot"
     ids = np.arange(terrain.voxel_count)
     random = np.random.default_rng(9)
     probability = random.choice([0.1, 0.5, 0.8], len(ids))
-    colors = random.choice(np.array([[255, 255, 255], [255, 0, 0], [7, 8, 9]], dtype=np.uint8), len(ids))
-    path.write_bytes(_core.write_octomap_color(terrain, ids, colors, probability))
+    colours = random.choice(np.array([[255, 255, 255], [255, 0, 0], [7, 8, 9]], dtype=np.uint8), len(ids))
+    path.write_bytes(_core.write_octomap_color(terrain, ids, colours, probability))
 
     tree = pyoctomap.ColorOcTree(VOXEL_SIZE_M)
-    for index, color, value in zip(terrain.voxel_indices(ids), colors.tolist(), probability, strict=True):
+    for index, colour, value in zip(terrain.voxel_indices(ids), colours.tolist(), probability, strict=True):
         # Lazy: the library neither prunes nor updates inner nodes until told to.
-        tree.updateNode(center(index), True, lazy_eval=True)
-        tree.setNodeColor(center(index), *color)
-        tree.search(center(index)).setLogOdds(math.log(value / (1 - value)))
+        tree.updateNode(centre(index), True, lazy_eval=True)
+        tree.setNodeColor(centre(index), *colour)
+        tree.search(centre(index)).setLogOdds(math.log(value / (1 - value)))
     tree.updateInnerOccupancy()
     assert tree.write(str(tmp_path / "library.ot"))
     assert nodes(path.read_bytes()) == nodes((tmp_path / "library.ot").read_bytes())

@@ -171,8 +171,8 @@ def test_the_same_voxels_make_the_same_terrain_however_they_came() -> None:
     rng = np.random.default_rng(3)
     occupied = rng.random((20, 30, 10)) < 0.1
     by_cells = Terrain.from_occupancy(occupied, 0.25, UTM)
-    centers = by_cells.voxel_centers(np.arange(by_cells.voxel_count))
-    by_points = Terrain.from_points(rng.permutation(np.repeat(centers, 2, axis=0)), 0.25, UTM)
+    centres = by_cells.voxel_centers(np.arange(by_cells.voxel_count))
+    by_points = Terrain.from_points(rng.permutation(np.repeat(centres, 2, axis=0)), 0.25, UTM)
     assert by_points.fingerprint == by_cells.fingerprint
     assert by_points.tree_bytes == by_cells.tree_bytes > 0
     assert by_cells.with_origin((0.0, 0.0, 0.0)).fingerprint != by_cells.fingerprint

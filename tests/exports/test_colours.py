@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crowdfence.exports.colours import STATE_COLORS, probability_colors, state_colors
+from crowdfence.exports.colours import STATE_COLOURS, probability_colours, state_colours
 from crowdfence.voxel_state import VoxelState
 
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
@@ -36,10 +36,10 @@ def lab(rgb: NDArray[np.uint8], eye: NDArray[np.float64]) -> NDArray[np.float64]
 
 @pytest.mark.parametrize("eye", EYES.values(), ids=EYES.keys())
 def test_states_differ_for_every_kind_of_eye(eye: NDArray[np.float64]) -> None:
-    colors = {state: lab(np.array(color), eye) for state, color in STATE_COLORS.items()}
+    colours = {state: lab(np.array(colour), eye) for state, colour in STATE_COLOURS.items()}
     for first, second in itertools.combinations(VoxelState, 2):
         # 2.3 is a just noticeable difference; hatches help on the picture, but not in an OctoMap.
-        assert np.linalg.norm(colors[first] - colors[second]) > 15, (first.name, second.name)
+        assert np.linalg.norm(colours[first] - colours[second]) > 15, (first.name, second.name)
 
 
 @pytest.mark.parametrize("eye", EYES.values(), ids=EYES.keys())
@@ -47,26 +47,26 @@ def test_states_differ_for_every_kind_of_eye(eye: NDArray[np.float64]) -> None:
 def test_more_probable_crowd_is_darker_for_every_kind_of_eye(
     eye: NDArray[np.float64], threshold: float
 ) -> None:
-    lightness = lab(probability_colors(np.linspace(threshold, 1.0, 40), threshold), eye)[:, 0]
+    lightness = lab(probability_colours(np.linspace(threshold, 1.0, 40), threshold), eye)[:, 0]
     assert (np.diff(lightness) < 0).all()
 
 
 @pytest.mark.parametrize("eye", EYES.values(), ids=EYES.keys())
 def test_crossing_the_threshold_shows(eye: NDArray[np.float64]) -> None:
-    below, above = lab(probability_colors([0.4999, 0.5], 0.5), eye)
+    below, above = lab(probability_colours([0.4999, 0.5], 0.5), eye)
     assert np.linalg.norm(below - above) > 10
 
 
 def test_only_seen_ground_is_coloured_by_probability() -> None:
     never, occluded, empty, stale, crowd = VoxelState
     probability = [np.nan, np.nan, 0.0, np.nan, 1.0]
-    colors = state_colors(probability, [never, occluded, empty, stale, crowd], 0.5)
-    assert [tuple(color) for color in colors[:4].tolist()] == [
-        STATE_COLORS[known] for known in (never, occluded, empty, stale)
+    colours = state_colours(probability, [never, occluded, empty, stale, crowd], 0.5)
+    assert [tuple(colour) for colour in colours[:4].tolist()] == [
+        STATE_COLOURS[known] for known in (never, occluded, empty, stale)
     ]
     with pytest.raises(ValueError, match="NaN has no place"):
-        state_colors([np.nan], [crowd], 0.5)
+        state_colours([np.nan], [crowd], 0.5)
 
 
 def test_a_threshold_of_one_leaves_one_crowd_colour() -> None:
-    assert probability_colors([1.0], 1.0).tolist() == [[255, 214, 70]]
+    assert probability_colours([1.0], 1.0).tolist() == [[255, 214, 70]]

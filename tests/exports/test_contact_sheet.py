@@ -7,7 +7,7 @@ from scipy.ndimage import label
 
 from crowdfence import Camera, Terrain
 from crowdfence.exports.contact_sheet import write_contact_sheet
-from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLORS, REGION_COLOR, labelled, photograph
+from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLOURS, REGION_COLOUR, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import panel_extent
 from crowdfence.sources import open_recording
 from crowdfence.sources.mission.writer import MissionWriter
@@ -55,9 +55,9 @@ def test_labels_are_painted_in_the_colours_of_the_legend(tmp_path):
     assert what.startswith("true classes")
     # 72 % of the class's colour over the grey (214) of a missing picture.
     for place, name in (((5, 5), "sky"), ((40, 5), "ground"), ((24, 35), "crowd")):
-        expected = 0.28 * 214 + 0.72 * np.array(CLASS_COLORS[name])
+        expected = 0.28 * 214 + 0.72 * np.array(CLASS_COLOURS[name])
         np.testing.assert_allclose(pixels[place], expected, atol=1)
-    assert tuple(pixels[17, 35]) == REGION_COLOR and tuple(pixels[18, 35]) != REGION_COLOR
+    assert tuple(pixels[17, 35]) == REGION_COLOUR and tuple(pixels[18, 35]) != REGION_COLOUR
 
 
 def test_heatmaps_are_shown_where_there_are_no_labels(tmp_path):
@@ -78,7 +78,7 @@ def test_a_sheet_shows_every_tile_and_the_people(tmp_path, with_terrain):
         pixels = np.asarray(picture.convert("RGB")).astype(int)
     assert 1200 < pixels.shape[1] < 3000
     # Three drones at three instants: nine skies in the tiles, none elsewhere.
-    sky = np.abs(pixels - (0.28 * 214 + 0.72 * np.array(CLASS_COLORS["sky"]))).max(axis=-1) < 3
+    sky = np.abs(pixels - (0.28 * 214 + 0.72 * np.array(CLASS_COLOURS["sky"]))).max(axis=-1) < 3
     _, areas = np.unique(label(sky)[0], return_counts=True)
     assert (areas[1:] > 10_000).sum() == 9
     crowd_dot = np.abs(pixels - (200, 30, 58)).max(axis=-1) < 12

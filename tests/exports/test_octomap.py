@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence import Georeference, Terrain, VoxelState
-from crowdfence.exports.colours import STATE_COLORS
+from crowdfence.exports.colours import STATE_COLOURS
 from crowdfence.exports.map_description import MapDescription
-from crowdfence.exports.octomap import write_colored_octomap, write_terrain_octomap
+from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 
 DESCRIPTION = MapDescription(1_760_000_009_500_000_001, 0.5, "paper", mission='two\nlines # and "quotes"')
 ORIGIN = (100.0, -20.0, 7.0)
@@ -58,16 +58,16 @@ def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path,
     # A never seen voxel with a high initial value must not look like crowd.
     probability = np.array([0.9, 0.9, 0.0, 0.0, 0.5, 1.0, 0.25])
     path = tmp_path / "crowd_map.ot"
-    write_colored_octomap(path, terrain, probability, state, DESCRIPTION)
+    write_coloured_octomap(path, terrain, probability, state, DESCRIPTION)
     tree = pyoctomap.ColorOcTree(0.1)
     tree = tree.read(str(path)) or tree
     nodes = [tree.search(centre) for centre in tree_centres(terrain)]
     # Seen and empty ground is ground, not free space.
     assert all(tree.isNodeOccupied(node) for node in nodes)
-    colors = [tuple(int(channel) for channel in node.getColor()) for node in nodes]
-    assert colors[:4] == [STATE_COLORS[known] for known in (never, occluded, empty, stale)]
-    assert colors[4] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
-    assert colors[5] == (112, 8, 38)  # certain: its dark red end
+    colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes]
+    assert colours[:4] == [STATE_COLOURS[known] for known in (never, occluded, empty, stale)]
+    assert colours[4] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
+    assert colours[5] == (112, 8, 38)  # certain: its dark red end
     content = comment(path)
     assert content["mission"] == DESCRIPTION.mission
     assert content["anchor_wgs84"] == [46.5, 8.0, 1200.0]
@@ -76,5 +76,5 @@ def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path,
 
 def test_arrays_of_another_terrain_are_refused(tmp_path: Path, terrain: Terrain) -> None:
     with pytest.raises(ValueError, match=r"state must have shape \[7\], got \[6\]"):
-        write_colored_octomap(tmp_path / "x.ot", terrain, np.zeros(7), np.zeros(6), DESCRIPTION)
+        write_coloured_octomap(tmp_path / "x.ot", terrain, np.zeros(7), np.zeros(6), DESCRIPTION)
     assert list(tmp_path.iterdir()) == []

@@ -400,7 +400,7 @@ def test_interpolating_the_projection_costs_less_than_a_millimetre(anchor, dista
     np.testing.assert_allclose(heights(100.0), exact, rtol=0, atol=1e-3)
     # And the exact ones do lie on the surface.
     grid = LocalGrid(distance_m - 500, -500.0, 10.0, (100, 100))
-    east, north = np.meshgrid(grid.east_centers_m(0, 100), grid.north_centers_m(0, 100), indexing="ij")
+    east, north = np.meshgrid(grid.east_centres_m(0, 100), grid.north_centres_m(0, 100), indexing="ij")
     x, y, height = anchor.projected_from_local(
         zone, np.stack([east, north, exact.astype(np.float64)], axis=-1).reshape(-1, 3)
     ).T

@@ -248,7 +248,7 @@ def test_points_in_chunks_give_the_same_cells_as_all_at_once():
 def test_voxel_keys_come_back_as_middles():
     points = np.array([[0.1, -0.1, 5.0], [-777.3, 12.0, 0.0]])
     keys = VoxelKeys(0.5, near=np.zeros(3))
-    np.testing.assert_allclose(keys.centers(keys.of(points)), [[0.25, -0.25, 5.25], [-777.25, 12.25, 0.25]])
+    np.testing.assert_allclose(keys.centres(keys.of(points)), [[0.25, -0.25, 5.25], [-777.25, 12.25, 0.25]])
 
 
 def test_triangles_cover_the_outline_once():

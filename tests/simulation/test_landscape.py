@@ -185,7 +185,7 @@ def test_light_always_comes_from_above(season, hour):
     light = daylight(season, hour, seed=1)
     assert np.linalg.norm(light.sun_direction) == pytest.approx(1.0)
     assert light.sun_direction[2] > 0.05
-    assert min(*light.sun_color, *light.sky_color, *light.haze_color) > 0
+    assert min(*light.sun_colour, *light.sky_colour, *light.haze_colour) > 0
 
 
 def test_ground_of_a_road_margin_uses_the_same_triangles():

@@ -42,8 +42,8 @@ def test_people_wear_few_colours_and_stay_where_they_are() -> None:
     np.testing.assert_array_equal(odd.positions(2.0), natural.positions(2.0))
     assert 3 <= len(random_clothes(3)) < 14
     np.testing.assert_array_equal(random_clothes(3), random_clothes(3))
-    assert (odd.colors[:, 2] != natural.colors[:, 2]).any()  # tops
-    np.testing.assert_array_equal(odd.colors[:, 0], natural.colors[:, 0])  # skin
+    assert (odd.colours[:, 2] != natural.colours[:, 2]).any()  # tops
+    np.testing.assert_array_equal(odd.colours[:, 0], natural.colours[:, 0])  # skin
 
 
 def test_bodies_are_random_only_where_wanted() -> None:

@@ -212,7 +212,7 @@ def test_appearance_arrays() -> None:
     people = scene_of("race").people
     count = sum(plan.people for plan in scene_of("race").scenario.crowds) + 24
     assert people.count == count == len(people.kind) == len(people.height_m)
-    assert people.colors.shape == (count, 6, 3) and people.colors.dtype == people.kind.dtype == np.uint8
+    assert people.colours.shape == (count, 6, 3) and people.colours.dtype == people.kind.dtype == np.uint8
     assert set(people.kind.tolist()) == set(range(6))
     assert people.height_m.min() > 0.9 and people.height_m.max() < 2.1
 

@@ -32,7 +32,7 @@ class DenseTerrain:
         indices = terrain.voxel_indices(np.arange(terrain.voxel_count))
         return np.ravel_multi_index(tuple(indices.T), self.occupied.shape)
 
-    def centers(self, cells: Cells) -> Array:
+    def centres(self, cells: Cells) -> Array:
         indices = np.stack(np.unravel_index(cells, self.occupied.shape), axis=1)
         return np.asarray(self.origin) + (indices + 0.5) * self.voxel_size_m
 
@@ -71,7 +71,7 @@ class DenseTerrain:
         )
 
 
-def pixel_center_rays(camera: Camera) -> Array:
+def pixel_centre_rays(camera: Camera) -> Array:
     """Rays [height * width, 3] in camera axes, row after row."""
     v, u = np.mgrid[: camera.height, : camera.width] + 0.5
     x, y = (u.ravel() - camera.cx) / camera.fx, (v.ravel() - camera.cy) / camera.fy
@@ -132,7 +132,7 @@ def project_rays(
     position = lowered_camera(dense, view, target_height_m)
     if position is None:
         return {}
-    directions = pixel_center_rays(view.camera) @ view.world_from_camera[:3, :3].T
+    directions = pixel_centre_rays(view.camera) @ view.world_from_camera[:3, :3].T
     hit, _ = dense.first_hits(position, directions, max_range_m)
     rows, columns = np.divmod(np.arange(len(hit)), view.camera.width)
     read = heatmap_at(view, values, columns, rows)
@@ -154,13 +154,13 @@ def project_faces(
     seen: dict[int, list[float]] = {}
     candidates: set[int] = set()
     cells = np.flatnonzero(dense.occupied)
-    centers = dense.centers(cells)
+    centres = dense.centres(cells)
     indices = np.stack(np.unravel_index(cells, dense.occupied.shape), axis=1)
     for axis in range(3):
         for side in (-1, 1):
             normal = np.zeros(3)
             normal[axis] = side
-            faces = centers + normal * dense.voxel_size_m / 2
+            faces = centres + normal * dense.voxel_size_m / 2
             to_face = faces - position
             turned = to_face @ normal < 0.0
             bare = ~dense.is_occupied(indices + normal.astype(np.int64))

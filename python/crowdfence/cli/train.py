@@ -117,7 +117,7 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
 
 
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
-    from crowdfence import __version__
+    from crowdfence._core import __version__
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector_training.labels import STRIDE
     from crowdfence.detector_training.network import MULTIPLE_OF

@@ -12,7 +12,7 @@ from crowdfence.voxel_state import VoxelState
 
 Rgb = tuple[int, int, int]
 
-STATE_COLORS: dict[VoxelState, Rgb] = {
+STATE_COLOURS: dict[VoxelState, Rgb] = {
     VoxelState.NEVER_SEEN: (152, 152, 156),
     VoxelState.OCCLUDED: (84, 84, 90),
     VoxelState.EMPTY: (148, 208, 154),
@@ -25,7 +25,7 @@ _EMPTY_RAMP = np.array([(148, 208, 154), (232, 238, 196)], dtype=np.float64)
 _CROWD_RAMP = np.array([(255, 214, 70), (250, 150, 40), (214, 56, 30), (112, 8, 38)], dtype=np.float64)
 
 
-def probability_colors(probability: ArrayLike, threshold: float) -> NDArray[np.uint8]:
+def probability_colours(probability: ArrayLike, threshold: float) -> NDArray[np.uint8]:
     """Colours [..., 3] of the probabilities [...] of seen ground.
 
     Raises ValueError for NaN: ground that was never seen has a state, not a probability.
@@ -38,17 +38,17 @@ def probability_colors(probability: ArrayLike, threshold: float) -> NDArray[np.u
     return np.where((values >= threshold)[..., None], above, below)
 
 
-def state_colors(probability: ArrayLike, state: ArrayLike, threshold: float) -> NDArray[np.uint8]:
+def state_colours(probability: ArrayLike, state: ArrayLike, threshold: float) -> NDArray[np.uint8]:
     """Colours [..., 3] of voxels or columns: EMPTY and CROWD by probability, the other states flat.
 
     probability [...] is read only where the state is EMPTY or CROWD; state [...] holds `VoxelState`.
     """
     states = np.asarray(state, dtype=np.uint8)
-    table = np.array([STATE_COLORS[known] for known in VoxelState], dtype=np.uint8)
-    colors = table[states]
+    table = np.array([STATE_COLOURS[known] for known in VoxelState], dtype=np.uint8)
+    colours = table[states]
     ramped = (states == VoxelState.EMPTY) | (states == VoxelState.CROWD)
-    colors[ramped] = probability_colors(np.asarray(probability)[ramped], threshold)
-    return colors
+    colours[ramped] = probability_colours(np.asarray(probability)[ramped], threshold)
+    return colours
 
 
 def _ramp(stops: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.uint8]:

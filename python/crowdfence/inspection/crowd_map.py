@@ -16,7 +16,7 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 MAGIC = b"CROWDMAP"
 # Magic, version u32, payload length u64, then of the payload: terrain fingerprint u64, voxel count u64.

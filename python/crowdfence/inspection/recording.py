@@ -22,7 +22,7 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 Tell = Callable[[str], None]
 

@@ -16,7 +16,7 @@ from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
 from crowdfence.surface_grid import MAX_COLUMNS
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 _VOXELS_PER_BLOCK = 1 << 20
 _UP = np.array([0, 0, 1], dtype=np.int64)

@@ -10,7 +10,7 @@ from crowdfence.simulation.random_streams import Stream, stream
 
 def random_clothes(seed: int) -> NDArray[np.float64]:
     """The few colours [K, 3] that a mission's people wear: fans of one team, or everybody else."""
-    rng = stream(seed, Stream.COLORS, 2)
+    rng = stream(seed, Stream.COLOURS, 2)
     count = int(rng.integers(3, 14))
     return rgb_of_hsv(rng.random(count), rng.random(count), rng.uniform(0.1, 1.0, count))
 

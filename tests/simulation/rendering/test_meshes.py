@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crowdfence.simulation.landscape.props import PROP_KINDS
-from crowdfence.simulation.rendering.instances import packed_colors
+from crowdfence.simulation.rendering.instances import packed_colours
 from crowdfence.simulation.rendering.mesh_catalogue import cyclist_family, people_family, prop_families
 from crowdfence.simulation.rendering.meshes.shape import FIXED, Limb, ball, box, joined, loft, tube
 from crowdfence.simulation.rendering.season_palette import SeasonPalette
@@ -33,7 +33,7 @@ def test_meshes_are_sound(name):
             assert shape.triangles.min() >= 0
             assert shape.triangles.max() < len(shape.position)
             np.testing.assert_allclose(np.linalg.norm(shape.normal, axis=1), 1.0, atol=1e-6)
-            slots = np.unique(shape.color[:, 3])
+            slots = np.unique(shape.colour[:, 3])
             assert ((slots < 6) | (slots == FIXED)).all()
             assert set(shape.limb) <= {int(limb) for limb in Limb}
             assert (np.linalg.norm(shape.position, axis=1) <= FAMILIES[name].radius_m + 1e-9).all()
@@ -94,8 +94,8 @@ def test_turning_and_scaling_keep_normals_upright_to_the_surface():
 
 
 def test_colours_survive_packing():
-    colors = np.array([[0, 0, 0], [255, 255, 255], [1, 2, 3], [200, 100, 50]], np.uint8)
-    packed = packed_colors(colors)
+    colours = np.array([[0, 0, 0], [255, 255, 255], [1, 2, 3], [200, 100, 50]], np.uint8)
+    packed = packed_colours(colours)
     assert packed.dtype == np.float32
     assert packed.tolist() == [0, 16777215, 1 + 2 * 256 + 3 * 65536, 200 + 100 * 256 + 50 * 65536]
 

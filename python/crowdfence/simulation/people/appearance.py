@@ -34,11 +34,11 @@ _SHOES = np.array([[36, 32, 30], [92, 66, 46], [200, 198, 194], [66, 70, 78]], n
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """`kind` uint8 [P] below `KINDS`; `colors` uint8 [P, 6, 3]: skin, hair, top, bottom, shoes, extra;
+    """`kind` uint8 [P] below `KINDS`; `colours` uint8 [P, 6, 3]: skin, hair, top, bottom, shoes, extra;
     `height_m` [P]."""
 
     kind: NDArray[np.uint8]
-    colors: NDArray[np.uint8]
+    colours: NDArray[np.uint8]
     height_m: NDArray[np.float64]
 
 

@@ -58,7 +58,7 @@ class People:
     """[P] planned crowd 1, 2, ..., or 0 for a lone walker."""
     kind: NDArray[np.uint8]
     """[P] body and clothing, 0..5."""
-    colors: NDArray[np.uint8]
+    colours: NDArray[np.uint8]
     """[P, 6, 3] skin, hair, top, bottom, shoes, extra."""
     height_m: NDArray[np.float64]
     phase_rad: NDArray[np.float64]
@@ -147,7 +147,7 @@ def build_people(scenario: Scenario, seed: int, landscape: Landscape) -> People:
         scenario.crowd_definition,
         crowd_id,
         looks.kind,
-        looks.colors,
+        looks.colours,
         looks.height_m,
         2.0 * np.pi * draws[0],
         in_plan & (draws[1] < _WATCHING),

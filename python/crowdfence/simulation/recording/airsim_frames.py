@@ -116,8 +116,8 @@ def summary_of_files(
     with Image.open(folder / paths.segmentation) as picture:
         reds = np.asarray(picture.convert("RGB"))[..., 0]
     class_of_red = np.zeros(256, np.uint8)
-    for kind, color in PALETTE.items():
-        class_of_red[color[0]] = kind
+    for kind, colour in PALETTE.items():
+        class_of_red[colour[0]] = kind
     return FrameSummary.of(
         class_of_red[reds],
         read_pfm(folder / paths.depth, (camera.width, camera.height)),

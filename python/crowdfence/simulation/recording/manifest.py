@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from crowdfence import __version__
+from crowdfence._core import __version__
 from crowdfence.simulation.recording.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_class import SceneClass

@@ -28,7 +28,7 @@ from crowdfence.sources.recording import PixelSources
 SAME_CLOCK_MS = 100
 """File names and table run on one clock when they differ by less than this in the median."""
 
-Color = tuple[int, int, int]
+Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,15 @@ class AirSimOptions:
     """settings.json; None looks in the recording's folder and in the one above."""
     camera: str | None = None
     """Camera of every vehicle; None takes the one with the most colour pictures."""
-    crowd_colors: Sequence[Color] = ()
+    crowd_colors: Sequence[Colour] = ()
     """Segmentation colours (R, G, B) that mean crowd; without them segmentation is not read."""
     pose_delay_ms: float = 0.0
     """How much later a pose was logged than the picture it belongs to was taken (AirSim issue 1309)."""
 
     def __post_init__(self) -> None:
-        for color in self.crowd_colors:
-            if len(color) != 3 or not all(0 <= channel <= 255 for channel in color):
-                raise ValueError(f"crowd_colors holds {color}, expected (R, G, B) from 0 to 255")
+        for colour in self.crowd_colors:
+            if len(colour) != 3 or not all(0 <= channel <= 255 for channel in colour):
+                raise ValueError(f"crowd_colors holds {colour}, expected (R, G, B) from 0 to 255")
         if not abs(self.pose_delay_ms) < 1e6:
             raise ValueError(f"pose_delay_ms is {self.pose_delay_ms}, expected less than 1e6")
 
@@ -221,12 +221,12 @@ class VehicleReader:
             key: self.folder / "images" / moment.truth[key].file for key in truth_types & set(moment.truth)
         }
         image = self.folder / "images" / moment.anchor.file
-        colors = self.options.crowd_colors
+        colours = self.options.crowd_colors
         return PixelSources(
             image=image.read_bytes if moment.anchor.image_type == SCENE else None,
             heatmap=None if heatmap is None else lambda: read_heatmap(heatmap, size),
             regions=None if regions is None else lambda: read_regions(regions, size),
-            silhouettes=_silhouettes(truth.get(SEGMENTATION), size, colors),
+            silhouettes=_silhouettes(truth.get(SEGMENTATION), size, colours),
             depth_m=depth_source(truth, camera),
         )
 
@@ -235,11 +235,11 @@ class VehicleReader:
 
 
 def _silhouettes(
-    segmentation: Path | None, size: Size, colors: Sequence[Color]
+    segmentation: Path | None, size: Size, colours: Sequence[Colour]
 ) -> Callable[[], NDArray[np.bool_]] | None:
-    if segmentation is None or not colors:
+    if segmentation is None or not colours:
         return None
-    return lambda: read_silhouettes(segmentation, size, colors)
+    return lambda: read_silhouettes(segmentation, size, colours)
 
 
 def first_file(folder: Path, names: Sequence[str]) -> Path | None:

@@ -70,8 +70,8 @@ def read_silhouettes(
     with _opened(path, size) as picture:
         rgb = np.asarray(picture.convert("RGB"))
     silhouettes = np.zeros(rgb.shape[:2], dtype=np.bool_)
-    for color in crowd_colors:
-        silhouettes |= (rgb == np.array(color, dtype=np.uint8)).all(axis=-1)
+    for colour in crowd_colors:
+        silhouettes |= (rgb == np.array(colour, dtype=np.uint8)).all(axis=-1)
     return silhouettes
 
 
