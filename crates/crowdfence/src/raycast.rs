@@ -167,15 +167,13 @@ impl Ray {
 
     /// Moves `voxel` out of the empty cell around it and says where it crossed.
     fn leave(&self, voxel: &mut [i64; 3], empty: Cell) -> Crossing {
-        let exit_plane = |axis: usize| {
+        let exits = (0..3).map(|axis| {
             let low = empty.low[axis];
-            i64::from(if self.step(axis) > 0 { low + empty.side } else { low })
-        };
-        let exit = (0..3)
-            .map(|axis| self.crossing(axis, exit_plane(axis)))
-            .reduce(|a, b| if b.distance < a.distance { b } else { a })
-            .expect("three axes");
-        let plane = exit_plane(exit.axis);
+            let plane = i64::from(if self.step(axis) > 0 { low + empty.side } else { low });
+            (self.crossing(axis, plane), plane)
+        });
+        let (exit, plane) =
+            exits.reduce(|a, b| if b.0.distance < a.0.distance { b } else { a }).expect("three axes");
         if empty.side > 1 {
             for axis in (0..3).filter(|&axis| axis != exit.axis) {
                 voxel[axis] = self.advance(axis, voxel[axis], exit);
