@@ -4,13 +4,17 @@
 //!
 //! This layout is known here and in `tree/` alone; the rest of the crate sees coordinates, ids and [`Cell`]s.
 
+mod ascent;
+mod column;
 mod descent;
 
+pub(crate) use ascent::Ascent;
 pub(crate) use descent::{Descent, Place};
 
 /// Bits of a coordinate that one level takes: a node has 4 cells along each side.
 const SIDE_BITS: u32 = 2;
-const SIDE_MASK: u32 = (1 << SIDE_BITS) - 1;
+const SIDE: usize = 1 << SIDE_BITS;
+const SIDE_MASK: u32 = SIDE as u32 - 1;
 /// Bits of a voxel key that one level takes: x, y and z, two each.
 const KEY_BITS: u32 = 3 * SIDE_BITS;
 const KEY_MASK: u64 = (1 << KEY_BITS) - 1;
@@ -172,13 +176,12 @@ impl Tree {
         Some(index)
     }
 
-    /// Coordinate of voxel `id` (which must exist): at each level the node that owns the child is found by
-    /// bisection, because bases grow with the index.
+    /// Coordinate of voxel `id`, which must exist.
     pub fn coordinate(&self, id: u32) -> [u32; 3] {
         let mut coordinate = [0; 3];
         let mut child = id;
         for (level, nodes) in self.levels.iter().enumerate() {
-            let index = nodes.partition_point(|node| node.base <= child) - 1;
+            let index = owner(nodes, child);
             let offset = corner(nth_set_bit(nodes[index].mask, child - nodes[index].base));
             for (axis, value) in coordinate.iter_mut().enumerate() {
                 *value |= offset[axis] << (SIDE_BITS * level as u32);
@@ -187,6 +190,11 @@ impl Tree {
         }
         coordinate
     }
+}
+
+/// Index of the node that owns a child, by bisection: bases grow with the index.
+fn owner(nodes: &[Node], child: u32) -> usize {
+    nodes.partition_point(|node| node.base <= child) - 1
 }
 
 /// Number, within its node of `level`, of the cell in which a coordinate lies.
