@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// What the tree drops early is not missed: a voxel is left out only where its centre is out of reach.
+        /// Dropping whole branches misses nothing.
         #[test]
         fn no_voxel_with_its_centre_in_the_cone_is_left_out(
             voxels in prop::collection::vec(prop::array::uniform3(0i32..80), 1..200),

@@ -1,9 +1,9 @@
-//! From many voxel ids to their coordinates: from the voxel upwards, as far as the last answer does not serve.
+//! Coordinates of many voxels: from the voxel up to the first node that is already known.
 
 use super::{MAX_DEPTH, SIDE_BITS, Tree, corner, nth_set_bit, owner};
 
-/// Nodes above the last voxel asked for. The next one climbs to the first node that holds both, so sorted ids
-/// climb rarely; any order gives the same answers.
+/// Path from the last voxel asked for to the root. The next one climbs only to the first node that holds
+/// both, which pays where ids are sorted; any order gives the same answers.
 pub(crate) struct Ascent<'a> {
     tree: &'a Tree,
     /// Node index per level.

@@ -11,11 +11,16 @@ impl Tree {
         Some((first(upwards)?, first(downwards)?))
     }
 
-    /// z of the first voxel in the column of `low`, which begins at the floor of a node; the cells of each
-    /// level are looked at in `order`. A cell may hold voxels beside the column alone: then the next one may do.
-    fn first_in_column(&self, level: u32, index: u32, low: [u32; 3], order: [u32; SIDE]) -> Option<u32> {
+    /// z of the first voxel above (x, y, floor) in a node that begins at this floor, its cells taken in
+    /// `order`. An occupied cell may hold voxels beside the column only: then the search goes on in the next.
+    fn first_in_column(
+        &self,
+        level: u32,
+        index: u32,
+        [x, y, floor]: [u32; 3],
+        order: [u32; SIDE],
+    ) -> Option<u32> {
         let node = self.node(level, index);
-        let [x, y, floor] = low;
         order.into_iter().find_map(|step| {
             let z = floor + (step << (SIDE_BITS * level));
             let number = cell_number([x, y, z], level);

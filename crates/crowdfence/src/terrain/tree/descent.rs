@@ -50,6 +50,7 @@ impl<'a> Descent<'a> {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::SIDE;
     use super::super::tests::build;
     use super::*;
 
@@ -73,7 +74,8 @@ mod tests {
                     Place::Empty(cell) => {
                         prop_assert!(holds(cell, probe));
                         prop_assert!(!voxels.iter().any(|&voxel| holds(cell, voxel)));
-                        let larger = Cell { low: cell.low.map(|c| c - c % (4 * cell.side)), side: 4 * cell.side };
+                        let side = cell.side * SIDE as u32;
+                        let larger = Cell { low: cell.low.map(|c| c - c % side), side };
                         prop_assert!(voxels.iter().any(|&voxel| holds(larger, voxel)));
                     }
                 }
