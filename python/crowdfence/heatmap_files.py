@@ -17,8 +17,8 @@ from PIL import Image
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
-from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.iso_time import iso_utc
+from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.sources.convert import Conversion, convert
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.recording import Frame, Pixels, Recording

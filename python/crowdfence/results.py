@@ -135,7 +135,9 @@ def _tracks(run: Run) -> list[DroneTrack]:
         positions = np.array([frame.world_from_camera[:3, 3] for frame in frames])
         last = run.last_views.get(drone)
         footprint = (
-            np.empty((0, 2)) if last is None else ground_footprint(last, run.terrain, run.config.projection.max_range_m)
+            np.empty((0, 2))
+            if last is None
+            else ground_footprint(last, run.terrain, run.config.projection.max_range_m)
         )
         tracks.append(DroneTrack(drone, positions, footprint))
     return tracks

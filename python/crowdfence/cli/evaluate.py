@@ -118,9 +118,7 @@ _AGAINST = {
 }
 
 
-def _methods(
-    names: list[options.MethodName], paper: PaperConfig, alphas: list[float]
-) -> list[MethodConfig]:
+def _methods(names: list[options.MethodName], paper: PaperConfig, alphas: list[float]) -> list[MethodConfig]:
     methods: list[MethodConfig] = []
     if options.MethodName.or_ in names:
         methods.append(OrConfig(b_threshold=paper.b_threshold))

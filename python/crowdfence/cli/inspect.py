@@ -98,9 +98,9 @@ def _write_picture(
     terrain_options: dict[str, Any],
     tolerance_ms: float,
 ) -> None:
-    from crowdfence.pipeline import open_terrain
     from crowdfence.exports.contact_sheet import write_contact_sheet
     from crowdfence.inspection.recording import RecordingReport
+    from crowdfence.pipeline import open_terrain
     from crowdfence.sources import open_recording
 
     if not isinstance(report, RecordingReport):

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from crowdfence._core import Terrain, View
+from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 

@@ -52,9 +52,7 @@ class FrameLoop:
         self.threshold = crowd_map.default_threshold() if zones.threshold is None else zones.threshold
         """Probability from which ground is crowd."""
 
-    def step(
-        self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()
-    ) -> Step:
+    def step(self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()) -> Step:
         """Take in the views of one instant, each drone at most once. `refused` are frames that did not become
         views. StampError or ViewError where the instant cannot be integrated; nothing has changed then."""
         return self._happened(self.crowd_map.integrate(views, stamp_ns), refused)

@@ -52,7 +52,7 @@ def mission(scene, tmp_path_factory):
 def test_the_importer_gives_the_poses_of_the_mission(scene, recorded, mission):
     airsim, native = open_recording(recorded.path), open_recording(mission)
     assert airsim.drones == native.drones and airsim.georeference == native.georeference
-    assert airsim.refused == [] and len(airsim.frames) == len(native.frames) == 12
+    assert airsim.refused == () and len(airsim.frames) == len(native.frames) == 12
     for ours, theirs in zip(airsim.frames, native.frames, strict=True):
         assert (ours.drone, ours.stamp_ns) == (theirs.drone, theirs.stamp_ns)
         np.testing.assert_allclose(ours.world_from_camera, theirs.world_from_camera, atol=1e-9)
