@@ -96,8 +96,17 @@ def test_fitting_never_makes_the_fitted_cells_less_likely(seed: int) -> None:
     assert both <= scaled + 1e-9 <= unchanged + 2e-9
 
 
-def test_equal_cells_give_equal_fits() -> None:
-    assert fit_temperature(cells(5, 1000)) == fit_temperature(cells(5, 1000))
+def test_counts_of_frames_add_up_in_any_order() -> None:
+    """What is fitted depends on the cells alone, not on how frames share them or on their order."""
+    rng = np.random.default_rng(5)
+    values = sigmoid(rng.normal(-1.0, 2.0, 1000))
+    crowd = rng.random(1000) < values**2
+    whole = logit_counts(values, crowd)
+    order = rng.permutation(1000)
+    parts = sum(logit_counts(values[part], crowd[part]) for part in np.split(order, [1, 300, 999]))
+    np.testing.assert_allclose(parts, whole, atol=1e-9)
+    for fit in FITS.values():
+        np.testing.assert_allclose(fit(parts)(X.ravel()), fit(whole)(X.ravel()), atol=1e-6)
 
 
 def missions(count: int = 6, **true: float) -> dict[str, NDArray[np.float64]]:
