@@ -27,7 +27,7 @@ def test_every_mission_is_a_valid_scenario(recipe):
 
 
 def test_there_are_as_many_missions_as_the_page_says(recipe):
-    """ "67 missions to train on, 6 to watch training by, 9 to calibrate, 6 + 6 to judge", "of 25 of them"."""
+    """The table of training/README.md: missions by group, and those of the scenario beside it."""
     names = [name.split("/") for name, _ in recipe.missions()]
     counts = Counter(group for group, _ in names)
     groups = ("train", "validation", "calibration", "test-unseen-season", "test-known-seasons")
