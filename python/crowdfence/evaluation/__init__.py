@@ -1,4 +1,4 @@
-"""How good a crowd map is, and what it has to be told: IoU (equation 4), detector rates, prior, ground truth.
+"""How good a crowd map is, and what it needs to know: IoU (equation 4), detector rates, prior, ground truth.
 
 Each module stands alone; import what is needed from it:
 

@@ -1,4 +1,4 @@
-"""A model, labelled missions -> the model calibrated, with what it is worth written into it."""
+"""A model, labelled missions -> the model calibrated, with its measured rates written into it."""
 
 from __future__ import annotations
 

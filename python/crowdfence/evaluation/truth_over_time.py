@@ -16,7 +16,7 @@ from crowdfence.sources.recording import Instant, Recording
 
 
 class TruthOverTime(Protocol):
-    """Asked for the instants of a recording in their order."""
+    """Called with the instants of a recording in their order."""
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
         """Crowd voxels [V]. FrameError when the truth of the instant is damaged."""

@@ -164,7 +164,7 @@ class Instant:
     """The newest stamp of the group."""
     frames: tuple[Frame, ...]
     refuse: Callable[[RefusedFrame], None] = field(repr=False)
-    """Told of every frame that turns out to be unusable."""
+    """Called with every frame that turns out to be unusable."""
 
     def views(
         self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap, *, executor: Executor | None = None
@@ -174,7 +174,7 @@ class Instant:
         affected.
 
         `heatmap_of` raises FrameError for a frame without a usable heatmap. With an `executor` it is called
-        for several frames at once; the views come in the order of the frames all the same.
+        for several frames at once; the views still come in the order of the frames.
         """
         over = map if executor is None else executor.map
         views = []

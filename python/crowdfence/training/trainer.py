@@ -165,8 +165,8 @@ class _Run:
 
     @property
     def best(self) -> Checkup:
-        """The largest IoU; once there are calm steps the last of them: averaged weights need time to become
-        calm, and what is equally good but sure of too much does not count."""
+        """The validation with the largest IoU; once the calm steps have begun, the last one: averaged weights
+        need time to lose the certainty that Dice gave them, which the IoU does not show."""
         if self.history[-1].step > self._plan.calm_from:
             return self.history[-1]
         return max(self.history, key=lambda one: one.score.mean_iou)
