@@ -7,7 +7,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training \
-	opengl demo-recording detector
+	stub opengl demo-recording detector
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -38,8 +38,8 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(BIN)/ruff check python tests benchmarks
-	$(BIN)/ruff format --check python tests benchmarks
+	$(BIN)/ruff check python tests benchmarks crates
+	$(BIN)/ruff format --check python tests benchmarks crates
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest crowdfence._core
 
@@ -63,7 +63,7 @@ $(VENV)/.training: requirements-train.txt $(VENV)/.installed
 	@touch $@
 
 test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
-	$(BIN)/pytest tests/test_training_network.py
+	$(BIN)/pytest tests/detector_training/test_network.py
 
 detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
@@ -72,8 +72,13 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 
-fuzz: ## the OctoMap and crowd-map readers on damaged files, for minutes
-	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map
+stub: setup ## docstrings of the compiled core -> _core.pyi
+	$(BIN)/python crates/crowdfence-python/stub_docs.py
+	$(BIN)/ruff format --quiet python/crowdfence/_core.pyi
+
+fuzz: ## the readers of OctoMaps, crowd maps and observations on damaged files, for minutes
+	CROWDFENCE_FUZZ_CASES=400000 cargo test --release --locked -p crowdfence --test fuzz_octomap --test fuzz_crowd_map \
+	  --test fuzz_observation
 
 demo-recording: setup opengl ## the bundled recording, from the simulator
 	$(BIN)/crowdfence simulate race --seed 7 --frames 40 --fps 5 --size 320x240 --voxel 1 --force \

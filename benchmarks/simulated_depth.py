@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from crowdfence import open_recording
-from crowdfence.simulation.scenario import load_scenario
+from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
 

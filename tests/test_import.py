@@ -13,17 +13,22 @@ PUBLIC_NAMES = [
     "Camera",
     "Contract",
     "CrowdMap",
+    "CrowdfenceError",
     "Detector",
     "DetectorError",
+    "FrameError",
     "Georeference",
+    "MapFileError",
     "Observation",
     "Or",
     "Paper",
     "Rates",
     "Recording",
+    "StampError",
     "Terrain",
     "Update",
     "View",
+    "ViewError",
     "VoxelState",
     "__version__",
     "blend",
@@ -78,9 +83,11 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         crowdfence.Crowdmap  # noqa: B018
 
 
-@pytest.mark.parametrize(
-    "name", ["Camera", "CrowdMap", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
-)
+CORE_CLASSES = ["Camera", "CrowdMap", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
+CORE_EXCEPTIONS = ["CrowdfenceError", "MapFileError", "StampError", "ViewError"]
+
+
+@pytest.mark.parametrize("name", CORE_CLASSES + CORE_EXCEPTIONS)
 def test_classes_of_the_core_are_named_as_they_are_imported(name: str) -> None:
     core_class = getattr(crowdfence, name)
     assert (core_class.__module__, core_class.__qualname__) == ("crowdfence", name)

@@ -18,13 +18,13 @@ from typer.testing import CliRunner
 from crowdfence import Terrain, _core, open_recording, pipeline
 from crowdfence.cli.app import app
 from crowdfence.config import UNSTATED, RunConfig
-from crowdfence.detection import detect_recording
 from crowdfence.detector.detector import Detector
 from crowdfence.evaluation.replay import measured_rates
+from crowdfence.heatmap_files import detect_recording
 from crowdfence.heatmap_source import choose_detector, heatmap_source
 from crowdfence.sources.recording import Frame, FrameError
-from onnx_models import contract, write_map_model, write_pixel_people_model
-from recordings import STARTS, flight, heatmap, write_airsim, write_folder
+from support.onnx_models import contract, write_map_model, write_pixel_people_model
+from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
 
 CONFIG = RunConfig(prior=0.2)
 RATES = {

@@ -10,7 +10,7 @@ from typing import Any
 from crowdfence import Detector
 from crowdfence.cli.options import Coverage, MethodName
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = [*ROOT.glob("*.md"), *ROOT.glob("[!.]*/*.md")]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.zones import ZoneSet, find_zones
-from small_grids import flat_grid
+from support.small_grids import flat_grid
 
 
 def zones_of(picture: str, **grid: object) -> ZoneSet:

@@ -21,14 +21,14 @@ import torch
 from numpy.typing import NDArray
 
 from crowdfence import View, project
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask
-from crowdfence.evaluation.detector_rates import crowd_cells, heatmap_values
-from crowdfence.evaluation.labelled_projection import crowd_definition, people_at, true_camera_pose
-from crowdfence.evaluation.world_truth import truth_from_positions
+from crowdfence.detector_training.network import CrowdNet
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, Recording
-from crowdfence.training.network import CrowdNet
+from crowdfence.truth.at_exposure import crowd_definition, people_at, true_camera_pose
+from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask
+from crowdfence.truth.world import truth_from_positions
 
 MAX_RANGE_M = 150.0
 BODY_HEIGHTS_M = (0.0, 0.4, 0.6, 0.9)

@@ -13,10 +13,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from crowdfence.simulation.frame_maker import FrameOptions
-from crowdfence.simulation.mission_recorder import record_mission
-from crowdfence.simulation.scenario import Scenario, load_scenario
-from crowdfence.simulation.scenario_file import merged, read_toml
+from crowdfence.simulation.recording.frame_maker import FrameOptions
+from crowdfence.simulation.recording.mission_recorder import record_mission
+from crowdfence.simulation.scenarios.scenario import Scenario
+from crowdfence.simulation.scenarios.scenario_file import load_scenario, merged, read_toml
 from crowdfence.simulation.scene import build_scene
 
 MISSIONS = Path(__file__).parent / "missions.toml"

@@ -21,16 +21,23 @@ from crowdfence._core import (
     pool,
     project,
 )
+from crowdfence.errors import (
+    CrowdfenceError,
+    DetectorError,
+    FrameError,
+    MapFileError,
+    StampError,
+    ViewError,
+)
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
-    from crowdfence.detector.errors import DetectorError
-    from crowdfence.evaluation.detector_rates import detector_rates
+    from crowdfence.evaluation.cells.rates import detector_rates
     from crowdfence.evaluation.iou import mean_iou
-    from crowdfence.evaluation.landing_prior import landing_prior
     from crowdfence.georeference import Georeference
+    from crowdfence.landing_area import landing_prior
     from crowdfence.sources import open_recording
     from crowdfence.sources.recording import Recording
 
@@ -38,17 +45,22 @@ __all__ = [
     "Camera",
     "Contract",
     "CrowdMap",
+    "CrowdfenceError",
     "Detector",
     "DetectorError",
+    "FrameError",
     "Georeference",
+    "MapFileError",
     "Observation",
     "Or",
     "Paper",
     "Rates",
     "Recording",
+    "StampError",
     "Terrain",
     "Update",
     "View",
+    "ViewError",
     "VoxelState",
     "__version__",
     "blend",
@@ -61,13 +73,12 @@ __all__ = [
 ]
 
 _LAZY = {
-    "Contract": "crowdfence.detector.contract",
+    "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
-    "DetectorError": "crowdfence.detector.errors",
     "Georeference": "crowdfence.georeference",
     "Recording": "crowdfence.sources.recording",
-    "detector_rates": "crowdfence.evaluation.detector_rates",
-    "landing_prior": "crowdfence.evaluation.landing_prior",
+    "detector_rates": "crowdfence.evaluation.cells.rates",
+    "landing_prior": "crowdfence.landing_area",
     "mean_iou": "crowdfence.evaluation.iou",
     "open_recording": "crowdfence.sources",
 }

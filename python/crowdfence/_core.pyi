@@ -1,10 +1,12 @@
-"""Typed face of the compiled core (Rust crate `crowdfence`). Arrays in, arrays out; no files, no clock.
+"""The compiled core (Rust crate `crowdfence`). Arrays in, arrays out; no files, no clock.
 
 Conventions everywhere: world = local ENU metres (x east, y north, z up), float64; camera = OpenCV axes
 (x right, y down, z forward); continuous pixel coordinates, the centre of pixel (column i, row j) is at
 (i + 0.5, j + 0.5); `stamp_ns` = int64 nanoseconds since the Unix epoch; durations and rates in seconds.
+Arrays that come out are copies.
 
-Everything here raises ValueError, with the offending value and its bound, for input that cannot be used.
+Input that cannot be used raises CrowdfenceError or one of its children (all are ValueErrors); the message
+names the offending value and its bound. Arguments of a wrong type raise TypeError.
 """
 
 from collections.abc import Sequence
@@ -19,13 +21,17 @@ from crowdfence.georeference import Georeference
 __all__ = [
     "Camera",
     "CrowdMap",
+    "CrowdfenceError",
+    "MapFileError",
     "Observation",
     "Or",
     "Paper",
     "Rates",
+    "StampError",
     "Terrain",
     "Update",
     "View",
+    "ViewError",
     "__version__",
     "blend",
     "pool",
@@ -36,9 +42,32 @@ __all__ = [
 
 __version__: str
 
+class CrowdfenceError(ValueError):
+    """Something that crowdfence cannot use; the message names the value and its bound.
+
+    Its children say what kind of thing it was. This class itself is raised for parameters, for arrays of a
+    wrong shape, element type or content, and for terrains.
+    """
+
+class ViewError(CrowdfenceError):
+    """A camera, heatmap or pose that cannot be, or a drone without a name or beside the fleet."""
+
+class StampError(CrowdfenceError):
+    """A stamp that is no int64, or an instant out of order, in the past or too far from the others."""
+
+class MapFileError(CrowdfenceError):
+    """An OctoMap, crowd map or other map file that cannot be used, or a crowd map of another terrain."""
+
 @final
 class Camera:
-    """Intrinsics of one camera: pinhole with optional Brown-Conrady or Kannala-Brandt distortion."""
+    """Intrinsics of one camera. `Camera.pinhole` and `Camera.fisheye` make one.
+
+    Camera axes are those of OpenCV: x right, y down, z forward. Pixel coordinates are continuous: the image
+    covers [0, width) x [0, height) and the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+
+    A lens model is trusted only where it is one-to-one: directions from outside of that field of view have no
+    pixel and pixels from outside have no ray. A camera cannot change; it can be compared, hashed and pickled.
+    """
 
     @staticmethod
     def pinhole(
@@ -50,7 +79,16 @@ class Camera:
         cy: float,
         distortion: Sequence[float] | None = None,
     ) -> Camera:
-        """Pinhole camera; `distortion` = (k1, k2, p1, p2[, k3]) in OpenCV's order (Brown-Conrady)."""
+        """Pinhole camera, plain or with Brown-Conrady distortion.
+
+        width, height  size of the image, in pixels
+        fx, fy         focal length along a row and along a column, in pixels
+        cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
+                       the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
+        distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole
+
+        ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
+        """
     @staticmethod
     def fisheye(
         width: int,
@@ -61,37 +99,69 @@ class Camera:
         cy: float,
         distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     ) -> Camera:
-        """Kannala-Brandt camera; `distortion` = (k1, k2, k3, k4) as in OpenCV's fisheye module."""
+        """Fisheye camera by Kannala and Brandt: a polynomial in the angle off the axis.
+
+        width, height  size of the image, in pixels
+        fx, fy         focal length along a row and along a column, in pixels
+        cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
+                       the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
+        distortion     (k1, k2, k3, k4) as in OpenCV's fisheye module; zeros = image radius f * angle
+
+        ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
+        """
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """Width of the image in pixels."""
     @property
-    def height(self) -> int: ...
+    def height(self) -> int:
+        """Height of the image in pixels."""
     @property
-    def fx(self) -> float: ...
+    def fx(self) -> float:
+        """Focal length along a row, in pixels."""
     @property
-    def fy(self) -> float: ...
+    def fy(self) -> float:
+        """Focal length along a column, in pixels."""
     @property
-    def cx(self) -> float: ...
+    def cx(self) -> float:
+        """Column of the principal point, in continuous pixels."""
     @property
-    def cy(self) -> float: ...
+    def cy(self) -> float:
+        """Row of the principal point, in continuous pixels."""
     @property
-    def model(self) -> Literal["pinhole", "brown_conrady", "kannala_brandt"]: ...
+    def model(self) -> Literal["pinhole", "brown_conrady", "kannala_brandt"]:
+        """Lens model: "pinhole", "brown_conrady" or "kannala_brandt"."""
     @property
     def distortion(self) -> list[float]:
-        """[] for a plain pinhole, [k1, k2, p1, p2, k3] or [k1, k2, k3, k4]."""
+        """Distortion coefficients: [] for a plain pinhole, [k1, k2, p1, p2, k3] or [k1, k2, k3, k4]."""
     def project(self, points_camera: ArrayLike) -> NDArray[np.float64]:
-        """Points [N, 3] in camera axes -> pixels [N, 2]; NaN where the camera cannot see the direction."""
-    def unproject(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Pixels [N, 2] -> unit rays [N, 3] in camera axes.
+        """Points [N, 3] in camera axes -> pixels [N, 2] float64, which may lie outside the image.
 
-        ValueError names the first pixel at which the distortion cannot be inverted.
+        NaN where the camera cannot see the direction (behind a pinhole, outside the field of view of the lens
+        model) and for points that are not finite. CrowdfenceError for another shape.
+        """
+    def unproject(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Pixels [N, 2] -> unit rays [N, 3] float64 in camera axes; the inverse of `project`.
+
+        ViewError names the first pixel that is not finite or at which the distortion cannot be inverted;
+        CrowdfenceError for another shape.
         """
     def blind_pixel_count(self) -> int:
         """How many pixel centres have no ray because the distortion cannot be inverted there."""
 
 @final
 class View:
-    """What one drone saw at one instant."""
+    """What one drone saw at one instant.
+
+    drone              its name, the same in all of its views
+    stamp_ns           when the image was exposed: int, nanoseconds since the Unix epoch
+    camera             intrinsics of the image
+    world_from_camera  [4, 4] rigid transform, camera axes -> local ENU metres
+    heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image
+
+    ViewError for a drone without a name, a pose that is not rigid to 1e-4, a heatmap that is empty, holds a
+    value outside [0, 1] or is no reduction of the image; StampError for a stamp that is no int64;
+    CrowdfenceError for an array of another shape or element type. A view cannot change; it can be pickled.
+    """
 
     def __new__(
         cls,
@@ -100,31 +170,45 @@ class View:
         camera: Camera,
         world_from_camera: ArrayLike,
         heatmap: ArrayLike,
-    ) -> View:
-        """`world_from_camera` [4, 4] rigid transform, camera axes -> local ENU metres; `heatmap` [h, w]
-        float32/float64 in [0, 1] or uint8 (value / 255), at any stride of the image."""
+    ) -> View: ...
     @property
-    def drone(self) -> str: ...
+    def drone(self) -> str:
+        """Name of the drone."""
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """When the image was exposed, nanoseconds since the Unix epoch."""
     @property
-    def camera(self) -> Camera: ...
+    def camera(self) -> Camera:
+        """Intrinsics of the image."""
     @property
-    def world_from_camera(self) -> NDArray[np.float64]: ...
+    def world_from_camera(self) -> NDArray[np.float64]:
+        """Rigid transform [4, 4] float64, camera axes -> local ENU metres."""
     @property
-    def heatmap(self) -> NDArray[np.float32]: ...
+    def heatmap(self) -> NDArray[np.float32]:
+        """Heatmap [h, w] float32 in [0, 1]."""
 
 @final
 class Terrain:
-    """Sparse voxel surface. Voxel (i, j, k) is the half-open box
-    [origin + (i, j, k) * voxel_size_m, origin + (i + 1, j + 1, k + 1) * voxel_size_m).
-    Voxel ids are ranks 0 .. voxel_count - 1 in the terrain's tree and index every per-voxel array."""
+    """The known terrain: a sparse voxel surface.
+
+    Voxel (i, j, k) is the half-open box from origin + (i, j, k) * voxel_size_m to
+    origin + (i + 1, j + 1, k + 1) * voxel_size_m, in world metres. Voxel ids are ranks 0 .. voxel_count - 1
+    in the terrain's tree and index every per-voxel array.
+
+    `Terrain.open` reads map files, the `from_` constructors take arrays; all of them raise CrowdfenceError
+    for a terrain without a voxel, with more than 2^31 of them or more than 2^20 along an axis, for a
+    voxel_size_m that is not positive, for values that are not finite and for arrays of another shape or
+    element type. The voxels cannot change. A terrain can be pickled (12 bytes per voxel).
+    """
 
     @staticmethod
     def from_occupancy(
         occupied: NDArray[np.bool_], voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Occupied cells of a [X, Y, Z] array become voxels."""
+        """Occupied cells of a bool array [X, Y, Z] become voxels; cell (0, 0, 0) starts at `origin`.
+
+        CrowdfenceError as for the class.
+        """
     @staticmethod
     def from_height_map(
         height_m: ArrayLike,
@@ -132,14 +216,24 @@ class Terrain:
         voxel_size_m: float | None = None,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Terrain:
-        """Height map [X, Y] (first axis east, second north), value = height in metres above origin z at the
-        cell's centre; cell (i, j) covers origin + [i, i + 1) x [j, j + 1) * cell_size_m. NaN is a hole.
-        The surface is closed: a column also fills the step down to its lowest neighbour."""
+        """Closed surface of a height map [X, Y] (first axis east, second north), float32.
+
+        height_m      height of each cell's centre, metres above origin z; NaN is a hole
+        cell_size_m   cell (i, j) covers origin + [i, i + 1) x [j, j + 1) * cell_size_m
+        voxel_size_m  None = cell_size_m
+        origin        world coordinates (x, y, z) of the corner of cell (0, 0), metres
+
+        A column also fills the step down to its lowest neighbour, so that no ray slips through.
+        CrowdfenceError as for the class.
+        """
     @staticmethod
     def from_points(
         points: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Every voxel that holds at least one of the points [N, 3] (world metres)."""
+        """Every voxel that holds at least one of the points [N, 3] (world metres).
+
+        CrowdfenceError as for the class, naming the first point that has no place on the grid.
+        """
     @staticmethod
     def from_triangles(
         vertices: ArrayLike,
@@ -147,11 +241,24 @@ class Terrain:
         voxel_size_m: float,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Terrain:
-        """Every voxel that a triangle touches. vertices [N, 3] world metres, triangles [M, 3] indices."""
+        """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
+
+        CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
+        """
+    @staticmethod
+    def from_indices(
+        indices: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Terrain:
+        """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
+
+        CrowdfenceError as for the class, naming the first index beyond 32 bits.
+        """
     @staticmethod
     def from_octomap(data: bytes, *, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Terrain:
-        """Occupied leaves of an OctoMap file (.bt or .ot bytes); pruned leaves are expanded.
-        `origin` is added to the file's coordinates."""
+        """Occupied leaves of an OctoMap (the bytes of its .bt or .ot file); pruned leaves are expanded.
+
+        `origin` is added to the file's coordinates. MapFileError says what is wrong and at which byte.
+        """
     @staticmethod
     def open(
         path: str | PathLike[str],
@@ -160,54 +267,138 @@ class Terrain:
         georeference: Georeference | None = None,
         **options: Any,
     ) -> Terrain:
-        """Read .bt .ot .tif .laz .las .ply .obj; see `crowdfence.maps.open_terrain` for the options."""
+        """Terrain of a map file: OctoMap .bt .ot, heights .tif .tiff, lidar points .las .laz, mesh .ply .obj.
+
+        voxel_size_m   None lets the file decide
+        georeference   anchor of the local frame, as a rule that of the recording. A map with a coordinate
+                       reference system is brought into its frame; without an anchor it gets one in its middle
+        options        of the kind of file, see `crowdfence.maps.open_terrain`
+
+        `terrain.georeference` says where the frame lies. MapFileError names the file, what is wrong with it
+        and what to do; TypeError for an option that the kind of file does not have.
+        """
     @property
-    def voxel_count(self) -> int: ...
+    def voxel_count(self) -> int:
+        """Number of voxels V; their ids are 0 .. V - 1."""
     @property
-    def voxel_size_m(self) -> float: ...
+    def voxel_size_m(self) -> float:
+        """Side of a voxel in metres."""
     @property
-    def origin(self) -> tuple[float, float, float]: ...
+    def origin(self) -> tuple[float, float, float]:
+        """World coordinates (x, y, z) at which grid index (0, 0, 0) starts."""
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """[2, 3]: lowest and highest corner of the occupied voxels, world metres."""
+        """[2, 3] float64: lowest and highest corner of the occupied voxels, world metres."""
     @property
     def tree_bytes(self) -> int:
-        """Memory of the tree."""
+        """Memory of the tree in bytes."""
     @property
     def fingerprint(self) -> int:
         """Checksum of geometry and voxels; equal terrains have equal fingerprints."""
-    georeference: Georeference | None
-    """Where on Earth the local frame lies, when known."""
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where on Earth the local frame lies; None when unknown. Can be set."""
+    @georeference.setter
+    def georeference(self, georeference: Georeference | None) -> None: ...
     def raycast(
         self, origins: ArrayLike, directions: ArrayLike, max_range_m: float
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """First occupied voxel along each ray: (voxel_ids [N], -1 = none; distances_m [N], inf = none).
+        """First occupied voxel along each ray: (ids [N], -1 = none; distances in metres [N], inf = none).
 
-        origins and directions [N, 3] world; directions need not be unit length. The distance is to the
-        point where the ray enters the voxel (0 when it starts inside)."""
+        origins and directions are [N, 3] in the world; directions need not have unit length. The distance is
+        to the point where the ray enters the voxel, 0 when it starts inside; farther than `max_range_m` is no
+        hit. CrowdfenceError names the first ray that is not finite or has no direction, or the shape that
+        does not fit.
+        """
     def voxel_centers(self, ids: ArrayLike) -> NDArray[np.float64]:
-        """World coordinates [N, 3] of the voxels' centres."""
+        """World coordinates [N, 3] of the centres of the voxels `ids` [N].
+
+        CrowdfenceError for an id that does not exist.
+        """
     def voxel_indices(self, ids: ArrayLike) -> NDArray[np.int64]:
-        """Grid indices (i, j, k) [N, 3]."""
+        """Grid indices (i, j, k) [N, 3] of the voxels `ids` [N].
+
+        CrowdfenceError for an id that does not exist.
+        """
     def voxel_ids(self, indices: ArrayLike) -> NDArray[np.int64]:
-        """Ids [N] of grid indices [N, 3], -1 where there is no voxel."""
+        """Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape."""
     def with_origin(self, origin: Sequence[float]) -> Terrain:
-        """The same voxels in a frame shifted so that index (0, 0, 0) starts at `origin`."""
+        """The same voxels in a frame shifted so that grid index (0, 0, 0) starts at `origin` (x, y, z).
+
+        CrowdfenceError for an origin that is not finite.
+        """
 
 @final
 class Observation:
-    """What one view says about the terrain (arrays of equal length V, sorted by voxel id)."""
+    """What one view says about the terrain: arrays of equal length V, one row per voxel that it sees.
 
+    terrain       the terrain that the ids are meant for
+    drone         name of the drone
+    stamp_ns      when the image was exposed: int, nanoseconds since the Unix epoch
+    voxel_ids     [V] sorted and unique
+    mean          [V] m_i of equation 1, in [0, 1]
+    pixel_count   [V] pixels that show the voxel; 0 = in view, but between the pixel centres
+    range_m       [V] from the camera to the voxel's centre, metres
+    tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
+    occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
+
+    `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
+    names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
+    drone without a name; StampError a stamp that is none. It can be compared, pickled, and sent as
+    bytes.
+    """
+    def __new__(
+        cls,
+        terrain: Terrain,
+        drone: str,
+        stamp_ns: int,
+        *,
+        voxel_ids: ArrayLike,
+        mean: ArrayLike,
+        pixel_count: ArrayLike,
+        range_m: ArrayLike,
+        tilt_deg: ArrayLike,
+        occluded_ids: ArrayLike,
+    ) -> Observation: ...
     @property
-    def voxel_ids(self) -> NDArray[np.int64]: ...
+    def drone(self) -> str:
+        """Name of the drone."""
+    @property
+    def stamp_ns(self) -> int:
+        """When the image was exposed, nanoseconds since the Unix epoch."""
+    @property
+    def terrain_fingerprint(self) -> int:
+        """`Terrain.fingerprint` of the terrain that the ids are meant for."""
+    @property
+    def voxel_ids(self) -> NDArray[np.int64]:
+        """Voxels seen [V] int64, sorted."""
     @property
     def mean(self) -> NDArray[np.float64]:
-        """m_i: mean heatmap value over the pixels whose ray first hits the voxel."""
+        """m_i [V] float64: mean heatmap value over the pixels whose ray first hits the voxel."""
     @property
-    def pixel_count(self) -> NDArray[np.int64]: ...
+    def pixel_count(self) -> NDArray[np.int64]:
+        """Those pixels [V] int64; 0 for a voxel that is in view but between the pixel centres."""
+    @property
+    def range_m(self) -> NDArray[np.float32]:
+        """From the camera to the voxel's centre [V] float32, metres."""
+    @property
+    def tilt_deg(self) -> NDArray[np.float32]:
+        """Of that line, below the horizon [V] float32, degrees: 90 is straight down, negative is upwards."""
     @property
     def occluded_ids(self) -> NDArray[np.int64]:
-        """coverage="full": voxels inside the image and in range that something hides. Empty for "rays"."""
+        """Voxels inside the image and in range that something hides [O] int64, sorted. Empty for coverage
+        "rays".
+        """
+    def to_bytes(self) -> bytes:
+        """The observation as bytes, with a checksum, for other machines and other versions of this
+        library.
+        """
+    @staticmethod
+    def from_bytes(data: bytes) -> Observation:
+        """The observation that `to_bytes` wrote. MapFileError for bytes that are damaged, of another kind
+        or of a newer version, CrowdfenceError where their content breaks a promise of an observation.
+        """
+    def __len__(self) -> int: ...
 
 def project(
     view: View,
@@ -217,21 +408,41 @@ def project(
     target_height_m: float = 0.0,
     coverage: Literal["rays", "full"] = "rays",
 ) -> Observation:
-    """Back-project a view onto the terrain: mean heatmap value per visible voxel."""
+    """Back-project a view onto the terrain: mean heatmap value per visible voxel.
+
+    max_range_m      > 0, rays end here
+    target_height_m  >= 0, height above the ground at which people are marked
+    coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
+                     also those between the pixels of which a face is in view, and which are occluded
+
+    A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
+    CrowdfenceError for a parameter out of bounds.
+    """
 
 @final
 class Rates:
-    """Detector rates: true_positive = P(B=1 | A=1), false_positive = P(B=1 | A=0), both inside (0, 1)."""
+    """What a detector is worth: two rates strictly between 0 and 1, the true positive rate the larger one.
+
+    true_positive   P(B = 1 | A = 1), how often it calls crowd what is crowd
+    false_positive  P(B = 1 | A = 0), how often it calls crowd what is none
+
+    CrowdfenceError names a rate out of bounds or two rates that are swapped. Rates cannot change; they
+    can be compared, hashed and pickled.
+    """
 
     def __new__(cls, true_positive: float, false_positive: float) -> Rates: ...
     @property
-    def true_positive(self) -> float: ...
+    def true_positive(self) -> float:
+        """P(B = 1 | A = 1)."""
     @property
-    def false_positive(self) -> float: ...
+    def false_positive(self) -> float:
+        """P(B = 1 | A = 0)."""
     @property
-    def false_negative(self) -> float: ...
+    def false_negative(self) -> float:
+        """P(B = 0 | A = 1) = 1 - true_positive."""
     @property
-    def true_negative(self) -> float: ...
+    def true_negative(self) -> float:
+        """P(B = 0 | A = 0) = 1 - false_positive."""
 
 def pool(
     m: ArrayLike,
@@ -243,7 +454,24 @@ def pool(
     unseen: Literal["fleet", "visible"] = "fleet",
     normalise: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Linear opinion pool, equations 1-2. m [N, V] and visible [N, V] -> (probability [V], seen [V])."""
+    """Equations 1-2, the linear opinion pool over the drones of a fleet: (probability [V], seen [V]).
+
+    P(A = 1) = sum over drones i of w_i P(A = 1 | B_i = b_i) with w_i = |m_i - 0.5| / (0.5 N) and b_i =
+    1 where m_i > b_threshold; P(A | B) follows from rates and prior by Bayes' rule. The weights need
+    not sum to 1.
+
+    m            [N drones, V voxels] mean heatmap values in [0, 1], read only where `visible`
+    visible      [N, V] bool, which drone sees which voxel
+    rates        of the detector
+    prior        P(A = 1), strictly between 0 and 1
+    b_threshold  in [0, 1]
+    unseen       "fleet": a drone that does not see the voxel enters with m = 0, as printed; "visible": it is
+                 left out, N counts those that see it, and what nobody sees has the prior
+    normalise    divide the weights by their sum; where they are all 0 the result is the prior
+
+    probability is float64 and seen bool: whether any drone sees the voxel. CrowdfenceError names the
+    value out of bounds, or the array whose shape does not fit.
+    """
 
 def blend(
     previous: ArrayLike,
@@ -254,19 +482,47 @@ def blend(
     alpha: float,
     decay_per_s: float,
 ) -> NDArray[np.float64]:
-    """Temporal blending with decay, equation 3. All arrays [V] -> [V]."""
+    """Equation 3, temporal blending with decay: P~ per voxel [V] float64.
+
+    With beta = exp(-decay_per_s * elapsed_s): alpha * pooled + (1 - alpha) * beta * previous where a
+    voxel is seen, beta * previous where it is not.
+
+    previous     [V] P~ after the last look, in [0, 1]
+    elapsed_s    [V] time since that look, >= 0
+    pooled       [V] probability by equation 1, in [0, 1], read only where `seen`
+    seen         [V] bool
+    alpha        weight of the newest instant, in (0, 1]
+    decay_per_s  lambda, >= 0
+
+    CrowdfenceError names the value out of bounds, or the array whose length does not fit.
+    """
 
 @final
 class Paper:
-    """Method `paper`: equations 1-3 with a switch for everything that the paper leaves open."""
+    """Method `paper`: equations 1-3 with a switch for everything that the paper leaves open.
 
+    rates        of the detector, which decides P(A | B)
+    prior        P(A = 1), strictly between 0 and 1
+    alpha        weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1
+    decay        lambda of equation 3, >= 0, per `decay_unit`
+    fleet_size   N of equation 1, >= 1; no more drones than this may ever give a view
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    unseen       what a drone that does not see a voxel says: "fleet", m = 0 with full weight as printed, or
+                 "visible", nothing
+    normalise    divide the weights of equation 2 by their sum
+    initial      P~ before the first look: "zero", "prior", or "first", which takes the first look whole
+    decay_unit   what lambda counts: "second", or "frame", the instants integrated
+
+    CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+    pickled.
+    """
     def __new__(
         cls,
         rates: Rates,
         prior: float,
         *,
         alpha: float = 0.1,
-        decay_per_s: float = 0.0005,
+        decay: float = 0.0005,
         fleet_size: int,
         b_threshold: float = 0.5,
         unseen: Literal["fleet", "visible"] = "fleet",
@@ -275,53 +531,110 @@ class Paper:
         decay_unit: Literal["second", "frame"] = "second",
     ) -> Paper: ...
     @property
-    def rates(self) -> Rates: ...
+    def name(self) -> Literal["paper"]:
+        """Name of the method: "paper"."""
     @property
-    def prior(self) -> float: ...
+    def rates(self) -> Rates:
+        """Rates of the detector."""
     @property
-    def alpha(self) -> float: ...
+    def prior(self) -> float:
+        """P(A = 1)."""
     @property
-    def decay_per_s(self) -> float:
-        """lambda, per second or per instant as `decay_unit` says."""
+    def alpha(self) -> float:
+        """Weight of the newest instant in equation 3."""
     @property
-    def fleet_size(self) -> int: ...
+    def decay(self) -> float:
+        """lambda of equation 3, per `decay_unit`."""
+    @property
+    def decay_unit(self) -> Literal["second", "frame"]:
+        """What lambda counts: "second" or "frame"."""
+    @property
+    def fleet_size(self) -> int:
+        """N of equation 1."""
+    @property
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def unseen(self) -> Literal["fleet", "visible"]:
+        """What a drone that does not see a voxel says: "fleet" or "visible"."""
+    @property
+    def normalise(self) -> bool:
+        """Whether the weights of equation 2 are divided by their sum."""
+    @property
+    def initial(self) -> Literal["zero", "prior", "first"]:
+        """P~ before the first look: "zero", "prior" or "first"."""
     @property
     def post_positive(self) -> float:
-        """P(A=1 | b=1)."""
+        """P(A = 1 | b = 1), by Bayes' rule from rates and prior."""
     @property
     def post_negative(self) -> float:
-        """P(A=1 | b=0)."""
+        """P(A = 1 | b = 0), by Bayes' rule from rates and prior."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise: a quarter of
+        the way from a place that all drones see empty to one where a single drone of the fleet is sure
+        of crowd.
+        """
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
 class Or:
-    """Baseline `or`: a voxel once called crowd (m > b_threshold in any view) stays crowd."""
+    """Baseline `or`: a voxel once called crowd by any view stays crowd. Instants may come in any order.
 
-    def __new__(cls, *, fleet_size: int, b_threshold: float = 0.5) -> Or: ...
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+
+    CrowdfenceError for a threshold out of bounds. It cannot change; it can be compared and pickled.
+    """
+    def __new__(cls, *, b_threshold: float = 0.5) -> Or: ...
     @property
-    def fleet_size(self) -> int: ...
+    def name(self) -> Literal["or"]:
+        """Name of the method: "or"."""
     @property
-    def b_threshold(self) -> float: ...
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd: 0.5, as `or` knows only 0 and 1."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
 class Update:
-    """What one instant changed."""
-
+    """What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled."""
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """The instant, nanoseconds since the Unix epoch."""
     @property
     def voxel_ids(self) -> NDArray[np.int64]:
-        """Voxels seen at this instant by any drone, sorted."""
+        """Voxels seen at this instant by any drone [V] int64, sorted."""
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Their probability after this instant."""
+        """Their probability of crowd after the instant [V] float64."""
     @property
     def observations(self) -> list[Observation]:
-        """One per view, in the order given."""
+        """What each view says about the terrain, in the order of the views."""
 
 @final
 class CrowdMap:
-    """Probability of crowd per terrain voxel over time."""
+    """Probability of crowd per terrain voxel over time.
 
+    terrain          what the views are projected onto
+    method           `Paper` or `Or`
+    max_range_m      > 0, rays end here
+    target_height_m  >= 0, height above the ground at which people are marked
+    coverage         "rays" or "full", see `project`
+    max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
+                     is taken for a wrong clock
+
+    A voxel keeps its belief as of its last look, so that an update costs what was seen and not the
+    map. One thread may integrate while others read: a reader sees whole instants. CrowdfenceError for
+    a parameter out of bounds.
+    """
     def __new__(
         cls,
         terrain: Terrain,
@@ -333,50 +646,112 @@ class CrowdMap:
         max_gap_s: float = 3600.0,
     ) -> CrowdMap: ...
     @property
-    def terrain(self) -> Terrain: ...
+    def terrain(self) -> Terrain:
+        """What the views are projected onto."""
     @property
-    def method(self) -> Paper | Or: ...
+    def method(self) -> Paper | Or:
+        """`Paper` or `Or`, with its parameters."""
     @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        """Stamps of the instants integrated so far."""
+    def max_range_m(self) -> float:
+        """Rays end here, metres."""
+    @property
+    def target_height_m(self) -> float:
+        """Height above the ground at which people are marked, metres."""
+    @property
+    def coverage(self) -> Literal["rays", "full"]:
+        """ "rays" or "full", see `project`."""
+    @property
+    def max_gap_s(self) -> float:
+        """Longest time between two instants, and between a view and its instant, seconds."""
+    @property
+    def instant_count(self) -> int:
+        """Instants integrated so far."""
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Stamps of the first and of the newest instant, nanoseconds since the Unix epoch; None before
+        the first.
+        """
+    @property
+    def drones(self) -> list[str]:
+        """Every drone that ever gave a view, by name."""
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
-        """Project, pool, blend. An error leaves the map as it was."""
-    def integrate_observations(
-        self, drones: Sequence[str], observations: Sequence[Observation], stamp_ns: int
-    ) -> Update:
-        """Pool, blend: the same for views that were projected onto this terrain before, one drone each."""
-    def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
-        """P~ per voxel [V], or of the voxels `ids`, at a stamp not before the last instant.
+        """Take in the views of one instant, each drone at most once: project, fuse, store.
 
-        A voxel that nobody has seen holds the method's initial value, which is no evidence of absence: see
-        `state`."""
+        stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+
+        A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
+        leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
+        ViewError for a drone that appears twice or makes the fleet larger than `Paper.fleet_size`.
+        """
+    def integrate_observations(self, observations: Sequence[Observation], stamp_ns: int) -> Update:
+        """The same for views that were projected before, onto this very terrain, here or on another
+        machine.
+
+        Errors as for `integrate`, and MapFileError for an observation of another terrain.
+        """
+    def probability(self, stamp_ns: int, ids: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Probability of crowd per voxel [V] float64, or of the voxels `ids` [N], at a stamp not before
+        the newest instant.
+
+        A voxel that nobody has seen holds the method's initial value, which is no evidence of absence:
+        see `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
+        """
     def state(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.uint8]:
-        """`VoxelState` per voxel [V]: unseen is never the same as empty.
+        """`VoxelState` per voxel [V] uint8: unseen is never the same as empty.
 
-        Crowd is P~ >= `threshold` (default: `default_threshold()`); what is not crowd is stale once its last
-        look is more than `stale_after_s` old."""
+        threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+        stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
+
+        StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
+        """
     def seen(self) -> NDArray[np.bool_]:
-        """Union of the fields of view so far [V] (equation 4)."""
+        """Union of the fields of view so far (equation 4): [V] bool per voxel."""
     def seen_ids(self) -> NDArray[np.int64]:
-        """The same as sorted voxel ids. Costs what was seen, not the map."""
-    def last_seen_ns(self) -> NDArray[np.int64]:
-        """Stamp of the last look per voxel [V], -1 = never."""
+        """The same as sorted voxel ids [N] int64. Costs what was seen, not the map."""
+    def last_seen_ns(self, ids: ArrayLike | None = None) -> NDArray[np.int64]:
+        """Stamp of the last look per voxel [V] int64, or at the voxels `ids` [N]; -1 = never.
+
+        CrowdfenceError for an id that does not exist.
+        """
+    def seen_by(self, ids: ArrayLike) -> list[str]:
+        """Drones that have ever seen one of the voxels `ids` [N], by name. A map that was saved by a
+        build that did not keep this knows nobody. CrowdfenceError for an id that does not exist.
+        """
     def default_threshold(self) -> float:
-        """Probability above which a voxel is called crowd unless the caller says otherwise."""
-    def to_bytes(self) -> bytes: ...
+        """Probability from which a voxel is called crowd unless the caller says otherwise: the method's."""
+    def to_bytes(self) -> bytes:
+        """The map as bytes, with a checksum; the terrain is not among them."""
     @staticmethod
-    def from_bytes(data: bytes, terrain: Terrain) -> CrowdMap: ...
+    def from_bytes(data: bytes, terrain: Terrain) -> CrowdMap:
+        """The map that `to_bytes` wrote, on its terrain. MapFileError for bytes that are damaged, of
+        another kind, of a newer version or of another terrain.
+        """
     def save(self, path: str | PathLike[str]) -> None:
-        """Write atomically (temporary file, then rename)."""
+        """Write the map to a file, in one step: what stood there stays until the new file is whole.
+        OSError when it cannot be written.
+        """
     @staticmethod
     def load(path: str | PathLike[str], terrain: Terrain) -> CrowdMap:
-        """ValueError for a damaged file, a newer version, or a map of another terrain."""
+        """The map that `save` wrote, on its terrain. MapFileError as for `from_bytes`, OSError when the
+        file cannot be read.
+        """
 
 def write_octomap_binary(terrain: Terrain, ids: ArrayLike) -> bytes:
-    """OctoMap `.bt` file content: the voxels `ids` [N], occupied."""
+    """OctoMap `.bt` file content: the voxels `ids` [N] of a terrain, occupied.
+
+    CrowdfenceError for an id that does not exist, MapFileError for a grid index beyond the format's -32768 to
+    32767. The terrain's origin is not part of it.
+    """
 
 def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, probability: ArrayLike) -> bytes:
-    """OctoMap `.ot` file content (ColorOcTree): voxels `ids` [N], colors [N, 3] uint8, probability [N]
-    as occupancy."""
+    """OctoMap `.ot` file content (ColorOcTree) of the voxels `ids` [N] of a terrain.
+
+    colors       [N, 3] uint8, red green blue
+    probability  [N] in [0, 1], written as the occupancy
+
+    CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
+    out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
+    origin is not part of it.
+    """

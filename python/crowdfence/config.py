@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from crowdfence._core import CrowdMap, Or, Paper, Rates, Terrain
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
 
 FigureName = Literal["true_positive_rate", "false_positive_rate", "target_height_m"]
 
@@ -170,7 +170,7 @@ _OF_PAPER = (
 
 
 def _landing_prior(terrain: Terrain) -> float:
-    from crowdfence.evaluation.landing_prior import landing_prior
+    from crowdfence.landing_area import landing_prior
 
     try:
         return landing_prior(terrain)

@@ -15,7 +15,7 @@ from crowdfence._core import Terrain, View
 from crowdfence.sources.recording import Frame, FrameError, Instant, Pixels, Recording
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
 
 HeatmapFunction = Callable[[Frame], Pixels]

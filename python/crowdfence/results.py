@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from crowdfence.exports.atomic import write_bytes
+from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.map_description import MapDescription
-from crowdfence.exports.octomap import write_colored_octomap, write_terrain_octomap
+from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.picture import DroneTrack, ground_footprint, write_picture
+from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
@@ -60,7 +60,7 @@ def write_results(run: Run, folder: Path) -> dict[str, Any]:
         folder / "crowd_map.png", grid, zones, description, tracks=_tracks(run), georeference=georeference
     )
     write_terrain_octomap(folder / "terrain.bt", run.terrain)
-    write_colored_octomap(
+    write_coloured_octomap(
         folder / "crowd_map.ot",
         run.terrain,
         crowd_map.probability(run.stamp_ns),

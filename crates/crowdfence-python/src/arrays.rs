@@ -5,13 +5,14 @@ use glam::DVec3;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-/// An error of the core as the Python exception for bad values.
+use crate::errors::{CrowdfenceError, exception};
+
+/// An error of the core as the Python exception of its kind.
 pub fn refuse(error: impl Into<Error>) -> PyErr {
-    PyValueError::new_err(error.into().to_string())
+    exception(error.into())
 }
 
 /// An array converted by numpy to C order and the element type; `shape` gives the expected sides, None = any.
@@ -23,7 +24,7 @@ impl<'py, T: Element + Copy> Array<'py, T> {
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Option<usize>]) -> PyResult<Self> {
         let py = value.py();
         let numpy = py.import("numpy")?;
-        let named = |error: PyErr| PyValueError::new_err(format!("{name}: {}", error.value(py)));
+        let named = |error: PyErr| CrowdfenceError::new_err(format!("{name}: {}", error.value(py)));
         let given = numpy.call_method1("asarray", (value,)).map_err(named)?;
         check_element_type(&given, &T::get_dtype(py), name)?;
         let options: Bound<'py, PyDict> =
@@ -39,7 +40,7 @@ impl<'py, T: Element + Copy> Array<'py, T> {
         if !fits {
             let expected: Vec<String> =
                 shape.iter().map(|side| side.map_or("N".to_owned(), |side| side.to_string())).collect();
-            return Err(PyValueError::new_err(format!(
+            return Err(CrowdfenceError::new_err(format!(
                 "{name} has shape {sides:?}; it must be [{}]",
                 expected.join(", ")
             )));
@@ -70,7 +71,13 @@ fn check_element_type<'py>(
     if is_empty || matches!(kind, 'b' | 'i' | 'u') || fits()? {
         return Ok(());
     }
-    Err(PyValueError::new_err(format!("{name} has elements of type {dtype}; they must be {wanted}")))
+    Err(CrowdfenceError::new_err(format!("{name} has elements of type {dtype}; they must be {wanted}")))
+}
+
+/// The place of grid index (0, 0, 0), as `#[pyo3(from_py_with = origin)] origin: [f64; 3]`.
+pub fn origin(value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+    let origin = Array::<f64>::new(value, "origin", &[Some(3)])?.to_vec()?;
+    Ok([origin[0], origin[1], origin[2]])
 }
 
 /// Points or directions [N, 3].

@@ -4,9 +4,17 @@ use crowdfence::{Camera, Distortion};
 use glam::DVec2;
 use numpy::PyArray2;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use crate::arrays::{Array, points, refuse, rows};
 
+/// Intrinsics of one camera. `Camera.pinhole` and `Camera.fisheye` make one.
+///
+/// Camera axes are those of OpenCV: x right, y down, z forward. Pixel coordinates are continuous: the image
+/// covers [0, width) x [0, height) and the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+///
+/// A lens model is trusted only where it is one-to-one: directions from outside of that field of view have no
+/// pixel and pixels from outside have no ray. A camera cannot change; it can be compared, hashed and pickled.
 #[pyclass(frozen, name = "Camera", module = "crowdfence", eq)]
 #[derive(Clone, PartialEq)]
 pub struct PyCamera(pub Arc<Camera>);
@@ -23,6 +31,15 @@ impl PyCamera {
 
 #[pymethods]
 impl PyCamera {
+    /// Pinhole camera, plain or with Brown-Conrady distortion.
+    ///
+    /// width, height  size of the image, in pixels
+    /// fx, fy         focal length along a row and along a column, in pixels
+    /// cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
+    ///                the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
+    /// distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole
+    ///
+    /// ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=None))]
     fn pinhole(
@@ -41,6 +58,15 @@ impl PyCamera {
         PyCamera::new([width, height], [fx, fy], [cx, cy], distortion)
     }
 
+    /// Fisheye camera by Kannala and Brandt: a polynomial in the angle off the axis.
+    ///
+    /// width, height  size of the image, in pixels
+    /// fx, fy         focal length along a row and along a column, in pixels
+    /// cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
+    ///                the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
+    /// distortion     (k1, k2, k3, k4) as in OpenCV's fisheye module; zeros = image radius f * angle
+    ///
+    /// ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=vec![0.0; 4]), text_signature = "(width, height, fx, fy, cx, cy, distortion=(0.0, 0.0, 0.0, 0.0))")]
     fn fisheye(
@@ -56,46 +82,58 @@ impl PyCamera {
         PyCamera::new([width, height], [fx, fy], [cx, cy], distortion)
     }
 
+    /// Width of the image in pixels.
     #[getter]
     fn width(&self) -> u32 {
         self.0.width()
     }
 
+    /// Height of the image in pixels.
     #[getter]
     fn height(&self) -> u32 {
         self.0.height()
     }
 
+    /// Focal length along a row, in pixels.
     #[getter]
     fn fx(&self) -> f64 {
         self.0.fx()
     }
 
+    /// Focal length along a column, in pixels.
     #[getter]
     fn fy(&self) -> f64 {
         self.0.fy()
     }
 
+    /// Column of the principal point, in continuous pixels.
     #[getter]
     fn cx(&self) -> f64 {
         self.0.cx()
     }
 
+    /// Row of the principal point, in continuous pixels.
     #[getter]
     fn cy(&self) -> f64 {
         self.0.cy()
     }
 
+    /// Lens model: "pinhole", "brown_conrady" or "kannala_brandt".
     #[getter]
     fn model(&self) -> &'static str {
         self.0.distortion().model()
     }
 
+    /// Distortion coefficients: [] for a plain pinhole, [k1, k2, p1, p2, k3] or [k1, k2, k3, k4].
     #[getter]
     fn distortion(&self) -> Vec<f64> {
         self.0.distortion().coefficients()
     }
 
+    /// Points [N, 3] in camera axes -> pixels [N, 2] float64, which may lie outside the image.
+    ///
+    /// NaN where the camera cannot see the direction (behind a pinhole, outside the field of view of the lens
+    /// model) and for points that are not finite. CrowdfenceError for another shape.
     fn project<'py>(
         &self,
         py: Python<'py>,
@@ -108,6 +146,10 @@ impl PyCamera {
         rows(py, pixels, 2)
     }
 
+    /// Pixels [N, 2] -> unit rays [N, 3] float64 in camera axes; the inverse of `project`.
+    ///
+    /// ViewError names the first pixel that is not finite or at which the distortion cannot be inverted;
+    /// CrowdfenceError for another shape.
     fn unproject<'py>(
         &self,
         py: Python<'py>,
@@ -122,8 +164,35 @@ impl PyCamera {
         rows(py, rays, 3)
     }
 
+    /// How many pixel centres have no ray because the distortion cannot be inverted there.
     fn blind_pixel_count(&self, py: Python<'_>) -> usize {
         py.detach(|| self.0.blind_pixel_count())
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let camera = &slf.get().0;
+        let coefficients = camera.distortion().coefficients();
+        let (constructor, coefficients) = match camera.distortion() {
+            Distortion::None => ("pinhole", None),
+            Distortion::BrownConrady { .. } => ("pinhole", Some(coefficients)),
+            Distortion::KannalaBrandt { .. } => ("fisheye", Some(coefficients)),
+        };
+        let arguments = (
+            camera.width(),
+            camera.height(),
+            camera.fx(),
+            camera.fy(),
+            camera.cx(),
+            camera.cy(),
+            coefficients.map(|c| PyTuple::new(slf.py(), c)).transpose()?,
+        );
+        Ok((slf.get_type().getattr(constructor)?, arguments.into_pyobject(slf.py())?))
+    }
+
+    // Python's hash of the numbers, in which 0.0 and -0.0 are one as they are in `==`.
+    fn __hash__(slf: &Bound<'_, Self>) -> PyResult<isize> {
+        let (_, arguments) = PyCamera::__reduce__(slf)?;
+        arguments.hash()
     }
 
     fn __repr__(&self) -> String {

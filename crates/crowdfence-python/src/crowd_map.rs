@@ -1,192 +1,113 @@
 use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
-use crowdfence::crowd_map::{Decay, Initial};
-use crowdfence::{CrowdMap, Method, Or, Paper, TemporalBlend, Update, View};
+use crowdfence::{CrowdMap, Update, View};
 use numpy::{IntoPyArray, PyArray1};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arrays::{id_array, refuse};
-use crate::back_projection::{PyObservation, projection};
-use crate::opinion_pool::{PyRates, opinion_pool};
+use crate::errors::MapFileError;
+use crate::method::{MethodArgument, method_object};
+use crate::observation::{PyObservation, projection};
+use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
 use crate::view::PyView;
 
-#[pyclass(frozen, name = "Paper", module = "crowdfence", eq)]
-#[derive(Clone, Copy, PartialEq)]
-pub struct PyPaper(Paper);
-
-#[pymethods]
-impl PyPaper {
-    #[new]
-    #[pyo3(signature = (rates, prior, *, alpha=0.1, decay_per_s=0.0005, fleet_size, b_threshold=0.5,
-                        unseen="fleet", normalise=false, initial="zero", decay_unit="second"))]
-    #[allow(clippy::too_many_arguments)] // the switches of the paper, keyword-only in Python
-    fn new(
-        rates: &PyRates,
-        prior: f64,
-        alpha: f64,
-        decay_per_s: f64,
-        fleet_size: usize,
-        b_threshold: f64,
-        unseen: &str,
-        normalise: bool,
-        initial: &str,
-        decay_unit: &str,
-    ) -> PyResult<Self> {
-        let initial = match initial {
-            "zero" => Initial::Zero,
-            "prior" => Initial::Prior,
-            "first" => Initial::FirstLook,
-            _ => return Err(not_one_of("initial", initial, "\"zero\", \"prior\" or \"first\"")),
-        };
-        let decay = match decay_unit {
-            "second" => Decay::PerSecond,
-            "frame" => Decay::PerFrame,
-            _ => return Err(not_one_of("decay_unit", decay_unit, "\"second\" or \"frame\"")),
-        };
-        let pool = opinion_pool(rates, prior, b_threshold, unseen, normalise)?;
-        TemporalBlend::new(alpha, decay_per_s)
-            .and_then(|blend| Paper::new(pool, blend, fleet_size, initial, decay))
-            .map(PyPaper)
-            .map_err(refuse)
-    }
-
-    #[getter]
-    fn rates(&self) -> PyRates {
-        PyRates(self.0.pool().rates())
-    }
-
-    #[getter]
-    fn prior(&self) -> f64 {
-        self.0.pool().prior()
-    }
-
-    #[getter]
-    fn alpha(&self) -> f64 {
-        self.0.blend().alpha()
-    }
-
-    #[getter]
-    fn decay_per_s(&self) -> f64 {
-        self.0.blend().decay()
-    }
-
-    #[getter]
-    fn fleet_size(&self) -> usize {
-        self.0.fleet_size()
-    }
-
-    #[getter]
-    fn post_positive(&self) -> f64 {
-        self.0.pool().post_positive()
-    }
-
-    #[getter]
-    fn post_negative(&self) -> f64 {
-        self.0.pool().post_negative()
-    }
-
-    fn __repr__(&self) -> String {
-        format!(
-            "Paper({}, prior={}, alpha={}, decay_per_s={}, fleet_size={})",
-            self.rates().__repr__(),
-            self.prior(),
-            self.alpha(),
-            self.decay_per_s(),
-            self.fleet_size()
-        )
-    }
-}
-
-fn not_one_of(name: &str, value: &str, allowed: &str) -> PyErr {
-    PyValueError::new_err(format!("{name} is {value:?}; it must be {allowed}"))
-}
-
-#[pyclass(frozen, name = "Or", module = "crowdfence", eq)]
-#[derive(Clone, Copy, PartialEq)]
-pub struct PyOr(Or);
-
-#[pymethods]
-impl PyOr {
-    #[new]
-    #[pyo3(signature = (*, fleet_size, b_threshold=0.5))]
-    fn new(fleet_size: usize, b_threshold: f64) -> PyResult<Self> {
-        Or::new(fleet_size, b_threshold).map(PyOr).map_err(refuse)
-    }
-
-    #[getter]
-    fn fleet_size(&self) -> usize {
-        self.0.fleet_size()
-    }
-
-    #[getter]
-    fn b_threshold(&self) -> f64 {
-        self.0.b_threshold()
-    }
-
-    fn __repr__(&self) -> String {
-        format!("Or(fleet_size={}, b_threshold={})", self.fleet_size(), self.b_threshold())
-    }
-}
-
-#[derive(FromPyObject)]
-enum MethodArgument<'py> {
-    Paper(PyRef<'py, PyPaper>),
-    Or(PyRef<'py, PyOr>),
-}
-
-#[pyclass(frozen, name = "Update", module = "crowdfence")]
+/// What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled.
+#[pyclass(frozen, name = "Update", module = "crowdfence", eq)]
+#[derive(PartialEq)]
 pub struct PyUpdate {
-    update: Update,
+    stamp_ns: i64,
+    voxel_ids: Vec<u32>,
+    probability: Vec<f64>,
     observations: Vec<PyObservation>,
 }
 
 impl PyUpdate {
-    fn new(mut update: Update) -> Self {
-        let observations = std::mem::take(&mut update.observations)
-            .into_iter()
-            .map(|observation| PyObservation(Arc::new(observation)))
-            .collect();
-        PyUpdate { update, observations }
+    fn new(update: Update) -> Self {
+        let observations = update.observations.into_iter();
+        PyUpdate {
+            stamp_ns: update.stamp_ns,
+            voxel_ids: update.voxel_ids,
+            probability: update.probability,
+            observations: observations.map(|observation| PyObservation(Arc::new(observation))).collect(),
+        }
     }
 }
 
+type UpdateParts = (i64, Vec<u32>, Vec<f64>, Vec<PyObservation>);
+
 #[pymethods]
 impl PyUpdate {
+    /// The instant, nanoseconds since the Unix epoch.
     #[getter]
     fn stamp_ns(&self) -> i64 {
-        self.update.stamp_ns
+        self.stamp_ns
     }
 
+    /// Voxels seen at this instant by any drone [V] int64, sorted.
     #[getter]
     fn voxel_ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        id_array(py, &self.update.voxel_ids)
+        id_array(py, &self.voxel_ids)
     }
 
+    /// Their probability of crowd after the instant [V] float64.
     #[getter]
     fn probability<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.update.probability.clone().into_pyarray(py)
+        self.probability.clone().into_pyarray(py)
     }
 
+    /// What each view says about the terrain, in the order of the views.
     #[getter]
     fn observations(&self) -> Vec<PyObservation> {
         self.observations.clone()
     }
 
+    /// Makes a pickled update again.
+    #[staticmethod]
+    fn _from_parts(
+        stamp_ns: i64,
+        voxel_ids: Vec<u32>,
+        probability: Vec<f64>,
+        observations: Vec<PyRef<'_, PyObservation>>,
+    ) -> Self {
+        let observations = observations.iter().map(|observation| (*observation).clone()).collect();
+        PyUpdate { stamp_ns, voxel_ids, probability, observations }
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, UpdateParts)> {
+        let update = slf.get();
+        let parts =
+            (update.stamp_ns, update.voxel_ids.clone(), update.probability.clone(), update.observations());
+        Ok((slf.get_type().getattr("_from_parts")?, parts))
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "Update(stamp_ns={}, {} voxels, {} views)",
-            self.update.stamp_ns,
-            self.update.voxel_ids.len(),
+            self.stamp_ns,
+            self.voxel_ids.len(),
             self.observations.len()
         )
     }
 }
 
-/// The lock lets one thread integrate while others read, with the interpreter released.
+/// Probability of crowd per terrain voxel over time.
+///
+/// terrain          what the views are projected onto
+/// method           `Paper` or `Or`
+/// max_range_m      > 0, rays end here
+/// target_height_m  >= 0, height above the ground at which people are marked
+/// coverage         "rays" or "full", see `project`
+/// max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
+///                  is taken for a wrong clock
+///
+/// A voxel keeps its belief as of its last look, so that an update costs what was seen and not the
+/// map. One thread may integrate while others read: a reader sees whole instants. CrowdfenceError for
+/// a parameter out of bounds.
+//
+// The lock lets one thread integrate while others read, with the interpreter released.
 #[pyclass(frozen, name = "CrowdMap", module = "crowdfence")]
 pub struct PyCrowdMap {
     map: RwLock<CrowdMap>,
@@ -200,6 +121,10 @@ impl PyCrowdMap {
         question: impl FnOnce(&CrowdMap) -> crowdfence::Result<T> + Send,
     ) -> PyResult<T> {
         py.detach(|| question(&self.map.read().expect("no writer panics"))).map_err(refuse)
+    }
+
+    fn ids(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
+        checked_ids(&self.terrain.borrow(py).terrain, ids)
     }
 }
 
@@ -217,35 +142,80 @@ impl PyCrowdMap {
         coverage: &str,
         max_gap_s: f64,
     ) -> PyResult<Self> {
-        let method = match method {
-            MethodArgument::Paper(paper) => Method::Paper(paper.0),
-            MethodArgument::Or(or) => Method::Or(or.0),
-        };
         let projection = projection(max_range_m, target_height_m, coverage)?;
-        let map = CrowdMap::new(terrain.borrow(py).terrain.clone(), method, projection, max_gap_s)
-            .map_err(refuse)?;
+        let voxels = terrain.borrow(py).terrain.clone();
+        let map = CrowdMap::new(voxels, method.method(), projection, max_gap_s).map_err(refuse)?;
         Ok(PyCrowdMap { map: RwLock::new(map), terrain })
     }
 
+    /// What the views are projected onto.
     #[getter]
     fn terrain(&self, py: Python<'_>) -> Py<PyTerrain> {
         self.terrain.clone_ref(py)
     }
 
+    /// `Paper` or `Or`, with its parameters.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        match self.read(py, |map| Ok(*map.method()))? {
-            Method::Paper(paper) => Ok(Py::new(py, PyPaper(paper))?.into_any()),
-            Method::Or(or) => Ok(Py::new(py, PyOr(or))?.into_any()),
-        }
+        method_object(py, self.read(py, |map| Ok(map.method()))?)
     }
 
+    /// Rays end here, metres.
     #[getter]
-    fn stamps_ns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        Ok(self.read(py, |map| Ok(map.stamps_ns().to_vec()))?.into_pyarray(py))
+    fn max_range_m(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.projection().max_range_m()))
     }
 
-    fn integrate(&self, py: Python<'_>, views: Vec<PyRef<'_, PyView>>, stamp_ns: i64) -> PyResult<PyUpdate> {
+    /// Height above the ground at which people are marked, metres.
+    #[getter]
+    fn target_height_m(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.projection().target_height_m()))
+    }
+
+    /// "rays" or "full", see `project`.
+    #[getter]
+    fn coverage(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.read(py, |map| Ok(map.projection().coverage().name()))
+    }
+
+    /// Longest time between two instants, and between a view and its instant, seconds.
+    #[getter]
+    fn max_gap_s(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.max_gap_s()))
+    }
+
+    /// Instants integrated so far.
+    #[getter]
+    fn instant_count(&self, py: Python<'_>) -> PyResult<u64> {
+        self.read(py, |map| Ok(map.instant_count()))
+    }
+
+    /// Stamps of the first and of the newest instant, nanoseconds since the Unix epoch; None before
+    /// the first.
+    #[getter]
+    fn span_ns(&self, py: Python<'_>) -> PyResult<Option<(i64, i64)>> {
+        self.read(py, |map| Ok(map.span_ns()))
+    }
+
+    /// Every drone that ever gave a view, by name.
+    #[getter]
+    fn drones(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.read(py, |map| Ok(map.drones().map(str::to_owned).collect()))
+    }
+
+    /// Take in the views of one instant, each drone at most once: project, fuse, store.
+    ///
+    /// stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+    ///
+    /// A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
+    /// leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
+    /// ViewError for a drone that appears twice or makes the fleet larger than `Paper.fleet_size`.
+    fn integrate(
+        &self,
+        py: Python<'_>,
+        views: Vec<PyRef<'_, PyView>>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+    ) -> PyResult<PyUpdate> {
         let views: Vec<View> = views.iter().map(|view| view.0.clone()).collect();
         py.detach(|| {
             let mut map = self.map.write().expect("no writer panics");
@@ -255,45 +225,58 @@ impl PyCrowdMap {
         .map_err(refuse)
     }
 
+    /// The same for views that were projected before, onto this very terrain, here or on another
+    /// machine.
+    ///
+    /// Errors as for `integrate`, and MapFileError for an observation of another terrain.
     fn integrate_observations(
         &self,
         py: Python<'_>,
-        drones: Vec<String>,
         observations: Vec<PyRef<'_, PyObservation>>,
-        stamp_ns: i64,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
     ) -> PyResult<PyUpdate> {
         let observations = observations.iter().map(|observation| (*observation.0).clone()).collect();
         py.detach(|| {
-            let drones: Vec<&str> = drones.iter().map(String::as_str).collect();
             let mut map = self.map.write().expect("no writer panics");
-            map.integrate_observations(&drones, observations, stamp_ns)
+            map.integrate_observations(observations, stamp_ns)
         })
         .map(PyUpdate::new)
         .map_err(refuse)
     }
 
+    /// Probability of crowd per voxel [V] float64, or of the voxels `ids` [N], at a stamp not before
+    /// the newest instant.
+    ///
+    /// A voxel that nobody has seen holds the method's initial value, which is no evidence of absence:
+    /// see `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
     #[pyo3(signature = (stamp_ns, ids=None))]
     fn probability<'py>(
         &self,
         py: Python<'py>,
-        stamp_ns: i64,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         ids: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let probability = match ids {
             None => self.read(py, |map| map.probability(stamp_ns))?,
             Some(ids) => {
-                let ids = checked_ids(&self.terrain.borrow(py).terrain, ids)?;
+                let ids = self.ids(py, ids)?;
                 self.read(py, |map| map.probability_of(&ids, stamp_ns))?
             }
         };
         Ok(probability.into_pyarray(py))
     }
 
+    /// `VoxelState` per voxel [V] uint8: unseen is never the same as empty.
+    ///
+    /// threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+    /// stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
+    ///
+    /// StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]
     fn state<'py>(
         &self,
         py: Python<'py>,
-        stamp_ns: i64,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         threshold: Option<f64>,
         stale_after_s: f64,
     ) -> PyResult<Bound<'py, PyArray1<u8>>> {
@@ -305,31 +288,58 @@ impl PyCrowdMap {
         Ok(codes.into_pyarray(py))
     }
 
+    /// Union of the fields of view so far (equation 4): [V] bool per voxel.
     fn seen<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let seen: Vec<bool> =
             self.read(py, |map| Ok(map.last_seen_ns().map(|stamp| stamp.is_some()).collect()))?;
         Ok(seen.into_pyarray(py))
     }
 
+    /// The same as sorted voxel ids [N] int64. Costs what was seen, not the map.
     fn seen_ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         Ok(id_array(py, &self.read(py, |map| Ok(map.seen_ids()))?))
     }
 
-    fn last_seen_ns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let stamps: Vec<i64> =
-            self.read(py, |map| Ok(map.last_seen_ns().map(|stamp| stamp.unwrap_or(-1)).collect()))?;
+    /// Stamp of the last look per voxel [V] int64, or at the voxels `ids` [N]; -1 = never.
+    ///
+    /// CrowdfenceError for an id that does not exist.
+    #[pyo3(signature = (ids=None))]
+    fn last_seen_ns<'py>(
+        &self,
+        py: Python<'py>,
+        ids: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let stamp = |stamp_ns: Option<i64>| stamp_ns.unwrap_or(-1);
+        let stamps: Vec<i64> = match ids {
+            None => self.read(py, |map| Ok(map.last_seen_ns().map(stamp).collect()))?,
+            Some(ids) => {
+                let ids = self.ids(py, ids)?;
+                self.read(py, |map| Ok(ids.iter().map(|&id| stamp(map.last_seen_ns_of(id))).collect()))?
+            }
+        };
         Ok(stamps.into_pyarray(py))
     }
 
+    /// Drones that have ever seen one of the voxels `ids` [N], by name. A map that was saved by a
+    /// build that did not keep this knows nobody. CrowdfenceError for an id that does not exist.
+    fn seen_by(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+        let ids = self.ids(py, ids)?;
+        self.read(py, |map| Ok(map.seen_by(&ids).into_iter().map(str::to_owned).collect()))
+    }
+
+    /// Probability from which a voxel is called crowd unless the caller says otherwise: the method's.
     fn default_threshold(&self, py: Python<'_>) -> PyResult<f64> {
         self.read(py, |map| Ok(map.method().default_threshold()))
     }
 
+    /// The map as bytes, with a checksum; the terrain is not among them.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.read(py, |map| Ok(map.to_bytes()))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
+    /// The map that `to_bytes` wrote, on its terrain. MapFileError for bytes that are damaged, of
+    /// another kind, of a newer version or of another terrain.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: Cow<'_, [u8]>, terrain: Py<PyTerrain>) -> PyResult<Self> {
         let voxels = terrain.borrow(py).terrain.clone();
@@ -337,26 +347,32 @@ impl PyCrowdMap {
         Ok(PyCrowdMap { map: RwLock::new(map), terrain })
     }
 
-    /// Files are Python's part: `crowdfence.exports.atomic` replaces the file in one step.
+    /// Write the map to a file, in one step: what stood there stays until the new file is whole.
+    /// OSError when it cannot be written.
+    //
+    // Files are Python's part.
     fn save(&self, py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<()> {
-        py.import("crowdfence.exports.atomic")?.call_method1("write_bytes", (path, self.to_bytes(py)?))?;
+        py.import("crowdfence.atomic_file")?.call_method1("write_bytes", (path, self.to_bytes(py)?))?;
         Ok(())
     }
 
+    /// The map that `save` wrote, on its terrain. MapFileError as for `from_bytes`, OSError when the
+    /// file cannot be read.
     #[staticmethod]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>, terrain: Py<PyTerrain>) -> PyResult<Self> {
         let path = py.import("pathlib")?.call_method1("Path", (path,))?;
         let data = path.call_method0("read_bytes")?;
         PyCrowdMap::from_bytes(py, data.extract()?, terrain)
-            .map_err(|error| PyValueError::new_err(format!("{path}: {}", error.value(py))))
+            .map_err(|error| MapFileError::new_err(format!("{path}: {}", error.value(py))))
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         self.read(py, |map| {
             Ok(format!(
-                "CrowdMap({} voxels, {} instants)",
+                "CrowdMap({} voxels, {}, {} instants)",
                 map.terrain().voxel_count(),
-                map.stamps_ns().len()
+                map.method().name(),
+                map.instant_count()
             ))
         })
     }

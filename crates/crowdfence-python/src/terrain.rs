@@ -9,8 +9,19 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::arrays::{Array, points, refuse, rows};
+use crate::arrays::{Array, origin, points, refuse, rows};
+use crate::errors::CrowdfenceError;
 
+/// The known terrain: a sparse voxel surface.
+///
+/// Voxel (i, j, k) is the half-open box from origin + (i, j, k) * voxel_size_m to
+/// origin + (i + 1, j + 1, k + 1) * voxel_size_m, in world metres. Voxel ids are ranks 0 .. voxel_count - 1
+/// in the terrain's tree and index every per-voxel array.
+///
+/// `Terrain.open` reads map files, the `from_` constructors take arrays; all of them raise CrowdfenceError
+/// for a terrain without a voxel, with more than 2^31 of them or more than 2^20 along an axis, for a
+/// voxel_size_m that is not positive, for values that are not finite and for arrays of another shape or
+/// element type. The voxels cannot change. A terrain can be pickled (12 bytes per voxel).
 #[pyclass(frozen, name = "Terrain", module = "crowdfence")]
 pub struct PyTerrain {
     pub terrain: Arc<Terrain>,
@@ -39,15 +50,29 @@ pub fn checked_ids(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u3
         .collect()
 }
 
+fn grid_index(index: &[i64]) -> Option<[i32; 3]> {
+    Some([i32::try_from(index[0]).ok()?, i32::try_from(index[1]).ok()?, i32::try_from(index[2]).ok()?])
+}
+
+fn index_too_large(row: usize, index: &[i64]) -> PyErr {
+    CrowdfenceError::new_err(format!("grid index {row} is {index:?}; each of the three must fit in 32 bits"))
+}
+
+/// What makes the same terrain again: `from_indices`, its arguments, and the georeference to be set.
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray2<i32>>, f64, (f64, f64, f64)), Option<Py<PyAny>>);
+
 #[pymethods]
 impl PyTerrain {
+    /// Occupied cells of a bool array [X, Y, Z] become voxels; cell (0, 0, 0) starts at `origin`.
+    ///
+    /// CrowdfenceError as for the class.
     #[staticmethod]
     #[pyo3(signature = (occupied, voxel_size_m, origin=[0.0; 3]), text_signature = "(occupied, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn from_occupancy(
         py: Python<'_>,
         occupied: &Bound<'_, PyAny>,
         voxel_size_m: f64,
-        origin: [f64; 3],
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let occupied = Array::<bool>::new(occupied, "occupied", &[None, None, None])?;
         let shape = [occupied.shape()[0], occupied.shape()[1], occupied.shape()[2]];
@@ -57,6 +82,15 @@ impl PyTerrain {
             .map_err(refuse)
     }
 
+    /// Closed surface of a height map [X, Y] (first axis east, second north), float32.
+    ///
+    /// height_m      height of each cell's centre, metres above origin z; NaN is a hole
+    /// cell_size_m   cell (i, j) covers origin + [i, i + 1) x [j, j + 1) * cell_size_m
+    /// voxel_size_m  None = cell_size_m
+    /// origin        world coordinates (x, y, z) of the corner of cell (0, 0), metres
+    ///
+    /// A column also fills the step down to its lowest neighbour, so that no ray slips through.
+    /// CrowdfenceError as for the class.
     #[staticmethod]
     #[pyo3(signature = (height_m, cell_size_m, voxel_size_m=None, origin=[0.0; 3]), text_signature = "(height_m, cell_size_m, voxel_size_m=None, origin=(0.0, 0.0, 0.0))")]
     fn from_height_map(
@@ -64,7 +98,7 @@ impl PyTerrain {
         height_m: &Bound<'_, PyAny>,
         cell_size_m: f64,
         voxel_size_m: Option<f64>,
-        origin: [f64; 3],
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let heights = Array::<f32>::new(height_m, "height_m", &[None, None])?;
         let shape = [heights.shape()[0], heights.shape()[1]];
@@ -77,13 +111,16 @@ impl PyTerrain {
         .map_err(refuse)
     }
 
+    /// Every voxel that holds at least one of the points [N, 3] (world metres).
+    ///
+    /// CrowdfenceError as for the class, naming the first point that has no place on the grid.
     #[staticmethod]
     #[pyo3(name = "from_points", signature = (points, voxel_size_m, origin=[0.0; 3]), text_signature = "(points, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn py_from_points(
         py: Python<'_>,
         points: &Bound<'_, PyAny>,
         voxel_size_m: f64,
-        origin: [f64; 3],
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let points = self::points(points, "points")?;
         py.detach(|| Terrain::from_points(&points, voxel_size_m, origin.into()))
@@ -91,6 +128,9 @@ impl PyTerrain {
             .map_err(refuse)
     }
 
+    /// Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
+    ///
+    /// CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
     #[staticmethod]
     #[pyo3(signature = (vertices, triangles, voxel_size_m, origin=[0.0; 3]), text_signature = "(vertices, triangles, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
     fn from_triangles(
@@ -98,7 +138,7 @@ impl PyTerrain {
         vertices: &Bound<'_, PyAny>,
         triangles: &Bound<'_, PyAny>,
         voxel_size_m: f64,
-        origin: [f64; 3],
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let vertices = points(vertices, "vertices")?;
         let flat = Array::<i64>::new(triangles, "triangles", &[None, Some(3)])?.to_vec()?;
@@ -111,56 +151,101 @@ impl PyTerrain {
             .map_err(refuse)
     }
 
+    /// Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
+    ///
+    /// CrowdfenceError as for the class, naming the first index beyond 32 bits.
+    #[staticmethod]
+    #[pyo3(signature = (indices, voxel_size_m, origin=[0.0; 3]), text_signature = "(indices, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
+    fn from_indices(
+        py: Python<'_>,
+        indices: &Bound<'_, PyAny>,
+        voxel_size_m: f64,
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
+    ) -> PyResult<Self> {
+        let flat = Array::<i64>::new(indices, "indices", &[None, Some(3)])?.to_vec()?;
+        let indices = flat
+            .chunks_exact(3)
+            .enumerate()
+            .map(|(row, index)| grid_index(index).ok_or_else(|| index_too_large(row, index)))
+            .collect::<PyResult<Vec<_>>>()?;
+        py.detach(|| Terrain::from_indices(&indices, voxel_size_m, origin.into()))
+            .map(PyTerrain::new)
+            .map_err(refuse)
+    }
+
+    /// Occupied leaves of an OctoMap (the bytes of its .bt or .ot file); pruned leaves are expanded.
+    ///
+    /// `origin` is added to the file's coordinates. MapFileError says what is wrong and at which byte.
     #[staticmethod]
     #[pyo3(signature = (data, *, origin=[0.0; 3]), text_signature = "(data, *, origin=(0.0, 0.0, 0.0))")]
-    fn from_octomap(py: Python<'_>, data: Cow<'_, [u8]>, origin: [f64; 3]) -> PyResult<Self> {
+    fn from_octomap(
+        py: Python<'_>,
+        data: Cow<'_, [u8]>,
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
+    ) -> PyResult<Self> {
         py.detach(|| Terrain::from_octomap(&octomap::read(&data)?, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
 
-    /// Reading files is Python's part: `crowdfence.maps` does it.
+    /// Terrain of a map file: OctoMap .bt .ot, heights .tif .tiff, lidar points .las .laz, mesh .ply .obj.
+    ///
+    /// voxel_size_m   None lets the file decide
+    /// georeference   anchor of the local frame, as a rule that of the recording. A map with a coordinate
+    ///                reference system is brought into its frame; without an anchor it gets one in its middle
+    /// options        of the kind of file, see `crowdfence.maps.open_terrain`
+    ///
+    /// `terrain.georeference` says where the frame lies. MapFileError names the file, what is wrong with it
+    /// and what to do; TypeError for an option that the kind of file does not have.
     #[staticmethod]
-    #[pyo3(signature = (path, **options))]
+    #[pyo3(signature = (path, **options), text_signature = "(path, *, voxel_size_m=None, georeference=None, **options)")]
     fn open<'py>(
         py: Python<'py>,
         path: &Bound<'py, PyAny>,
         options: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        // Reading files is Python's part.
         py.import("crowdfence.maps")?.call_method("open_terrain", (path,), options)
     }
 
+    /// Number of voxels V; their ids are 0 .. V - 1.
     #[getter]
     fn voxel_count(&self) -> usize {
         self.terrain.voxel_count()
     }
 
+    /// Side of a voxel in metres.
     #[getter]
     fn voxel_size_m(&self) -> f64 {
         self.terrain.voxel_size_m()
     }
 
+    /// World coordinates (x, y, z) at which grid index (0, 0, 0) starts.
     #[getter]
     fn origin(&self) -> (f64, f64, f64) {
         self.terrain.origin().into()
     }
 
+    /// [2, 3] float64: lowest and highest corner of the occupied voxels, world metres.
     #[getter]
     fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (low, high) = self.terrain.bounds();
         rows(py, [low.to_array(), high.to_array()].concat(), 3)
     }
 
+    /// Memory of the tree in bytes.
     #[getter]
     fn tree_bytes(&self) -> usize {
         self.terrain.tree_bytes()
     }
 
+    /// Checksum of geometry and voxels; equal terrains have equal fingerprints.
     #[getter]
     fn fingerprint(&self) -> u64 {
         self.terrain.fingerprint()
     }
 
+    /// Where on Earth the local frame lies; None when unknown. Can be set.
     #[getter]
     fn georeference(&self, py: Python<'_>) -> Option<Py<PyAny>> {
         let georeference = self.georeference.read().expect("no writer panics");
@@ -172,6 +257,12 @@ impl PyTerrain {
         *self.georeference.write().expect("no writer panics") = georeference;
     }
 
+    /// First occupied voxel along each ray: (ids [N], -1 = none; distances in metres [N], inf = none).
+    ///
+    /// origins and directions are [N, 3] in the world; directions need not have unit length. The distance is
+    /// to the point where the ray enters the voxel, 0 when it starts inside; farther than `max_range_m` is no
+    /// hit. CrowdfenceError names the first ray that is not finite or has no direction, or the shape that
+    /// does not fit.
     fn raycast<'py>(
         &self,
         py: Python<'py>,
@@ -190,6 +281,9 @@ impl PyTerrain {
         Ok((ids.into_pyarray(py), distances.into_pyarray(py)))
     }
 
+    /// World coordinates [N, 3] of the centres of the voxels `ids` [N].
+    ///
+    /// CrowdfenceError for an id that does not exist.
     fn voxel_centers<'py>(
         &self,
         py: Python<'py>,
@@ -200,6 +294,9 @@ impl PyTerrain {
         rows(py, centers, 3)
     }
 
+    /// Grid indices (i, j, k) [N, 3] of the voxels `ids` [N].
+    ///
+    /// CrowdfenceError for an id that does not exist.
     fn voxel_indices<'py>(
         &self,
         py: Python<'py>,
@@ -211,25 +308,37 @@ impl PyTerrain {
         rows(py, indices, 3)
     }
 
+    /// Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape.
     fn voxel_ids<'py>(
         &self,
         py: Python<'py>,
         indices: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let flat = Array::<i64>::new(indices, "indices", &[None, Some(3)])?.to_vec()?;
-        let id = |index: &[i64]| {
-            let index =
-                [i32::try_from(index[0]).ok()?, i32::try_from(index[1]).ok()?, i32::try_from(index[2]).ok()?];
-            self.terrain.id(index)
-        };
+        let id = |index: &[i64]| self.terrain.id(grid_index(index)?);
         let ids: Vec<i64> = flat.chunks_exact(3).map(|index| id(index).map_or(-1, i64::from)).collect();
         Ok(ids.into_pyarray(py))
     }
 
-    fn with_origin(&self, py: Python<'_>, origin: [f64; 3]) -> PyResult<Self> {
+    /// The same voxels in a frame shifted so that grid index (0, 0, 0) starts at `origin` (x, y, z).
+    ///
+    /// CrowdfenceError for an origin that is not finite.
+    fn with_origin(&self, py: Python<'_>, #[pyo3(from_py_with = origin)] origin: [f64; 3]) -> PyResult<Self> {
         let moved = PyTerrain::new(self.terrain.with_origin(DVec3::from(origin)).map_err(refuse)?);
         moved.set_georeference(self.georeference(py));
         Ok(moved)
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        let (py, terrain) = (slf.py(), &slf.get().terrain);
+        let indices =
+            py.detach(|| (0..terrain.voxel_count()).flat_map(|id| terrain.index(id as u32)).collect());
+        let arguments = (rows(py, indices, 3)?, terrain.voxel_size_m(), slf.get().origin());
+        Ok((slf.get_type().getattr("from_indices")?, arguments, slf.get().georeference(py)))
+    }
+
+    fn __setstate__(&self, georeference: Option<Py<PyAny>>) {
+        self.set_georeference(georeference);
     }
 
     fn __repr__(&self) -> String {
@@ -246,7 +355,10 @@ impl PyTerrain {
     }
 }
 
-/// OctoMap `.bt` bytes of some voxels of a terrain.
+/// OctoMap `.bt` file content: the voxels `ids` [N] of a terrain, occupied.
+///
+/// CrowdfenceError for an id that does not exist, MapFileError for a grid index beyond the format's -32768 to
+/// 32767. The terrain's origin is not part of it.
 #[pyfunction]
 pub fn write_octomap_binary<'py>(
     py: Python<'py>,
@@ -258,7 +370,14 @@ pub fn write_octomap_binary<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// OctoMap ColorOcTree `.ot` bytes of some voxels of a terrain.
+/// OctoMap `.ot` file content (ColorOcTree) of the voxels `ids` [N] of a terrain.
+///
+/// colors       [N, 3] uint8, red green blue
+/// probability  [N] in [0, 1], written as the occupancy
+///
+/// CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
+/// out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
+/// origin is not part of it.
 #[pyfunction]
 pub fn write_octomap_color<'py>(
     py: Python<'py>,

@@ -7,17 +7,32 @@ use pyo3::prelude::*;
 
 use crate::arrays::{Array, refuse, rows};
 use crate::camera::PyCamera;
+use crate::stamps::stamp_ns;
 
+/// What one drone saw at one instant.
+///
+/// drone              its name, the same in all of its views
+/// stamp_ns           when the image was exposed: int, nanoseconds since the Unix epoch
+/// camera             intrinsics of the image
+/// world_from_camera  [4, 4] rigid transform, camera axes -> local ENU metres
+/// heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image
+///
+/// ViewError for a drone without a name, a pose that is not rigid to 1e-4, a heatmap that is empty, holds a
+/// value outside [0, 1] or is no reduction of the image; StampError for a stamp that is no int64;
+/// CrowdfenceError for an array of another shape or element type. A view cannot change; it can be pickled.
 #[pyclass(frozen, name = "View", module = "crowdfence")]
 #[derive(Clone)]
 pub struct PyView(pub View);
+
+/// What makes the same view again.
+type ViewArguments<'py> = (String, i64, PyCamera, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f32>>);
 
 #[pymethods]
 impl PyView {
     #[new]
     fn new(
         drone: String,
-        stamp_ns: i64,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         camera: PyRef<'_, PyCamera>,
         world_from_camera: &Bound<'_, PyAny>,
         heatmap: &Bound<'_, PyAny>,
@@ -27,30 +42,40 @@ impl PyView {
         View::new(drone, stamp_ns, camera.0.clone(), pose, heatmap).map(PyView).map_err(refuse)
     }
 
+    /// Name of the drone.
     #[getter]
     fn drone(&self) -> &str {
         &self.0.drone
     }
 
+    /// When the image was exposed, nanoseconds since the Unix epoch.
     #[getter]
     fn stamp_ns(&self) -> i64 {
         self.0.stamp_ns
     }
 
+    /// Intrinsics of the image.
     #[getter]
     fn camera(&self) -> PyCamera {
         PyCamera(self.0.camera.clone())
     }
 
+    /// Rigid transform [4, 4] float64, camera axes -> local ENU metres.
     #[getter]
     fn world_from_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, self.0.world_from_camera.to_matrix().concat(), 4)
     }
 
+    /// Heatmap [h, w] float32 in [0, 1].
     #[getter]
     fn heatmap<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let values = self.0.heatmap.values().to_vec();
         values.into_pyarray(py).reshape(self.0.heatmap.shape())
+    }
+
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<ViewArguments<'py>> {
+        let name = self.drone().to_owned();
+        Ok((name, self.stamp_ns(), self.camera(), self.world_from_camera(py)?, self.heatmap(py)?))
     }
 
     fn __repr__(&self) -> String {

@@ -1,42 +1,49 @@
-//! The crowd map: probability of crowd per terrain voxel over time. One instant is project, pool, blend.
+//! The crowd map: probability of crowd per terrain voxel over time. One instant is project -> method -> store.
 //!
-//! Decay is lazy: a voxel keeps P~ as of its last look and the number of the instant of that look, so an
-//! update costs what was seen, never the map, and reading at any later stamp is exact.
+//! Decay is lazy: a voxel keeps its belief as of its last look and when that was, so an update costs what was
+//! seen, never the map, and reading at any later stamp is exact.
 
-mod belief;
+mod beliefs;
 mod file;
-mod method;
+mod history;
+mod instants;
+mod pages;
+mod voxel_state;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::back_projection::{Observation, Projection, project};
+use crate::back_projection::{Projection, project};
 use crate::error::{Error, Result, require};
+use crate::method::{FusionMethod, InstantOrder, Method, VoxelLook, each_method};
+use crate::observation::Observation;
+use crate::stamp::{check_stamp, check_unit, seconds_between};
 use crate::terrain::Terrain;
 use crate::view::View;
 
-pub use belief::{Look, VoxelState};
-pub use method::{Decay, Initial, Method, Or, Paper};
+pub use voxel_state::VoxelState;
 
-use belief::BeliefStore;
+use beliefs::Beliefs;
+use history::{History, Look};
+use instants::Instant;
+
+/// A view stamped this close to its instant counts as taken then. One that is older counts at its own stamp: what
+/// it saw is as old as it is.
+pub const SIMULTANEOUS_S: f64 = 1.0;
 
 #[derive(Debug, Clone)]
 pub struct CrowdMap {
     terrain: Arc<Terrain>,
-    method: Method,
     projection: Projection,
     max_gap_s: f64,
-    /// Every drone that has ever given a view.
-    drones: BTreeSet<String>,
-    /// Stamps of the instants so far; beliefs refer to them by number.
-    stamps_ns: Vec<i64>,
-    beliefs: BeliefStore,
+    history: History,
+    beliefs: Beliefs,
 }
 
 /// What one instant changed.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Update {
     pub stamp_ns: i64,
     /// Voxels seen by any drone, sorted, and their probability after the instant.
@@ -56,137 +63,114 @@ impl CrowdMap {
         max_gap_s: f64,
     ) -> Result<CrowdMap> {
         require(max_gap_s > 0.0, "max_gap_s", max_gap_s, "> 0")?;
+        let voxel_count = terrain.voxel_count();
         Ok(CrowdMap {
-            beliefs: BeliefStore::new(terrain.voxel_count()),
             terrain,
-            method,
             projection,
             max_gap_s,
-            drones: BTreeSet::new(),
-            stamps_ns: Vec::new(),
+            history: History::new(voxel_count),
+            beliefs: Beliefs::new(method, voxel_count),
         })
     }
 
-    /// Takes in the views of one instant, each drone at most once: project, pool, blend. An error leaves the
-    /// map as it was.
+    /// Takes in the views of one instant, each drone at most once. An error leaves the map as it was.
     pub fn integrate(&mut self, views: &[View], stamp_ns: i64) -> Result<Update> {
-        self.check_stamp(stamp_ns)?;
-        self.check_view_stamps(views, stamp_ns)?;
-        self.check_drones(views.iter().map(|view| view.drone.as_str()))?;
+        self.check_instant(stamp_ns, views.iter().map(|view| (view.drone.as_str(), view.stamp_ns)))?;
         let observations: Vec<Observation> =
             views.par_iter().map(|view| project(view, &self.terrain, &self.projection)).collect();
-        let drones: Vec<&str> = views.iter().map(|view| view.drone.as_str()).collect();
-        self.integrate_observations(&drones, observations, stamp_ns)
+        self.integrate_observations(observations, stamp_ns)
     }
 
-    /// The same for views that were projected before, onto this terrain: pool, blend. One drone an
-    /// observation.
+    /// The same for views that were projected before, here or on another machine.
     pub fn integrate_observations(
         &mut self,
-        drones: &[&str],
         observations: Vec<Observation>,
         stamp_ns: i64,
     ) -> Result<Update> {
-        self.check_stamp(stamp_ns)?;
-        if drones.len() != observations.len() {
-            return Err(Error::Length { name: "drones", actual: drones.len(), expected: observations.len() });
+        self.check_instant(stamp_ns, observations.iter().map(|seen| (seen.drone(), seen.stamp_ns())))?;
+        for observation in &observations {
+            self.terrain.key().check_same(observation.terrain(), "observation")?;
         }
-        let fleet = self.check_drones(drones.iter().copied())?;
-        for &id in
-            observations.iter().flat_map(|o| o.voxel_ids.last().into_iter().chain(o.occluded_ids.last()))
-        {
-            self.terrain.check_id(i64::from(id))?; // ids are sorted: the last one is the largest
-        }
-
-        let seen = by_voxel(&observations);
-        let probability: Vec<f64> = seen.par_iter().map(|(id, m)| self.fuse(*id, m, stamp_ns)).collect();
-
-        let instant = self.stamps_ns.len() as u32;
-        for ((id, _), &p) in seen.iter().zip(&probability) {
-            self.beliefs.store(*id, p, instant);
-        }
-        for &id in observations.iter().flat_map(|o| &o.occluded_ids) {
-            self.beliefs.mark_occluded(id);
-        }
-        self.drones = fleet;
-        self.stamps_ns.push(stamp_ns);
-        let voxel_ids = seen.into_iter().map(|(id, _)| id).collect();
+        let now = self.instants_of(&observations, stamp_ns);
+        let looks = looks_by_voxel(&observations);
+        self.beliefs.update(&looks, &self.history, &now);
+        let voxel_ids = self.remember(&observations, &looks, &now, stamp_ns);
+        let after = Instant { stamp_ns, number: self.history.instants.integrated - 1 };
+        let probability = voxel_ids.par_iter().map(|&id| self.probability_at(id, after)).collect();
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
-    /// Pool, then blend: the new P~ of a voxel that the drones with mean values `m` see now.
-    fn fuse(&self, id: u32, m: &[f64], stamp_ns: i64) -> f64 {
-        match &self.method {
-            Method::Or(or) => {
-                let before = self.beliefs.belief(id).map_or(0.0, |belief| belief.probability);
-                if m.iter().any(|&m| m > or.b_threshold()) { 1.0 } else { before }
-            }
-            Method::Paper(paper) => {
-                let pooled = paper.pool.pool(m, paper.fleet_size);
-                match (self.beliefs.belief(id), paper.initial_probability()) {
-                    (Some(belief), _) => {
-                        // The instant being integrated is one further than those stored.
-                        let elapsed = self.elapsed(belief.instant, stamp_ns, self.stamps_ns.len());
-                        paper.blend.blend(belief.probability, elapsed, pooled)
-                    }
-                    (None, Some(initial)) => paper.blend.blend(initial, 0.0, pooled),
-                    (None, None) => pooled,
-                }
-            }
-        }
+    /// When each view counts as taken.
+    fn instants_of(&self, observations: &[Observation], stamp_ns: i64) -> Vec<Instant> {
+        let number = self.history.instants.integrated;
+        let taken_ns = |view_ns| {
+            let is_simultaneous = seconds_between(view_ns, stamp_ns) <= SIMULTANEOUS_S;
+            if is_simultaneous { stamp_ns } else { view_ns }
+        };
+        observations.iter().map(|seen| Instant { stamp_ns: taken_ns(seen.stamp_ns()), number }).collect()
     }
 
-    /// Time since `instant` in the unit of the method's decay.
-    fn elapsed(&self, instant: u32, stamp_ns: i64, now: usize) -> f64 {
-        match self.method.decay() {
-            Decay::PerSecond => seconds_between(self.stamps_ns[instant as usize], stamp_ns),
-            Decay::PerFrame => (now - instant as usize) as f64,
+    /// Stores who saw what when, and returns the voxels that were seen.
+    fn remember(
+        &mut self,
+        observations: &[Observation],
+        looks: &[VoxelLook],
+        now: &[Instant],
+        stamp_ns: i64,
+    ) -> Vec<u32> {
+        let slots: BTreeMap<Instant, u32> = BTreeSet::from_iter(now)
+            .into_iter()
+            .map(|&instant| (instant, self.history.instants.open(instant)))
+            .collect();
+        let mut voxel_ids = Vec::with_capacity(looks.len());
+        for looks in looks.chunk_by(|a, b| a.voxel_id == b.voxel_id) {
+            self.history.see(looks[0].voxel_id, slots[&newest(looks, now)]);
+            voxel_ids.push(looks[0].voxel_id);
         }
+        slots.into_values().for_each(|slot| self.history.instants.close(slot));
+        for observation in observations {
+            observation.occluded_ids().iter().for_each(|&id| self.history.hide(id));
+            self.history.add_seen(observation.drone(), observation.voxel_ids());
+        }
+        self.history.instants.integrated += 1;
+        let (first_ns, newest_ns) = self.history.instants.span_ns.unwrap_or((stamp_ns, stamp_ns));
+        self.history.instants.span_ns = Some((first_ns.min(stamp_ns), newest_ns.max(stamp_ns)));
+        voxel_ids
     }
 
-    /// P~ of every voxel at a stamp not before the last instant. A voxel that nobody has seen holds the
-    /// method's initial value, which says nothing about the place: see [`CrowdMap::state`].
+    /// Probability of crowd of every voxel at a stamp not before the last instant. A voxel that nobody has seen
+    /// holds the method's initial value, which says nothing about the place: see [`CrowdMap::state`].
     pub fn probability(&self, stamp_ns: i64) -> Result<Vec<f64>> {
-        self.check_read(stamp_ns)?;
-        Ok((0..self.terrain.voxel_count() as u32)
-            .into_par_iter()
-            .map(|id| self.probability_now(id, stamp_ns))
-            .collect())
+        let now = self.reading(stamp_ns)?;
+        let ids = (0..self.terrain.voxel_count() as u32).into_par_iter();
+        Ok(ids.map(|id| self.probability_at(id, now)).collect())
     }
 
     /// The same for some voxels.
     pub fn probability_of(&self, ids: &[u32], stamp_ns: i64) -> Result<Vec<f64>> {
-        self.check_read(stamp_ns)?;
-        Ok(ids.par_iter().map(|&id| self.probability_now(id, stamp_ns)).collect())
+        let now = self.reading(stamp_ns)?;
+        Ok(ids.par_iter().map(|&id| self.probability_at(id, now)).collect())
     }
 
-    fn probability_now(&self, id: u32, stamp_ns: i64) -> f64 {
-        match (self.beliefs.belief(id), &self.method) {
-            (None, method) => method.unseen_probability(),
-            (Some(belief), Method::Or(_)) => belief.probability,
-            (Some(belief), Method::Paper(paper)) => {
-                let last = self.stamps_ns.len() - 1;
-                paper.blend.fade(belief.probability, self.elapsed(belief.instant, stamp_ns, last))
-            }
-        }
+    fn probability_at(&self, id: u32, now: Instant) -> f64 {
+        self.beliefs.probability(id, self.history.elapsed(id, now))
     }
 
-    /// What is known about every voxel: crowd is P~ >= `threshold`, and what is not crowd is stale once its
-    /// last look is more than `stale_after_s` old.
+    /// What is known about every voxel: crowd is P >= `threshold`, and what is not crowd is stale once its last
+    /// look is more than `stale_after_s` old.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
-        self.check_read(stamp_ns)?;
+        let now = self.reading(stamp_ns)?;
         require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")?;
         require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
-        let state = |id: u32| match self.beliefs.look(id) {
+        let state = |id: u32| match self.history.look(id) {
             Look::Never => VoxelState::NeverSeen,
             Look::Occluded => VoxelState::Occluded,
-            Look::At(_) if self.probability_now(id, stamp_ns) >= threshold => VoxelState::Crowd,
-            Look::At(instant)
-                if seconds_between(self.stamps_ns[instant as usize], stamp_ns) > stale_after_s =>
-            {
-                VoxelState::Stale
+            Look::At(_) if self.probability_at(id, now) >= threshold => VoxelState::Crowd,
+            Look::At(slot) => {
+                let last_ns = self.history.instants.at(slot).stamp_ns;
+                let is_stale = seconds_between(last_ns, stamp_ns) > stale_after_s;
+                if is_stale { VoxelState::Stale } else { VoxelState::Empty }
             }
-            Look::At(_) => VoxelState::Empty,
         };
         Ok((0..self.terrain.voxel_count() as u32).into_par_iter().map(state).collect())
     }
@@ -194,23 +178,35 @@ impl CrowdMap {
     /// Voxels that somebody has seen, sorted: the union of the fields of view so far (equation 4). Costs what
     /// was seen, not the map.
     pub fn seen_ids(&self) -> Vec<u32> {
-        self.beliefs.seen_ids()
+        self.history.seen_ids()
     }
 
     /// Stamp of the last look at every voxel, None = never.
     pub fn last_seen_ns(&self) -> impl Iterator<Item = Option<i64>> + '_ {
-        (0..self.terrain.voxel_count() as u32).map(|id| match self.beliefs.look(id) {
-            Look::At(instant) => Some(self.stamps_ns[instant as usize]),
-            Look::Never | Look::Occluded => None,
-        })
+        (0..self.terrain.voxel_count() as u32).map(|id| self.last_seen_ns_of(id))
+    }
+
+    /// The same for one voxel.
+    pub fn last_seen_ns_of(&self, id: u32) -> Option<i64> {
+        self.history.last_look(id).map(|look| look.stamp_ns)
+    }
+
+    /// Drones that have ever seen one of the voxels, by name.
+    pub fn seen_by(&self, ids: &[u32]) -> Vec<&str> {
+        self.history.seen_by(ids)
+    }
+
+    /// Every drone that ever gave a view, by name.
+    pub fn drones(&self) -> impl Iterator<Item = &str> {
+        self.history.drones()
     }
 
     pub fn terrain(&self) -> &Arc<Terrain> {
         &self.terrain
     }
 
-    pub fn method(&self) -> &Method {
-        &self.method
+    pub fn method(&self) -> Method {
+        self.beliefs.method()
     }
 
     pub fn projection(&self) -> &Projection {
@@ -221,79 +217,107 @@ impl CrowdMap {
         self.max_gap_s
     }
 
-    pub fn stamps_ns(&self) -> &[i64] {
-        &self.stamps_ns
+    /// Instants integrated so far.
+    pub fn instant_count(&self) -> u64 {
+        self.history.instants.integrated
     }
 
-    fn check_stamp(&self, stamp_ns: i64) -> Result<()> {
-        let Some(&last_ns) = self.stamps_ns.last() else {
+    /// Stamps of the first and of the newest instant.
+    pub fn span_ns(&self) -> Option<(i64, i64)> {
+        self.history.instants.span_ns
+    }
+
+    /// Refuses an instant that cannot be integrated now; each drone comes with the stamp of its view.
+    fn check_instant<'a>(
+        &self,
+        stamp_ns: i64,
+        views: impl Iterator<Item = (&'a str, i64)> + Clone,
+    ) -> Result<()> {
+        self.check_order(stamp_ns)?;
+        for (drone, view_ns) in views.clone() {
+            let late_s = seconds_between(view_ns, stamp_ns);
+            if late_s > self.max_gap_s || late_s < -SIMULTANEOUS_S {
+                let bound_s = if late_s > 0.0 { self.max_gap_s } else { SIMULTANEOUS_S };
+                return Err(Error::ViewStamp { drone: drone.to_owned(), offset_s: -late_s, bound_s });
+            }
+        }
+        self.check_drones(views.map(|(drone, _)| drone))
+    }
+
+    fn check_order(&self, stamp_ns: i64) -> Result<()> {
+        check_stamp(stamp_ns)?;
+        let Some(last_ns) = self.history.instants.newest_ns() else {
             return Ok(());
         };
-        if stamp_ns <= last_ns {
+        let order = each_method!(&self.beliefs, Beliefs, beliefs => order_of(&beliefs.method));
+        if order == InstantOrder::ByTime && stamp_ns <= last_ns {
             return Err(Error::StampNotAfter { stamp_ns, last_ns });
         }
+        check_unit(last_ns, stamp_ns)?;
         let gap_s = seconds_between(last_ns, stamp_ns);
-        if gap_s > self.max_gap_s {
+        if gap_s.abs() > self.max_gap_s {
             return Err(Error::StampJump { stamp_ns, gap_s, bound_s: self.max_gap_s });
         }
         Ok(())
     }
 
-    fn check_read(&self, stamp_ns: i64) -> Result<()> {
-        match self.stamps_ns.last() {
-            Some(&last_ns) if stamp_ns < last_ns => Err(Error::ReadInPast { stamp_ns, last_ns }),
-            _ => Ok(()),
+    /// Each drone at most once, and no more of them over time than the method allows.
+    fn check_drones<'a>(&self, here: impl Iterator<Item = &'a str> + Clone) -> Result<()> {
+        let mut seen_here = BTreeSet::new();
+        for drone in here.clone() {
+            if !seen_here.insert(drone) {
+                return Err(Error::DuplicateDrone { drone: drone.to_owned() });
+            }
         }
-    }
-
-    fn check_view_stamps(&self, views: &[View], stamp_ns: i64) -> Result<()> {
-        for view in views {
-            let offset_s = seconds_between(stamp_ns, view.stamp_ns);
-            if offset_s.abs() > self.max_gap_s {
-                let (drone, bound_s) = (view.drone.clone(), self.max_gap_s);
-                return Err(Error::ViewStamp { drone, offset_s, bound_s });
+        let Some(fleet_size) = self.method().max_drones() else {
+            return Ok(());
+        };
+        let newcomers = here.filter(|drone| !self.history.knows(drone));
+        for (drone, count) in newcomers.zip(self.history.drones().count() + 1..) {
+            if count > fleet_size {
+                return Err(Error::FleetTooLarge { drone: drone.to_owned(), count, fleet_size });
             }
         }
         Ok(())
     }
 
-    /// The drones known after an instant with these.
-    fn check_drones<'a>(&self, here: impl Iterator<Item = &'a str>) -> Result<BTreeSet<String>> {
-        let mut fleet = self.drones.clone();
-        let mut seen_here = BTreeSet::new();
-        for drone in here {
-            if !seen_here.insert(drone) {
-                return Err(Error::DuplicateDrone { drone: drone.to_owned() });
-            }
-            fleet.insert(drone.to_owned());
-            if fleet.len() > self.method.fleet_size() {
-                return Err(Error::FleetTooLarge {
-                    drone: drone.to_owned(),
-                    count: fleet.len(),
-                    fleet_size: self.method.fleet_size(),
-                });
-            }
+    /// The moment at which the map is read.
+    fn reading(&self, stamp_ns: i64) -> Result<Instant> {
+        check_stamp(stamp_ns)?;
+        match self.history.instants.newest_ns() {
+            Some(last_ns) if stamp_ns < last_ns => Err(Error::ReadInPast { stamp_ns, last_ns }),
+            _ => Ok(Instant { stamp_ns, number: self.history.instants.integrated.saturating_sub(1) }),
         }
-        Ok(fleet)
     }
 }
 
-fn seconds_between(from_ns: i64, to_ns: i64) -> f64 {
-    to_ns.saturating_sub(from_ns) as f64 / 1e9
+fn order_of<M: FusionMethod>(_: &M) -> InstantOrder {
+    M::ORDER
 }
 
-/// Voxels that any view sees, sorted by id, each with the values m of the views that see it, in view order.
-fn by_voxel(observations: &[Observation]) -> Vec<(u32, Vec<f64>)> {
-    let mut looks: Vec<(u32, usize, f64)> = observations
-        .iter()
-        .enumerate()
-        .flat_map(|(view, o)| o.voxel_ids.iter().zip(&o.mean).map(move |(&id, &m)| (id, view, m)))
-        .collect();
-    looks.par_sort_unstable_by_key(|&(id, view, _)| (id, view));
+/// When a voxel was seen by the newest of the views that see it.
+fn newest(looks: &[VoxelLook], now: &[Instant]) -> Instant {
+    looks.iter().map(|look| now[look.view as usize]).max().expect("a voxel that was seen has looks")
+}
+
+/// What the views say about each voxel, sorted by voxel and then in the order of the views.
+fn looks_by_voxel(observations: &[Observation]) -> Vec<VoxelLook> {
+    let count = observations.iter().map(|seen| seen.voxel_ids().len()).sum();
+    let mut looks = Vec::with_capacity(count);
+    for (view, observation) in observations.iter().enumerate() {
+        let seen = observation.seen();
+        looks.extend((0..seen.ids.len()).map(|row| VoxelLook {
+            voxel_id: seen.ids[row],
+            view: view as u32,
+            mean: seen.mean[row],
+            pixel_count: seen.pixel_count[row],
+            range_m: seen.range_m[row],
+            tilt_deg: seen.tilt_deg[row],
+        }));
+    }
+    // Every observation is sorted already: a stable sort merges them and keeps the order of the views.
+    looks.sort_by_key(|look| look.voxel_id);
     looks
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|group| (group[0].0, group.iter().map(|&(_, _, m)| m).collect()))
-        .collect()
 }
 
 #[cfg(test)]

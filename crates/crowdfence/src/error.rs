@@ -58,10 +58,31 @@ pub enum Error {
     Height { column: usize, row: usize, value: f32 },
     #[error("voxel id {id} does not exist; the terrain has ids 0 to {last}")]
     VoxelId { id: i64, last: usize },
+    #[error("{what} belongs to another terrain (fingerprint {found:016x}, this terrain has {expected:016x})")]
+    OtherTerrain { what: &'static str, found: u64, expected: u64 },
     #[error("ray {index}: {what}")]
     Ray { index: usize, what: &'static str },
 
-    // --- crowd map
+    // --- observations
+    #[error("{name} must be sorted and unique: {id} follows {before} at position {at}")]
+    IdsNotSorted { name: &'static str, at: usize, id: u32, before: u32 },
+    #[error("voxel {id} is both seen and occluded in one view")]
+    SeenAndOccluded { id: u32 },
+
+    // --- method
+    #[error(
+        "true_positive is {} and false_positive {}; a detector must call crowd more often where there is one. Are they swapped?",
+        short(*true_positive), short(*false_positive)
+    )]
+    UselessRates { true_positive: f64, false_positive: f64 },
+
+    // --- stamps
+    #[error("stamp {stamp_ns} ns is negative; stamps are nanoseconds since the Unix epoch")]
+    NegativeStamp { stamp_ns: i64 },
+    #[error(
+        "stamps {before_ns} and {stamp_ns} look like {unit}: as nanoseconds they are {apart_ns} ns apart, soon after 1970. Stamps are nanoseconds since the Unix epoch"
+    )]
+    StampUnit { before_ns: i64, stamp_ns: i64, apart_ns: u64, unit: &'static str },
     #[error(
         "stamp {stamp_ns} ns is not after the last instant, {last_ns} ns; instants must be integrated in order of time"
     )]
@@ -75,23 +96,77 @@ pub enum Error {
     )]
     StampJump { stamp_ns: i64, gap_s: f64, bound_s: f64 },
     #[error(
-        "view of drone '{drone}' is stamped {offset_s} s away from its instant; the bound max_gap_s is {bound_s} s. Is a clock wrong?"
+        "view of drone '{drone}' is stamped {offset_s} s away from its instant; the bound is {bound_s} s. Is a clock wrong?"
     )]
     ViewStamp { drone: String, offset_s: f64, bound_s: f64 },
+
+    // --- instants
     #[error("drone '{drone}' appears twice in one instant; each drone gives at most one view")]
     DuplicateDrone { drone: String },
     #[error("drone '{drone}' makes the fleet {count} drones large; fleet_size is {fleet_size}")]
     FleetTooLarge { drone: String, count: usize, fleet_size: usize },
-    #[error("not a crowd map: {what}")]
-    NotACrowdMap { what: &'static str },
-    #[error("crowd map has format version {version}; this build reads version {supported}")]
-    CrowdMapVersion { version: u32, supported: u32 },
-    #[error("crowd map is damaged at byte {offset}: {what}")]
-    DamagedCrowdMap { offset: usize, what: &'static str },
-    #[error(
-        "crowd map belongs to another terrain (fingerprint {found:016x}, this terrain has {expected:016x})"
-    )]
-    OtherTerrain { found: u64, expected: u64 },
+
+    // --- crowd maps and observations as bytes
+    #[error("not {}: {why}", with_article(name))]
+    NotOfKind { name: &'static str, why: String },
+    #[error("{name} has format version {version}; this build reads version {}", versions(*supported))]
+    FormatVersion { name: &'static str, version: u32, supported: u32 },
+    #[error("{name} is damaged at byte {offset}: {what}")]
+    Damaged { name: &'static str, offset: usize, what: &'static str },
+}
+
+/// What a refused input was: bindings have one exception for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A camera, heatmap or pose, or the drone that they are of.
+    View,
+    /// A stamp: out of order, in the past, or too far from the others.
+    Stamp,
+    /// The bytes of an OctoMap or a crowd map, or the terrain that a crowd map belongs to.
+    MapFile,
+    /// Any other value: a parameter, the content of an array, a terrain.
+    Other,
+}
+
+impl Error {
+    /// Without a wildcard, so that a new variant has to choose.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Error::Camera(_)
+            | Error::UnnamedDrone
+            | Error::EmptyHeatmap { .. }
+            | Error::HeatmapValue { .. }
+            | Error::HeatmapShape { .. }
+            | Error::PoseNotFinite { .. }
+            | Error::PoseNotRigid { .. }
+            | Error::DuplicateDrone { .. }
+            | Error::FleetTooLarge { .. } => ErrorKind::View,
+            Error::NegativeStamp { .. }
+            | Error::StampUnit { .. }
+            | Error::StampNotAfter { .. }
+            | Error::ReadInPast { .. }
+            | Error::StampJump { .. }
+            | Error::ViewStamp { .. } => ErrorKind::Stamp,
+            Error::Octomap(_)
+            | Error::NotOfKind { .. }
+            | Error::FormatVersion { .. }
+            | Error::Damaged { .. }
+            | Error::OtherTerrain { .. } => ErrorKind::MapFile,
+            Error::Triangles(_)
+            | Error::OutOfRange { .. }
+            | Error::Length { .. }
+            | Error::EmptyTerrain
+            | Error::TerrainExtent { .. }
+            | Error::TooManyVoxels { .. }
+            | Error::PointOffGrid { .. }
+            | Error::Height { .. }
+            | Error::VoxelId { .. }
+            | Error::IdsNotSorted { .. }
+            | Error::SeenAndOccluded { .. }
+            | Error::UselessRates { .. }
+            | Error::Ray { .. } => ErrorKind::Other,
+        }
+    }
 }
 
 /// Refuses a value that does not satisfy its bound (NaN satisfies none).
@@ -106,6 +181,15 @@ fn short(value: f64) -> String {
         size if size.is_finite() => format!("{value:e}"),
         _ => value.to_string(), // NaN, inf
     }
+}
+
+fn with_article(name: &str) -> String {
+    let article = if name.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
+    format!("{article} {name}")
+}
+
+fn versions(newest: u32) -> String {
+    if newest == 1 { "1".into() } else { format!("1 to {newest}") }
 }
 
 #[cfg(test)]

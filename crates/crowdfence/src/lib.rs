@@ -1,8 +1,8 @@
 //! Multiview Bayesian fusion of human crowd detections onto known 3D terrain.
 //!
-//! The method in one line: [`project`] every view onto the [`Terrain`], pool the views of one instant
-//! ([`OpinionPool`], equations 1-2), blend over time ([`TemporalBlend`], equation 3); [`CrowdMap`] does
-//! the three in that order. Everything is arithmetic: no files, no network, no clock.
+//! In one line: [`project`] every view onto the [`Terrain`], let a [`Method`] fuse what the views of one instant
+//! say ([`Paper`]: [`OpinionPool`], equations 1-2, then [`TemporalBlend`], equation 3), store it; [`CrowdMap`]
+//! does the three in that order. Everything is arithmetic: no files, no network, no clock.
 //!
 //! World coordinates are local east-north-up metres, cameras have OpenCV axes (x right, y down, z forward)
 //! and stamps are nanoseconds since the Unix epoch.
@@ -12,18 +12,24 @@ pub mod back_projection;
 pub mod camera;
 pub mod crowd_map;
 pub mod error;
+pub mod method;
+pub mod observation;
 pub mod opinion_pool;
 mod raycast;
+mod sealed;
+mod stamp;
 pub mod temporal_blend;
 pub mod terrain;
 pub mod view;
 
-pub use back_projection::{Coverage, Observation, Projection, project};
+pub use back_projection::{Coverage, Projection, project};
 pub use camera::{Camera, Distortion};
-pub use crowd_map::{CrowdMap, Method, Or, Paper, Update, VoxelState};
+pub use crowd_map::{CrowdMap, Update, VoxelState};
 pub use error::{Error, Result};
+pub use method::{Method, Or, Paper};
+pub use observation::{Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;
 pub use temporal_blend::TemporalBlend;
-pub use terrain::Terrain;
+pub use terrain::{Terrain, TerrainKey};
 pub use view::{Heatmap, View};

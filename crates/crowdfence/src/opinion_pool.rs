@@ -6,7 +6,8 @@
 
 use crate::error::{Error, Result, require};
 
-/// Detector rates, both strictly between 0 and 1: a rate of 0 or 1 would let one look settle a voxel forever.
+/// Detector rates, both strictly between 0 and 1: a rate of 0 or 1 would let one look settle a voxel forever. The
+/// true positive rate is the larger one: otherwise a look that shows a crowd would speak against it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
     true_positive: f64,
@@ -18,6 +19,9 @@ impl Rates {
     pub fn new(true_positive: f64, false_positive: f64) -> Result<Rates> {
         for (name, rate) in [("true_positive", true_positive), ("false_positive", false_positive)] {
             require(rate > 0.0 && rate < 1.0, name, rate, "strictly between 0 and 1")?;
+        }
+        if true_positive <= false_positive {
+            return Err(Error::UselessRates { true_positive, false_positive });
         }
         Ok(Rates { true_positive, false_positive })
     }
@@ -38,6 +42,15 @@ pub enum Unseen {
     Fleet,
     /// Nothing: it is left out and N counts the drones that see the voxel.
     Visible,
+}
+
+impl Unseen {
+    pub fn name(self) -> &'static str {
+        match self {
+            Unseen::Fleet => "fleet",
+            Unseen::Visible => "visible",
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,20 +112,25 @@ impl OpinionPool {
         crowd / (crowd + given_none * (1.0 - self.prior))
     }
 
-    /// Pooled probability of one voxel. `m` holds the mean heatmap value of each drone that sees it, at most
+    /// Pooled probability of one voxel. `m` gives the mean heatmap value of each drone that sees it, at most
     /// `fleet_size` of them. A voxel that nobody sees gives the prior under [`Unseen::Visible`].
-    pub fn pool(&self, m: &[f64], fleet_size: usize) -> f64 {
+    pub fn pool<M>(&self, m: M, fleet_size: usize) -> f64
+    where
+        M: IntoIterator<Item = f64, IntoIter: ExactSizeIterator>,
+    {
+        let m = m.into_iter();
+        let seeing = m.len();
         let n = match self.unseen {
             Unseen::Fleet => fleet_size,
-            Unseen::Visible => m.len(),
+            Unseen::Visible => seeing,
         };
         if n == 0 {
             return self.prior;
         }
         let (positive, negative) = (self.post_positive(), self.post_negative());
         let weight = |m: f64| (m - 0.5).abs() / (0.5 * n as f64); // equation 2
-        let blind = (n - m.len()) as f64 * weight(0.0);
-        let (probability, weights) = m.iter().fold((blind * negative, blind), |(p, w), &m| {
+        let blind = (n - seeing) as f64 * weight(0.0);
+        let (probability, weights) = m.fold((blind * negative, blind), |(p, w), m| {
             let given_b = if m > self.b_threshold { positive } else { negative };
             (p + weight(m) * given_b, w + weight(m)) // equation 1
         });
@@ -141,7 +159,7 @@ impl OpinionPool {
                     require((0.0..=1.0).contains(&m[at]), "m", m[at], "inside [0, 1]")?;
                     views.push(m[at]);
                 }
-                Ok((self.pool(&views, drones), !views.is_empty()))
+                Ok((self.pool(views.iter().copied(), drones), !views.is_empty()))
             })
             .collect()
     }
@@ -174,40 +192,40 @@ mod tests {
     #[test]
     fn one_drone_alone() {
         let alone = pool(Unseen::Fleet, false);
-        assert_close(alone.pool(&[1.0], 1), POSITIVE);
-        assert_close(alone.pool(&[0.0], 1), NEGATIVE);
-        assert_close(alone.pool(&[0.9], 1), 0.8 * POSITIVE);
-        assert_close(alone.pool(&[0.2], 1), 0.6 * NEGATIVE);
+        assert_close(alone.pool([1.0], 1), POSITIVE);
+        assert_close(alone.pool([0.0], 1), NEGATIVE);
+        assert_close(alone.pool([0.9], 1), 0.8 * POSITIVE);
+        assert_close(alone.pool([0.2], 1), 0.6 * NEGATIVE);
     }
 
     #[test]
     fn complete_uncertainty_gives_zero_as_printed() {
-        assert_close(pool(Unseen::Fleet, false).pool(&[0.5, 0.5], 2), 0.0);
-        assert_close(pool(Unseen::Visible, true).pool(&[0.5, 0.5], 2), 0.2);
+        assert_close(pool(Unseen::Fleet, false).pool([0.5, 0.5], 2), 0.0);
+        assert_close(pool(Unseen::Visible, true).pool([0.5, 0.5], 2), 0.2);
     }
 
     #[test]
     fn a_drone_that_does_not_see_votes_no_crowd_with_full_weight() {
         // One of three sees m = .95: weights .3, 1/3, 1/3.
         let expected = 0.3 * POSITIVE + 2.0 / 3.0 * NEGATIVE;
-        assert_close(pool(Unseen::Fleet, false).pool(&[0.95], 3), expected);
-        assert_close(pool(Unseen::Visible, false).pool(&[0.95], 3), 0.9 * POSITIVE);
-        assert_close(pool(Unseen::Fleet, true).pool(&[0.95], 3), expected / (0.3 + 2.0 / 3.0));
-        assert_close(pool(Unseen::Visible, true).pool(&[0.95], 3), POSITIVE);
+        assert_close(pool(Unseen::Fleet, false).pool([0.95], 3), expected);
+        assert_close(pool(Unseen::Visible, false).pool([0.95], 3), 0.9 * POSITIVE);
+        assert_close(pool(Unseen::Fleet, true).pool([0.95], 3), expected / (0.3 + 2.0 / 3.0));
+        assert_close(pool(Unseen::Visible, true).pool([0.95], 3), POSITIVE);
     }
 
     #[test]
     fn nobody_sees_the_voxel() {
-        assert_close(pool(Unseen::Fleet, false).pool(&[], 3), NEGATIVE);
-        assert_close(pool(Unseen::Visible, false).pool(&[], 3), 0.2);
+        assert_close(pool(Unseen::Fleet, false).pool([], 3), NEGATIVE);
+        assert_close(pool(Unseen::Visible, false).pool([], 3), 0.2);
     }
 
     #[test]
     fn the_threshold_itself_is_not_crowd() {
         let strict =
             OpinionPool::new(Rates::new(0.9, 0.05).unwrap(), 0.2, 0.7, Unseen::Fleet, false).unwrap();
-        assert_close(strict.pool(&[0.7], 1), 0.4 * NEGATIVE);
-        assert_close(strict.pool(&[0.7f64.next_up()], 1), 0.4 * POSITIVE);
+        assert_close(strict.pool([0.7], 1), 0.4 * NEGATIVE);
+        assert_close(strict.pool([0.7f64.next_up()], 1), 0.4 * POSITIVE);
     }
 
     #[test]
@@ -221,6 +239,14 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_detector_that_knows_nothing_is_refused() {
+        for (true_positive, false_positive) in [(0.02, 0.9), (0.5, 0.5)] {
+            let message = Rates::new(true_positive, false_positive).unwrap_err().to_string();
+            assert!(message.contains("must call crowd more often where there is one"), "{message}");
+        }
+    }
+
     proptest! {
         #[test]
         fn stays_a_probability_and_ignores_the_order_of_drones(
@@ -230,10 +256,10 @@ mod tests {
             normalise in any::<bool>(),
         ) {
             let pool = pool(if fleet { Unseen::Fleet } else { Unseen::Visible }, normalise);
-            let p = pool.pool(&m, m.len() + extra);
+            let p = pool.pool(m.iter().copied(), m.len() + extra);
             prop_assert!((0.0..=1.0).contains(&p));
             let reversed: Vec<f64> = m.iter().rev().copied().collect();
-            prop_assert!((p - pool.pool(&reversed, m.len() + extra)).abs() < 1e-12);
+            prop_assert!((p - pool.pool(reversed, m.len() + extra)).abs() < 1e-12);
         }
     }
 }

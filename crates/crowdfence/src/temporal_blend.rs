@@ -14,10 +14,10 @@ pub struct TemporalBlend {
 
 impl TemporalBlend {
     /// `alpha` in (0, 1]: weight of the newest instant, 1 = the paper's Policy 1. `decay` >= 0: lambda, per
-    /// unit of the elapsed time passed to `blend`.
+    /// unit of the elapsed time that `blend` and `fade` are given.
     pub fn new(alpha: f64, decay: f64) -> Result<TemporalBlend> {
         require(alpha > 0.0 && alpha <= 1.0, "alpha", alpha, "in (0, 1]")?;
-        require(decay.is_finite() && decay >= 0.0, "decay_per_s", decay, "finite and >= 0")?;
+        require(decay.is_finite() && decay >= 0.0, "decay", decay, "finite and >= 0")?;
         Ok(TemporalBlend { alpha, decay })
     }
 
@@ -121,8 +121,8 @@ mod tests {
         for (alpha, decay, words) in [
             (0.0, 0.0, "alpha is 0; it must be in (0, 1]"),
             (1.1, 0.0, "alpha is 1.1"),
-            (0.1, -1.0, "decay_per_s is -1; it must be finite and >= 0"),
-            (0.1, f64::NAN, "decay_per_s is NaN"),
+            (0.1, -1.0, "decay is -1; it must be finite and >= 0"),
+            (0.1, f64::NAN, "decay is NaN"),
         ] {
             let message = TemporalBlend::new(alpha, decay).unwrap_err().to_string();
             assert!(message.contains(words), "{message}");

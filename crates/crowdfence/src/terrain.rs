@@ -3,6 +3,7 @@
 //! the tree and index every per-voxel array.
 
 pub mod height_map;
+mod key;
 pub mod octomap;
 pub(crate) mod tree;
 pub mod triangles;
@@ -11,6 +12,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
+pub use key::TerrainKey;
+
 use height_map::HeightMap;
 use octomap::Octomap;
 use tree::{MAX_EXTENT, Tree};
@@ -169,13 +172,18 @@ impl Terrain {
         self.origin + (index + 0.5) * self.voxel_size_m
     }
 
+    /// Centres of some voxels.
+    pub fn centers(&self, ids: &[u32]) -> impl Iterator<Item = DVec3> {
+        ids.iter().map(|&id| self.center(id))
+    }
+
     /// Checks an id that came from outside.
     pub fn check_id(&self, id: i64) -> Result<u32> {
-        if (0..self.voxel_count() as i64).contains(&id) {
-            Ok(id as u32)
-        } else {
-            Err(Error::VoxelId { id, last: self.voxel_count() - 1 })
-        }
+        self.key().check_id(id)
+    }
+
+    pub fn key(&self) -> TerrainKey {
+        TerrainKey { fingerprint: self.fingerprint(), voxel_count: self.voxel_count() }
     }
 
     /// Checksum of geometry and voxels: files that index voxels by id keep it to recognise their terrain.

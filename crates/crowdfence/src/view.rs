@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::stamp::check_stamp;
 
 /// Largest deviation of R^T R from the identity, of det R from 1 and of the last row from (0, 0, 0, 1).
 /// Quaternions written with four decimals pass, a scaled or sheared matrix does not.
@@ -32,6 +33,7 @@ impl View {
         if drone.is_empty() {
             return Err(Error::UnnamedDrone);
         }
+        check_stamp(stamp_ns)?;
         heatmap.check_covers(&camera)?;
         Ok(View { drone, stamp_ns, camera, world_from_camera, heatmap })
     }

@@ -5,7 +5,7 @@ mod damage;
 
 use std::sync::{Arc, LazyLock};
 
-use crowdfence::crowd_map::{Decay, Initial};
+use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::view::Pose;
 use crowdfence::{
     Camera, Coverage, CrowdMap, Distortion, Error, Heatmap, Method, Or, Paper, Projection, Rates,
@@ -32,6 +32,10 @@ static TERRAIN: LazyLock<Arc<Terrain>> = LazyLock::new(|| {
     Arc::new(Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap())
 });
 
+/// That of the files in `reference/`.
+static VERSION_1_TERRAIN: LazyLock<Arc<Terrain>> =
+    LazyLock::new(|| Arc::new(Terrain::from_indices(&[[0, 0, 0], [50, 0, 0]], 1.0, DVec3::ZERO).unwrap()));
+
 fn read(data: &[u8]) -> Result<CrowdMap, Error> {
     CrowdMap::from_bytes(data, TERRAIN.clone())
 }
@@ -45,7 +49,7 @@ fn check(data: &[u8]) {
 
 fn check_error(error: &Error, length: usize) {
     assert!(error.to_string().len() < 300, "{error}");
-    if let Error::DamagedCrowdMap { offset, .. } = error {
+    if let Error::Damaged { offset, .. } = error {
         assert!(*offset <= length, "{error} in {length} bytes");
     }
 }
@@ -54,7 +58,7 @@ fn check_error(error: &Error, length: usize) {
 fn check_map(mut map: CrowdMap) {
     let bytes = map.to_bytes();
     assert_eq!(read(&bytes).unwrap().to_bytes(), bytes);
-    let now = map.stamps_ns().last().copied().unwrap_or(0);
+    let now = map.span_ns().map_or(0, |(_, newest_ns)| newest_ns);
     for stamp_ns in [now, now.saturating_add(SECOND_NS), i64::MAX] {
         for probability in map.probability(stamp_ns).unwrap() {
             assert!((0.0..=1.0).contains(&probability), "{probability}");
@@ -82,7 +86,7 @@ fn look(drone: &str, at: [f64; 3], m: f32, stamp_ns: i64) -> View {
 fn method() -> impl Strategy<Value = Method> {
     let unseen = prop_oneof![Just(Unseen::Fleet), Just(Unseen::Visible)];
     let initial = prop_oneof![Just(Initial::Zero), Just(Initial::Prior), Just(Initial::FirstLook)];
-    let decay = prop_oneof![Just(Decay::PerSecond), Just(Decay::PerFrame)];
+    let decay = prop_oneof![Just(DecayUnit::Second), Just(DecayUnit::Frame)];
     let paper = (unseen, any::<bool>(), initial, decay, 0.01..1.0, 0.0..1.0).prop_map(
         |(unseen, normalise, initial, decay, alpha, lambda)| {
             let rates = Rates::new(0.9, 0.05).unwrap();
@@ -91,7 +95,7 @@ fn method() -> impl Strategy<Value = Method> {
             Method::Paper(Paper::new(pool, blend, 3, initial, decay).unwrap())
         },
     );
-    prop_oneof![3 => paper, 1 => Just(Method::Or(Or::new(3, 0.5).unwrap()))]
+    prop_oneof![3 => paper, 1 => Just(Method::Or(Or::new(0.5).unwrap()))]
 }
 
 /// A file by the writer, after a few instants of up to three drones.
@@ -196,6 +200,32 @@ proptest! {
         }
         repair(&mut file);
         check(&file);
+    }
+
+    /// The reader of version 1, on files that its last build wrote.
+    #[test]
+    fn mutated_files_of_version_1(
+        which in 0..2_usize, mutations in prop::collection::vec(mutation(), 0..6), numbers in
+        prop::collection::vec((place(), telling_number()), 0..3),
+    ) {
+        let name = ["paper_v1", "or_v1"][which];
+        let path = format!("{}/../../reference/{name}.crowdmap", env!("CARGO_MANIFEST_DIR"));
+        let mut file = std::fs::read(path).unwrap();
+        mutations.iter().for_each(|mutation| mutation.apply(&mut file));
+        for (place, number) in numbers {
+            if !file.is_empty() {
+                overwrite(&mut file, place, &number);
+            }
+        }
+        repair(&mut file);
+        match CrowdMap::from_bytes(&file, VERSION_1_TERRAIN.clone()) {
+            Ok(map) => {
+                let bytes = map.to_bytes();
+                let again = CrowdMap::from_bytes(&bytes, VERSION_1_TERRAIN.clone()).unwrap();
+                prop_assert_eq!(again.to_bytes(), bytes);
+            }
+            Err(error) => check_error(&error, file.len()),
+        }
     }
 
     #[test]

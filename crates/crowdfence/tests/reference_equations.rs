@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crowdfence::crowd_map::{Decay, Initial};
+use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::view::Pose;
 use crowdfence::{
     Camera, Coverage, CrowdMap, Distortion, Heatmap, Method, OpinionPool, Paper, Projection, Rates,
@@ -66,7 +66,7 @@ fn equations_1_and_2() {
         let pool = opinion_pool(&reference["detectors"][case["detector"].as_str().unwrap()], case);
         let fleet = case["m"].as_array().unwrap();
         let views: Vec<f64> = fleet.iter().filter_map(Value::as_f64).collect();
-        assert_close(pool.pool(&views, fleet.len()), case, "probability");
+        assert_close(pool.pool(views, fleet.len()), case, "probability");
     }
 }
 
@@ -114,8 +114,8 @@ fn paper(detector: &Value, case: &Value) -> Paper {
         other => panic!("initial is {other}"),
     };
     let decay = match case["decay_unit"].as_str() {
-        None => Decay::PerSecond,
-        Some("frame") => Decay::PerFrame,
+        None => DecayUnit::Second,
+        Some("frame") => DecayUnit::Frame,
         Some(other) => panic!("decay_unit is {other}"),
     };
     let blend = TemporalBlend::new(number(case, "alpha"), number(case, "decay_per_s")).unwrap();

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from crowdfence import __version__
+from crowdfence._core import __version__
 from crowdfence.cli import console
 from crowdfence.cli.calibrate import calibrate
 from crowdfence.cli.convert import convert

@@ -13,10 +13,10 @@ from crowdfence.cli.options import DEFAULT
 from crowdfence.evaluation.text_table import aligned, interval, number
 
 if TYPE_CHECKING:
-    from crowdfence.detector.calibration import Calibration
-    from crowdfence.detector.calibration_fit import LogitMap
-    from crowdfence.evaluation.model_calibration import ModelCalibration
-    from crowdfence.evaluation.voxel_rates import VoxelRates
+    from crowdfence.calibration.calibrate import ModelCalibration
+    from crowdfence.calibration.choice import Calibration
+    from crowdfence.calibration.correction import LogitMap
+    from crowdfence.evaluation.voxels.rates import VoxelRates
 
 
 class TruthName(str, Enum):
@@ -61,9 +61,9 @@ def calibrate(
     (`pip install crowdfence\\[train]`).
     """
     _require_onnx()
+    from crowdfence.calibration.calibrate import calibrate_model, plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.calibration_data import CalibrationPlan
-    from crowdfence.evaluation.model_calibration import calibrate_model, plan_for
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan
     from crowdfence.sources import open_recording
 
     chosen = {
@@ -71,7 +71,7 @@ def calibrate(
         "target_height_m": target_height_m,
     }
     given: dict[str, Any] = {name: value for name, value in chosen.items() if value is not None}
-    plan = CalibrationPlan(
+    plan = MeasurementPlan(
         max_range_m=max_range_m,
         coverage=coverage.value,
         b_threshold=b_threshold,

@@ -82,16 +82,16 @@ def _detect_pictures(
     force: bool,
     as_json: bool,
 ) -> None:
-    from crowdfence.detection import detect_pictures
+    from crowdfence.heatmap_files import detect_pictures
     from crowdfence.heatmap_source import describe_model
-    from crowdfence.sources.images import is_picture_file, picture_files, read_pictures
+    from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
 
     with ExitStack() as stack:
         if source.is_dir() or is_picture_file(source):
             files = picture_files(source)
             stream, count = read_pictures(files, every=every), len(files)
         else:
-            from crowdfence.sources.video import Video
+            from crowdfence.sources.pictures.video import Video
 
             film = stack.enter_context(Video(source))
             stream, count = film.pictures(every=every), film.frame_count or 0
@@ -129,7 +129,7 @@ def _detect_recording(
 ) -> None:
     from crowdfence import pipeline
     from crowdfence.config import RunConfig
-    from crowdfence.detection import detect_recording
+    from crowdfence.heatmap_files import detect_recording
     from crowdfence.heatmap_source import describe_model, heatmap_source
 
     if output.is_dir():

@@ -20,7 +20,7 @@ _TITLES: dict[Group, str] = {
     "optional": "Optional",
     "machine": "This machine",
 }
-_COLORS = {"ok": "green", "missing": "yellow", "broken": "red"}
+_COLOURS = {"ok": "green", "missing": "yellow", "broken": "red"}
 
 
 def doctor(as_json: options.Json = False) -> None:
@@ -67,5 +67,5 @@ def _table(checks: list[Check]) -> Table:
     table.add_column(style="dim", width=18)
     table.add_column(overflow="fold")
     for check in checks:
-        table.add_row(f"[{_COLORS[check.state]}]{check.state}[/]", check.name, escape(check.detail))
+        table.add_row(f"[{_COLOURS[check.state]}]{check.state}[/]", check.name, escape(check.detail))
     return table

@@ -14,7 +14,7 @@ from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
     from crowdfence._core import View
-    from crowdfence.evaluation.detector_rates import Confusion
+    from crowdfence.evaluation.cells.rates import Confusion
     from crowdfence.evaluation.replay import Score
     from crowdfence.sources.recording import Instant
 

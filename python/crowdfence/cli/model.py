@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
-    from crowdfence.detector.contract import Contract, Validity
+    from crowdfence.detector.contract.contract import Contract, Validity
     from crowdfence.detector.model_check import ModelCheck
     from crowdfence.evaluation.model_quality import ModelQuality
 
@@ -110,15 +110,15 @@ def evaluate(
     Intervals are 95 %, over missions. The page of examples shows the frame with most crowd and the one with
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
+    from crowdfence.calibration.calibrate import plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.calibration_data import CalibrationPlan
-    from crowdfence.evaluation.model_calibration import plan_for
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan
     from crowdfence.evaluation.model_quality import model_quality
     from crowdfence.sources import open_recording
 
     _require_png("--examples", examples)
     detector = Detector(model, contract)
-    plan = CalibrationPlan(max_range_m=max_range_m, every=every)
+    plan = MeasurementPlan(max_range_m=max_range_m, every=every)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
     if target_height_m is not None:
         given["target_height_m"] = target_height_m
@@ -241,7 +241,7 @@ def _write_overlay(path: Path, report: ModelCheck) -> None:
 def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from PIL import Image
 
-    from crowdfence.exports.atomic import atomic_path
+    from crowdfence.atomic_file import atomic_path
 
     with atomic_path(path) as temporary:
         Image.fromarray(picture).save(temporary, "PNG")

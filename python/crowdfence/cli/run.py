@@ -13,7 +13,7 @@ from crowdfence.cli.options import DEFAULT
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
-    from crowdfence import Terrain
+    from crowdfence._core import Terrain
     from crowdfence.detector.detector import Detector
     from crowdfence.pipeline import Run
     from crowdfence.sources.recording import Recording

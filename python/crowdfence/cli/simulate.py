@@ -12,7 +12,7 @@ import typer
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
-    from crowdfence.simulation.recorded import Recorded
+    from crowdfence.simulation.recording.recorded import Recorded
 
 INTERRUPTED = 130
 _SCENARIO, _HOW = "Scenario", "Recording"
@@ -75,12 +75,13 @@ def simulate(
 
     Ctrl-C leaves a readable recording that --resume goes on with.
     """
-    from crowdfence.simulation.frame_maker import FrameOptions
+    from crowdfence.simulation.recording.frame_maker import FrameOptions
+    from crowdfence.simulation.recording.timeline_run import capture_counts
     from crowdfence.simulation.rendering.opengl_context import NoOpenGL
-    from crowdfence.simulation.scenario import TroublePlan, load_scenario
+    from crowdfence.simulation.scenarios.scenario import TroublePlan
+    from crowdfence.simulation.scenarios.scenario_file import load_scenario
     from crowdfence.simulation.scene import build_scene
-    from crowdfence.simulation.timeline_run import capture_counts
-    from crowdfence.simulation.trouble import build_schedule
+    from crowdfence.simulation.schedule import build_schedule
 
     width, height = _size(size)
     loaded = load_scenario(
@@ -136,10 +137,10 @@ def _size(size: str | None) -> tuple[int, int]:
 
 def _recorder(kind: RecordingFormat) -> Any:
     if kind is RecordingFormat.airsim:
-        from crowdfence.simulation.airsim_recorder import record_airsim
+        from crowdfence.simulation.recording.airsim_recorder import record_airsim
 
         return record_airsim
-    from crowdfence.simulation.mission_recorder import record_mission
+    from crowdfence.simulation.recording.mission_recorder import record_mission
 
     return record_mission
 

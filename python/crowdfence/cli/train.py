@@ -10,9 +10,9 @@ import typer
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
-    from crowdfence.training.frame_store import StoredMission
-    from crowdfence.training.plan import TrainingPlan
-    from crowdfence.training.trainer import Checkup, Trained
+    from crowdfence.detector_training.frame_store import StoredMission
+    from crowdfence.detector_training.plan import TrainingPlan
+    from crowdfence.detector_training.trainer import Checkup, Trained
 
 
 def train(
@@ -58,10 +58,10 @@ def train(
     Writes the model, <model>.checkpoint while it runs, and a folder <model>.report with figures, curves and
     example pictures. Run `crowdfence calibrate` on other missions before you rely on its probabilities.
     """
-    from crowdfence.training.frame_store import store_missions
-    from crowdfence.training.onnx_export import export_onnx
-    from crowdfence.training.report import training_facts, write_report
-    from crowdfence.training.trainer import train as train_network
+    from crowdfence.detector_training.frame_store import store_missions
+    from crowdfence.detector_training.onnx_export import export_onnx
+    from crowdfence.detector_training.report import training_facts, write_report
+    from crowdfence.detector_training.trainer import train as train_network
 
     if not (initial is None or initial.is_file()):
         raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
@@ -109,8 +109,8 @@ def train(
 
 
 def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed: int) -> TrainingPlan:
-    from crowdfence.training.labels import TARGETS
-    from crowdfence.training.plan import TrainingPlan
+    from crowdfence.detector_training.labels import TARGETS
+    from crowdfence.detector_training.plan import TrainingPlan
 
     wanted = [one.value for one in target or [options.LabelTarget.ground]]
     targets = tuple(one for name in wanted for one in TARGETS if one == name)
@@ -119,11 +119,11 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
 
 
 def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
-    from crowdfence import __version__
-    from crowdfence.detector.contract import Contract
-    from crowdfence.evaluation.frame_labels import TARGET_HEIGHT_M
-    from crowdfence.training.labels import STRIDE
-    from crowdfence.training.network import MULTIPLE_OF
+    from crowdfence._core import __version__
+    from crowdfence.detector.contract.contract import Contract
+    from crowdfence.detector_training.labels import STRIDE
+    from crowdfence.detector_training.network import MULTIPLE_OF
+    from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
     return Contract.from_json(
         {

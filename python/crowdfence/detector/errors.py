@@ -1,6 +1,5 @@
 """The one exception of the detector."""
 
+from crowdfence.errors import DetectorError
 
-class DetectorError(ValueError):
-    """A model that cannot be used, a contract that does not hold, an image of a wrong kind, or output that
-    is no heatmap. The message is one line and names the model or key, the value and what is allowed."""
+__all__ = ["DetectorError"]

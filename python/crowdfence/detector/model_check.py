@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
 from crowdfence.detector.errors import DetectorError
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.model_face import ModelFace, Tensor
 from crowdfence.detector.errors import DetectorError
-from crowdfence.detector.json_section import shown
-from crowdfence.detector.model_face import ModelFace, Tensor
 
 if TYPE_CHECKING:
     import onnxruntime

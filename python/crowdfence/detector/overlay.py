@@ -79,9 +79,9 @@ def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     value = np.linspace(0.0, 1.0, 256)
     opacity = _MOST_OPAQUE * np.sqrt(value) * (value > 0.02)  # a faint veil over everything says nothing
     stops = np.linspace(0.0, 1.0, len(_RAMP))
-    color = np.stack([np.interp(value, stops, _RAMP[:, channel]) for channel in range(3)], axis=-1)
+    colour = np.stack([np.interp(value, stops, _RAMP[:, channel]) for channel in range(3)], axis=-1)
     keep = np.round(256 * (1 - opacity))
-    return keep.astype(np.uint16), ((256 - keep)[:, None] * color).astype(np.uint16)
+    return keep.astype(np.uint16), ((256 - keep)[:, None] * colour).astype(np.uint16)
 
 
 def _grown(mask: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:

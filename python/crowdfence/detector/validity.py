@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.detector.contract import Contract
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.ground_sampling import ground_sampling
 from crowdfence.sources.recording import Frame
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.calibration_data import CalibrationPlan, LabelledMission, LabelledMissions
-from crowdfence.evaluation.detector_quality import DetectorQuality, LabelledHeatmap, QualityReport
-from crowdfence.evaluation.frame_context import cell_sampling, mission_groups
-from crowdfence.evaluation.labelled_projection import LabelledProjection
-from crowdfence.evaluation.voxel_rates import ProjectionSettings, VoxelRateCounter, VoxelRates
+from crowdfence.evaluation.cells.frame_context import cell_sampling, mission_groups
+from crowdfence.evaluation.cells.quality import DetectorQuality, LabelledHeatmap, QualityReport
+from crowdfence.evaluation.labelled_missions import LabelledMission, LabelledMissions, MeasurementPlan
+from crowdfence.evaluation.voxels.labelled_projection import LabelledProjection
+from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRateCounter, VoxelRates
 from crowdfence.sources.recording import Frame
 
 Heatmap = NDArray[Any]
@@ -86,7 +86,7 @@ def measure(
 
 
 def _same_settings(
-    before: ProjectionSettings | None, mission: LabelledMission, plan: CalibrationPlan
+    before: ProjectionSettings | None, mission: LabelledMission, plan: MeasurementPlan
 ) -> ProjectionSettings:
     """ValueError for voxels of another size than in the missions before."""
     assert mission.terrain is not None
@@ -99,7 +99,7 @@ def _same_settings(
     return ProjectionSettings(size_m, plan.target_height_m, plan.max_range_m, plan.coverage)
 
 
-def _projection(mission: LabelledMission, plan: CalibrationPlan) -> LabelledProjection:
+def _projection(mission: LabelledMission, plan: MeasurementPlan) -> LabelledProjection:
     assert mission.terrain is not None
     return LabelledProjection(
         mission.recording,

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.calibration_data import CalibrationPlan, LabelledMission, LabelledMissions
-from crowdfence.evaluation.detector_quality import QualityReport
-from crowdfence.evaluation.example_page import ExamplePage
+from crowdfence.evaluation.cells.example_page import ExamplePage
+from crowdfence.evaluation.cells.quality import QualityReport
+from crowdfence.evaluation.labelled_missions import LabelledMission, LabelledMissions, MeasurementPlan
 from crowdfence.evaluation.labelled_pass import measure
-from crowdfence.evaluation.voxel_rates import VoxelRates
+from crowdfence.evaluation.voxels.rates import VoxelRates
 from crowdfence.sources.recording import Frame
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class ModelQuality:
     """What was measured."""
 
-    plan: CalibrationPlan
+    plan: MeasurementPlan
     quality: QualityReport
     rates: VoxelRates | None
     """None: no recording came with a map."""
@@ -51,7 +51,7 @@ class ModelQuality:
 def model_quality(
     detector: Detector,
     data: list[Path],
-    plan: CalibrationPlan,
+    plan: MeasurementPlan,
     *,
     on_frame: Callable[[], None] = lambda: None,
 ) -> ModelQuality:

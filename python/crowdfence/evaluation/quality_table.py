@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from crowdfence.evaluation.detector_quality import QualityReport
-from crowdfence.evaluation.quality_scores import Quality
+from crowdfence.evaluation.cells.quality import QualityReport
+from crowdfence.evaluation.cells.scores import Quality
 from crowdfence.evaluation.text_table import aligned, number
 
 _COLUMNS = (

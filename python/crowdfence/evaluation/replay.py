@@ -10,14 +10,14 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain, View
 from crowdfence.config import RunConfig
-from crowdfence.evaluation.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
-from crowdfence.evaluation.detector_rates import Confusion, confusion
+from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
-from crowdfence.evaluation.truth_over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
 from crowdfence.heatmap_source import RECORDED, HeatmapSource
 from crowdfence.pipeline import check_overlap
 from crowdfence.sources.recording import Instant, Recording
+from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
+from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
 
 TruthKind = Literal["projected", "world"]
 OnViews = Callable[[Instant, Sequence[View]], None]
@@ -98,7 +98,13 @@ def score(
     crowds: TruthOverTime = (
         CrowdsOfTheWorld(recording, terrain)
         if truth == "world"
-        else ProjectedLabels(recording, terrain, first)
+        else ProjectedLabels(
+            recording,
+            terrain,
+            max_range_m=first.max_range_m,
+            target_height_m=first.used("target_height_m"),
+            coverage=first.coverage,
+        )
     )
     check_overlap(recording, terrain, first.max_range_m)
     maps = [config.crowd_map(terrain, len(recording.drones)) for config in configs]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from crowdfence.evaluation.unit_bootstrap import Estimate
+from crowdfence.evaluation.statistics.unit_bootstrap import Estimate
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from os import PathLike
 
-from crowdfence.exports.atomic import atomic_path
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.atomic_file import atomic_path
+from crowdfence.iso_time import iso_utc
 
 
 @dataclass(frozen=True, slots=True)

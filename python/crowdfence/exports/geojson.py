@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import write_bytes
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
 from crowdfence.zones import Zone, ZoneSet
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import atomic_path
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.raster_placement import RasterPlacement
 from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 
 HEATMAPS, INDEX = "heatmaps", "index.csv"
 COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest")

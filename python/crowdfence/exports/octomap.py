@@ -1,7 +1,7 @@
 """The map as OctoMap files, for octovis, RViz and everything else that reads them.
 
 Two files, because the plain format can only say "occupied": a binary tree (`.bt`) with the terrain, and a
-ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colors.py`).
+ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colours.py`).
 
 In both every voxel is occupied, because it is solid ground. The probability of crowd is not written as
 occupancy: ground that was seen empty would then read as free space, to fly through.
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.exports.atomic import write_bytes
-from crowdfence.exports.colors import STATE_COLORS, state_colors
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.atomic_file import write_bytes
+from crowdfence.exports.colours import STATE_COLOURS, state_colours
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.iso_time import iso_utc
 from crowdfence.octomap_frame import annotated, described
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
     write_bytes(path, annotated(data, described(terrain)))
 
 
-def write_colored_octomap(
+def write_coloured_octomap(
     path: str | PathLike[str],
     terrain: Terrain,
     probability: ArrayLike,
@@ -62,9 +62,9 @@ def write_colored_octomap(
     for name, array in (("probability", probabilities), ("state", states)):
         if array.shape != (terrain.voxel_count,):
             raise ValueError(f"{name} must have shape [{terrain.voxel_count}], got {list(array.shape)}")
-    colors = state_colors(probabilities, states, description.threshold)
+    colours = state_colours(probabilities, states, description.threshold)
     occupancy = np.full(terrain.voxel_count, OCCUPIED)
-    data = _core.write_octomap_color(terrain, _every_id(terrain), colors, occupancy)
+    data = _core.write_octomap_color(terrain, _every_id(terrain), colours, occupancy)
     write_bytes(path, annotated(data, described(terrain) | _meaning(description)))
 
 
@@ -78,5 +78,5 @@ def _meaning(description: MapDescription) -> dict[str, Any]:
         "threshold": description.threshold,
         "stamp_utc": iso_utc(description.stamp_ns),
         "mission": description.mission,
-        "colors": {state.name: list(color) for state, color in STATE_COLORS.items()},
+        "colors": {state.name: list(colour) for state, colour in STATE_COLOURS.items()},
     }

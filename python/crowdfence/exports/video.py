@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 
 if TYPE_CHECKING:
     from av.video.stream import VideoStream

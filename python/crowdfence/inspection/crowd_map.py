@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import CrowdMap, Terrain
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.inspection.terrain import open_map
+from crowdfence.iso_time import iso_utc
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 MAGIC = b"CROWDMAP"
 # Magic, version u32, payload length u64, then of the payload: terrain fingerprint u64, voxel count u64.

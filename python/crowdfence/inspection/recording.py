@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import Terrain
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.camera import CameraReport, distinct_cameras
 from crowdfence.inspection.depth_agreement import DepthAgreement, depth_agreement
@@ -19,10 +18,11 @@ from crowdfence.inspection.flight import FlightReport
 from crowdfence.inspection.terrain import TerrainReport
 from crowdfence.inspection.timing import InstantSummary, Timing
 from crowdfence.inspection.view_overlap import ViewOverlap, evenly_spread, measure_overlap
+from crowdfence.iso_time import iso_utc
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 Tell = Callable[[str], None]
 

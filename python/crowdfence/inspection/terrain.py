@@ -16,7 +16,7 @@ from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
 from crowdfence.surface_grid import MAX_COLUMNS
 
 if TYPE_CHECKING:
-    from crowdfence.inspection import InspectionOptions
+    from crowdfence.inspection.options import InspectionOptions
 
 _VOXELS_PER_BLOCK = 1 << 20
 _UP = np.array([0, 0, 1], dtype=np.int64)
@@ -136,7 +136,7 @@ def count_columns(terrain: Terrain) -> ColumnReport | None:
 
 def _landing_prior(terrain: Terrain, tell: Callable[[str], None]) -> tuple[float | None, str | None]:
     """(prior, None), or (None, why there is none)."""
-    from crowdfence.evaluation.landing_prior import landing_prior
+    from crowdfence.landing_area import landing_prior
 
     tell("taking the landing prior")
     try:

@@ -117,7 +117,7 @@ class _Survey:
             other = points[:0] if only_ground else points
             low.add(cells(keys.columns_of(other), other))
             voxels.add(keys.of(other))
-        return _Survey(keys, means(ground.rows()), means(low.rows()), keys.centers(voxels.rows()))
+        return _Survey(keys, means(ground.rows()), means(low.rows()), keys.centres(voxels.rows()))
 
     def terrain(self, path: Path, surface: Surface | None, max_hole_m: float) -> Terrain:
         if surface == "ground" and len(self.ground) == 0:
@@ -146,10 +146,10 @@ class _Survey:
         return ground
 
     def _with_all_points(self, ground: Terrain | None) -> Terrain:
-        centers = [self.voxel_centers]
+        centres = [self.voxel_centers]
         if ground is not None:
-            centers.append(ground.voxel_centers(np.arange(ground.voxel_count)))
-        return Terrain.from_points(np.concatenate(centers), self.keys.voxel_size_m)
+            centres.append(ground.voxel_centers(np.arange(ground.voxel_count)))
+        return Terrain.from_points(np.concatenate(centres), self.keys.voxel_size_m)
 
 
 @contextmanager
@@ -202,7 +202,7 @@ def _frame(
 ) -> SourceFrame:
     x, y = ((low + high) / 2)[:2].tolist()
     return source_frame(
-        crs, georeference, rules, rules.metres_per_height(crs), center=(x, y), lowest=float(low[2])
+        crs, georeference, rules, rules.metres_per_height(crs), centre=(x, y), lowest=float(low[2])
     )
 
 

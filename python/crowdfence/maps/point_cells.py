@@ -47,7 +47,7 @@ class VoxelKeys:
         """Keys [N] of the columns of voxels."""
         return self.of(points) >> _BITS
 
-    def centers(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
+    def centres(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
         """Centres [N, 3] of voxels, metres."""
         indices = np.stack([keys >> 2 * _BITS, (keys >> _BITS) & _MASK, keys & _MASK], axis=-1) + self._base
         return np.asarray((indices + 0.5) * self.voxel_size_m, np.float64)

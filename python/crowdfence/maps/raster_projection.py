@@ -43,9 +43,9 @@ class RasterProjection:
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
         metres_per_height = rules.metres_per_height(crs, raster.dataset.units[raster.band - 1])
         height_range = raster.range(metres_per_height)
-        center = _applied(transform, raster.width / 2, raster.height / 2)
+        centre = _applied(transform, raster.width / 2, raster.height / 2)
         frame = source_frame(
-            crs, georeference, rules, metres_per_height, center=center, lowest=height_range[0]
+            crs, georeference, rules, metres_per_height, centre=centre, lowest=height_range[0]
         )
         return RasterProjection(raster, frame, height_range, transform)
 

@@ -94,10 +94,10 @@ def source_frame(
     rules: HeightRules,
     metres_per_height: float,
     *,
-    center: tuple[float, float],
+    centre: tuple[float, float],
     lowest: float,
 ) -> SourceFrame:
-    """Frame of a file whose middle is `center` (x, y) and whose lowest height is `lowest`, as written in it.
+    """Frame of a file whose middle is `centre` (x, y) and whose lowest height is `lowest`, as written in it.
 
     Without `georeference` the anchor becomes that middle at the lowest height, rounded down to whole metres.
     ValueError for a vertical datum that PROJ cannot convert and for a file too far away from the anchor.
@@ -110,9 +110,9 @@ def source_frame(
     metres_per_axis = float(crs.axis_info[2].unit_conversion_factor) if len(crs.axis_info) > 2 else 1.0
     z = (lowest * metres_per_height + offset_m) / metres_per_axis
     if georeference is None:
-        middle = Georeference.from_projected(crs, *center, z)
+        middle = Georeference.from_projected(crs, *centre, z)
         georeference = Georeference(middle.latitude_deg, middle.longitude_deg, math.floor(middle.height_m))
-    distance_m = float(np.linalg.norm(georeference.local_from_projected(crs, *center, z)))
+    distance_m = float(np.linalg.norm(georeference.local_from_projected(crs, *centre, z)))
     if distance_m > MAX_DISTANCE_M:
         raise ValueError(
             f"the middle of the map is {distance_m / 1000:.0f} km away from the anchor {georeference}; the "

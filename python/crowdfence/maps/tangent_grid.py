@@ -35,10 +35,10 @@ class LocalGrid:
     cell_size_m: float
     shape: tuple[int, int]
 
-    def east_centers_m(self, first: int, last: int) -> Array:
+    def east_centres_m(self, first: int, last: int) -> Array:
         return self.west_m + (np.arange(first, last, dtype=np.float64) + 0.5) * self.cell_size_m
 
-    def north_centers_m(self, first: int, last: int) -> Array:
+    def north_centres_m(self, first: int, last: int) -> Array:
         return self.south_m + (np.arange(first, last, dtype=np.float64) + 0.5) * self.cell_size_m
 
 
@@ -61,8 +61,8 @@ def resample(
     heights = np.full(grid.shape, np.nan, np.float32)
     stride = max(1, min(block_cells, int(node_spacing_m / grid.cell_size_m)))
     for rows, columns in _blocks(grid.shape, block_cells):
-        east = grid.east_centers_m(rows.start, rows.stop)
-        north = grid.north_centers_m(columns.start, columns.stop)
+        east = grid.east_centres_m(rows.start, rows.stop)
+        north = grid.north_centres_m(columns.start, columns.stop)
         chart = _BlockChart.of(east, north, stride, up_range_m, source_from_local)
         # To the micrometre: ground exactly on the face between two voxels must not flicker between them.
         heights[rows, columns] = np.round(_surface_up_m(chart, sample) - base_up_m, 6)
@@ -110,13 +110,13 @@ class _BlockChart:
         return self.at_low + (up_m - self.low_m) * self.per_metre
 
 
-def _nodes(centers: Array, stride: int) -> tuple[Array, Array]:
+def _nodes(centres: Array, stride: int) -> tuple[Array, Array]:
     """Every stride-th centre and the last; weights [centres, nodes] of linear interpolation between them."""
-    chosen = np.unique(np.append(np.arange(0, len(centers), stride), len(centers) - 1))
+    chosen = np.unique(np.append(np.arange(0, len(centres), stride), len(centres) - 1))
     weights = np.stack(
-        [np.interp(np.arange(len(centers)), chosen, unit) for unit in np.eye(len(chosen))], axis=-1
+        [np.interp(np.arange(len(centres)), chosen, unit) for unit in np.eye(len(chosen))], axis=-1
     )
-    return centers[chosen], weights
+    return centres[chosen], weights
 
 
 def _surface_up_m(chart: _BlockChart, sample: Callable[[Array, Array], Array]) -> Array:

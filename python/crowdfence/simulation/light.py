@@ -19,9 +19,9 @@ class Light:
     season: str
     sun_direction: tuple[float, float, float]
     """Unit vector towards the sun (or, at night, the moon); local ENU."""
-    sun_color: Rgb
-    sky_color: Rgb
-    haze_color: Rgb
+    sun_colour: Rgb
+    sky_colour: Rgb
+    haze_colour: Rgb
     haze_per_m: float
     """Extinction: the share 1 - exp(-haze_per_m * distance) of the light comes from the air."""
     cloud_cover: float
@@ -60,8 +60,8 @@ def daylight(season: str, time_of_day_h: float, seed: int, *, latitude_deg: floa
     sun = (strength * 1.0, strength * (0.94 - 0.38 * warm), strength * (0.84 - 0.66 * warm))
     sky_strength = (0.20 + 0.55 * dusk) * (1.0 + 0.3 * cloud_cover)
     sky = (sky_strength * (0.62 + 0.1 * warm), sky_strength * 0.76, sky_strength * 1.0)
-    haze_color = (0.26 + 0.30 * dusk + 0.22 * warm, 0.28 + 0.37 * dusk + 0.02 * warm, 0.33 + 0.44 * dusk)
-    return Light(season, direction, sun, sky, haze_color, haze, cloud_cover, 0.62 + 1.3 * (1.0 - dusk) ** 2)
+    haze_colour = (0.26 + 0.30 * dusk + 0.22 * warm, 0.28 + 0.37 * dusk + 0.02 * warm, 0.33 + 0.44 * dusk)
+    return Light(season, direction, sun, sky, haze_colour, haze, cloud_cover, 0.62 + 1.3 * (1.0 - dusk) ** 2)
 
 
 def _above_horizon(east: float, north: float, up: float) -> tuple[float, float, float]:

@@ -20,7 +20,7 @@ class Stream(IntEnum):
     FRAMES = 108
     TELEMETRY = 109
     DETECTOR = 110
-    COLORS = 111
+    COLOURS = 111
     BODIES = 112
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from crowdfence.simulation.cyclists import Cyclists, build_cyclists
-from crowdfence.simulation.flight import Flight, build_flight
+from crowdfence.simulation.flight.flight import Flight, build_flight
 from crowdfence.simulation.landscape import build_landscape
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.light import Light, daylight
-from crowdfence.simulation.people import People, build_people
-from crowdfence.simulation.plan_checks import ScenarioError
-from crowdfence.simulation.scenario import Scenario
+from crowdfence.simulation.people.cyclists import Cyclists, build_cyclists
+from crowdfence.simulation.people.people import People, build_people
+from crowdfence.simulation.scenarios.plan_checks import ScenarioError
+from crowdfence.simulation.scenarios.scenario import Scenario
 
 MAX_SEED = 2**32 - 1
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from crowdfence.evaluation.block_means import block_means
+from crowdfence.block_means import block_means
 from crowdfence.simulation.random_streams import Stream, stream
 
 STRIDE = 4

@@ -4,7 +4,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from crowdfence.sources.admission import Limits
+from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
 from crowdfence.sources.recording import Frame, FrameError, Instant, PixelSources, Recording, RefusedFrame
 
@@ -31,19 +31,19 @@ def open_recording(
 ) -> Recording:
     """Open a recording, whatever it is:
 
-    * a mission file (MCAP with our topics, see `mission_layout`),
-    * a folder with airsim_rec.txt, or the folder above it (AirSim, Cosys-AirSim; see `airsim`),
+    * a mission file (MCAP with our topics, see `mission.layout`),
+    * a folder with airsim_rec.txt, or the folder above it (AirSim, Cosys-AirSim; see `airsim.reader`),
     * a folder with poses.csv (plain heatmaps and poses; see `folder`).
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
     than `max_pose_gap_s` apart, or its stamp repeats, goes backwards, or lies more than `max_jump_s` away
-    from the others. `airsim_options` are the fields of `airsim.AirSimOptions`: settings, camera,
+    from the others. `airsim_options` are the fields of `airsim.reader.AirSimOptions`: settings, camera,
     crowd_colors, pose_delay_ms.
 
     OSError when the path cannot be read, ValueError when it holds no recording or one that cannot be used;
     TypeError for an unknown option, ValueError for an AirSim option with another kind of recording.
     """
-    from crowdfence.sources.mission_layout import MAGIC
+    from crowdfence.sources.mission.layout import MAGIC
 
     path = Path(path)
     limits = Limits(max_pose_gap_s, max_jump_s)
@@ -55,16 +55,16 @@ def open_recording(
                 f"{path} is not a recording: no MCAP file and no folder with airsim_rec.txt or poses.csv"
             )
     _refuse_options(path, airsim_options)
-    from crowdfence.sources.mission_reader import read_mission
+    from crowdfence.sources.mission.reader import read_mission
 
     return read_mission(path, limits)
 
 
 def is_recording(path: Path) -> bool:
     """Whether `open_recording` would take it for a recording, intact or not. OSError when it is not there."""
-    from crowdfence.sources.airsim import find_airsim_folder
+    from crowdfence.sources.airsim.reader import find_airsim_folder
     from crowdfence.sources.folder import POSES_NAME
-    from crowdfence.sources.mission_layout import MAGIC
+    from crowdfence.sources.mission.layout import MAGIC
 
     if path.is_dir():
         return find_airsim_folder(path) is not None or (path / POSES_NAME).is_file()
@@ -73,7 +73,7 @@ def is_recording(path: Path) -> bool:
 
 
 def _open_folder(path: Path, limits: Limits, airsim_options: dict[str, Any]) -> Recording:
-    from crowdfence.sources.airsim import AirSimOptions, find_airsim_folder, read_airsim
+    from crowdfence.sources.airsim.reader import AirSimOptions, find_airsim_folder, read_airsim
     from crowdfence.sources.folder import POSES_NAME, read_folder
 
     airsim = find_airsim_folder(path)

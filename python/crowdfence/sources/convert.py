@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.mission_layout import CROWD_CLASS
-from crowdfence.sources.mission_writer import MissionWriter
-from crowdfence.sources.pictures import as_png, picture_format
+from crowdfence.sources.mission.layout import CROWD_CLASS
+from crowdfence.sources.mission.writer import MissionWriter
+from crowdfence.sources.pictures.decoding import as_png, picture_format
 from crowdfence.sources.recording import Frame, FrameError, Pixels, Recording, RefusedFrame
 
 Progress = Callable[[int, int], None]

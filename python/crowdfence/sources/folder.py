@@ -27,9 +27,9 @@ from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources.admission import Capture, Limits, admit
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
-from crowdfence.sources.pictures import read_heatmap, read_regions
+from crowdfence.sources.pictures.decoding import read_heatmap, read_regions
+from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
 from crowdfence.sources.terrain_hint import find_terrain
@@ -48,19 +48,19 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
     heatmaps = _files_by_frame(folder / "heatmaps", ("png", "npy"), warnings)
     images = _files_by_frame(folder / "images", ("jpg", "jpeg", "png"), warnings)
     regions = _files_by_frame(folder / "truth" / "regions", ("png",), warnings)
-    captures: dict[str, list[Capture]] = {drone: [] for drone in sorted(tracks)}
+    unplaced: dict[str, list[UnplacedFrame]] = {drone: [] for drone in sorted(tracks)}
     for drone, stamp_ns in sorted(heatmaps.keys() | images.keys()):
         key = drone, stamp_ns
         camera = _camera(description, drone, folder / DESCRIPTION_NAME)
         pixels = _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera)
         fault = _ambiguous(heatmaps.get(key, []))
-        captures.setdefault(drone, []).append(Capture(stamp_ns, camera, pixels, fault))
-    if not captures:
+        unplaced.setdefault(drone, []).append(UnplacedFrame(stamp_ns, camera, pixels, fault))
+    if not unplaced:
         raise ValueError(f"{folder} holds no frames: {POSES_NAME} has no row and heatmaps/ no file")
-    frames, refused = admit(captures, tracks, limits)
+    frames, refused = place_cameras(unplaced, tracks, limits)
     return Recording(
         name=folder.resolve().name,
-        drones=tuple(sorted(captures)),
+        drones=tuple(sorted(unplaced)),
         frames=frames,
         georeference=_georeference(description, folder / DESCRIPTION_NAME),
         terrain=_terrain(folder, description, warnings),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera, View
+from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
@@ -18,14 +19,6 @@ from crowdfence.sources.synchronize import group_instants
 
 Pixels = NDArray[Any]
 PixelsT = TypeVar("PixelsT")
-
-
-class FrameError(ValueError):
-    """Something of this frame cannot be used; the message names drone, stamp and reason."""
-
-    def __init__(self, drone: str, stamp_ns: int, reason: str) -> None:
-        super().__init__(f"frame of {drone} at {stamp_ns}: {reason}")
-        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +43,7 @@ class PixelSources:
     regions       [H, W] crowd number per image pixel, 0 = none: truth, silhouettes merged and gaps filled
     silhouettes   [H, W] bool, pixels that show a person of a crowd: truth, as segmented
     depth_m       [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
-    segmentation  [H, W] uint8, class of what a pixel shows (`mission_layout.CLASSES`): truth
+    segmentation  [H, W] uint8, class of what a pixel shows (`mission.layout.CLASSES`): truth
     instances     [H, W] number of the person that a pixel shows, 0 = none: truth
     """
 
@@ -85,7 +78,7 @@ class Frame:
 
     def image(self) -> NDArray[np.uint8]:
         """The picture [H, W, 3], RGB. FrameError when there is none or it is damaged."""
-        from crowdfence.sources.pictures import decode_rgb
+        from crowdfence.sources.pictures.decoding import decode_rgb
 
         size = (self.camera.width, self.camera.height)
         return self._read("image", lambda: decode_rgb(self.encoded_image(), size))
@@ -103,7 +96,7 @@ class Frame:
         return self._read_at_image_size("depth", self.pixels.depth_m)
 
     def segmentation(self) -> Pixels:
-        """True class per image pixel [H, W], see `mission_layout.CLASSES`. FrameError as for `regions`."""
+        """True class per image pixel [H, W], see `mission.layout.CLASSES`. FrameError as for `regions`."""
         return self._read_at_image_size("segmentation", self.pixels.segmentation)
 
     def instances(self) -> Pixels:

@@ -38,10 +38,14 @@ fn full(range: f64) -> Projection {
     Projection::new(range, 0.0, Coverage::Full).unwrap()
 }
 
+fn sees_nothing(observation: &Observation) -> bool {
+    observation.voxel_ids().is_empty() && observation.occluded_ids().is_empty()
+}
+
 fn at(terrain: &Terrain, observation: &Observation, index: [i32; 3]) -> Option<(f64, u32)> {
     let id = terrain.id(index).unwrap();
-    let row = observation.voxel_ids.binary_search(&id).ok()?;
-    Some((observation.mean[row], observation.pixel_count[row]))
+    let row = observation.voxel_ids().binary_search(&id).ok()?;
+    Some((observation.mean()[row], observation.pixel_count()[row]))
 }
 
 #[test]
@@ -62,7 +66,7 @@ fn a_nadir_view_averages_the_pixels_of_each_voxel() {
         assert_eq!(count, 4);
         assert!((actual - mean).abs() < 1e-7, "{index:?}: {actual} != {mean}");
     };
-    assert_eq!(observation.voxel_ids.len(), 4);
+    assert_eq!(observation.voxel_ids().len(), 4);
     close([4, 5, 0], 0.4); // north-west
     close([5, 5, 0], 0.25);
     close([4, 4, 0], 0.0);
@@ -77,7 +81,7 @@ fn a_roof_hides_the_floor_below_it() {
     let observation = project(&view(DOWN, [5.5, 5.5, 20.0], [9, 9], 40.0, uniform(0.5)), &map, &full(100.0));
     assert!(at(&map, &observation, [5, 5, 4]).is_some());
     assert_eq!(at(&map, &observation, [5, 5, 0]), None);
-    assert_eq!(observation.occluded_ids, [map.id([5, 5, 0]).unwrap()]);
+    assert_eq!(observation.occluded_ids(), [map.id([5, 5, 0]).unwrap()]);
 }
 
 #[test]
@@ -85,7 +89,7 @@ fn what_lies_beyond_the_range_is_not_seen() {
     let map = terrain(&floor(10));
     let seen = |range| {
         let view = view(DOWN, [5.0, 5.0, 11.0], [4, 4], 20.0, uniform(1.0));
-        project(&view, &map, &rays(range)).voxel_ids.len()
+        project(&view, &map, &rays(range)).voxel_ids().len()
     };
     assert_eq!(seen(9.9), 0);
     assert_eq!(seen(10.2), 4);
@@ -107,13 +111,13 @@ fn full_coverage_sees_the_far_plain_that_pixels_step_over() {
         assert!(at(&map, &by_both, [30, y, 0]).is_some(), "y = {y}");
     }
     assert!((6..60).any(|y| at(&map, &by_rays, [30, y, 0]).is_none()));
-    assert!(by_both.pixel_count.contains(&0));
-    assert!(by_both.occluded_ids.is_empty(), "nothing hides anything on a plain");
+    assert!(by_both.pixel_count().contains(&0));
+    assert!(by_both.occluded_ids().is_empty(), "nothing hides anything on a plain");
     // What pixels hit is untouched by the other coverage.
-    for (row, id) in by_rays.voxel_ids.iter().enumerate() {
-        let same = by_both.voxel_ids.binary_search(id).unwrap();
-        assert_eq!(by_both.mean[same], by_rays.mean[row]);
-        assert_eq!(by_both.pixel_count[same], by_rays.pixel_count[row]);
+    for (row, id) in by_rays.voxel_ids().iter().enumerate() {
+        let same = by_both.voxel_ids().binary_search(id).unwrap();
+        assert_eq!(by_both.mean()[same], by_rays.mean()[row]);
+        assert_eq!(by_both.pixel_count()[same], by_rays.pixel_count()[row]);
     }
 }
 
@@ -126,7 +130,7 @@ fn a_raised_target_lowers_the_ray() {
     let seen = |target_height_m| {
         let view = view(axes, [5.5, 0.25, 11.0], [1, 1], 100.0, uniform(1.0));
         let projection = Projection::new(100.0, target_height_m, Coverage::Rays).unwrap();
-        map.index(project(&view, &map, &projection).voxel_ids[0])
+        map.index(project(&view, &map, &projection).voxel_ids()[0])
     };
     assert_eq!(seen(0.0), [5, 10, 0]);
     assert_eq!(seen(1.0), [5, 9, 0]);
@@ -141,21 +145,29 @@ fn a_camera_inside_the_terrain_or_pushed_through_it_sees_nothing() {
         let projection = Projection::new(100.0, target_height_m, Coverage::Full).unwrap();
         project(&view, &map, &projection)
     };
-    assert_eq!(seen(0.5, 0.0), Observation::default());
-    assert_eq!(seen(1.5, 0.9), Observation::default());
-    assert!(!seen(2.5, 0.9).voxel_ids.is_empty());
+    assert!(sees_nothing(&seen(0.5, 0.0)));
+    assert!(sees_nothing(&seen(1.5, 0.9)));
+    assert!(!seen(2.5, 0.9).voxel_ids().is_empty());
 }
 
 #[test]
 fn terrain_and_pose_that_do_not_overlap_give_an_empty_observation() {
     let map = terrain(&floor(10));
     let observation = project(&view(DOWN, [1e6, 1e6, 50.0], [8, 8], 8.0, uniform(1.0)), &map, &full(300.0));
-    assert_eq!(observation, Observation::default());
+    assert!(sees_nothing(&observation));
 }
 
 #[test]
-fn bounds_of_the_projection_are_named() {
-    let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
-    assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
-    assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be finite and >= 0");
+fn range_and_tilt_lead_to_the_voxels_centre() {
+    // From (5.5, 5.5, 10.5): straight down 10 m to the centre at (5.5, 5.5, 0.5); 10 m north of there the line is
+    // 45 degrees below the horizon and 10 sqrt(2) m long.
+    let map = terrain(&floor(30));
+    let below = project(&view(DOWN, [5.5, 5.5, 10.5], [1, 1], 100.0, uniform(1.0)), &map, &rays(100.0));
+    assert_eq!((below.range_m(), below.tilt_deg()), (&[10.0][..], &[90.0][..]));
+    let diagonal = std::f64::consts::FRAC_1_SQRT_2;
+    let axes = [[1.0, 0.0, 0.0], [0.0, -diagonal, -diagonal], [0.0, diagonal, -diagonal]];
+    let ahead = project(&view(axes, [5.5, 5.5, 10.5], [1, 1], 100.0, uniform(1.0)), &map, &rays(100.0));
+    assert_eq!(map.index(ahead.voxel_ids()[0]), [5, 15, 0]);
+    assert!((f64::from(ahead.range_m()[0]) - 200f64.sqrt()).abs() < 1e-6);
+    assert!((ahead.tilt_deg()[0] - 45.0).abs() < 1e-5);
 }

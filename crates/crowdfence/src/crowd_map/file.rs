@@ -1,311 +1,241 @@
-//! The crowd map's file format, version 1. All numbers are little-endian.
+//! The crowd map's file format, version 2, in the frame of [`crate::sealed`]; version 1 is read too.
 //!
 //! ```text
-//! magic            8 bytes  "CROWDMAP"
-//! version          u32
-//! payload length   u64
-//! payload          (below)
-//! checksum         u32      CRC-32 of everything before it
+//! terrain          u64 fingerprint, u64 voxel count
+//! method           u8 0 = paper, 1 = or, then its parameters as its file in `method/` says
+//! projection       f64 max_range_m, target_height_m; u8 coverage (0 rays, 1 full)
+//! max_gap_s        f64
+//! instants         u64 integrated so far, i64 first stamp, i64 newest stamp (0, 0 before the first)
+//! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
+//! looks            pages of u32: position among the named instants, 2^32 - 2 occluded, 2^32 - 1 never
+//! beliefs          pages of the method's beliefs
+//! drones           u32 count, then per drone: name (u32 length, UTF-8), pages of u64: a bit a voxel that it saw
+//! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! payload:
-//!   terrain        u64 fingerprint, u64 voxel count
-//!   method         u8 0 = paper: f64 true_positive, false_positive, prior, b_threshold; u8 unseen (0 fleet,
-//!                  1 visible); u8 normalise; f64 alpha, decay; u64 fleet size; u8 initial (0 zero, 1 prior,
-//!                  2 first look); u8 decay unit (0 second, 1 frame)
-//!                  u8 1 = or: u64 fleet size, f64 b_threshold
-//!   projection     f64 max_range_m, target_height_m; u8 coverage (0 rays, 1 full)
-//!   max_gap_s      f64
-//!   drones         u32 count, then per drone: u32 length, UTF-8 bytes
-//!   instants       u32 count, then i64 stamps, strictly increasing
-//!   pages          u32 count, then per page: u32 number (increasing), 1024 x f64 P~, 1024 x u32 look
-//!                  (instant, 2^32 - 2 occluded, 2^32 - 1 never)
+//! version 1 differs after max_gap_s:
+//!   drones         u32 count, names
+//!   instants       u32 count, i64 stamps, strictly increasing
+//!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
+//!                  among the instants, or as above)
 //! ```
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use crate::back_projection::{Coverage, Projection};
-use crate::error::{Error, Result};
-use crate::opinion_pool::{OpinionPool, Rates, Unseen};
-use crate::temporal_blend::TemporalBlend;
-use crate::terrain::Terrain;
-
 use super::CrowdMap;
-use super::belief::{BeliefStore, Look, PAGE_VOXELS};
-use super::method::{Decay, Initial, Method, Or, Paper};
+use super::beliefs::{Beliefs, BeliefsOf};
+use super::history::{History, Look};
+use super::instants::Instant;
+use super::pages::{PAGE_LENGTH, Pages};
+use crate::back_projection::{Coverage, Projection};
+use crate::error::Result;
+use crate::method::{Method, Or, Paper, Stored, each_method};
+use crate::sealed::{Kind, Reader, Writer};
+use crate::terrain::{Terrain, TerrainKey};
 
-const MAGIC: &[u8; 8] = b"CROWDMAP";
-const VERSION: u32 = 1;
-/// Magic, version and payload length.
-const HEAD_BYTES: usize = 8 + 4 + 8;
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 2 };
 
 impl CrowdMap {
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut payload = Writer::default();
-        payload.u64(self.terrain.fingerprint());
-        payload.u64(self.terrain.voxel_count() as u64);
-        payload.method(&self.method);
-        payload.projection(&self.projection);
+        let key = self.terrain.key();
+        payload.u64(key.fingerprint);
+        payload.u64(key.voxel_count as u64);
+        payload.u8(match self.method() {
+            Method::Paper(_) => 0,
+            Method::Or(_) => 1,
+        });
+        each_method!(&self.beliefs, Beliefs, beliefs => beliefs.method.write(&mut payload));
+        payload.f64(self.projection.max_range_m());
+        payload.f64(self.projection.target_height_m());
+        payload.u8(u8::from(self.projection.coverage() == Coverage::Full));
         payload.f64(self.max_gap_s);
-        payload.u32(self.drones.len() as u32);
-        for drone in &self.drones {
-            payload.u32(drone.len() as u32);
-            payload.0.extend(drone.as_bytes());
+        write_looks(&self.history, &mut payload);
+        each_method!(&self.beliefs, Beliefs, beliefs => write_beliefs(beliefs, &mut payload));
+        payload.u32(self.history.drones.len() as u32);
+        for (drone, seen) in &self.history.drones {
+            payload.text(drone);
+            write_pages(seen, &mut payload, |&word, payload| payload.u64(word));
         }
-        payload.u32(self.stamps_ns.len() as u32);
-        for &stamp_ns in &self.stamps_ns {
-            payload.0.extend(stamp_ns.to_le_bytes());
-        }
-        payload.beliefs(&self.beliefs);
-
-        let mut file = Writer::default();
-        file.0.extend(MAGIC);
-        file.u32(VERSION);
-        file.u64(payload.0.len() as u64);
-        file.0.extend(payload.0);
-        let checksum = crc32fast::hash(&file.0);
-        file.u32(checksum);
-        file.0
+        KIND.seal(payload)
     }
 
     pub fn from_bytes(data: &[u8], terrain: Arc<Terrain>) -> Result<CrowdMap> {
-        let mut reader = Reader { data: payload(data)?, at: 0 };
-        let fingerprint = reader.u64()?;
-        let voxel_count = reader.u64()?;
-        if fingerprint != terrain.fingerprint() || voxel_count != terrain.voxel_count() as u64 {
-            return Err(Error::OtherTerrain { found: fingerprint, expected: terrain.fingerprint() });
+        let (version, mut reader) = KIND.open(data)?;
+        let key = TerrainKey { fingerprint: reader.u64()?, voxel_count: reader.u64()? as usize };
+        terrain.key().check_same(key, KIND.name)?;
+        let method = match reader.choice(&[0, 1])? {
+            0 => Method::Paper(Paper::read(&mut reader, version)?),
+            _ => Method::Or(Or::read(&mut reader, version)?),
+        };
+        let (max_range_m, target_height_m) = (reader.f64()?, reader.f64()?);
+        let coverage = reader.choice(&[Coverage::Rays, Coverage::Full])?;
+        let projection = Projection::new(max_range_m, target_height_m, coverage)?;
+        let mut map = CrowdMap::new(terrain, method, projection, reader.f64()?)?;
+        match version {
+            1 => read_version_1(&mut reader, &mut map)?,
+            _ => read_version_2(&mut reader, &mut map)?,
         }
-        let method = reader.method()?;
-        let projection = reader.projection()?;
-        let max_gap_s = reader.f64()?;
-        let mut map = CrowdMap::new(terrain, method, projection, max_gap_s)?;
-        map.drones = reader.drones(method.fleet_size())?;
-        map.stamps_ns = reader.stamps()?;
-        reader.beliefs(&mut map)?;
-        if reader.at != reader.data.len() {
-            return Err(reader.damaged("bytes after the last page"));
-        }
+        reader.end()?;
         Ok(map)
     }
 }
 
-/// Checks the frame around the payload.
-fn payload(data: &[u8]) -> Result<&[u8]> {
-    if data.len() < HEAD_BYTES + 4 {
-        return Err(Error::NotACrowdMap { what: "the file is too short" });
+fn write_looks(history: &History, payload: &mut Writer) {
+    let instants = &history.instants;
+    let (first_ns, newest_ns) = instants.span_ns.unwrap_or((0, 0));
+    payload.u64(instants.integrated);
+    payload.i64(first_ns);
+    payload.i64(newest_ns);
+    // Slots depend on what was freed when; in the file instants stand in order of time.
+    let named = instants.named();
+    payload.u32(named.len() as u32);
+    for &slot in &named {
+        let Instant { stamp_ns, number } = instants.at(slot);
+        payload.i64(stamp_ns);
+        payload.u64(number);
     }
-    if &data[..8] != MAGIC {
-        return Err(Error::NotACrowdMap { what: "it does not begin with CROWDMAP" });
-    }
-    let version = u32::from_le_bytes(data[8..12].try_into().expect("4 bytes"));
-    if version != VERSION {
-        return Err(Error::CrowdMapVersion { version, supported: VERSION });
-    }
-    let length = u64::from_le_bytes(data[12..HEAD_BYTES].try_into().expect("8 bytes"));
-    let body = data.len() - HEAD_BYTES - 4;
-    if length != body as u64 {
-        return Err(Error::DamagedCrowdMap {
-            offset: data.len(),
-            what: "the file is shorter or longer than its header says",
+    let mut position = vec![0; named.iter().map(|&slot| slot as usize + 1).max().unwrap_or(0)];
+    named.iter().zip(0..).for_each(|(&slot, at)| position[slot as usize] = at);
+    write_pages(&history.looks, payload, |&code, payload| {
+        payload.u32(match Look::from_code(code) {
+            Look::At(slot) => position[slot as usize],
+            Look::Never | Look::Occluded => code,
         });
-    }
-    let (content, checksum) = data.split_at(data.len() - 4);
-    if crc32fast::hash(content).to_le_bytes() != checksum {
-        return Err(Error::DamagedCrowdMap { offset: data.len() - 4, what: "the checksum does not match" });
-    }
-    Ok(&content[HEAD_BYTES..])
+    });
 }
 
-#[derive(Default)]
-struct Writer(Vec<u8>);
+fn write_beliefs<M: Stored>(beliefs: &BeliefsOf<M>, payload: &mut Writer) {
+    write_pages(&beliefs.pages, payload, |&belief, payload| M::write_belief(belief, payload));
+}
 
-impl Writer {
-    fn u8(&mut self, value: u8) {
-        self.0.push(value);
-    }
-
-    fn u32(&mut self, value: u32) {
-        self.0.extend(value.to_le_bytes());
-    }
-
-    fn u64(&mut self, value: u64) {
-        self.0.extend(value.to_le_bytes());
-    }
-
-    fn f64(&mut self, value: f64) {
-        self.0.extend(value.to_le_bytes());
-    }
-
-    fn method(&mut self, method: &Method) {
-        match method {
-            Method::Paper(paper) => {
-                self.u8(0);
-                let rates = paper.pool.rates();
-                self.f64(rates.true_positive());
-                self.f64(rates.false_positive());
-                self.f64(paper.pool.prior());
-                self.f64(paper.pool.b_threshold());
-                self.u8(u8::from(paper.pool.unseen() == Unseen::Visible));
-                self.u8(u8::from(paper.pool.normalise()));
-                self.f64(paper.blend.alpha());
-                self.f64(paper.blend.decay());
-                self.u64(paper.fleet_size as u64);
-                self.u8(match paper.initial {
-                    Initial::Zero => 0,
-                    Initial::Prior => 1,
-                    Initial::FirstLook => 2,
-                });
-                self.u8(u8::from(paper.decay == Decay::PerFrame));
-            }
-            Method::Or(or) => {
-                self.u8(1);
-                self.u64(or.fleet_size() as u64);
-                self.f64(or.b_threshold());
-            }
-        }
-    }
-
-    fn projection(&mut self, projection: &Projection) {
-        self.f64(projection.max_range_m());
-        self.f64(projection.target_height_m());
-        self.u8(u8::from(projection.coverage() == Coverage::Full));
-    }
-
-    fn beliefs(&mut self, beliefs: &BeliefStore) {
-        self.u32(beliefs.pages().iter().flatten().count() as u32);
-        for (number, page) in beliefs.pages().iter().enumerate() {
-            let Some(page) = page else { continue };
-            self.u32(number as u32);
-            page.probability.iter().for_each(|&p| self.f64(p));
-            page.look.iter().for_each(|&look| self.u32(look));
-        }
+fn write_pages<T: Copy>(pages: &Pages<T>, payload: &mut Writer, write: impl Fn(&T, &mut Writer)) {
+    payload.u32(pages.written().count() as u32);
+    for (number, page) in pages.written() {
+        payload.u32(number as u32);
+        page.iter().for_each(|value| write(value, payload));
     }
 }
 
-struct Reader<'a> {
-    data: &'a [u8],
-    at: usize,
+/// Fills `pages`; `read` gives the values of one page.
+fn read_pages<'a, T: Copy>(
+    reader: &mut Reader<'a>,
+    pages: &mut Pages<T>,
+    read: impl Fn(&mut Reader<'a>) -> Result<Vec<T>>,
+) -> Result<()> {
+    let mut lowest = 0;
+    for _ in 0..reader.u32()? {
+        let number = page_number(reader, lowest, pages.count())?;
+        lowest = number + 1;
+        let page = read(reader)?;
+        pages.put(number, page);
+    }
+    Ok(())
 }
 
-impl<'a> Reader<'a> {
-    fn damaged(&self, what: &'static str) -> Error {
-        Error::DamagedCrowdMap { offset: HEAD_BYTES + self.at, what }
+fn page_number(reader: &mut Reader<'_>, lowest: usize, count: usize) -> Result<usize> {
+    let number = reader.u32()? as usize;
+    if (lowest..count).contains(&number) {
+        Ok(number)
+    } else {
+        Err(reader.damaged("a page that does not belong to the map"))
     }
+}
 
-    fn take(&mut self, count: usize) -> Result<&'a [u8]> {
-        let rest = &self.data[self.at..];
-        if rest.len() < count {
-            return Err(self.damaged("the payload ends early"));
+fn read_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap) -> Result<()> {
+    let history = &mut map.history;
+    let (integrated, first_ns, newest_ns) = (reader.u64()?, reader.i64()?, reader.i64()?);
+    if first_ns < 0 || newest_ns < first_ns || integrated > u64::from(u32::MAX) << 16 {
+        return Err(reader.damaged("instants that no clock gives"));
+    }
+    history.instants.integrated = integrated;
+    history.instants.span_ns = (integrated > 0).then_some((first_ns, newest_ns));
+    let count = reader.u32()? as usize;
+    let mut named = Vec::new();
+    for _ in 0..count {
+        named.push(Instant { stamp_ns: reader.i64()?, number: reader.u64()? });
+    }
+    let inside =
+        |instant: &Instant| (0..=newest_ns).contains(&instant.stamp_ns) && instant.number < integrated;
+    if !named.is_sorted_by(|a, b| a < b) || !named.iter().all(inside) {
+        return Err(reader.damaged("instants that do not increase or lie outside the map's time"));
+    }
+    let mut looks = Pages::new(map.terrain.voxel_count(), Look::NEVER);
+    read_pages(reader, &mut looks, |reader| reader.numbers(PAGE_LENGTH, u32::from_le_bytes))?;
+    take_looks(reader, history, &named, looks)?;
+    each_method!(&mut map.beliefs, Beliefs, beliefs => read_beliefs(reader, beliefs))?;
+    read_drones(reader, history)
+}
+
+fn read_beliefs<M: Stored>(reader: &mut Reader<'_>, beliefs: &mut BeliefsOf<M>) -> Result<()> {
+    read_pages(reader, &mut beliefs.pages, |reader| M::read_beliefs(reader, KIND.version, PAGE_LENGTH))
+}
+
+fn read_drones(reader: &mut Reader<'_>, history: &mut History) -> Result<()> {
+    for _ in 0..reader.u32()? {
+        let drone = reader.text()?;
+        let mut seen = history.none_seen();
+        read_pages(reader, &mut seen, |reader| reader.numbers(PAGE_LENGTH, u64::from_le_bytes))?;
+        history.drones.insert(drone, seen);
+    }
+    Ok(())
+}
+
+fn read_version_1(reader: &mut Reader<'_>, map: &mut CrowdMap) -> Result<()> {
+    let history = &mut map.history;
+    for _ in 0..reader.u32()? {
+        let drone = reader.text()?;
+        history.drones.insert(drone, history.none_seen());
+    }
+    let count = reader.u32()? as usize;
+    let stamps_ns = reader.numbers(count, i64::from_le_bytes)?;
+    if !stamps_ns.is_sorted_by(|a, b| a < b) || stamps_ns.first().is_some_and(|&first_ns| first_ns < 0) {
+        return Err(reader.damaged("stamps that are negative or do not increase"));
+    }
+    history.instants.integrated = count as u64;
+    history.instants.span_ns = stamps_ns.first().copied().zip(stamps_ns.last().copied());
+    let named: Vec<Instant> =
+        stamps_ns.iter().zip(0..).map(|(&stamp_ns, number)| Instant { stamp_ns, number }).collect();
+    let mut looks = Pages::new(map.terrain.voxel_count(), Look::NEVER);
+    each_method!(&mut map.beliefs, Beliefs, beliefs => read_pages_1(reader, beliefs, &mut looks))?;
+    take_looks(reader, history, &named, looks)
+}
+
+fn read_pages_1<M: Stored>(
+    reader: &mut Reader<'_>,
+    beliefs: &mut BeliefsOf<M>,
+    looks: &mut Pages<u32>,
+) -> Result<()> {
+    let mut lowest = 0;
+    for _ in 0..reader.u32()? {
+        let number = page_number(reader, lowest, looks.count())?;
+        lowest = number + 1;
+        beliefs.pages.put(number, M::read_beliefs(reader, 1, PAGE_LENGTH)?);
+        looks.put(number, reader.numbers(PAGE_LENGTH, u32::from_le_bytes)?);
+    }
+    Ok(())
+}
+
+/// Looks that name instants by their position in `named` become the history's.
+fn take_looks(
+    reader: &Reader<'_>,
+    history: &mut History,
+    named: &[Instant],
+    looks: Pages<u32>,
+) -> Result<()> {
+    let exists = |code| !matches!(Look::from_code(code), Look::At(at) if at as usize >= named.len());
+    if !looks.values().all(|(_, code)| exists(code)) {
+        return Err(reader.damaged("a look at an instant that does not exist"));
+    }
+    // In an empty history, slots are given out in order: position and slot are the same number.
+    for &instant in named {
+        history.instants.open(instant);
+    }
+    for (_, code) in looks.values() {
+        if let Look::At(slot) = Look::from_code(code) {
+            history.instants.enter(slot);
         }
-        self.at += count;
-        Ok(&rest[..count])
     }
-
-    fn u8(&mut self) -> Result<u8> {
-        Ok(self.take(1)?[0])
-    }
-
-    fn u32(&mut self) -> Result<u32> {
-        Ok(u32::from_le_bytes(self.take(4)?.try_into().expect("4 bytes")))
-    }
-
-    fn u64(&mut self) -> Result<u64> {
-        Ok(u64::from_le_bytes(self.take(8)?.try_into().expect("8 bytes")))
-    }
-
-    fn f64(&mut self) -> Result<f64> {
-        self.u64().map(f64::from_bits)
-    }
-
-    /// One of a few alternatives, numbered from 0.
-    fn choice<T: Copy>(&mut self, alternatives: &[T]) -> Result<T> {
-        let number = self.u8()?;
-        alternatives
-            .get(usize::from(number))
-            .copied()
-            .ok_or_else(|| self.damaged("an alternative that does not exist"))
-    }
-
-    fn method(&mut self) -> Result<Method> {
-        let is_or = self.choice(&[false, true])?;
-        if is_or {
-            return Ok(Method::Or(Or::new(self.u64()? as usize, self.f64()?)?));
-        }
-        let rates = Rates::new(self.f64()?, self.f64()?)?;
-        let (prior, b_threshold) = (self.f64()?, self.f64()?);
-        let unseen = self.choice(&[Unseen::Fleet, Unseen::Visible])?;
-        let normalise = self.choice(&[false, true])?;
-        let pool = OpinionPool::new(rates, prior, b_threshold, unseen, normalise)?;
-        let blend = TemporalBlend::new(self.f64()?, self.f64()?)?;
-        let fleet_size = self.u64()? as usize;
-        let initial = self.choice(&[Initial::Zero, Initial::Prior, Initial::FirstLook])?;
-        let decay = self.choice(&[Decay::PerSecond, Decay::PerFrame])?;
-        Ok(Method::Paper(Paper::new(pool, blend, fleet_size, initial, decay)?))
-    }
-
-    fn projection(&mut self) -> Result<Projection> {
-        let (max_range_m, target_height_m) = (self.f64()?, self.f64()?);
-        let coverage = self.choice(&[Coverage::Rays, Coverage::Full])?;
-        Projection::new(max_range_m, target_height_m, coverage)
-    }
-
-    fn drones(&mut self, fleet_size: usize) -> Result<BTreeSet<String>> {
-        let count = self.u32()? as usize;
-        if count > fleet_size {
-            return Err(self.damaged("more drones than the fleet has"));
-        }
-        let mut drones = BTreeSet::new();
-        for _ in 0..count {
-            let length = self.u32()? as usize;
-            let name = std::str::from_utf8(self.take(length)?)
-                .map_err(|_| self.damaged("a drone name that is not UTF-8"))?;
-            drones.insert(name.to_owned());
-        }
-        Ok(drones)
-    }
-
-    fn stamps(&mut self) -> Result<Vec<i64>> {
-        let count = self.u32()? as usize;
-        let bytes = self.take(count.saturating_mul(8))?;
-        let stamps_ns: Vec<i64> = bytes
-            .chunks_exact(8)
-            .map(|stamp| i64::from_le_bytes(stamp.try_into().expect("8 bytes")))
-            .collect();
-        if stamps_ns.is_sorted_by(|a, b| a < b) {
-            Ok(stamps_ns)
-        } else {
-            Err(self.damaged("stamps that do not increase"))
-        }
-    }
-
-    fn beliefs(&mut self, map: &mut CrowdMap) -> Result<()> {
-        let instants = map.stamps_ns.len() as u32;
-        let mut previous = None;
-        for _ in 0..self.u32()? {
-            let number = self.u32()?;
-            if previous.is_some_and(|p| p >= number) || number as usize >= map.beliefs.pages().len() {
-                return Err(self.damaged("a page that does not belong to the map"));
-            }
-            previous = Some(number);
-            let probability: Vec<f64> = self
-                .take(PAGE_VOXELS * 8)?
-                .chunks_exact(8)
-                .map(|p| f64::from_le_bytes(p.try_into().expect("8 bytes")))
-                .collect();
-            let look: Vec<u32> = self
-                .take(PAGE_VOXELS * 4)?
-                .chunks_exact(4)
-                .map(|look| u32::from_le_bytes(look.try_into().expect("4 bytes")))
-                .collect();
-            if !probability.iter().all(|p| (0.0..=1.0).contains(p)) {
-                return Err(self.damaged("a probability outside [0, 1]"));
-            }
-            let exists = |&look: &u32| !matches!(Look::from_code(look), Look::At(at) if at >= instants);
-            if !look.iter().all(exists) {
-                return Err(self.damaged("a look at an instant that does not exist"));
-            }
-            map.beliefs.put_page(number as usize, probability, look);
-        }
-        Ok(())
-    }
+    (0..named.len() as u32).for_each(|slot| history.instants.close(slot));
+    history.looks = looks;
+    Ok(())
 }

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from crowdfence.sources.recording import Frame, FrameError
 
-CLASS_COLORS = {
+CLASS_COLOURS = {
     "sky": (150, 190, 230),
     "ground": (139, 152, 112),
     "road": (74, 78, 92),
     "crowd": (232, 48, 70),
     "cyclist": (255, 196, 0),
 }
-REGION_COLOR = (255, 120, 20)
-HEATMAP_COLOR = (232, 48, 70)
+REGION_COLOUR = (255, 120, 20)
+HEATMAP_COLOUR = (232, 48, 70)
 _LABEL_SHARE, _REGION_SHARE, _HEATMAP_SHARE = 0.72, 0.45, 0.85
 _BLANK = 214
 
@@ -60,17 +60,17 @@ def _grey(photo: Rgb | None, frame: Frame) -> NDArray[np.float64]:
 
 
 def _classes(frame: Frame, ground: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    from crowdfence.sources.mission_layout import CLASSES
+    from crowdfence.sources.mission.layout import CLASSES
 
     if frame.pixels.segmentation is None:
         return None
     palette = np.full((256, 3), float(_BLANK))
     for number, name in CLASSES.items():
-        palette[number] = CLASS_COLORS[name]
+        palette[number] = CLASS_COLOURS[name]
     classes = frame.segmentation()
     painted = (1 - _LABEL_SHARE) * ground + _LABEL_SHARE * palette[classes]
     if frame.pixels.regions is not None:
-        painted[_outline(frame.regions() > 0)] = REGION_COLOR
+        painted[_outline(frame.regions() > 0)] = REGION_COLOUR
     return painted
 
 
@@ -79,8 +79,8 @@ def _regions(frame: Frame, ground: NDArray[np.float64]) -> NDArray[np.float64] |
         return None
     crowd = frame.regions() > 0 if frame.pixels.regions is not None else frame.silhouettes()
     painted = ground.copy()
-    painted[crowd] = (1 - _REGION_SHARE) * ground[crowd] + _REGION_SHARE * np.array(REGION_COLOR)
-    painted[_outline(crowd)] = REGION_COLOR
+    painted[crowd] = (1 - _REGION_SHARE) * ground[crowd] + _REGION_SHARE * np.array(REGION_COLOUR)
+    painted[_outline(crowd)] = REGION_COLOUR
     return painted
 
 
@@ -93,7 +93,7 @@ def _heatmap(frame: Frame, ground: NDArray[np.float64]) -> NDArray[np.float64] |
     row = np.minimum(np.arange(height) * heatmap.shape[0] // height, heatmap.shape[0] - 1)
     column = np.minimum(np.arange(width) * heatmap.shape[1] // width, heatmap.shape[1] - 1)
     share = _HEATMAP_SHARE * np.nan_to_num(heatmap)[row[:, None], column, None]
-    return (1 - share) * ground + share * np.array(HEATMAP_COLOR)
+    return (1 - share) * ground + share * np.array(HEATMAP_COLOUR)
 
 
 def _outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

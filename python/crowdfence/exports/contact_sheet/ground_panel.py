@@ -70,8 +70,8 @@ def draw_ground_panel(
     for frame, outline in zip(frames, outlines, strict=True):
         _draw_footprint(axes, outline, drone_line(recording.drones.index(frame.drone)))
         at = frame.world_from_camera[:2, 3]
-        color = drone_line(recording.drones.index(frame.drone))
-        axes.plot(*at, marker="o", markersize=6, color=color, markeredgecolor="white", zorder=6)
+        colour = drone_line(recording.drones.index(frame.drone))
+        axes.plot(*at, marker="o", markersize=6, color=colour, markeredgecolor="white", zorder=6)
     if people is not None:
         _draw_people(axes, people)
     axes.ticklabel_format(useOffset=False, style="plain")
@@ -80,27 +80,27 @@ def draw_ground_panel(
     axes.set_ylabel("north [m]", fontsize=10, color=INK)
 
 
-def _draw_flight(axes: Axes, recording: Recording, drone: str, color: str) -> None:
+def _draw_flight(axes: Axes, recording: Recording, drone: str, colour: str) -> None:
     track = recording.tracks().get(drone)
     if track is not None and len(track):
-        axes.plot(*track.positions[:, :2].T, color=color, linewidth=1.4, zorder=4, label=drone)
+        axes.plot(*track.positions[:, :2].T, color=colour, linewidth=1.4, zorder=4, label=drone)
 
 
-def _draw_footprint(axes: Axes, outline: NDArray[np.float64], color: str) -> None:
+def _draw_footprint(axes: Axes, outline: NDArray[np.float64], colour: str) -> None:
     if len(outline) >= 3:
         x, y = np.vstack([outline, outline[:1]]).T
-        axes.fill(x, y, color=color, alpha=0.12, linewidth=0, zorder=2)
-        axes.plot(x, y, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
+        axes.fill(x, y, color=colour, alpha=0.12, linewidth=0, zorder=2)
+        axes.plot(x, y, color=colour, linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
 
 
 def _draw_people(axes: Axes, people: RecordedPeople) -> None:
-    for chosen, color, size, name in (
+    for chosen, colour, size, name in (
         (people.crowd == 0, _ALONE, 12.0, "person in no crowd"),
         (people.crowd > 0, _CROWD, 9.0, "person in a crowd"),
     ):
         if chosen.any():
             x, y = people.position[chosen, :2].T
-            axes.scatter(x, y, s=size, c=color, edgecolors="white", linewidths=0.3, zorder=5, label=name)
+            axes.scatter(x, y, s=size, c=colour, edgecolors="white", linewidths=0.3, zorder=5, label=name)
 
 
 def _relief(terrain: Terrain, extent: Extent, width_px: int) -> NDArray[np.uint8]:

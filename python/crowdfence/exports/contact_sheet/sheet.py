@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import atomic_path
-from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLORS, labelled, photograph
+from crowdfence.atomic_file import atomic_path
+from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLOURS, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import draw_ground_panel, footprints, panel_extent
-from crowdfence.exports.iso_time import iso_utc
 from crowdfence.exports.picture.line_style import INK, drone_line
+from crowdfence.iso_time import iso_utc
 from crowdfence.sources.recording import Frame, Instant, Recording
 
 if TYPE_CHECKING:
@@ -115,9 +115,9 @@ def _compose(
     for column, drone in enumerate(drones):
         x = _SIDE_PX + column * (_TILE_PX + _GAP_PX) + _TILE_PX / 2
         y = 1 - (_TITLE_PX + _HEAD_PX / 2) / height
-        color = drone_line(recording.drones.index(drone))
+        colour = drone_line(recording.drones.index(drone))
         figure.text(
-            x / width, y, drone, ha="center", va="center", fontsize=13, color=color, fontweight="bold"
+            x / width, y, drone, ha="center", va="center", fontsize=13, color=colour, fontweight="bold"
         )
     top = float(_TITLE_PX + _HEAD_PX)
     first_ns = recording.frames[0].stamp_ns
@@ -179,7 +179,7 @@ def _write_legend(figure: Figure, what: str, x: float, y: float) -> None:
         return
     width_px = figure.get_figwidth() * _DPI
     x += 290 / width_px
-    for name, color in CLASS_COLORS.items():
-        figure.text(x, y, "\u25a0", fontsize=15, color=np.array(color) / 255, va="center")
+    for name, colour in CLASS_COLOURS.items():
+        figure.text(x, y, "\u25a0", fontsize=15, color=np.array(colour) / 255, va="center")
         figure.text(x + 20 / width_px, y, name, fontsize=10.5, color=INK, va="center")
         x += 96 / width_px

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.atomic import atomic_path
+from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.legend import draw_legend, draw_origin, draw_title

@@ -55,11 +55,11 @@ def _place_label(
     text: str,
     beside: Bbox,
     taken: Sequence[Bbox],
-    color: str,
+    colour: str,
 ) -> Bbox:
     """Write `text` beside the box `beside`, inside the panel and clear of `taken`, or else on top of it."""
     plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-    style: dict[str, Any] = {"fontsize": 10, "fontweight": "bold", "color": color, "bbox": plate}
+    style: dict[str, Any] = {"fontsize": 10, "fontweight": "bold", "color": colour, "bbox": plate}
     label = axes.text(0, 0, text, ha="center", va="center", zorder=11, **style)
     panel, size = axes.get_window_extent(), np.array(label.get_window_extent().padded(3).size)
     corners = np.array(beside.get_points())

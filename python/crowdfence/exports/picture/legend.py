@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence.exports.colors import STATE_COLORS, probability_colors
-from crowdfence.exports.iso_time import iso_utc
+from crowdfence.exports.colours import STATE_COLOURS, probability_colours
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.line_style import INK, MOST_LABELS, drone_line
 from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import ZoneSet
@@ -107,7 +107,7 @@ def draw_legend(
 
 def _probability(column: _Column, threshold: float) -> None:
     column.heading("Probability of crowd")
-    ramp = probability_colors(np.linspace(0.0, 1.0, 512), threshold)[None]
+    ramp = probability_colours(np.linspace(0.0, 1.0, 512), threshold)[None]
     top, bottom = column.y, column.y - 16
     column.axes.imshow(
         ramp, extent=(0, column.width, bottom, top), aspect="auto", interpolation="none", zorder=1
@@ -130,11 +130,11 @@ def _states(column: _Column, grid: SurfaceGrid) -> None:
         area_m2 = grid.area_m2(state)
         if area_m2 == 0.0 and state in (VoxelState.STALE, VoxelState.OCCLUDED):
             continue
-        color = np.array(STATE_COLORS[state]) / 255
-        swatch = Rectangle((0, column.y - 18), 30, 16, facecolor=color, edgecolor="none")
+        colour = np.array(STATE_COLOURS[state]) / 255
+        swatch = Rectangle((0, column.y - 18), 30, 16, facecolor=colour, edgecolor="none")
         column.axes.add_patch(swatch)
         if state in _HATCHES:
-            swatch.set(hatch=_HATCHES[state], edgecolor=color * 0.72)
+            swatch.set(hatch=_HATCHES[state], edgecolor=colour * 0.72)
         # How much of the map was never seen depends on where the map was cut, so no figure is given for it.
         column.row(text, "" if state == VoxelState.NEVER_SEEN else _area(area_m2), indent=42)
 
@@ -146,10 +146,10 @@ def _area(area_m2: float) -> str:
 def _drones(column: _Column, tracks: Sequence[DroneTrack]) -> None:
     column.heading("Drones")
     for number, track in enumerate(tracks[:_MOST_DRONES]):
-        y, color = column.y - 10, drone_line(number)
-        column.axes.plot([4, 26], [y, y], color=color, linewidth=2.2)
-        column.axes.plot([4], [y], "o", markersize=6.5, markerfacecolor="white", markeredgecolor=color)
-        column.axes.plot([26], [y], marker=(3, 0, -90), markersize=10, color=color, markeredgecolor="white")
+        y, colour = column.y - 10, drone_line(number)
+        column.axes.plot([4, 26], [y, y], color=colour, linewidth=2.2)
+        column.axes.plot([4], [y], "o", markersize=6.5, markerfacecolor="white", markeredgecolor=colour)
+        column.axes.plot([26], [y], marker=(3, 0, -90), markersize=10, color=colour, markeredgecolor="white")
         column.row(track.drone, f"{_path_length_m(track):,.0f} m flown", indent=42)
     if len(tracks) > _MOST_DRONES:
         column.row(f"and {len(tracks) - _MOST_DRONES} more", indent=42, color=_FAINT)

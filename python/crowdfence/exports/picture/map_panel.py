@@ -84,12 +84,12 @@ def _draw_contours(axes: Axes, ground: ShadedGround, extent: Extent) -> float | 
     return step
 
 
-def _draw_footprint(axes: Axes, track: DroneTrack, color: str) -> None:
+def _draw_footprint(axes: Axes, track: DroneTrack, colour: str) -> None:
     if len(track.footprint) < 3:
         return
     x, y = np.vstack([track.footprint, track.footprint[:1]]).T
-    axes.fill(x, y, color=color, alpha=0.05, linewidth=0, zorder=2)
-    axes.plot(x, y, color=color, linewidth=1.3, linestyle=(0, (5, 3)), zorder=3, path_effects=_halo(2.6))
+    axes.fill(x, y, color=colour, alpha=0.05, linewidth=0, zorder=2)
+    axes.plot(x, y, color=colour, linewidth=1.3, linestyle=(0, (5, 3)), zorder=3, path_effects=_halo(2.6))
 
 
 def _draw_outline(axes: Axes, zone: Zone) -> None:
@@ -110,16 +110,16 @@ def _rings(zone: Zone) -> list[NDArray[np.float64]]:
     ]
 
 
-def _draw_track(axes: Axes, track: DroneTrack, color: str) -> None:
+def _draw_track(axes: Axes, track: DroneTrack, colour: str) -> None:
     x, y = track.positions[:, 0], track.positions[:, 1]
-    axes.plot(x, y, color=color, linewidth=2.2, zorder=5, solid_capstyle="round", path_effects=_halo(4.2))
-    axes.plot(x[:1], y[:1], "o", markersize=8, markerfacecolor="white", markeredgecolor=color, zorder=6)
+    axes.plot(x, y, color=colour, linewidth=2.2, zorder=5, solid_capstyle="round", path_effects=_halo(4.2))
+    axes.plot(x[:1], y[:1], "o", markersize=8, markerfacecolor="white", markeredgecolor=colour, zorder=6)
     axes.plot(
         x[-1:],
         y[-1:],
         marker=(3, 0, _heading_deg(track.positions)),
         markersize=13,
-        color=color,
+        color=colour,
         markeredgecolor="white",
         zorder=7,
     )

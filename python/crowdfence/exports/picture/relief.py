@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.exports.colors import state_colors
+from crowdfence.exports.colours import state_colours
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 
@@ -62,9 +62,9 @@ def shaded_ground(grid: SurfaceGrid, threshold: float, extent: Extent, width_px:
     inside = _inside(column, grid.shape[0])[:, None] & _inside(row, grid.shape[1])[None, :]
     inside &= grid.has_surface[x, y]
     state, probability = _most_urgent(grid, max(1, round(metres_per_px / grid.cell_size_m)))
-    colors = state_colors(probability[x, y], state[x, y], threshold).astype(np.float64)
+    colours = state_colours(probability[x, y], state[x, y], threshold).astype(np.float64)
     height_m = _heights(grid, column, row, metres_per_px)
-    lit = _lit(colors, _light(height_m, metres_per_px), state[x, y])
+    lit = _lit(colours, _light(height_m, metres_per_px), state[x, y])
     lit[~inside] = OFF_MAP
     height_m[~inside] = np.nan
     image = lit.transpose(1, 0, 2).round().clip(0, 255).astype(np.uint8)
@@ -161,14 +161,14 @@ def _filled(heights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _lit(
-    colors: NDArray[np.float64], light: NDArray[np.float64], state: NDArray[np.uint8]
+    colours: NDArray[np.float64], light: NDArray[np.float64], state: NDArray[np.uint8]
 ) -> NDArray[np.float64]:
     """Colours [X, Y, 3] with relief and, where nothing was seen, a hatch."""
     # Crowd keeps its legend colour almost unshaded; everything else is a paler wash over the relief.
     crowd = state == VoxelState.CROWD
     wash = np.where(crowd, 1.0, _WASH)[..., None]
     depth = np.where(crowd, 0.15, _RELIEF)[..., None]
-    washed = colors * wash + 255.0 * (1.0 - wash)
+    washed = colours * wash + 255.0 * (1.0 - wash)
     # Skylight keeps steep shade from going black.
     brightness = (_SKYLIGHT + (1.0 - _SKYLIGHT) * light).clip(0.0, 1.15)
     shaded = washed * (1.0 + depth * (brightness[..., None] - 1.0))

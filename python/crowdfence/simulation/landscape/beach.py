@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.landscape.furnishing import CLOTH_COLORS, Furnishing
+from crowdfence.simulation.landscape.furnishing import CLOTH_COLOURS, Furnishing
 from crowdfence.simulation.landscape.greenery import (
     plant_bushes,
     plant_trees,
@@ -16,7 +16,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 SHORE_NORTH_M = -40.0
 SAND_WIDTH_M = 85.0
@@ -110,13 +110,13 @@ def _furnish(plan: LandscapePlan, surface: Ground, phase: Array, things: Furnish
     _camps(plan.tents, things, scatter(plan.tents, extent, rng, on_sand))
     x, y = scatter(max(plan.tents // 12, 0), extent, rng, on_sand)
     good = things.free(x, y, 2.5)
-    things.place("boat", x[good], y[good], color=things.choose(CLOTH_COLORS, int(good.sum())))
+    things.place("boat", x[good], y[good], colour=things.choose(CLOTH_COLOURS, int(good.sum())))
     x, y = scatter(plan.flags, extent, rng, on_sand)
     good = things.free(x, y, 1.0)
-    things.place("flag", x[good], y[good], color=things.choose(CLOTH_COLORS, int(good.sum())))
+    things.place("flag", x[good], y[good], colour=things.choose(CLOTH_COLOURS, int(good.sum())))
     posts = plan.posts
     x = np.linspace(extent[0] + 10, extent[2] - 10, max(posts, 1), dtype=np.float64)[:posts]
-    things.place("post", x, _shore_north(x, phase) + PROMENADE_M - HALF_WIDTH_M - 1.5, color=(140, 110, 76))
+    things.place("post", x, _shore_north(x, phase) + PROMENADE_M - HALF_WIDTH_M - 1.5, colour=(140, 110, 76))
     x, y = scatter(plan.trees, extent, rng, behind)
     plant_trees(things, x, y, shares=(0.45, 0.4, 0.15), size=0.8)
     plant_bushes(things, plan.bushes, extent, on_dunes)
@@ -129,9 +129,9 @@ def _camps(count: int, things: Furnishing, at: tuple[Array, Array]) -> None:
     rng = things.rng
     x, y = at
     tent = rng.random(len(x)) < 0.25
-    things.place("tent", x[tent], y[tent], scale=0.8, color=things.choose(CLOTH_COLORS, int(tent.sum())))
-    things.place("parasol", x[~tent], y[~tent], color=things.choose(CLOTH_COLORS, int((~tent).sum())))
+    things.place("tent", x[tent], y[tent], scale=0.8, colour=things.choose(CLOTH_COLOURS, int(tent.sum())))
+    things.place("parasol", x[~tent], y[~tent], colour=things.choose(CLOTH_COLOURS, int((~tent).sum())))
     angle = rng.uniform(0, 2 * np.pi, len(x))
     for turn in (0.0, 1.9):
         tx, ty = x + 2.0 * np.cos(angle + turn), y + 2.0 * np.sin(angle + turn)
-        things.place("towel", tx, ty, color=things.choose(CLOTH_COLORS, len(x)))
+        things.place("towel", tx, ty, colour=things.choose(CLOTH_COLOURS, len(x)))

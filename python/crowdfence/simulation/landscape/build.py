@@ -7,7 +7,7 @@ from crowdfence.simulation.landscape.field import build_field
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.landscape.mountain_road import build_mountain_road
 from crowdfence.simulation.landscape.street import build_street
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 _BUILDERS: dict[str, Callable[[LandscapePlan, int], Landscape]] = {
     "mountain_road": build_mountain_road,

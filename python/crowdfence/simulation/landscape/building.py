@@ -13,7 +13,7 @@ class Building:
     """Closed mesh with a colour and a window flag per triangle."""
 
     mesh: TriangleMesh
-    color: NDArray[np.uint8]
+    colour: NDArray[np.uint8]
     """[M, 3] sRGB per triangle."""
     windows: NDArray[np.bool_]
     """[M] whether the face is a wall with windows."""

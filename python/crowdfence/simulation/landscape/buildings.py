@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence.simulation.landscape.building import Building
 from crowdfence.simulation.landscape.triangle_mesh import TriangleMesh
 
-Color = tuple[int, int, int]
+Colour = tuple[int, int, int]
 
 PLASTER = (
     (208, 194, 166),
@@ -29,39 +29,43 @@ class _Faces:
     """Collects flat faces with their colour."""
 
     corners: list[NDArray[np.float64]] = field(default_factory=list)
-    colors: list[Color] = field(default_factory=list)
+    colours: list[Colour] = field(default_factory=list)
     windows: list[bool] = field(default_factory=list)
 
     def quad(
-        self, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, color: Color, windows: bool = False
+        self, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, colour: Colour, windows: bool = False
     ) -> None:
         for triangle in ((a, b, c), (a, c, d)):
-            self.triangle(*triangle, color, windows)
+            self.triangle(*triangle, colour, windows)
 
-    def triangle(self, a: ArrayLike, b: ArrayLike, c: ArrayLike, color: Color, windows: bool = False) -> None:
+    def triangle(
+        self, a: ArrayLike, b: ArrayLike, c: ArrayLike, colour: Colour, windows: bool = False
+    ) -> None:
         self.corners.append(np.array([a, b, c], np.float64))
-        self.colors.append(color)
+        self.colours.append(colour)
         self.windows.append(windows)
 
     def block(
         self,
         low: NDArray[np.float64],
         high: NDArray[np.float64],
-        color: Color,
+        colour: Colour,
         *,
         walls_with_windows: bool = False,
     ) -> None:
         """Closed box."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         w = walls_with_windows
-        self.quad((x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1), color, w)
-        self.quad((x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1), color, w)
-        self.quad((x1, y1, z0), (x0, y1, z0), (x0, y1, z1), (x1, y1, z1), color, w)
-        self.quad((x0, y1, z0), (x0, y0, z0), (x0, y0, z1), (x0, y1, z1), color, w)
-        self.quad((x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1), color)
-        self.quad((x0, y1, z0), (x1, y1, z0), (x1, y0, z0), (x0, y0, z0), color)
+        self.quad((x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1), colour, w)
+        self.quad((x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1), colour, w)
+        self.quad((x1, y1, z0), (x0, y1, z0), (x0, y1, z1), (x1, y1, z1), colour, w)
+        self.quad((x0, y1, z0), (x0, y0, z0), (x0, y0, z1), (x0, y1, z1), colour, w)
+        self.quad((x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1), colour)
+        self.quad((x0, y1, z0), (x1, y1, z0), (x1, y0, z0), (x0, y0, z0), colour)
 
-    def gable(self, low: NDArray[np.float64], high: NDArray[np.float64], color: Color, wall: Color) -> None:
+    def gable(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], colour: Colour, wall: Colour
+    ) -> None:
         """Closed ridge roof over the rectangle, the ridge along its longer side."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         along_x = x1 - x0 >= y1 - y0
@@ -72,8 +76,8 @@ class _Faces:
             ridge0, ridge1 = ((x0 + x1) / 2, y0, z1), ((x0 + x1) / 2, y1, z1)
             base = [(x1, y0, z0), (x1, y1, z0), (x0, y1, z0), (x0, y0, z0)]
         a, b, c, d = base
-        self.quad(a, b, ridge1, ridge0, color)
-        self.quad(c, d, ridge0, ridge1, color)
+        self.quad(a, b, ridge1, ridge0, colour)
+        self.quad(c, d, ridge0, ridge1, colour)
         self.triangle(b, c, ridge1, wall)
         self.triangle(d, a, ridge0, wall)
         self.quad(a, d, c, b, wall)
@@ -81,7 +85,7 @@ class _Faces:
     def building(self, foot_m: float) -> Building:
         corners = np.concatenate(self.corners)
         mesh = TriangleMesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-        return Building(mesh, np.array(self.colors, np.uint8), np.array(self.windows), foot_m)
+        return Building(mesh, np.array(self.colours, np.uint8), np.array(self.windows), foot_m)
 
 
 def house(
@@ -96,8 +100,8 @@ def house(
     west, south, east, north = rectangle
     floor = foot_m[1]
     top = floor + 3.1 * storeys + 0.4
-    wall: Color = PLASTER[int(rng.integers(len(PLASTER)))]
-    roof: Color = ROOF_TILES[int(rng.integers(len(ROOF_TILES)))]
+    wall: Colour = PLASTER[int(rng.integers(len(PLASTER)))]
+    roof: Colour = ROOF_TILES[int(rng.integers(len(ROOF_TILES)))]
     faces = _Faces()
     faces.block(
         np.array([west, south, foot_m[0] - 1.0]), np.array([east, north, top]), wall, walls_with_windows=True
@@ -114,7 +118,7 @@ def house(
     if rng.random() < 0.6:
         depth = float(rng.uniform(1.5, 2.8))
         height = floor + CANOPY_HEIGHT_M
-        cloth: Color = ((176, 52, 46), (54, 96, 84), (222, 210, 186), (64, 84, 128))[int(rng.integers(4))]
+        cloth: Colour = ((176, 52, 46), (54, 96, 84), (222, 210, 186), (64, 84, 128))[int(rng.integers(4))]
         for low, high in (((west, south - depth), (east, south)), ((west, north), (east, north + depth))):
             faces.block(np.append(low, height), np.append(high, height + 0.22), cloth)
     return faces.building(floor)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.landscape.furnishing import CAR_COLORS, CLOTH_COLORS, Furnishing
+from crowdfence.simulation.landscape.furnishing import CAR_COLOURS, CLOTH_COLOURS, Furnishing
 from crowdfence.simulation.landscape.greenery import (
     plant_bushes,
     plant_trees,
@@ -16,7 +16,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 HALF_WIDTH_M = 2.5
 ARENA_M = 118.0  # half side of the square that is kept free for people
@@ -95,40 +95,40 @@ def _arena(plan: LandscapePlan, things: Furnishing) -> None:
     rng = things.rng
     if plan.tents:
         things.place(
-            "stage", np.array([0.0]), np.array([STAGE_NORTH_M]), heading_rad=-np.pi / 2, color=(196, 60, 52)
+            "stage", np.array([0.0]), np.array([STAGE_NORTH_M]), heading_rad=-np.pi / 2, colour=(196, 60, 52)
         )
     stalls = min(plan.tents // 3, 16)
     x = np.linspace(-105.0, 105.0, max(stalls, 1))[:stalls] + rng.uniform(-1.5, 1.5, stalls)
-    color = things.choose(CLOTH_COLORS, stalls)
-    things.place("marquee", x, np.full(stalls, -ARENA_M - 2.0), heading_rad=np.pi / 2, color=color)
+    colour = things.choose(CLOTH_COLOURS, stalls)
+    things.place("marquee", x, np.full(stalls, -ARENA_M - 2.0), heading_rad=np.pi / 2, colour=colour)
     count = plan.barriers
     row = 2.4 * (np.arange(count) - count / 2)
     along = np.where(np.abs(row) < 30, row, np.sign(row) * 30.0)
     away = STAGE_NORTH_M - 8.0 - np.maximum(np.abs(row) - 30.0, 0.0) * 0.35
-    things.place("barrier", along, away, heading_rad=0.0, color=(150, 155, 162))
+    things.place("barrier", along, away, heading_rad=0.0, colour=(150, 155, 162))
     angle = np.arange(plan.flags) * 2 * np.pi / max(plan.flags, 1)
     edge = ARENA_M / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
-    color = things.choose(CLOTH_COLORS, plan.flags)
-    things.place("flag", edge * np.cos(angle), edge * np.sin(angle), color=color)
+    colour = things.choose(CLOTH_COLOURS, plan.flags)
+    things.place("flag", edge * np.cos(angle), edge * np.sin(angle), colour=colour)
 
 
 def _camp_and_cars(plan: LandscapePlan, things: Furnishing) -> None:
     rng = things.rng
     tents = plan.tents - min(plan.tents // 3, 16)
     x, y = scatter(tents, (-215.0, -110.0, -ARENA_M - 10.0, 110.0), rng)
-    color = things.choose(CLOTH_COLORS, tents)
-    things.place("tent", x, y, scale=rng.uniform(0.8, 1.4, tents), color=color)
+    colour = things.choose(CLOTH_COLOURS, tents)
+    things.place("tent", x, y, scale=rng.uniform(0.8, 1.4, tents), colour=colour)
     slot = np.arange(plan.cars)
     x = ARENA_M + 14.0 + 7.5 * (slot // 24) + rng.normal(0, 0.2, plan.cars)
     y = -60.0 + 3.1 * (slot % 24) + rng.normal(0, 0.15, plan.cars)
     van = rng.random(plan.cars) < 0.2
     heading = rng.choice([0.0, np.pi], plan.cars) + rng.normal(0, 0.04, plan.cars)
-    color = things.choose(CAR_COLORS, plan.cars)
-    things.place("car", x[~van], y[~van], heading_rad=heading[~van], color=color[~van])
-    things.place("van", x[van], y[van], heading_rad=heading[van], color=color[van])
+    colour = things.choose(CAR_COLOURS, plan.cars)
+    things.place("car", x[~van], y[~van], heading_rad=heading[~van], colour=colour[~van])
+    things.place("van", x[van], y[van], heading_rad=heading[van], colour=colour[van])
     posts = plan.posts
     y = np.linspace(-110.0, 110.0, max(posts, 1), dtype=np.float64)[:posts]
-    things.place("post", np.full(posts, ARENA_M + 8.0), y, heading_rad=0.0, color=(120, 92, 60))
+    things.place("post", np.full(posts, ARENA_M + 8.0), y, heading_rad=0.0, colour=(120, 92, 60))
 
 
 def _green(plan: LandscapePlan, surface: Ground, things: Furnishing) -> None:

@@ -37,7 +37,7 @@ _BLOCKING_HALF_SIZE_M: dict[PropKind, tuple[float, float]] = {
     "towel": (0.95, 0.4),
 }
 
-CAR_COLORS = np.array(
+CAR_COLOURS = np.array(
     [
         [190, 192, 195],
         [38, 40, 44],
@@ -52,7 +52,7 @@ CAR_COLORS = np.array(
     ],
     np.uint8,
 )
-CLOTH_COLORS = np.array(
+CLOTH_COLOURS = np.array(
     [
         [205, 60, 48],
         [40, 90, 170],
@@ -88,7 +88,7 @@ class Furnishing:
         *,
         heading_rad: ArrayLike | None = None,
         scale: ArrayLike = 1.0,
-        color: ArrayLike = (128, 128, 128),
+        colour: ArrayLike = (128, 128, 128),
         sink_m: float = 0.0,
     ) -> None:
         """Stand things of one kind at points x, y [N]; turned at random unless told how."""
@@ -97,9 +97,9 @@ class Furnishing:
         heading = self.rng.uniform(-np.pi, np.pi, len(x)) if heading_rad is None else heading_rad
         headings = np.array(np.broadcast_to(np.asarray(heading, np.float64), x.shape))
         scales = np.array(np.broadcast_to(np.asarray(scale, np.float64), x.shape))
-        colors = np.array(np.broadcast_to(np.asarray(color, np.uint8), (len(x), 3)))
+        colours = np.array(np.broadcast_to(np.asarray(colour, np.uint8), (len(x), 3)))
         position = np.stack([x, y, self.surface.height_at(x, y) - sink_m], axis=-1)
-        self.props.append(Props(kind, position, headings, scales, colors))
+        self.props.append(Props(kind, position, headings, scales, colours))
         if kind in _BLOCKING_RADIUS_M:
             self.obstacles.add_circles(x, y, _BLOCKING_RADIUS_M[kind] * scales)
         if kind in _BLOCKING_HALF_SIZE_M:

@@ -35,7 +35,7 @@ def plant_trees(
         mine = species == index
         count = int(mine.sum())
         scale = size * rng.lognormal(log_scale, 0.26, count)
-        things.place(kind, x[mine], y[mine], scale=scale, color=things.choose(palette, count), sink_m=0.15)
+        things.place(kind, x[mine], y[mine], scale=scale, colour=things.choose(palette, count), sink_m=0.15)
 
 
 def plant_bushes(things: Furnishing, count: int, extent: Extent, where: Acceptance) -> None:
@@ -44,7 +44,7 @@ def plant_bushes(things: Furnishing, count: int, extent: Extent, where: Acceptan
     good = things.free(x, y, 0.6)
     x, y = x[good], y[good]
     scale = things.rng.lognormal(-0.15, 0.35, len(x))
-    things.place("bush", x, y, scale=scale, color=things.choose(SHRUBS, len(x)))
+    things.place("bush", x, y, scale=scale, colour=things.choose(SHRUBS, len(x)))
 
 
 def strew_rocks(things: Furnishing, count: int, extent: Extent, where: Acceptance) -> None:
@@ -53,7 +53,7 @@ def strew_rocks(things: Furnishing, count: int, extent: Extent, where: Acceptanc
     good = things.free(x, y, 0.6)
     x, y = x[good], y[good]
     size = np.clip(things.rng.lognormal(-0.5, 0.6, len(x)), 0.2, 3.0)
-    things.place("rock", x, y, scale=size, color=things.choose(STONES, len(x)), sink_m=0.1)
+    things.place("rock", x, y, scale=size, colour=things.choose(STONES, len(x)), sink_m=0.1)
 
 
 def stand_look_alikes(
@@ -65,9 +65,9 @@ def stand_look_alikes(
     good = things.free(x, y, 1.5)
     x, y = x[good], y[good]
     stone = np.arange(len(x)) % 2 == 0
-    things.place("statue", x[stone], y[stone], color=things.choose(STONES, int(stone.sum())))
+    things.place("statue", x[stone], y[stone], colour=things.choose(STONES, int(stone.sum())))
     coats = np.array([[120, 60, 50], [60, 70, 110], [150, 130, 80], [70, 90, 60]], np.uint8)
-    things.place("scarecrow", x[~stone], y[~stone], color=things.choose(coats, int((~stone).sum())))
+    things.place("scarecrow", x[~stone], y[~stone], colour=things.choose(coats, int((~stone).sum())))
     herd_x, herd_y = scatter(max(1, animals // 8), extent, rng, where)
     if not animals or not len(herd_x):
         return
@@ -76,4 +76,4 @@ def stand_look_alikes(
     y = herd_y[herd] + rng.normal(0.0, 8.0, animals)
     good = things.free(x, y, 1.5) & (where(x, y) > 0.0)
     hides = np.array([[96, 62, 42], [180, 170, 158], [60, 48, 42]], np.uint8)
-    things.place("cow", x[good], y[good], color=things.choose(hides, int(good.sum())))
+    things.place("cow", x[good], y[good], colour=things.choose(hides, int(good.sum())))

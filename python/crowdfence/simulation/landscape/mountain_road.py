@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.landscape.furnishing import CAR_COLORS, CLOTH_COLORS, Furnishing
+from crowdfence.simulation.landscape.furnishing import CAR_COLOURS, CLOTH_COLOURS, Furnishing
 from crowdfence.simulation.landscape.greenery import (
     Extent,
     plant_bushes,
@@ -17,7 +17,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise, smooth_
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import Acceptance, scatter
 from crowdfence.simulation.landscape.surface_lattice import SurfaceLattice, square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 HALF_WIDTH_M = 3.5
 VERGE_M = 9.0  # level ground beside the road, where spectators stand
@@ -141,28 +141,28 @@ def _roadside(plan: LandscapePlan, road: Road, things: Furnishing) -> None:
     s = np.linspace(10.0, road.length_m - 10.0, max(plan.posts, 1))[: plan.posts]
     side = np.where(np.arange(len(s)) % 2 == 0, 1.0, -1.0)
     point = road.position(s, side * (road.half_width_m + 1.0))
-    things.place("post", point[:, 0], point[:, 1], heading_rad=road.heading_rad(s), color=(236, 234, 228))
+    things.place("post", point[:, 0], point[:, 1], heading_rad=road.heading_rad(s), colour=(236, 234, 228))
     x, y, heading = things.beside(road, plan.cars, (road.half_width_m + 8.0, road.half_width_m + 13.0))
     heading = heading + rng.choice([0.0, np.pi], len(x)) + rng.normal(0.0, 0.12, len(x))
     van = rng.random(len(x)) < 0.3
     for kind, mine in (("car", ~van), ("van", van)):
-        palette = CAR_COLORS if kind == "car" else np.vstack([CAR_COLORS[2:3], CAR_COLORS])
-        color = things.choose(palette, int(mine.sum()))
-        things.place(kind, x[mine], y[mine], heading_rad=heading[mine], color=color)  # type: ignore[arg-type]
+        palette = CAR_COLOURS if kind == "car" else np.vstack([CAR_COLOURS[2:3], CAR_COLOURS])
+        colour = things.choose(palette, int(mine.sum()))
+        things.place(kind, x[mine], y[mine], heading_rad=heading[mine], colour=colour)  # type: ignore[arg-type]
     x, y, heading = things.beside(road, plan.tents, (road.half_width_m + 15.0, road.half_width_m + 26.0))
     good = things.free(x, y, 3.0)
     x, y, heading = x[good], y[good], heading[good]
     large = rng.random(len(x)) < 0.4
     things.place(
         "tent", x[~large], y[~large], scale=rng.uniform(0.8, 1.3, int((~large).sum())),
-        color=things.choose(CLOTH_COLORS, int((~large).sum())),
+        colour=things.choose(CLOTH_COLOURS, int((~large).sum())),
     )  # fmt: skip
-    color = things.choose(CLOTH_COLORS, int(large.sum()))
-    things.place("marquee", x[large], y[large], heading_rad=heading[large], color=color)
+    colour = things.choose(CLOTH_COLOURS, int(large.sum()))
+    things.place("marquee", x[large], y[large], heading_rad=heading[large], colour=colour)
     _rows_of_barriers(plan.barriers, road, things)
     x, y, _ = things.beside(road, plan.flags, (road.half_width_m + 1.6, road.half_width_m + 10.0))
     good = things.free(x, y, 0.5)
-    things.place("flag", x[good], y[good], color=things.choose(CLOTH_COLORS, int(good.sum())))
+    things.place("flag", x[good], y[good], colour=things.choose(CLOTH_COLOURS, int(good.sum())))
 
 
 def _rows_of_barriers(count: int, road: Road, things: Furnishing) -> None:
@@ -173,5 +173,5 @@ def _rows_of_barriers(count: int, road: Road, things: Furnishing) -> None:
         s = rng.uniform(100.0, road.length_m - 130.0) + 2.4 * np.arange(length)
         point = road.position(s, rng.choice([-1.0, 1.0]) * (road.half_width_m + 0.45))
         things.place(
-            "barrier", point[:, 0], point[:, 1], heading_rad=road.heading_rad(s), color=(150, 155, 162)
+            "barrier", point[:, 0], point[:, 1], heading_rad=road.heading_rad(s), colour=(150, 155, 162)
         )

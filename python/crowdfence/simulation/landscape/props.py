@@ -43,5 +43,5 @@ class Props:
     """[N] direction of the thing's front, counter-clockwise from east."""
     scale: NDArray[np.float64]
     """[N] factor on the mesh, which is drawn in metres."""
-    color: NDArray[np.uint8]
+    colour: NDArray[np.uint8]
     """[N, 3] sRGB main colour."""

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from crowdfence.simulation.landscape.building import Building
 from crowdfence.simulation.landscape.buildings import house
-from crowdfence.simulation.landscape.furnishing import CAR_COLORS, CLOTH_COLORS, Furnishing
+from crowdfence.simulation.landscape.furnishing import CAR_COLOURS, CLOTH_COLOURS, Furnishing
 from crowdfence.simulation.landscape.greenery import plant_bushes, plant_trees, stand_look_alikes
 from crowdfence.simulation.landscape.ground import Ground, cover_weights
 from crowdfence.simulation.landscape.landscape import Landscape
@@ -13,7 +13,7 @@ from crowdfence.simulation.landscape.noise import closed, fractal_noise
 from crowdfence.simulation.landscape.road import CentreLine, Road
 from crowdfence.simulation.landscape.scatter import scatter
 from crowdfence.simulation.landscape.surface_lattice import square_lattice
-from crowdfence.simulation.plans import LandscapePlan
+from crowdfence.simulation.scenarios.plans import LandscapePlan
 
 # Multiples of 4 m: with cells of 1, 2 or 4 m the edges of road and pavement lie on lattice lines, sharp.
 BLOCK_M = 72.0
@@ -179,22 +179,22 @@ def _parked_cars(count: int, things: Furnishing, extent: tuple[float, float, flo
     mask = np.zeros(count, bool)
     mask[first] = True
     keep &= mask
-    color = things.choose(CAR_COLORS, count)
-    things.place("car", x[keep], y[keep], heading_rad=heading[keep], color=color[keep])
+    colour = things.choose(CAR_COLOURS, count)
+    things.place("car", x[keep], y[keep], heading_rad=heading[keep], colour=colour[keep])
 
 
 def _plaza(plan: LandscapePlan, things: Furnishing) -> None:
-    center = BLOCK_M / 2
+    centre = BLOCK_M / 2
     statues = min(plan.sculptures, 3)
-    x = center + np.array([-22.0, 22.0, 0.0])[:statues]
-    y = center + np.array([18.0, -18.0, 22.0])[:statues]
-    things.place("statue", x, y, color=(170, 168, 160))
+    x = centre + np.array([-22.0, 22.0, 0.0])[:statues]
+    y = centre + np.array([18.0, -18.0, 22.0])[:statues]
+    things.place("statue", x, y, colour=(170, 168, 160))
     angle = np.arange(plan.flags) * 2 * np.pi / max(plan.flags, 1)
     edge = 25.0 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
-    color = things.choose(CLOTH_COLORS, plan.flags)
-    things.place("flag", center + edge * np.cos(angle), center + edge * np.sin(angle), color=color)
+    colour = things.choose(CLOTH_COLOURS, plan.flags)
+    things.place("flag", centre + edge * np.cos(angle), centre + edge * np.sin(angle), colour=colour)
     row = 2.4 * (np.arange(plan.barriers, dtype=np.float64) - plan.barriers / 2)
     row = row[np.abs(row) < 24]
     things.place(
-        "barrier", center + row, np.full(len(row), center + 20.0), heading_rad=0.0, color=(150, 155, 162)
+        "barrier", centre + row, np.full(len(row), centre + 20.0), heading_rad=0.0, colour=(150, 155, 162)
     )

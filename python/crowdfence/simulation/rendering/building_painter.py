@@ -17,11 +17,11 @@ _VERTEX = np.dtype(
     [
         ("position", np.float32, 3),
         ("normal", np.float32, 3),
-        ("color", np.uint8, 4),
+        ("colour", np.uint8, 4),
         ("wall", np.float32, 2),
     ]
 )
-_NAMES = ("in_position", "in_normal", "in_color", "in_wall")
+_NAMES = ("in_position", "in_normal", "in_colour", "in_wall")
 
 
 def building_vertices(buildings: tuple[Building, ...]) -> NDArray[np.void]:
@@ -34,7 +34,7 @@ def building_vertices(buildings: tuple[Building, ...]) -> NDArray[np.void]:
         part = np.zeros((len(corners), 3), _VERTEX)
         part["position"] = corners
         part["normal"] = normal[:, None]
-        part["color"][..., :3] = building.color[:, None]
+        part["colour"][..., :3] = building.colour[:, None]
         part["wall"][..., 0] = building.windows[:, None]
         part["wall"][..., 1] = corners[..., 2] - building.foot_m
         parts.append(part.reshape(-1))

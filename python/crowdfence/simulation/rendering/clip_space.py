@@ -42,9 +42,9 @@ def side_planes(clip_from_world: Array) -> Array:
     return np.asarray(planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
 
 
-def inside(planes: Array, center: Array, radius_m: ArrayLike) -> NDArray[np.bool_]:
-    """Which spheres (center [N, 3], radius) reach into the planes' intersection."""
-    distance = center @ planes[:, :3].T + planes[:, 3]
+def inside(planes: Array, centre: Array, radius_m: ArrayLike) -> NDArray[np.bool_]:
+    """Which spheres (centre [N, 3], radius) reach into the planes' intersection."""
+    distance = centre @ planes[:, :3].T + planes[:, 3]
     return np.asarray((distance > -np.asarray(radius_m)[..., None]).all(axis=1))
 
 
@@ -58,13 +58,13 @@ def light_from_world(
     side = np.cross([0.0, 0.0, 1.0] if abs(sun[2]) < 0.999 else [1.0, 0.0, 0.0], sun)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(sun, side), -sun])
-    center = axes @ focus
+    centre = axes @ focus
     texel = 2.0 * radius_m / texels
-    center[:2] = np.round(center[:2] / texel) * texel
+    centre[:2] = np.round(centre[:2] / texel) * texel
     matrix = np.eye(4)
     scale = np.array([1.0 / radius_m, 1.0 / radius_m, 1.0 / depth_m])
     matrix[:3, :3] = axes * scale[:, None]
-    matrix[:3, 3] = -center * scale
+    matrix[:3, 3] = -centre * scale
     return matrix
 
 

@@ -34,7 +34,7 @@ class Film:
 
     def __init__(self, context: moderngl.Context, lattice: SampleLattice) -> None:
         self._context, self._lattice = context, lattice
-        self._color, self._label, self._depth, self.lattice_target = self._targets(
+        self._colour, self._label, self._depth, self.lattice_target = self._targets(
             lattice.width, lattice.height, with_depth_test=True
         )
         rows, columns = lattice.pixel_samples.shape[:2]
@@ -50,26 +50,26 @@ class Film:
         self, width: int, height: int, *, with_depth_test: bool = False
     ) -> tuple[moderngl.Texture, moderngl.Texture, moderngl.Texture, moderngl.Framebuffer]:
         context, size = self._context, (width, height)
-        color = context.texture(size, 4)
-        color.repeat_x = color.repeat_y = False
+        colour = context.texture(size, 4)
+        colour.repeat_x = colour.repeat_y = False
         label = context.texture(size, 2, dtype="u2")
         depth = context.texture(size, 1, dtype="f4")
         for exact in (label, depth):
             exact.filter = (context.NEAREST, context.NEAREST)
         tested = context.depth_renderbuffer(size) if with_depth_test else None
-        return color, label, depth, context.framebuffer([color, label, depth], tested)
+        return colour, label, depth, context.framebuffer([colour, label, depth], tested)
 
     def develop(self, how: Development) -> RenderedFrame:
         """Filter the lattice into the image and read it back."""
         lattice, context = self._lattice, self._context
         context.disable(context.DEPTH_TEST | context.CULL_FACE)
         self._image_target.use()
-        for unit, texture in enumerate((self._color, self._label, self._depth, self._samples)):
+        for unit, texture in enumerate((self._colour, self._label, self._depth, self._samples)):
             texture.use(unit)
         set_uniforms(
             self._program,
             {
-                "u_color": 0,
+                "u_colour": 0,
                 "u_label": 1,
                 "u_depth": 2,
                 "u_sample": 3,

@@ -38,12 +38,12 @@ class GroundPainter:
         heights = landscape.surface.height_m
         relief_m = max(float(heights.max() - heights.min()), 30.0)
         self._far = self._vertex_array(*backdrop(landscape.surface, relief_m, seed))
-        self._commands = context.buffer(reserve=len(self._tiles.center) * _COMMAND_WORDS * 4, dynamic=True)
+        self._commands = context.buffer(reserve=len(self._tiles.centre) * _COMMAND_WORDS * 4, dynamic=True)
         road = landscape.road
         set_uniforms(
             self.program,
             {
-                "u_cover_color": palette.covers(),
+                "u_cover_colour": palette.covers(),
                 "u_road_half_width_m": road.half_width_m if road else 3.0,
                 "u_road_marked": road.marked if road else False,
             },
@@ -59,10 +59,10 @@ class GroundPainter:
     def paint(self, planes: NDArray[np.float64], eye: NDArray[np.float64]) -> None:
         """Draw what lies inside `planes`, nearest tiles first, so that hidden fragments cost nothing."""
         tiles = self._tiles
-        seen = np.flatnonzero(inside(planes, tiles.center, tiles.radius_m))
+        seen = np.flatnonzero(inside(planes, tiles.centre, tiles.radius_m))
         self._context.enable(self._context.CULL_FACE)
         if len(seen):
-            order = seen[np.argsort(np.linalg.norm(tiles.center[seen] - eye, axis=1))]
+            order = seen[np.argsort(np.linalg.norm(tiles.centre[seen] - eye, axis=1))]
             commands = np.zeros((len(order), _COMMAND_WORDS), np.uint32)
             commands[:, 0], commands[:, 1] = len(tiles.pattern), 1
             commands[:, 3] = tiles.first_vertex[order]

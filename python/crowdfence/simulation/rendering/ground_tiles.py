@@ -35,7 +35,7 @@ class GroundTiles:
     """Indices of one tile's triangles relative to its south-west vertex."""
     first_vertex: NDArray[np.int64]
     """[T] south-west vertex of each tile."""
-    center: NDArray[np.float64]
+    centre: NDArray[np.float64]
     """[T, 3]."""
     radius_m: NDArray[np.float64]
     """[T] of a sphere around each tile."""
@@ -85,7 +85,7 @@ def ground_tiles(ground: Ground, sun_direction: tuple[float, float, float]) -> G
         for j, i in zip(row, column, strict=True)
     ]
     low, high = (np.array([pick(h) for h in heights], np.float64) for pick in (np.min, np.max))
-    center = np.stack(
+    centre = np.stack(
         [
             lattice.west_m + column * lattice.step_m + half_m,
             lattice.south_m + row * lattice.step_m + half_m,
@@ -96,4 +96,4 @@ def ground_tiles(ground: Ground, sun_direction: tuple[float, float, float]) -> G
     radius = np.sqrt(2 * half_m**2 + ((high - low) / 2) ** 2)
     pattern = lattice.cells_between(0, TILE_CELLS, 0, TILE_CELLS, 1).astype(np.uint32).ravel()
     first = (row * lattice.columns + column).astype(np.int64)
-    return GroundTiles(ground_vertices(ground, sun_direction), pattern, first, center, radius)
+    return GroundTiles(ground_vertices(ground, sun_direction), pattern, first, centre, radius)

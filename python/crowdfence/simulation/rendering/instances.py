@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLUMNS = 20
-PLACE, TURN, POSE, COLORS, LABEL = slice(0, 4), slice(4, 8), slice(8, 12), slice(12, 18), slice(18, 20)
+PLACE, TURN, POSE, COLOURS, LABEL = slice(0, 4), slice(4, 8), slice(8, 12), slice(12, 18), slice(18, 20)
 LAYOUT = "4f 4f 4f 4f 2f 2f/i"
-NAMES = ("in_place", "in_turn", "in_pose", "in_colors_a", "in_colors_b", "in_label")
+NAMES = ("in_place", "in_turn", "in_pose", "in_colours_a", "in_colours_b", "in_label")
 
 Rows = NDArray[np.float32]
 
@@ -20,7 +20,7 @@ def instance_rows(count: int) -> Rows:
     return rows
 
 
-def packed_colors(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+def packed_colours(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     """sRGB triples [..., 3] as one float each; exact, because 24 bits fit a float's mantissa."""
     parts = rgb.astype(np.int64)
     return np.asarray(parts[..., 0] + 256 * parts[..., 1] + 65536 * parts[..., 2], dtype=np.float32)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.simulation.landscape.props import PropKind
-from crowdfence.simulation.random_colors import rgb_of_hsv
+from crowdfence.simulation.random_colours import rgb_of_hsv
 from crowdfence.simulation.random_streams import Stream, stream
 from crowdfence.simulation.rendering.season_palette import SeasonPalette
 
@@ -27,7 +27,7 @@ class RandomPalette(SeasonPalette):
         self._seed = seed
 
     def covers(self) -> NDArray[np.float32]:
-        rng = stream(self._seed, Stream.COLORS, 0)
+        rng = stream(self._seed, Stream.COLOURS, 0)
         tones = super().covers().reshape(-1, 2, 3)  # dark and light
         tint = np.exp(rng.normal(0.0, _TINT, (len(tones), 1, 3)))
         apart = np.exp(rng.normal(0.0, _CONTRAST, (len(tones), 1, 1)) * np.array([[[-1.0], [1.0]]]))
@@ -35,7 +35,7 @@ class RandomPalette(SeasonPalette):
 
     def things(self, kind: PropKind, summer: NDArray[np.uint8]) -> NDArray[np.uint8]:
         count = len(summer)
-        rng = stream(self._seed, Stream.COLORS, 1, *kind.encode(), count)
+        rng = stream(self._seed, Stream.COLOURS, 1, *kind.encode(), count)
         bold = rng.random(count) < rng.uniform(0.2, 0.9)
         hue = rng.choice(rng.random(4), count) + rng.normal(0.0, 0.03, count)
         own = rgb_of_hsv(hue, rng.uniform(0.4, 0.95, count), rng.uniform(0.3, 0.95, count))

@@ -118,10 +118,10 @@ def capsule_hits(origin: Array, rays: Array, start: Array, end: Array, radius_m:
     with np.errstate(invalid="ignore"):
         at = along_offset + t * along_ray
     nearest = np.where((at >= 0) & (at <= length), t, np.inf)
-    for center in (start, end):
-        from_center = origin - center
+    for centre in (start, end):
+        from_centre = origin - centre
         ball = _smallest_root(
-            (rays**2).sum(axis=1), rays @ from_center, float(from_center @ from_center) - radius_m**2
+            (rays**2).sum(axis=1), rays @ from_centre, float(from_centre @ from_centre) - radius_m**2
         )
         nearest = np.minimum(nearest, ball)
     return nearest

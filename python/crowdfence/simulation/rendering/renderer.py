@@ -98,14 +98,14 @@ class Renderer:
 
     def _draw_standing_shadows(self) -> None:
         west, south, east, north = self._scene.landscape.extent_m
-        center = np.array([(west + east) / 2, (south + north) / 2, 0.0])
+        centre = np.array([(west + east) / 2, (south + north) / 2, 0.0])
         self._context.enable_only(self._context.DEPTH_TEST)
         radius_m = float(np.hypot(east - west, north - south)) / 2
 
         def cast(clip: NDArray[np.float64]) -> None:
             self._cast(clip, self._props, level=1)
 
-        self._shadows.draw_far(center, radius_m, cast)
+        self._shadows.draw_far(centre, radius_m, cast)
 
     def _cast(self, clip: NDArray[np.float64], batches: list[Batch], level: int) -> None:
         set_uniforms(self._shadow_program, {"u_shadow_clip_from_world": clip})
@@ -161,7 +161,7 @@ class Renderer:
             people.phase,
             people.arms,
             people.in_crowd,
-            scene.people.colors,
+            scene.people.colours,
             scene.people.height_m,
             scene.people.bodies,
         )
@@ -222,9 +222,9 @@ class Renderer:
         self._noise.use(_NOISE_UNIT)
         return {
             "u_sun_direction": light.sun_direction,
-            "u_sun_color": light.sun_color,
-            "u_sky_color": light.sky_color,
-            "u_haze_color": light.haze_color,
+            "u_sun_colour": light.sun_colour,
+            "u_sky_colour": light.sky_colour,
+            "u_haze_colour": light.haze_colour,
             "u_haze_per_m": light.haze_per_m,
             "u_cloud_cover": light.cloud_cover,
             "u_exposure": light.exposure,

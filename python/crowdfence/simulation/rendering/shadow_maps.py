@@ -39,9 +39,9 @@ class ShadowMaps:
         depth.repeat_x = depth.repeat_y = False
         return depth, self._context.framebuffer([], depth)
 
-    def draw_far(self, center: NDArray[np.float64], radius_m: float, cast: Cast) -> None:
+    def draw_far(self, centre: NDArray[np.float64], radius_m: float, cast: Cast) -> None:
         """Draw the map of what stands still."""
-        clip = light_from_world(self._sun, center, radius_m, _FAR_TEXELS, _FAR_DEPTH_M)
+        clip = light_from_world(self._sun, centre, radius_m, _FAR_TEXELS, _FAR_DEPTH_M)
         self._far_matrix = texture_from_clip(_FAR_BIAS_M, _FAR_DEPTH_M) @ clip
         self._draw(self._far_target, clip, cast)
 

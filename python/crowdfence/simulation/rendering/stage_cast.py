@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.simulation.bodies import Bodies
 from crowdfence.simulation.landscape.landscape import Landscape
 from crowdfence.simulation.landscape.props import Props
+from crowdfence.simulation.people.bodies import Bodies
 from crowdfence.simulation.rendering.instances import (
-    COLORS,
+    COLOURS,
     LABEL,
     PLACE,
     POSE,
     TURN,
     instance_rows,
-    packed_colors,
+    packed_colours,
     seeds,
 )
 from crowdfence.simulation.rendering.mesh_catalogue import MeshFamily
@@ -64,7 +64,7 @@ def _prop_rows(
         rows[:, TURN.start + 1] = (landscape.height_m(x + 1, y) - landscape.height_m(x - 1, y)) / 2
         rows[:, TURN.start + 2] = (landscape.height_m(x, y + 1) - landscape.height_m(x, y - 1)) / 2
     rows[:, TURN.stop - 1] = seeds(len(rows))
-    rows[:, COLORS.start] = packed_colors(palette.things(props.kind, props.color))
+    rows[:, COLOURS.start] = packed_colours(palette.things(props.kind, props.colour))
     rows[:, LABEL.start] = SceneClass.GROUND
     return rows
 
@@ -76,7 +76,7 @@ def people_rows(
     phase: NDArray[np.float64],
     arms: NDArray[np.float64],
     in_crowd: NDArray[np.bool_],
-    colors: NDArray[np.uint8],
+    colours: NDArray[np.uint8],
     height_m: NDArray[np.float64],
     bodies: Bodies,
 ) -> NDArray[np.float32]:
@@ -88,7 +88,7 @@ def people_rows(
     stride = np.minimum(_STRIDE_PER_M_S * speed_m_s, _MAX_STRIDE_RAD)
     which_arms = 1 + np.arange(count) * 7 % 3
     rows[:, POSE] = np.column_stack([phase, stride, arms, which_arms])
-    rows[:, COLORS] = packed_colors(colors)
+    rows[:, COLOURS] = packed_colours(colours)
     rows[:, LABEL.start] = np.where(in_crowd, SceneClass.CROWD, SceneClass.GROUND)
     rows[:, LABEL.stop - 1] = np.arange(1, count + 1)
     return rows
@@ -118,7 +118,7 @@ def cyclist_batches(
     helmet = _JERSEYS[(np.arange(count) + 3) % len(_JERSEYS)]
     skin = np.broadcast_to(np.array([214, 164, 128], np.uint8), (count, 3))
     shorts = np.broadcast_to(np.array([30, 30, 34], np.uint8), (count, 3))
-    rows[:, COLORS] = packed_colors(np.stack([skin, shorts, jersey, shorts, helmet, helmet], axis=1))
+    rows[:, COLOURS] = packed_colours(np.stack([skin, shorts, jersey, shorts, helmet, helmet], axis=1))
     rows[:, LABEL.start] = SceneClass.CYCLIST
     rows[:, LABEL.stop - 1] = first_instance_id + np.arange(count)
     return [Batch("cyclist", 0, rows)]

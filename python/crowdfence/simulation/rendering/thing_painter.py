@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 _FLOAT_BYTES = 4
 _MESH_LAYOUT = "3f 3f 4f1 1f1 3x1"
-_MESH_NAMES = ("in_position", "in_normal", "in_color", "in_limb")
+_MESH_NAMES = ("in_position", "in_normal", "in_colour", "in_limb")
 _MESH_VERTEX = np.dtype(
-    [("position", np.float32, 3), ("normal", np.float32, 3), ("color", np.uint8, 4), ("limb", np.uint8, 4)]
+    [("position", np.float32, 3), ("normal", np.float32, 3), ("colour", np.uint8, 4), ("limb", np.uint8, 4)]
 )
 
 
@@ -66,10 +66,10 @@ class ThingPainter:
 
     def _upload(self, shape: Shape) -> _Mesh:
         vertices = np.zeros(len(shape.position), _MESH_VERTEX)
-        vertices["position"], vertices["normal"], vertices["color"] = (
+        vertices["position"], vertices["normal"], vertices["colour"] = (
             shape.position,
             shape.normal,
-            shape.color,
+            shape.colour,
         )
         vertices["limb"][:, 0] = shape.limb
         mesh = self._context.buffer(vertices.tobytes())

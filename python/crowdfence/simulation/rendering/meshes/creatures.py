@@ -21,6 +21,6 @@ def cow(detail: int) -> Shape:
 def statue(detail: int) -> Shape:
     """Stone figure on a plinth, 3 m in all. Slot 0 is the stone."""
     body = figure(FigureStyle(coat=True, long_sleeves=True), detail).painted(slot=0).scaled(1.15)
-    still = Shape(body.position, body.normal, body.color, body.limb * 0, body.triangles)
+    still = Shape(body.position, body.normal, body.colour, body.limb * 0, body.triangles)
     plinth = joined([box((0, 0, 0.45), (1.0, 1.0, 0.9)), box((0, 0, 0.95), (1.2, 1.2, 0.12))])
     return joined([plinth.painted((200, 200, 200), 0), still.moved((0, 0, 1.0))])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from crowdfence.simulation.rendering.meshes.shape import Limb, Shape, ball, box, joined, loft, tube
 
 SKIN, HAIR, TOP, BOTTOM, SHOES, EXTRA = range(6)
-"""Colour slots, in the order of `People.colors`."""
+"""Colour slots, in the order of `People.colours`."""
 
 FIGURE_HEIGHT_M = 1.75
 

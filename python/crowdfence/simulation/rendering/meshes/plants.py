@@ -66,7 +66,7 @@ def _crown(
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         light = 0.62 + 0.42 * np.clip((cloud.position[:, 2] - low_m) / (high_m - low_m), 0, 1)
         light *= 0.9 + 0.1 * np.clip(np.linalg.norm(outwards, axis=1), 0, 1.3)
-        cloud = Shape(cloud.position, normal, cloud.color, cloud.limb, cloud.triangles)
+        cloud = Shape(cloud.position, normal, cloud.colour, cloud.limb, cloud.triangles)
         parts.append(cloud.painted(slot=FOLIAGE).shaded(light * rng.uniform(0.92, 1.06)))
     return parts
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-Color = tuple[int, int, int]
+Colour = tuple[int, int, int]
 
 FIXED = 255
 """Colour slot of a vertex that keeps its own colour whatever the instance's colours are."""
@@ -41,7 +41,7 @@ class Shape:
     """[N, 3] metres."""
     normal: Array
     """[N, 3] unit."""
-    color: NDArray[np.uint8]
+    colour: NDArray[np.uint8]
     """[N, 4]: sRGB factor (own colour, or times the instance's colour) and slot 0-5 or `FIXED`."""
     limb: NDArray[np.uint8]
     """[N] `Limb`."""
@@ -64,16 +64,16 @@ class Shape:
     def on_limb(self, limb: Limb) -> "Shape":
         return replace(self, limb=np.full(len(self.limb), int(limb), np.uint8))
 
-    def painted(self, rgb: Color = (255, 255, 255), slot: int = FIXED) -> "Shape":
-        color = np.empty((len(self.position), 4), np.uint8)
-        color[:] = (*rgb, slot)
-        return replace(self, color=color)
+    def painted(self, rgb: Colour = (255, 255, 255), slot: int = FIXED) -> "Shape":
+        colour = np.empty((len(self.position), 4), np.uint8)
+        colour[:] = (*rgb, slot)
+        return replace(self, colour=colour)
 
     def shaded(self, factor: Array) -> "Shape":
         """Colours times `factor` [N]: darker undersides, lighter tips."""
-        color = self.color.copy()
-        color[:, :3] = np.clip(self.color[:, :3] * factor[:, None], 0, 255)
-        return replace(self, color=color)
+        colour = self.colour.copy()
+        colour[:, :3] = np.clip(self.colour[:, :3] * factor[:, None], 0, 255)
+        return replace(self, colour=colour)
 
 
 def shape_of(position: ArrayLike, triangles: ArrayLike, *, smooth: bool = True) -> Shape:
@@ -88,8 +88,8 @@ def shape_of(position: ArrayLike, triangles: ArrayLike, *, smooth: bool = True) 
     for corner in range(3):
         np.add.at(normal, faces[:, corner], across)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    color = np.full((len(points), 4), 255, np.uint8)
-    return Shape(points, normal, color, np.zeros(len(points), np.uint8), faces.astype(np.int32))
+    colour = np.full((len(points), 4), 255, np.uint8)
+    return Shape(points, normal, colour, np.zeros(len(points), np.uint8), faces.astype(np.int32))
 
 
 def joined(shapes: Sequence[Shape]) -> Shape:
@@ -98,7 +98,7 @@ def joined(shapes: Sequence[Shape]) -> Shape:
     return Shape(
         np.concatenate([shape.position for shape in shapes]),
         np.concatenate([shape.normal for shape in shapes]),
-        np.concatenate([shape.color for shape in shapes]),
+        np.concatenate([shape.colour for shape in shapes]),
         np.concatenate([shape.limb for shape in shapes]),
         np.concatenate([shape.triangles + start for shape, start in zip(shapes, starts, strict=True)]).astype(
             np.int32
@@ -141,17 +141,17 @@ def tube(
     return bar.turned(np.stack([side, np.cross(forward, side), forward], axis=1)).moved(a)
 
 
-def box(center: ArrayLike, size: ArrayLike) -> Shape:
+def box(centre: ArrayLike, size: ArrayLike) -> Shape:
     """Upright box with flat faces."""
     half = np.asarray(size, np.float64) / 2.0
     corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)]) * half
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
-    return shape_of(corner + np.asarray(center, np.float64), faces, smooth=False)
+    return shape_of(corner + np.asarray(centre, np.float64), faces, smooth=False)
 
 
 def ball(
-    center: ArrayLike,
+    centre: ArrayLike,
     radius: ArrayLike,
     *,
     rings: int = 4,
@@ -168,4 +168,4 @@ def ball(
     if roughness and rng is not None:
         points *= 1.0 + rng.uniform(-roughness, roughness, (len(points), 1))
     radii = np.broadcast_to(np.asarray(radius, np.float64), (3,))
-    return shape_of(points * radii + np.asarray(center, np.float64), skin.triangles, smooth=smooth)
+    return shape_of(points * radii + np.asarray(centre, np.float64), skin.triangles, smooth=smooth)

@@ -1,8 +1,8 @@
 // Sun, sky, haze, shadow and tone: shared by everything that is lit. Colours are linear until tone_mapped().
 uniform vec3 u_sun_direction;
-uniform vec3 u_sun_color;
-uniform vec3 u_sky_color;
-uniform vec3 u_haze_color;
+uniform vec3 u_sun_colour;
+uniform vec3 u_sky_colour;
+uniform vec3 u_haze_colour;
 uniform float u_haze_per_m;
 uniform float u_cloud_cover;
 uniform float u_exposure;
@@ -40,22 +40,22 @@ float cloud_shadow(vec3 world) {
 }
 
 vec3 lit(vec3 albedo, vec3 normal, float sun, float openness) {
-    vec3 bounce = vec3(0.20, 0.18, 0.14) * u_sky_color.b;
-    vec3 ambient = mix(bounce, u_sky_color, 0.5 + 0.5 * normal.z) * openness;
-    return albedo * (u_sun_color * max(dot(normal, u_sun_direction), 0.0) * sun + ambient);
+    vec3 bounce = vec3(0.20, 0.18, 0.14) * u_sky_colour.b;
+    vec3 ambient = mix(bounce, u_sky_colour, 0.5 + 0.5 * normal.z) * openness;
+    return albedo * (u_sun_colour * max(dot(normal, u_sun_direction), 0.0) * sun + ambient);
 }
 
-vec3 through_air(vec3 color, vec3 world) {
+vec3 through_air(vec3 colour, vec3 world) {
     vec3 ray = world - u_eye;
     float distance_m = length(ray);
     float share = 1.0 - exp(-distance_m * u_haze_per_m);
     float towards_sun = max(dot(ray / distance_m, u_sun_direction), 0.0);
-    return mix(color, u_haze_color + 0.12 * u_sun_color * pow(towards_sun, 6.0), share);
+    return mix(colour, u_haze_colour + 0.12 * u_sun_colour * pow(towards_sun, 6.0), share);
 }
 
 // Filmic curve after Narkowicz (2015), then the sRGB power law.
-vec3 tone_mapped(vec3 color) {
-    vec3 c = color * u_exposure;
+vec3 tone_mapped(vec3 colour) {
+    vec3 c = colour * u_exposure;
     c = c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14);
     return pow(clamp(c, 0.0, 1.0), vec3(1.0 / 2.2));
 }

@@ -3,7 +3,7 @@
 #include "outputs.glsl"
 in vec3 v_world;
 in vec3 v_normal;
-in vec3 v_color;
+in vec3 v_colour;
 in vec2 v_wall;
 in float v_depth;
 
@@ -13,7 +13,7 @@ void main() {
     vec3 normal = normalize(v_normal);
     float along = dot(v_world.xy, vec2(-normal.y, normal.x));
     vec4 grain = texture(u_noise, vec2(along, v_world.z) / 3.7 + v_world.xy * 0.01);
-    vec3 albedo = v_color * (0.62 + 0.40 * grain.x);
+    vec3 albedo = v_colour * (0.62 + 0.40 * grain.x);
     float glass = 0.0;
     if (v_wall.x > 0.5) {
         vec2 cell = vec2(along / BAY_M, v_wall.y / STOREY_M);
@@ -32,12 +32,12 @@ void main() {
         albedo *= 0.85 + 0.25 * grain.z - 0.25 * tile * step(normal.z, 0.97);
     }
     float sun = sunlight(v_world + normal * 0.12) * cloud_shadow(v_world);
-    vec3 color = lit(albedo, normal, sun, normal.z < -0.3 ? 0.55 : 0.85);
+    vec3 colour = lit(albedo, normal, sun, normal.z < -0.3 ? 0.55 : 0.85);
     if (glass > 0.5) {
         vec3 mirrored = reflect(normalize(v_world - u_eye), normal);
-        color += 0.35 * mix(u_haze_color, u_sky_color, clamp(mirrored.z, 0.0, 1.0));
+        colour += 0.35 * mix(u_haze_colour, u_sky_colour, clamp(mirrored.z, 0.0, 1.0));
     }
-    out_color = vec4(tone_mapped(through_air(color, v_world)), 1.0);
+    out_colour = vec4(tone_mapped(through_air(colour, v_world)), 1.0);
     out_label = uvec2(1u, 0u);
     out_depth = v_depth;
 }

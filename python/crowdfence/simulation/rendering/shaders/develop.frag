@@ -1,10 +1,10 @@
 #version 330
 // From the sample lattice to the image: one label and depth per pixel, exactly where the pixel's centre ray
 // goes; colour filtered, blurred by the motion of the camera and grained like a sensor's.
-layout(location = 0) out vec4 out_color;
+layout(location = 0) out vec4 out_colour;
 layout(location = 1) out uvec2 out_label;
 layout(location = 2) out float out_depth;
-uniform sampler2D u_color;
+uniform sampler2D u_colour;
 uniform usampler2D u_label;
 uniform sampler2D u_depth;
 uniform sampler2D u_sample;      // per pixel: where its centre lies on the lattice, in samples
@@ -35,27 +35,27 @@ float bell(inout uint state) {  // sum of four uniforms: mean 0, variance 1
 
 // The same filters as filtered() for a position in the middle of a sample, without interpolation: cheaper.
 vec3 filtered_at_sample(ivec2 at) {
-    vec3 center = texelFetch(u_color, at, 0).rgb;
-    if (u_samples_per_pixel == 1) return center;
-    vec3 sides = texelFetch(u_color, at + ivec2(1, 0), 0).rgb + texelFetch(u_color, at - ivec2(1, 0), 0).rgb
-               + texelFetch(u_color, at + ivec2(0, 1), 0).rgb + texelFetch(u_color, at - ivec2(0, 1), 0).rgb;
-    vec3 corners = texelFetch(u_color, at + ivec2(1, 1), 0).rgb + texelFetch(u_color, at - ivec2(1, 1), 0).rgb
-                 + texelFetch(u_color, at + ivec2(1, -1), 0).rgb + texelFetch(u_color, at - ivec2(1, -1), 0).rgb;
-    if (u_samples_per_pixel == 2) return (4.0 * center + 2.0 * sides + corners) / 16.0;
-    return (center + sides + corners) / 9.0;
+    vec3 centre = texelFetch(u_colour, at, 0).rgb;
+    if (u_samples_per_pixel == 1) return centre;
+    vec3 sides = texelFetch(u_colour, at + ivec2(1, 0), 0).rgb + texelFetch(u_colour, at - ivec2(1, 0), 0).rgb
+               + texelFetch(u_colour, at + ivec2(0, 1), 0).rgb + texelFetch(u_colour, at - ivec2(0, 1), 0).rgb;
+    vec3 corners = texelFetch(u_colour, at + ivec2(1, 1), 0).rgb + texelFetch(u_colour, at - ivec2(1, 1), 0).rgb
+                 + texelFetch(u_colour, at + ivec2(1, -1), 0).rgb + texelFetch(u_colour, at - ivec2(1, -1), 0).rgb;
+    if (u_samples_per_pixel == 2) return (4.0 * centre + 2.0 * sides + corners) / 16.0;
+    return (centre + sides + corners) / 9.0;
 }
 
 vec3 filtered(vec2 at) {
-    if (u_samples_per_pixel == 1) return texture(u_color, at / vec2(textureSize(u_color, 0))).rgb;
-    vec2 size = vec2(textureSize(u_color, 0));
+    if (u_samples_per_pixel == 1) return texture(u_colour, at / vec2(textureSize(u_colour, 0))).rgb;
+    vec2 size = vec2(textureSize(u_colour, 0));
     if (u_samples_per_pixel == 2) {  // 1 2 1 by four bilinear taps: a tent centred on the pixel
         vec2 h = vec2(0.5, -0.5);
-        return 0.25 * (texture(u_color, (at + h.xx) / size).rgb + texture(u_color, (at + h.xy) / size).rgb
-                     + texture(u_color, (at + h.yx) / size).rgb + texture(u_color, (at + h.yy) / size).rgb);
+        return 0.25 * (texture(u_colour, (at + h.xx) / size).rgb + texture(u_colour, (at + h.xy) / size).rgb
+                     + texture(u_colour, (at + h.yx) / size).rgb + texture(u_colour, (at + h.yy) / size).rgb);
     }
     vec3 total = vec3(0.0);
     for (int j = -1; j <= 1; ++j)
-        for (int i = -1; i <= 1; ++i) total += texture(u_color, (at + vec2(i, j)) / size).rgb;
+        for (int i = -1; i <= 1; ++i) total += texture(u_colour, (at + vec2(i, j)) / size).rgb;
     return total / 9.0;
 }
 
@@ -96,18 +96,18 @@ void main() {
     ivec2 nearest = ivec2(floor(at));
     out_label = texelFetch(u_label, nearest, 0).xy;
     out_depth = u_distorted ? depth_between(at, nearest, out_label) : texelFetch(u_depth, nearest, 0).x;
-    vec3 color = u_distorted ? filtered(at) : filtered_at_sample(nearest);
+    vec3 colour = u_distorted ? filtered(at) : filtered_at_sample(nearest);
     if (u_blurred) {
         vec2 path = motion(at, texelFetch(u_depth, nearest, 0).x);
         for (int k = 1; k < BLUR_STEPS; ++k)
-            color += filtered(at + path * (float(k) / float(BLUR_STEPS - 1) - 0.5));
-        color /= float(BLUR_STEPS);
+            colour += filtered(at + path * (float(k) / float(BLUR_STEPS - 1) - 0.5));
+        colour /= float(BLUR_STEPS);
     }
     if (u_noise_sigma > 0.0) {
         uint state = scrambled(uint(pixel.x) + scrambled(uint(pixel.y) + scrambled(u_seed)));
-        float grey = dot(color, vec3(0.299, 0.587, 0.114));
+        float grey = dot(colour, vec3(0.299, 0.587, 0.114));
         vec3 grain = vec3(bell(state), bell(state), bell(state));
-        color += u_noise_sigma * (0.55 + 0.9 * sqrt(max(grey, 0.0))) * mix(vec3(grain.g), grain, 0.55);
+        colour += u_noise_sigma * (0.55 + 0.9 * sqrt(max(grey, 0.0))) * mix(vec3(grain.g), grain, 0.55);
     }
-    out_color = vec4(clamp(color, 0.0, 1.0), 1.0);
+    out_colour = vec4(clamp(colour, 0.0, 1.0), 1.0);
 }

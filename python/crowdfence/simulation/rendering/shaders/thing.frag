@@ -3,7 +3,7 @@
 #include "outputs.glsl"
 in vec3 v_world;
 in vec3 v_normal;
-in vec3 v_color;
+in vec3 v_colour;
 in vec3 v_local;
 in float v_depth;
 flat in uvec2 v_label;
@@ -14,7 +14,7 @@ uniform float u_snow;    // 0-1: how white upward faces are
 
 void main() {
     vec3 normal = normalize(v_normal);
-    vec3 albedo = v_color;
+    vec3 albedo = v_colour;
     float openness = 1.0, gloss = 0.0;
     if (u_material == 1 && v_own < 0.5) {
         vec4 clump = texture(u_noise, (v_local.xy + v_local.z * vec2(1.3, 0.7)) / 2.9 + v_seed);
@@ -46,13 +46,13 @@ void main() {
     float snow = u_material == 3 ? 0.0 : u_snow * smoothstep(0.25, 0.6, normal.z);
     albedo = mix(albedo, vec3(0.82, 0.85, 0.90), u_material == 1 ? 0.6 * snow : snow);
     float sun = sunlight(v_world + normal * 0.06) * cloud_shadow(v_world);
-    vec3 color = lit(albedo, normal, sun, openness);
+    vec3 colour = lit(albedo, normal, sun, openness);
     if (gloss > 0.0) {
         vec3 mirrored = reflect(normalize(v_world - u_eye), normal);
-        color += gloss * sun * u_sun_color * pow(max(dot(mirrored, u_sun_direction), 0.0), 14.0);
-        color += 0.05 * u_sky_color * clamp(mirrored.z, 0.0, 1.0);
+        colour += gloss * sun * u_sun_colour * pow(max(dot(mirrored, u_sun_direction), 0.0), 14.0);
+        colour += 0.05 * u_sky_colour * clamp(mirrored.z, 0.0, 1.0);
     }
-    out_color = vec4(tone_mapped(through_air(color, v_world)), 1.0);
+    out_colour = vec4(tone_mapped(through_air(colour, v_world)), 1.0);
     out_label = v_label;
     out_depth = v_depth;
 }

@@ -2,13 +2,13 @@
 #include "joints.glsl"
 in vec3 in_position;
 in vec3 in_normal;
-in vec4 in_color;      // sRGB factor; w * 255 = colour slot 0-5, or 255
+in vec4 in_colour;      // sRGB factor; w * 255 = colour slot 0-5, or 255
 in float in_limb;      // limb number / 255
 in vec4 in_place;      // position, scale
 in vec4 in_turn;       // heading; slope along x and y of the ground, or pitch, or girth and stance; seed 0-1
 in vec4 in_pose;       // people: see pose_person; cyclists: pedal phase in x
-in vec4 in_colors_a;   // packed below as 8-bit triples in floats
-in vec2 in_colors_b;
+in vec4 in_colours_a;   // packed below as 8-bit triples in floats
+in vec2 in_colours_b;
 uniform int u_motion;  // 0 still, 1 person, 2 cyclist, 3 cloth
 uniform float u_time_s;
 
@@ -37,15 +37,15 @@ Placed placed() {
     return result;
 }
 
-vec3 slot_color(float packed_rgb) {
+vec3 slot_colour(float packed_rgb) {
     vec3 rgb = vec3(mod(packed_rgb, 256.0), mod(floor(packed_rgb / 256.0), 256.0), floor(packed_rgb / 65536.0));
     return rgb / 255.0;
 }
 
-vec3 instance_color() {
-    int slot = int(in_color.w * 255.0 + 0.5);
-    vec3 own = in_color.rgb;
-    if (slot < 4) own *= slot_color(in_colors_a[slot]);
-    else if (slot < 6) own *= slot_color(in_colors_b[slot - 4]);
+vec3 instance_colour() {
+    int slot = int(in_colour.w * 255.0 + 0.5);
+    vec3 own = in_colour.rgb;
+    if (slot < 4) own *= slot_colour(in_colours_a[slot]);
+    else if (slot < 6) own *= slot_colour(in_colours_b[slot - 4]);
     return pow(own, vec3(2.2));
 }

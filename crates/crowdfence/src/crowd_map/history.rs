@@ -1,0 +1,132 @@
+//! Who looked at which voxel, and when last.
+
+use std::collections::BTreeMap;
+
+use super::instants::{Instant, Instants};
+use super::pages::Pages;
+use crate::method::Elapsed;
+use crate::stamp::seconds_between;
+
+#[derive(Debug, Clone)]
+pub(super) struct History {
+    /// Coded as in [`Look`].
+    pub looks: Pages<u32>,
+    pub instants: Instants,
+    /// Every drone that ever gave a view, and the voxels that it has seen, one bit each.
+    pub drones: BTreeMap<String, Pages<u64>>,
+    voxel_count: usize,
+}
+
+/// The last look at a voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Look {
+    Never,
+    /// Nobody has seen it; a camera pointed at it and something hid it.
+    Occluded,
+    /// Slot of its instant.
+    At(u32),
+}
+
+impl Look {
+    pub const NEVER: u32 = u32::MAX;
+    pub const OCCLUDED: u32 = u32::MAX - 1;
+
+    pub fn from_code(code: u32) -> Look {
+        match code {
+            Look::NEVER => Look::Never,
+            Look::OCCLUDED => Look::Occluded,
+            slot => Look::At(slot),
+        }
+    }
+}
+
+/// Voxels of which a word of bits says whether a drone has seen them.
+const WORD_VOXELS: usize = u64::BITS as usize;
+
+impl History {
+    pub fn new(voxel_count: usize) -> History {
+        History {
+            looks: Pages::new(voxel_count, Look::NEVER),
+            instants: Instants::default(),
+            drones: BTreeMap::new(),
+            voxel_count,
+        }
+    }
+
+    pub fn look(&self, id: u32) -> Look {
+        Look::from_code(self.looks.get(id as usize))
+    }
+
+    pub fn last_look(&self, id: u32) -> Option<Instant> {
+        match self.look(id) {
+            Look::At(slot) => Some(self.instants.at(slot)),
+            Look::Never | Look::Occluded => None,
+        }
+    }
+
+    /// Time from the last look at a voxel to `now`, none where `now` is older; None where nobody has looked.
+    pub fn elapsed(&self, id: u32, now: Instant) -> Option<Elapsed> {
+        let last = self.last_look(id)?;
+        Some(Elapsed {
+            seconds: seconds_between(last.stamp_ns, now.stamp_ns).max(0.0),
+            instants: now.number.saturating_sub(last.number),
+        })
+    }
+
+    /// A look at the instant of `slot`, which is open. An older look than the last one changes nothing.
+    pub fn see(&mut self, id: u32, slot: u32) {
+        match self.look(id) {
+            Look::At(last) if self.instants.at(last) > self.instants.at(slot) => return,
+            Look::At(last) => self.instants.leave(last),
+            Look::Never | Look::Occluded => (),
+        }
+        self.instants.enter(slot);
+        *self.looks.get_mut(id as usize) = slot;
+    }
+
+    /// Something hides the voxel from a camera. What was seen before stays seen.
+    pub fn hide(&mut self, id: u32) {
+        let look = self.looks.get_mut(id as usize);
+        if *look == Look::NEVER {
+            *look = Look::OCCLUDED;
+        }
+    }
+
+    /// Adds voxels to those that a drone has seen.
+    pub fn add_seen(&mut self, drone: &str, ids: &[u32]) {
+        if !self.drones.contains_key(drone) {
+            self.drones.insert(drone.to_owned(), self.none_seen());
+        }
+        let seen = self.drones.get_mut(drone).expect("just inserted");
+        for &id in ids {
+            *seen.get_mut(id as usize / WORD_VOXELS) |= 1 << (id as usize % WORD_VOXELS);
+        }
+    }
+
+    /// The voxels seen by a drone that has seen none.
+    pub fn none_seen(&self) -> Pages<u64> {
+        Pages::new(self.voxel_count.div_ceil(WORD_VOXELS), 0)
+    }
+
+    pub fn drones(&self) -> impl Iterator<Item = &str> {
+        self.drones.keys().map(String::as_str)
+    }
+
+    pub fn knows(&self, drone: &str) -> bool {
+        self.drones.contains_key(drone)
+    }
+
+    /// Drones that have ever seen one of the voxels, by name.
+    pub fn seen_by(&self, ids: &[u32]) -> Vec<&str> {
+        let sees = |seen: &Pages<u64>| {
+            ids.iter().any(|&id| seen.get(id as usize / WORD_VOXELS) >> (id as usize % WORD_VOXELS) & 1 != 0)
+        };
+        self.drones.iter().filter(|(_, seen)| sees(seen)).map(|(drone, _)| drone.as_str()).collect()
+    }
+
+    /// Voxels that somebody has seen, sorted. Costs what was seen, not the map.
+    pub fn seen_ids(&self) -> Vec<u32> {
+        let seen = self.looks.values().filter(|&(_, code)| matches!(Look::from_code(code), Look::At(_)));
+        seen.map(|(id, _)| id as u32).collect()
+    }
+}

@@ -1,0 +1,49 @@
+//! One value per voxel, in pages that exist only where something was written.
+
+pub(super) const PAGE_LENGTH: usize = 1024;
+
+#[derive(Debug, Clone)]
+pub(super) struct Pages<T> {
+    pages: Vec<Option<Box<[T]>>>,
+    /// The value where nothing was written.
+    absent: T,
+}
+
+impl<T: Copy> Pages<T> {
+    pub fn new(length: usize, absent: T) -> Pages<T> {
+        Pages { pages: vec![None; length.div_ceil(PAGE_LENGTH)], absent }
+    }
+
+    pub fn get(&self, at: usize) -> T {
+        self.pages[at / PAGE_LENGTH].as_ref().map_or(self.absent, |page| page[at % PAGE_LENGTH])
+    }
+
+    pub fn get_mut(&mut self, at: usize) -> &mut T {
+        let absent = self.absent;
+        let page = self.pages[at / PAGE_LENGTH].get_or_insert_with(|| vec![absent; PAGE_LENGTH].into());
+        &mut page[at % PAGE_LENGTH]
+    }
+
+    /// Number of pages, written or not.
+    pub fn count(&self) -> usize {
+        self.pages.len()
+    }
+
+    /// The pages that were written, with their numbers.
+    pub fn written(&self) -> impl Iterator<Item = (usize, &[T])> {
+        self.pages.iter().enumerate().filter_map(|(number, page)| Some((number, page.as_deref()?)))
+    }
+
+    /// Every value on a written page, with its place.
+    pub fn values(&self) -> impl Iterator<Item = (usize, T)> {
+        self.written().flat_map(|(number, page)| {
+            page.iter().enumerate().map(move |(slot, &value)| (number * PAGE_LENGTH + slot, value))
+        })
+    }
+
+    /// Replaces page `number` (below `count`) by as many values as a page holds.
+    pub fn put(&mut self, number: usize, page: Vec<T>) {
+        debug_assert_eq!(page.len(), PAGE_LENGTH);
+        self.pages[number] = Some(page.into());
+    }
+}

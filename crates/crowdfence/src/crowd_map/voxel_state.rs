@@ -1,0 +1,14 @@
+/// What is known about a voxel. Unseen is never the same as empty.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum VoxelState {
+    /// No view has ever seen it.
+    NeverSeen = 0,
+    /// Never seen: a camera pointed at it and something hid it.
+    Occluded = 1,
+    /// Seen lately, not crowd.
+    Empty = 2,
+    /// Seen, not crowd, but too long ago to be evidence of absence.
+    Stale = 3,
+    Crowd = 4,
+}

@@ -1,0 +1,132 @@
+//! Fusion methods: how what the views of an instant say about a voxel becomes a belief, and how long it lasts.
+//!
+//! A method is a value with its parameters. It owns what is kept per voxel and everything that follows from
+//! that; the crowd map knows only [`FusionMethod`]. A new method is one file here, one variant of [`Method`] and
+//! one of the crowd map's beliefs.
+
+mod or;
+mod paper;
+
+use crate::error::Result;
+use crate::sealed::{Reader, Writer};
+
+pub use or::Or;
+pub use paper::{DecayUnit, Initial, Paper};
+
+/// What one view says about one voxel that it sees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VoxelLook {
+    pub voxel_id: u32,
+    /// Position of the view among those of the instant.
+    pub view: u32,
+    /// m_i of equation 1.
+    pub mean: f64,
+    pub pixel_count: u32,
+    pub range_m: f32,
+    pub tilt_deg: f32,
+}
+
+/// Time since the last look at a voxel, in the units that methods count in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Elapsed {
+    pub seconds: f64,
+    pub instants: u64,
+}
+
+/// Does the belief depend on the order in which instants come?
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InstantOrder {
+    /// They must come in order of time.
+    ByTime,
+    /// Any order gives the same map.
+    Any,
+}
+
+pub trait FusionMethod: Clone + Send + Sync {
+    /// What is kept per voxel that was seen, as of its last look.
+    type Belief: Copy + Send + Sync;
+    /// Fills a page of beliefs before its voxels are seen; never read.
+    const NO_BELIEF: Self::Belief;
+    const NAME: &'static str;
+    const ORDER: InstantOrder;
+
+    /// Most drones that may ever give a view; None = any number.
+    fn max_drones(&self) -> Option<usize>;
+
+    /// The belief after the views `looks` (at least one, each of another drone) of one instant; `before` is
+    /// None for a voxel that nobody has seen yet.
+    fn update(&self, before: Option<(Self::Belief, Elapsed)>, looks: &[VoxelLook]) -> Self::Belief;
+
+    /// Probability of crowd that a belief stands for, that long after its last look.
+    fn probability(&self, belief: Self::Belief, since: Elapsed) -> f64;
+
+    /// The same where nobody has looked yet, which says nothing about the place.
+    fn unseen_probability(&self) -> f64;
+
+    /// Probability from which a voxel is called crowd unless the caller says otherwise.
+    fn default_threshold(&self) -> f64;
+
+    /// What the method was told, for reports.
+    fn parameters(&self) -> Vec<(&'static str, Parameter)>;
+}
+
+/// A parameter as a report shows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Parameter {
+    Number(f64),
+    Count(usize),
+    Switch(bool),
+    Choice(&'static str),
+}
+
+/// How a method and its beliefs stand in a file.
+pub(crate) trait Stored: FusionMethod {
+    fn write(&self, payload: &mut Writer);
+    /// `version` is that of the crowd map's format.
+    fn read(reader: &mut Reader<'_>, version: u32) -> Result<Self>;
+    fn write_belief(belief: Self::Belief, payload: &mut Writer);
+    fn read_beliefs(reader: &mut Reader<'_>, version: u32, count: usize) -> Result<Vec<Self::Belief>>;
+}
+
+/// One of the methods.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Method {
+    Paper(Paper),
+    Or(Or),
+}
+
+/// The same expression for whichever method it is.
+macro_rules! each_method {
+    ($value:expr, $kind:ident, $method:ident => $answer:expr) => {
+        match $value {
+            $kind::Paper($method) => $answer,
+            $kind::Or($method) => $answer,
+        }
+    };
+}
+pub(crate) use each_method;
+
+fn name_of<M: FusionMethod>(_: &M) -> &'static str {
+    M::NAME
+}
+
+impl Method {
+    pub fn name(&self) -> &'static str {
+        each_method!(self, Method, method => name_of(method))
+    }
+
+    /// See [`FusionMethod::max_drones`].
+    pub fn max_drones(&self) -> Option<usize> {
+        each_method!(self, Method, method => method.max_drones())
+    }
+
+    /// See [`FusionMethod::default_threshold`].
+    pub fn default_threshold(&self) -> f64 {
+        each_method!(self, Method, method => method.default_threshold())
+    }
+
+    /// See [`FusionMethod::parameters`].
+    pub fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        each_method!(self, Method, method => method.parameters())
+    }
+}

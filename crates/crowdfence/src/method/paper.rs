@@ -1,0 +1,205 @@
+//! Method `paper`: equations 1-3 with a switch for everything that the paper leaves open.
+
+use super::{Elapsed, FusionMethod, InstantOrder, Parameter, Stored, VoxelLook};
+use crate::error::{Result, require};
+use crate::opinion_pool::{OpinionPool, Rates, Unseen};
+use crate::sealed::{Reader, Writer};
+use crate::temporal_blend::TemporalBlend;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Paper {
+    pool: OpinionPool,
+    blend: TemporalBlend,
+    fleet_size: usize,
+    initial: Initial,
+    decay_unit: DecayUnit,
+}
+
+/// P~ before the first look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Initial {
+    Zero,
+    Prior,
+    /// The first look is taken whole, as if alpha were 1.
+    FirstLook,
+}
+
+/// What lambda counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DecayUnit {
+    Second,
+    /// Instants integrated.
+    Frame,
+}
+
+impl FusionMethod for Paper {
+    /// P~ as of the last look: decayed once, when read.
+    type Belief = f64;
+    const NO_BELIEF: f64 = 0.0;
+    const NAME: &'static str = "paper";
+    const ORDER: InstantOrder = InstantOrder::ByTime;
+
+    fn max_drones(&self) -> Option<usize> {
+        Some(self.fleet_size)
+    }
+
+    fn update(&self, before: Option<(f64, Elapsed)>, looks: &[VoxelLook]) -> f64 {
+        let pooled = self.pool.pool(looks.iter().map(|look| look.mean), self.fleet_size); // equations 1-2
+        let (previous, elapsed) = match (before, self.initial) {
+            (Some((previous, since)), _) => (previous, self.counted(since)),
+            (None, Initial::Zero) => (0.0, 0.0),
+            (None, Initial::Prior) => (self.pool.prior(), 0.0),
+            (None, Initial::FirstLook) => return pooled,
+        };
+        self.blend.blend(previous, elapsed, pooled) // equation 3
+    }
+
+    fn probability(&self, belief: f64, since: Elapsed) -> f64 {
+        self.blend.fade(belief, self.counted(since)) // equation 3 without a look
+    }
+
+    fn unseen_probability(&self) -> f64 {
+        match self.initial {
+            Initial::Zero | Initial::FirstLook => 0.0,
+            Initial::Prior => self.pool.prior(),
+        }
+    }
+
+    /// As printed, a place that all see empty has P(A|0), and a crowd that one of N drones sees with certainty
+    /// reaches (P(A|1) + (N - 1) P(A|0)) / N. The default lies a quarter of the way from the first to the
+    /// second: with alpha = 0.1 such a crowd is marked within four to six looks. A fixed 0.5 would never mark
+    /// what a single drone of three sees.
+    fn default_threshold(&self) -> f64 {
+        let empty = self.pool.post_negative();
+        let one_view = self.pool.pool([1.0], self.fleet_size);
+        empty + 0.25 * (one_view - empty)
+    }
+
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        let rates = self.pool.rates();
+        vec![
+            ("true_positive_rate", Parameter::Number(rates.true_positive())),
+            ("false_positive_rate", Parameter::Number(rates.false_positive())),
+            ("prior", Parameter::Number(self.pool.prior())),
+            ("b_threshold", Parameter::Number(self.pool.b_threshold())),
+            ("fleet_size", Parameter::Count(self.fleet_size)),
+            ("unseen", Parameter::Choice(self.pool.unseen().name())),
+            ("normalise", Parameter::Switch(self.pool.normalise())),
+            ("alpha", Parameter::Number(self.blend.alpha())),
+            ("decay", Parameter::Number(self.blend.decay())),
+            ("decay_unit", Parameter::Choice(self.decay_unit.name())),
+            ("initial", Parameter::Choice(self.initial.name())),
+        ]
+    }
+}
+
+impl Paper {
+    pub fn new(
+        pool: OpinionPool,
+        blend: TemporalBlend,
+        fleet_size: usize,
+        initial: Initial,
+        decay_unit: DecayUnit,
+    ) -> Result<Paper> {
+        require(fleet_size > 0, "fleet_size", fleet_size as f64, ">= 1")?;
+        Ok(Paper { pool, blend, fleet_size, initial, decay_unit })
+    }
+
+    pub fn pool(&self) -> &OpinionPool {
+        &self.pool
+    }
+
+    pub fn blend(&self) -> &TemporalBlend {
+        &self.blend
+    }
+
+    /// N of equation 1.
+    pub fn fleet_size(&self) -> usize {
+        self.fleet_size
+    }
+
+    pub fn initial(&self) -> Initial {
+        self.initial
+    }
+
+    pub fn decay_unit(&self) -> DecayUnit {
+        self.decay_unit
+    }
+
+    /// t - t' in the unit of lambda.
+    fn counted(&self, since: Elapsed) -> f64 {
+        match self.decay_unit {
+            DecayUnit::Second => since.seconds,
+            DecayUnit::Frame => since.instants as f64,
+        }
+    }
+}
+
+impl Initial {
+    pub fn name(self) -> &'static str {
+        match self {
+            Initial::Zero => "zero",
+            Initial::Prior => "prior",
+            Initial::FirstLook => "first",
+        }
+    }
+}
+
+impl DecayUnit {
+    pub fn name(self) -> &'static str {
+        match self {
+            DecayUnit::Second => "second",
+            DecayUnit::Frame => "frame",
+        }
+    }
+}
+
+/// f64 true_positive, false_positive, prior, b_threshold; u8 unseen (0 fleet, 1 visible); u8 normalise; f64 alpha,
+/// decay; u64 fleet size; u8 initial (0 zero, 1 prior, 2 first look); u8 decay unit (0 second, 1 frame). A belief
+/// is an f64.
+impl Stored for Paper {
+    fn write(&self, payload: &mut Writer) {
+        let rates = self.pool.rates();
+        payload.f64(rates.true_positive());
+        payload.f64(rates.false_positive());
+        payload.f64(self.pool.prior());
+        payload.f64(self.pool.b_threshold());
+        payload.u8(u8::from(self.pool.unseen() == Unseen::Visible));
+        payload.u8(u8::from(self.pool.normalise()));
+        payload.f64(self.blend.alpha());
+        payload.f64(self.blend.decay());
+        payload.u64(self.fleet_size as u64);
+        payload.u8(match self.initial {
+            Initial::Zero => 0,
+            Initial::Prior => 1,
+            Initial::FirstLook => 2,
+        });
+        payload.u8(u8::from(self.decay_unit == DecayUnit::Frame));
+    }
+
+    fn read(reader: &mut Reader<'_>, _version: u32) -> Result<Paper> {
+        let rates = Rates::new(reader.f64()?, reader.f64()?)?;
+        let (prior, b_threshold) = (reader.f64()?, reader.f64()?);
+        let unseen = reader.choice(&[Unseen::Fleet, Unseen::Visible])?;
+        let normalise = reader.choice(&[false, true])?;
+        let pool = OpinionPool::new(rates, prior, b_threshold, unseen, normalise)?;
+        let blend = TemporalBlend::new(reader.f64()?, reader.f64()?)?;
+        let fleet_size = reader.u64()? as usize;
+        let initial = reader.choice(&[Initial::Zero, Initial::Prior, Initial::FirstLook])?;
+        let decay_unit = reader.choice(&[DecayUnit::Second, DecayUnit::Frame])?;
+        Paper::new(pool, blend, fleet_size, initial, decay_unit)
+    }
+
+    fn write_belief(belief: f64, payload: &mut Writer) {
+        payload.f64(belief);
+    }
+
+    fn read_beliefs(reader: &mut Reader<'_>, _version: u32, count: usize) -> Result<Vec<f64>> {
+        let beliefs = reader.numbers(count, f64::from_le_bytes)?;
+        if beliefs.iter().all(|p| (0.0..=1.0).contains(p)) {
+            Ok(beliefs)
+        } else {
+            Err(reader.damaged("a probability outside [0, 1]"))
+        }
+    }
+}

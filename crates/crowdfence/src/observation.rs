@@ -1,0 +1,136 @@
+//! What one view says about the terrain. Checked when it is made and read-only from then on, so that whoever gets
+//! one, from a projection, from Python or from another machine, can rely on it.
+
+mod bytes;
+
+use crate::error::{Error, Result, require};
+use crate::stamp::check_stamp;
+use crate::terrain::TerrainKey;
+
+/// Back-projected view of one drone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    terrain: TerrainKey,
+    drone: String,
+    stamp_ns: i64,
+    seen: SeenVoxels,
+    occluded_ids: Vec<u32>,
+}
+
+/// The voxels that a view sees: parallel columns, sorted by id.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SeenVoxels {
+    pub ids: Vec<u32>,
+    /// m_i: mean heatmap value over the pixels whose ray first hits the voxel, in [0, 1].
+    pub mean: Vec<f64>,
+    /// Those pixels; 0 for a voxel that is in view but between the pixel centres.
+    pub pixel_count: Vec<u32>,
+    /// From the camera to the voxel's centre.
+    pub range_m: Vec<f32>,
+    /// Of the same line, below the horizon: 90 is straight down, negative is upwards.
+    pub tilt_deg: Vec<f32>,
+}
+
+impl Observation {
+    /// `occluded_ids`: voxels in the image and in range that something hides, sorted; none of them is seen.
+    pub fn new(
+        terrain: TerrainKey,
+        drone: impl Into<String>,
+        stamp_ns: i64,
+        seen: SeenVoxels,
+        occluded_ids: Vec<u32>,
+    ) -> Result<Observation> {
+        let drone = drone.into();
+        if drone.is_empty() {
+            return Err(Error::UnnamedDrone);
+        }
+        check_stamp(stamp_ns)?;
+        seen.check_lengths()?;
+        check_ids("voxel_ids", &seen.ids, terrain)?;
+        check_ids("occluded_ids", &occluded_ids, terrain)?;
+        if let Some(&id) = seen.ids.iter().find(|id| occluded_ids.binary_search(id).is_ok()) {
+            return Err(Error::SeenAndOccluded { id });
+        }
+        seen.check_values()?;
+        Ok(Observation { terrain, drone, stamp_ns, seen, occluded_ids })
+    }
+
+    pub fn terrain(&self) -> TerrainKey {
+        self.terrain
+    }
+
+    pub fn drone(&self) -> &str {
+        &self.drone
+    }
+
+    pub fn stamp_ns(&self) -> i64 {
+        self.stamp_ns
+    }
+
+    pub fn seen(&self) -> &SeenVoxels {
+        &self.seen
+    }
+
+    pub fn voxel_ids(&self) -> &[u32] {
+        &self.seen.ids
+    }
+
+    pub fn mean(&self) -> &[f64] {
+        &self.seen.mean
+    }
+
+    pub fn pixel_count(&self) -> &[u32] {
+        &self.seen.pixel_count
+    }
+
+    pub fn range_m(&self) -> &[f32] {
+        &self.seen.range_m
+    }
+
+    pub fn tilt_deg(&self) -> &[f32] {
+        &self.seen.tilt_deg
+    }
+
+    pub fn occluded_ids(&self) -> &[u32] {
+        &self.occluded_ids
+    }
+}
+
+impl SeenVoxels {
+    fn check_lengths(&self) -> Result<()> {
+        let expected = self.ids.len();
+        for (name, actual) in [
+            ("mean", self.mean.len()),
+            ("pixel_count", self.pixel_count.len()),
+            ("range_m", self.range_m.len()),
+            ("tilt_deg", self.tilt_deg.len()),
+        ] {
+            if actual != expected {
+                return Err(Error::Length { name, actual, expected });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_values(&self) -> Result<()> {
+        for at in 0..self.ids.len() {
+            let (mean, range_m, tilt_deg) =
+                (self.mean[at], f64::from(self.range_m[at]), f64::from(self.tilt_deg[at]));
+            require((0.0..=1.0).contains(&mean), "mean", mean, "inside [0, 1]")?;
+            require(range_m.is_finite() && range_m >= 0.0, "range_m", range_m, "finite and >= 0")?;
+            require((-90.0..=90.0).contains(&tilt_deg), "tilt_deg", tilt_deg, "inside [-90, 90]")?;
+        }
+        Ok(())
+    }
+}
+
+/// Sorted, unique, and of this terrain.
+fn check_ids(name: &'static str, ids: &[u32], terrain: TerrainKey) -> Result<()> {
+    if let Some(at) = ids.windows(2).position(|pair| pair[0] >= pair[1]) {
+        return Err(Error::IdsNotSorted { name, at: at + 1, id: ids[at + 1], before: ids[at] });
+    }
+    ids.last().map_or(Ok(()), |&last| terrain.check_id(i64::from(last)).map(drop))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,159 @@
+"""A model, labelled missions -> the model calibrated, with its measured rates written into it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.calibration.choice import Calibration, calibrate
+from crowdfence.calibration.correction import UNCHANGED, LogitMap
+from crowdfence.calibration.graph import bake
+from crowdfence.calibration.logit_counts import logit_counts
+from crowdfence.calibration.model_file import (
+    calibrated_contract,
+    output_kind,
+    require_agreement,
+    write_calibrated,
+)
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.lookup import sidecar_path
+from crowdfence.evaluation.cells.quality import QualityReport
+from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
+from crowdfence.evaluation.labelled_missions import (
+    BLOCK_S,
+    LabelledMission,
+    LabelledMissions,
+    MeasurementPlan,
+)
+from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
+from crowdfence.evaluation.voxels.rates import VoxelRates
+from crowdfence.sources.recording import Frame
+from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelCalibration:
+    """What was measured and written."""
+
+    contract: Contract
+    """Of the calibrated model."""
+    plan: MeasurementPlan
+    calibration: Calibration
+    quality: QualityReport
+    """Of the calibrated heatmaps. The few numbers of the correction were fitted on these very missions; the
+    scores in `calibration` are of missions held out."""
+    rates_before: VoxelRates | None
+    """None: no recording came with a map."""
+    rates: VoxelRates | None
+    frames: int
+    refused: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def plan_for(
+    contract: Contract, plan: MeasurementPlan, *, target: bool = False, target_height_m: bool = False
+) -> MeasurementPlan:
+    """The plan with what the contract says about the heatmap, except where `target` or `target_height_m` say
+    that the caller has chosen."""
+    if not target and (contract.about or {}).get("marks") in TARGET_HEIGHT_M:
+        plan = replace(plan, target=(contract.about or {})["marks"])
+    if not target_height_m:
+        stated = contract.target_height_m
+        plan = replace(plan, target_height_m=TARGET_HEIGHT_M[plan.target] if stated is None else stated)
+    return plan
+
+
+def calibrate_model(
+    detector: Detector,
+    model: Path,
+    data: list[Path],
+    output: Path,
+    plan: MeasurementPlan,
+    *,
+    on_frame: Callable[[], None] = lambda: None,
+) -> ModelCalibration:
+    """Run a detector, loaded from `model`, over labelled missions; fit and choose a correction of its logits;
+    write it into the graph, and calibration, rates and range of validity into the metadata of `output`.
+
+    Goes over the missions twice, one frame and one map in memory at a time; `on_frame` is called for every
+    frame of both. Data are mission files, AirSim recordings or folders with truth that the model was not
+    trained on.
+
+    ModuleNotFoundError without the package onnx; DetectorError for a model whose output is neither one
+    probability from a Sigmoid nor logits; ValueError for data without truth or without crowd.
+    """
+    import onnx
+
+    from crowdfence.detector.detector import Detector
+
+    contract = detector.contract
+    graph = onnx.load(str(model))
+    bake(graph, UNCHANGED, contract.output.name, output_kind(contract))  # what cannot be baked is said now
+    if sidecar_path(output).exists():
+        raise ValueError(f"{sidecar_path(output)} would hide the contract inside {output}: remove it first")
+    missions = LabelledMissions(data, plan, on_frame)
+    counts, frames = _count_logits(detector, missions)
+    calibration = calibrate(counts)
+    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen))
+    before, after = measured.rates or (None, None)
+    completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
+    write_calibrated(graph, calibration.chosen, contract, completed, output)
+    require_agreement(detector, Detector(output), calibration.chosen, missions.some_image())
+    return ModelCalibration(
+        completed,
+        plan,
+        calibration,
+        measured.quality,
+        before,
+        after,
+        frames,
+        tuple(missions.refused),
+        tuple(_warnings(calibration, measured, missions)),
+    )
+
+
+def _count_logits(
+    detector: Detector, missions: LabelledMissions
+) -> tuple[dict[str, NDArray[np.float64]], int]:
+    """First pass: logits by truth of every mission, and the number of frames used."""
+    counts: dict[str, NDArray[np.float64]] = {}
+    frames = 0
+    for mission in missions.opened(with_maps=False):
+
+        def use(frame: Frame, mission: LabelledMission = mission) -> None:
+            mask, ignored = mission.mask_of(frame), mission.ignored(frame)
+            values = heatmap_values(detector(frame.image()))
+            counted = None if ignored is None else ~crowd_cells(ignored, values.shape)
+            added = logit_counts(values, crowd_cells(mask, values.shape), counted)
+            counts[mission.name] = counts.get(mission.name, 0.0) + added
+
+        frames += missions.over_frames(mission, use)
+    return counts, frames
+
+
+def _before_and_after(detector: Detector, chosen: LogitMap, frame: Frame) -> tuple[Heatmap, Heatmap]:
+    raw = detector(frame.image())
+    return raw, chosen.probability(raw)
+
+
+def _warnings(calibration: Calibration, measured: PassResult, missions: LabelledMissions) -> Iterator[str]:
+    if calibration.after is None:
+        yield (
+            "crowd in fewer than two missions: only a temperature was fitted, and no mission held out "
+            "shows whether it helps"
+        )
+    if len(missions.paths) == 1:
+        yield f"one mission only: intervals come from blocks of {BLOCK_S:g} s and do not cover other places"
+    if not measured.rates:
+        yield "no recording comes with a map: no rates per voxel observation were measured"
+    elif measured.without_map:
+        yield f"without a map, not part of the rates: {', '.join(measured.without_map)}"

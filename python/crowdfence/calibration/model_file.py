@@ -1,0 +1,104 @@
+"""The file that a calibration leaves behind: corrected graph, completed contract, checked against numpy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.atomic_file import atomic_path
+from crowdfence.calibration.choice import Calibration
+from crowdfence.calibration.correction import LogitMap
+from crowdfence.calibration.graph import bake, write_contract
+from crowdfence.calibration.logit_counts import LIMIT, cell_logits
+from crowdfence.detector.contract.contract import Contract, Validity
+from crowdfence.detector.errors import DetectorError
+from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRates
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
+
+    from crowdfence.detector.detector import Detector
+
+TOLERATED_DIFFERENCE = 1e-3
+"""Between the calibrated graph and the same in numpy; beyond it the graph does something else."""
+
+
+def output_kind(contract: Contract) -> Literal["probability", "logits"]:
+    """DetectorError for a model whose logits cannot be corrected inside its graph."""
+    kind = contract.output.kind
+    if kind not in ("probability", "logits"):
+        raise DetectorError(
+            f"{contract.name} puts out {kind}; inside a graph only a probability or logits can be calibrated"
+        )
+    return cast(Literal["probability", "logits"], kind)
+
+
+def calibrated_contract(
+    contract: Contract,
+    calibration: Calibration,
+    rates: VoxelRates | None,
+    settings: ProjectionSettings | None,
+    target_height_m: float,
+) -> Contract:
+    """The contract with what was measured. Without new rates there are none: the old ones were those of
+    another heatmap."""
+    document = calibration.to_json()
+    # The detector divides the logits that leave a graph by this temperature; they are corrected already.
+    by_graph = contract.output.kind == "logits" or not calibration.chosen.is_line
+    document = {"temperature": 1.0 if by_graph else 1.0 / calibration.chosen.scale, **document}
+    if contract.calibration is not None:
+        document["earlier"] = {key: old for key, old in contract.calibration.items() if key != "earlier"}
+    validity = contract.validity
+    if rates is not None:
+        spans = {name: span and tuple(span) for name, span in rates.validity.items()}
+        validity = Validity(**cast(dict[str, Any], spans))
+    completed = replace(
+        contract,
+        calibration=document,
+        rates=None if rates is None or settings is None else rates.to_json(settings),
+        validity=validity,
+        target_height_m=target_height_m,
+    )
+    return Contract.from_json(completed.to_json())
+
+
+def write_calibrated(
+    graph: ModelProto, chosen: LogitMap, contract: Contract, completed: Contract, output: Path
+) -> None:
+    """Write `graph`, which `contract` describes, corrected and with the `completed` contract; atomically."""
+    import onnx
+
+    # The correction was fitted after the division by the contract's temperature; now it comes before it.
+    logit_map = chosen.of_scaled(1.0 / contract.temperature) if contract.output.kind == "logits" else chosen
+    baked = bake(graph, logit_map, contract.output.name, output_kind(contract))
+    write_contract(baked, completed.to_json())
+    with atomic_path(output) as temporary:
+        onnx.save_model(baked, str(temporary))
+
+
+def require_agreement(before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8]) -> None:
+    """DetectorError unless the written model gives on an image what the correction gives in numpy."""
+    image = _not_resampled(image, before.contract)
+    raw = before(image)
+    inside = np.abs(cell_logits(raw)) < LIMIT - 1.0  # beyond, a float32 probability has lost its logit
+    difference = np.abs(after(image) - chosen.probability(raw))[inside].max(initial=0.0)
+    if difference > TOLERATED_DIFFERENCE:
+        raise DetectorError(
+            f"the calibrated model differs from its calibration by {difference:.2g}; allowed: "
+            f"{TOLERATED_DIFFERENCE:g}. Please report this model"
+        )
+
+
+def _not_resampled(image: NDArray[np.uint8], contract: Contract) -> NDArray[np.uint8]:
+    """The image at the size of a model that resizes. On any other size the heatmap is interpolated from the
+    model's cells, and a correction of interpolated values differs from interpolated corrected ones."""
+    size = contract.input.size
+    if size is None or contract.input.resize not in ("stretch", "letterbox"):
+        return image
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BILINEAR))

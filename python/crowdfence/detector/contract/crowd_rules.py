@@ -1,0 +1,69 @@
+"""When counted people are a crowd: the numbers behind the density, points and boxes adapters."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from crowdfence.detector.contract.json_section import JsonSection
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleRule:
+    """A cell is crowd where at least `min_people` stand within `radius_m`.
+
+    P = sigmoid((n - (min_people - 1/2)) / softness_people), n = sum of the scores of the people within
+    `radius_m` of the cell; gaps up to twice `closing_m` wide are then closed. Number and radius are those
+    of the crowds that the simulator marks.
+    """
+
+    min_people: int = 3
+    radius_m: float = 2.0
+    softness_people: float = 0.25
+    closing_m: float = 1.0
+
+    @staticmethod
+    def from_json(section: JsonSection | None) -> PeopleRule:
+        if section is None:
+            return PeopleRule()
+        default = PeopleRule()
+        rule = PeopleRule(
+            min_people=section.integer("min_people", 1, 1_000_000, default.min_people),
+            radius_m=section.number("radius_m", 0.0, default.radius_m, above=True),
+            softness_people=section.number("softness_people", 0.0, default.softness_people, above=True),
+            closing_m=section.number("closing_m", 0.0, default.closing_m),
+        )
+        section.done()
+        return rule
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class DensityRule:
+    """A cell is crowd where the density, averaged over a square of side `window_m`, is `people_per_m2`.
+
+    P = sigmoid((density - people_per_m2) / softness_per_m2). The default is 3 people in a disc of radius 2 m
+    (0.24 per m2), counted in a square of about the area of that disc.
+    """
+
+    people_per_m2: float = 0.24
+    softness_per_m2: float = 0.04
+    window_m: float = 3.5
+
+    @staticmethod
+    def from_json(section: JsonSection | None) -> DensityRule:
+        if section is None:
+            return DensityRule()
+        default = DensityRule()
+        rule = DensityRule(
+            people_per_m2=section.number("people_per_m2", 0.0, default.people_per_m2, above=True),
+            softness_per_m2=section.number("softness_per_m2", 0.0, default.softness_per_m2, above=True),
+            window_m=section.number("window_m", 0.0, default.window_m),
+        )
+        section.done()
+        return rule
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)

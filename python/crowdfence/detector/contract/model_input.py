@@ -1,0 +1,81 @@
+"""The image tensor of a model: layout, colours, normalisation, size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from crowdfence.detector.contract.json_section import JsonSection
+from crowdfence.detector.contract.model_output import MAP_KINDS, ModelOutput
+from crowdfence.detector.errors import DetectorError
+
+_LARGEST_SIDE = 16384
+
+
+@dataclass(frozen=True, slots=True)
+class ModelInput:
+    """The image tensor. Its values: (pixel * scale - mean) / std, per channel in the order of `color`."""
+
+    name: str
+    layout: Literal["NHWC", "NCHW"]
+    dtype: Literal["uint8", "float32"]
+    color: Literal["RGB", "BGR"] = "RGB"
+    scale: float = 1.0
+    mean: tuple[float, ...] = (0.0, 0.0, 0.0)
+    std: tuple[float, ...] = (1.0, 1.0, 1.0)
+    size: tuple[int, int] | None = None
+    """Width and height in pixels; None: any multiple of `multiple_of`."""
+    multiple_of: int = 1
+    resize: Literal["none", "stretch", "letterbox", "tile"] = "none"
+
+    @property
+    def is_raw(self) -> bool:
+        """The tensor holds the pixels themselves."""
+        return self.scale == 1.0 and not any(self.mean) and all(value == 1.0 for value in self.std)
+
+
+def input_from_json(section: JsonSection, output: ModelOutput) -> ModelInput:
+    multiple_of = section.integer("multiple_of", 1, 4096, 1)
+    resize = section.choice("resize", ("none", "stretch", "letterbox", "tile"), "none")
+    value = ModelInput(
+        name=section.text("name"),
+        layout=section.choice("layout", ("NHWC", "NCHW")),
+        dtype=section.choice("dtype", ("uint8", "float32")),
+        color=section.choice("color", ("RGB", "BGR")),
+        scale=section.number("scale", 0.0, 1.0, above=True),
+        mean=section.numbers("mean", 3, (0.0, 0.0, 0.0)),
+        std=section.numbers("std", 3, (1.0, 1.0, 1.0)),
+        size=_size(section, multiple_of),
+        multiple_of=multiple_of,
+        resize=resize,
+    )
+    section.done()
+    if any(number <= 0.0 for number in value.std):
+        raise section.refuse("std", "3 numbers above 0")
+    if value.dtype == "uint8" and not value.is_raw:
+        raise DetectorError(
+            f"{section.key('dtype')} is 'uint8', the pixels as they are: scale, mean and std must be 1, 0, 1"
+        )
+    if value.size is None and resize in ("stretch", "letterbox"):
+        raise DetectorError(f"{section.key('resize')} is {resize!r}, which needs {section.key('size')}")
+    side = value.size or (multiple_of, multiple_of)
+    cut_exactly = resize in ("none", "tile") and output.kind in MAP_KINDS
+    if cut_exactly and any(pixels % output.stride for pixels in side):
+        raise DetectorError(
+            f"{section.key('size' if value.size else 'multiple_of')} is "
+            f"{list(value.size) if value.size else multiple_of}; allowed: multiples of "
+            f"output.stride ({output.stride}), or resize 'stretch' or 'letterbox'"
+        )
+    return value
+
+
+def _size(section: JsonSection, multiple_of: int) -> tuple[int, int] | None:
+    value = section.raw("size")
+    if value is None:
+        return None
+    whole = isinstance(value, (list, tuple)) and len(value) == 2 and all(type(side) is int for side in value)
+    if not whole or not all(1 <= side <= _LARGEST_SIDE and side % multiple_of == 0 for side in value):
+        raise section.refuse(
+            "size", f"null or [width, height], multiples of {multiple_of} from 1 to {_LARGEST_SIDE}"
+        )
+    return value[0], value[1]

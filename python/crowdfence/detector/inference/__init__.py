@@ -1,0 +1,1 @@
+"""Image -> tensor -> model -> heatmap, for ONNX models and for Python functions."""

@@ -1,0 +1,179 @@
+"""An ONNX model under its contract: images in, heatmaps out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.detector.contract.check import check_contract
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
+from crowdfence.detector.contract.metadata_values import fixed
+from crowdfence.detector.contract.model_output import PEOPLE_KINDS
+from crowdfence.detector.errors import DetectorError
+from crowdfence.detector.ground_scale import GroundScale, Gsd
+from crowdfence.detector.inference.density_map import crowd_from_density
+from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
+from crowdfence.detector.inference.map_output import Map, map_values
+from crowdfence.detector.inference.patches import Patch, Span, patches
+from crowdfence.detector.inference.people_map import crowd_from_people
+from crowdfence.detector.inference.people_output import People, people_in
+from crowdfence.detector.onnx_session import OnnxSession, reason
+
+
+class OnnxModel:
+    """Runs a session; the session is safe to share between threads, and so is this."""
+
+    def __init__(self, session: OnnxSession, contract: Contract) -> None:
+        check_contract(contract, session.face)
+        self._session = session.session
+        self._contract = contract
+        self._tensor = InputTensor(contract.input)
+        batch = session.face.inputs[0].shape[contract.input.layout.index("N")]
+        self._takes_batches = fixed(batch) is None
+
+    def heatmap(self, image: Image, gsd_m: Gsd | None) -> Map:
+        """P [ceil(H / stride), ceil(W / stride)]; cell (i, j) covers the pixels from (i, j) * stride on."""
+        output = self._contract.output
+        cells = _cells(image, output.stride)
+        if output.kind in PEOPLE_KINDS:
+            scale = GroundScale.of(gsd_m, cells, output.kind)
+            return crowd_from_people(self._people(image), scale, self._people_rule(), output.stride)
+        if output.kind == "density":
+            scale = GroundScale.of(gsd_m, cells, output.kind)
+            return self._from_density(self._map(image, cells), scale)
+        return self._map(image, cells)
+
+    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[Map]:
+        """Several images; those that fit in one run of the model share it."""
+        whole = self._shared_patch(images)
+        if whole is None:
+            return [self.heatmap(image, gsd) for image, gsd in zip(images, gsd_m, strict=True)]
+        cells = _cells(images[0], self._contract.output.stride)
+        raw = self._run(np.stack([patch_pixels(image, whole) for image in images]))
+        maps = map_values(raw, self._contract, _model_shape(whole))
+        if len(maps) != len(images):
+            raise DetectorError(
+                f"output {self._contract.output.name}: {len(maps)} maps of {len(images)} images"
+            )
+        placed = [self._placed(values, whole, cells) for values in maps]
+        if self._contract.output.kind != "density":
+            return placed
+        return [
+            self._from_density(values, GroundScale.of(gsd, cells, "density"))
+            for values, gsd in zip(placed, gsd_m, strict=True)
+        ]
+
+    def _shared_patch(self, images: Sequence[Image]) -> Patch | None:
+        """The one patch that all the images are, when they can share a run."""
+        output = self._contract.output
+        if output.kind in PEOPLE_KINDS or not self._takes_batches or len(images) < 2:
+            return None
+        if len({image.shape for image in images}) > 1:
+            return None
+        height, width = images[0].shape[:2]
+        cut = patches(height, width, self._contract.input, output.stride)
+        first, more = next(cut), next(cut, None)
+        return first if more is None else None
+
+    def _map(self, image: Image, cells: tuple[int, int]) -> Map:
+        """Values [h, w]: probabilities, or people per image pixel for a density model."""
+        output = self._contract.output
+        whole: Map | None = None
+        for patch in patches(image.shape[0], image.shape[1], self._contract.input, output.stride):
+            raw = self._run(patch_pixels(image, patch)[None])
+            maps = map_values(raw, self._contract, _model_shape(patch))
+            if len(maps) != 1:
+                raise DetectorError(f"output {output.name}: {len(maps)} maps of one image")
+            values = self._placed(maps[0], patch, cells)
+            if values.shape == cells:
+                return values
+            if whole is None:
+                whole = np.empty(cells, np.float32)
+            whole[_own_cells(patch.rows, output.stride), _own_cells(patch.columns, output.stride)] = values
+        assert whole is not None
+        return whole
+
+    def _placed(self, values: Map, patch: Patch, cells: tuple[int, int]) -> Map:
+        """The cells that the patch answers for, on the grid of the image."""
+        output = self._contract.output
+        if output.kind == "density":
+            # People per cell become people per image pixel, which resizing leaves alone.
+            values = values * np.float32(patch.rows.scale * patch.columns.scale / output.stride**2)
+        if not patch.is_native:
+            return _resampled(values, patch, cells, output.stride)
+        rows, columns = (_own_cells(span, output.stride) for span in (patch.rows, patch.columns))
+        top, left = patch.rows.start // output.stride, patch.columns.start // output.stride
+        own = values[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+        return np.ascontiguousarray(own)
+
+    def _people(self, image: Image) -> People:
+        """Everybody in the image, in its pixels; where tiles overlap, the one that holds the feet decides."""
+        height, width = image.shape[:2]
+        parts = []
+        for patch in patches(height, width, self._contract.input, self._contract.output.stride):
+            raw = self._run(patch_pixels(image, patch)[None])
+            found = people_in(raw, self._contract, _model_shape(patch))
+            x, y = patch.columns.to_image(found.x), patch.rows.to_image(found.y)
+            own = _owns(patch.columns, x, width) & _owns(patch.rows, y, height)
+            parts.append(People(x[own], y[own], found.score[own]))
+        return People.joined(parts)
+
+    def _run(self, pixels: Image) -> NDArray[np.generic]:
+        contract = self._contract
+        tensor = self._tensor(pixels)
+        try:
+            raw = self._session.run([contract.output.name], {contract.input.name: tensor})[0]
+        except Exception as error:  # the runtime's exceptions have no base class of their own
+            raise DetectorError(
+                f"the model failed on an input of shape {list(tensor.shape)}: {reason(error)}"
+            ) from None
+        if not isinstance(raw, np.ndarray):
+            raise DetectorError(f"output {contract.output.name} is a {type(raw).__name__}, not a tensor")
+        return raw
+
+    def _from_density(self, people_per_px: Map, scale: GroundScale) -> Map:
+        output = self._contract.output
+        rule = output.rule
+        assert isinstance(rule, DensityRule)
+        return crowd_from_density(people_per_px, scale, rule, output.stride)
+
+    def _people_rule(self) -> PeopleRule:
+        rule = self._contract.output.rule
+        assert isinstance(rule, PeopleRule)
+        return rule
+
+
+def _cells(image: Image, stride: int) -> tuple[int, int]:
+    return -(-image.shape[0] // stride), -(-image.shape[1] // stride)
+
+
+def _model_shape(patch: Patch) -> tuple[int, int]:
+    return patch.rows.model, patch.columns.model
+
+
+def _own_cells(span: Span, stride: int) -> slice:
+    return slice(span.own_start // stride, -(-span.own_stop // stride))
+
+
+def _owns(span: Span, at: NDArray[np.float64], pixels: int) -> NDArray[np.bool_]:
+    """Feet below the image's edge belong to the patch at that edge."""
+    inside = np.clip(at, 0, pixels - 1)
+    return np.asarray((inside >= span.own_start) & (inside < span.own_stop))
+
+
+def _resampled(values: Map, patch: Patch, cells: tuple[int, int], stride: int) -> Map:
+    """The part of the output that shows the image, on the cells of the image."""
+    from PIL import Image as Pillow
+
+    left, right, top, bottom = (
+        edge / stride
+        for span in (patch.columns, patch.rows)
+        for edge in (span.low, span.low + (span.stop - span.start) * span.scale)
+    )
+    picture = Pillow.fromarray(np.ascontiguousarray(values))
+    resized = picture.resize(cells[::-1], Pillow.Resampling.BILINEAR, box=(left, top, right, bottom))
+    # Interpolation of float32 may step over the highest value by a rounding.
+    return np.asarray(resized, np.float32).clip(values.min(), values.max())

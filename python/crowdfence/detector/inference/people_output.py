@@ -1,0 +1,133 @@
+"""Output of a points or boxes model -> where people stand in the model's input, with scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.errors import DetectorError
+from crowdfence.detector.inference.overlap_removal import strongest_boxes
+
+MAX_DETECTIONS = 10_000
+"""Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""
+
+Rows = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class People:
+    """Foot points in pixels (x to the right, y down) and scores in [0, 1], [N] each."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    score: NDArray[np.float64]
+
+    @staticmethod
+    def joined(parts: list[People]) -> People:
+        return People(
+            *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "score"))
+        )
+
+
+def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[int, int]) -> People:
+    """Raw output of one image -> people in pixels of the model's input (height, width).
+
+    DetectorError for another shape than the contract says, NaN, infinity, and scores outside [0, 1].
+    """
+    output = contract.output
+    rows = _rows(raw, contract)
+    scores = _scores(rows, contract)
+    score_min = output.score_min or 0.0
+    chosen = (scores >= score_min) & (scores > 0.0)
+    if chosen.sum() > MAX_DETECTIONS:
+        raise DetectorError(
+            f"output {output.name} holds {chosen.sum():,} people of score {score_min:g} and more; "
+            f"allowed: {MAX_DETECTIONS:,}; is output.score_min right?"
+        )
+    rows, scores = rows[chosen], scores[chosen]
+    if output.kind == "points":
+        x, y = rows[:, 0], rows[:, 1]
+    else:
+        boxes = _corners(rows[:, :4], contract)
+        if output.iou_max is not None:
+            kept = strongest_boxes(boxes, scores, output.iou_max)
+            boxes, scores = boxes[kept], scores[kept]
+        x, y = foot_points(boxes)
+    if output.coordinates == "fraction":
+        x, y = x * model_shape[1], y * model_shape[0]
+    return People(x.astype(np.float64), y.astype(np.float64), scores.astype(np.float64))
+
+
+def foot_points(boxes: Rows) -> tuple[Rows, Rows]:
+    """Middle of the lower edge of boxes x1, y1, x2, y2 [N, 4]: where the person stands."""
+    return (boxes[:, 0] + boxes[:, 2]) / 2.0, boxes[:, 3]
+
+
+def _rows(raw: NDArray[np.generic], contract: Contract) -> Rows:
+    """One detection a row [D, values]."""
+    output = contract.output
+    if raw.ndim != 3 or raw.shape[0] != 1:
+        raise DetectorError(
+            f"output {output.name} has shape {list(raw.shape)}; the contract says {output.layout}, N = 1"
+        )
+    rows = np.asarray(raw[0] if output.layout == "NDC" else raw[0].T, np.float64)
+    needed = _values_needed(contract)
+    if rows.shape[1] < needed:
+        raise DetectorError(
+            f"output {output.name} has {rows.shape[1]} values a detection; {output.kind} with row "
+            f"{output.row!r} and class {list(output.classes)} need {needed} and more"
+        )
+    if not np.isfinite(rows).all():
+        at = np.argwhere(~np.isfinite(rows))[0]
+        raise DetectorError(
+            f"output {output.name} holds {rows[tuple(at)]} in value {at[1]} of detection {at[0]}; "
+            "allowed: finite numbers"
+        )
+    return rows
+
+
+def _values_needed(contract: Contract) -> int:
+    output = contract.output
+    extra = {"none": 0, "score": 1, "score_class": 2}.get(output.row or "none")
+    if extra is None:
+        extra = (output.row == "objectness_class_scores") + max(output.classes) + 1
+    return _coordinates(contract) + extra
+
+
+def _coordinates(contract: Contract) -> int:
+    return 2 if contract.output.kind == "points" else 4
+
+
+def _scores(rows: Rows, contract: Contract) -> Rows:
+    """One score a detection: that of the wanted class, 0 for other classes."""
+    output, first = contract.output, _coordinates(contract)
+    wanted = list(output.classes)
+    if output.row == "none":
+        return np.ones(len(rows))
+    if output.row == "class_scores":
+        scores = rows[:, [first + index for index in wanted]].max(axis=1, initial=0.0)
+    elif output.row == "objectness_class_scores":
+        best = rows[:, [first + 1 + index for index in wanted]].max(axis=1, initial=0.0)
+        scores = rows[:, first] * best
+    elif output.row == "score_class":
+        scores = np.where(np.isin(rows[:, first + 1], wanted), rows[:, first], 0.0)
+    else:
+        scores = rows[:, first]
+    wrong = (scores < 0.0) | (scores > 1.0)
+    if wrong.any():
+        at = int(np.flatnonzero(wrong)[0])
+        raise DetectorError(
+            f"output {output.name} gives detection {at} the score {scores[at]:g}; allowed: 0 to 1"
+        )
+    return np.asarray(scores)
+
+
+def _corners(boxes: Rows, contract: Contract) -> Rows:
+    """x1, y1, x2, y2 [N, 4]."""
+    if contract.output.box_format == "xyxy":
+        return boxes
+    middle, size = boxes[:, :2], boxes[:, 2:]
+    return np.concatenate([middle - size / 2.0, middle + size / 2.0], axis=1)

@@ -1,0 +1,130 @@
+"""Decoded frames and labels of many missions on disk, so that every pass over them is a memory read."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.detector_training.labels import LABEL_STRIDE, STRIDE, Target, training_labels
+
+_FORMAT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredMission:
+    """The frames of one mission, N of one size, mapped from disk."""
+
+    name: str
+    images: NDArray[np.uint8]
+    """[N, H, W, 3] RGB."""
+    crowd: NDArray[np.uint8]
+    """[N, T, h, w] labels (`TrainingLabels`), one plane per target."""
+    known: NDArray[np.bool_]
+    """[N, T, h, w] False where the truth is unknown."""
+    skipped: tuple[str, ...]
+    """Frames that could not be used, and why."""
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+def store_missions(
+    paths: Sequence[Path],
+    targets: Sequence[Target],
+    folder: Path,
+    *,
+    workers: int = 1,
+    on_mission: Callable[[StoredMission], None] | None = None,
+) -> list[StoredMission]:
+    """Decode and label the frames of the recordings at `paths` into `folder`; what is there is reused.
+
+    Sides that are no multiple of the stride are cut down to one. Frames that cannot be read are skipped and
+    named. ValueError for a recording without a usable frame, or with frames of several sizes.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    missions = []
+    with ProcessPoolExecutor(workers) as pool:
+        parts = [folder / _key(path, targets) for path in paths]
+        for mission in pool.map(_stored, paths, [tuple(targets)] * len(paths), parts):
+            missions.append(_mapped(mission))
+            if on_mission is not None:
+                on_mission(missions[-1])
+    return missions
+
+
+def _key(path: Path, targets: Sequence[Target]) -> str:
+    stat = path.stat()
+    what = json.dumps([_FORMAT, str(path.resolve()), stat.st_size, stat.st_mtime_ns, list(targets)])
+    return f"{path.stem}-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
+
+
+def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
+    """Write one mission as arrays; the description comes last and says that the rest is whole."""
+    description = part.with_suffix(".json")
+    if description.exists():
+        return part
+    from crowdfence.pipeline import open_terrain
+    from crowdfence.sources import open_recording
+    from crowdfence.sources.recording import FrameError
+
+    recording = open_recording(path)
+    if not recording.frames:
+        raise ValueError(f"{path} holds no usable frame")
+    terrain = open_terrain(recording, None) if "ground" in targets else None
+    sizes = {(frame.camera.height, frame.camera.width) for frame in recording.frames}
+    if len(sizes) > 1:
+        raise ValueError(f"{path} holds frames of several sizes: {sorted(sizes)}")
+    height, width = (side // STRIDE * STRIDE for side in sizes.pop())
+    arrays = _Arrays.create(part, len(recording.frames), len(targets), height, width)
+    kept, skipped = 0, []
+    for frame in recording.frames:
+        try:
+            labels = [training_labels(target, frame, recording, terrain) for target in targets]
+            arrays.images[kept] = frame.image()[:height, :width]
+        except FrameError as error:
+            skipped.append(str(error))
+            continue
+        arrays.crowd[kept] = np.stack([label.crowd for label in labels])
+        arrays.known[kept] = np.stack([label.known for label in labels])
+        kept += 1
+    if not kept:
+        raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
+    facts = {"name": path.stem, "frames": kept, "skipped": skipped}
+    description.write_text(json.dumps(facts))
+    return part
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Arrays:
+    images: Any
+    crowd: Any
+    known: Any
+
+    @classmethod
+    def create(cls, part: Path, frames: int, targets: int, height: int, width: int) -> _Arrays:
+        labels = (frames, targets, height // LABEL_STRIDE, width // LABEL_STRIDE)
+        return cls(
+            np.lib.format.open_memmap(_file(part, "images"), "w+", np.uint8, (frames, height, width, 3)),
+            np.lib.format.open_memmap(_file(part, "crowd"), "w+", np.uint8, labels),
+            np.lib.format.open_memmap(_file(part, "known"), "w+", np.bool_, labels),
+        )
+
+
+def _mapped(part: Path) -> StoredMission:
+    facts = json.loads(part.with_suffix(".json").read_text())
+    images, crowd, known = (
+        np.load(_file(part, name), mmap_mode="r")[: facts["frames"]] for name in ("images", "crowd", "known")
+    )
+    return StoredMission(facts["name"], images, crowd, known, tuple(facts["skipped"]))
+
+
+def _file(part: Path, name: str) -> Path:
+    return part.with_name(f"{part.name}.{name}.npy")

@@ -1,0 +1,54 @@
+"""What decides the result of a training, besides the missions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from crowdfence.detector_training.crops import CropPlan
+from crowdfence.detector_training.labels import Target
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingPlan:
+    """Equal plans, missions and machines give equal weights."""
+
+    targets: tuple[Target, ...] = ("ground",)
+    width: float = 1.0
+    """Scale of the channel counts; 1 is crowdnet-s."""
+    steps: int = 16_000
+    batch: int = 16
+    learning_rate: float = 3e-3
+    warm_up_steps: int = 200
+    weight_decay: float = 1e-4
+    dice_weight: float = 0.5
+    calm_share: float = 0.2
+    """Share of the steps at the end without Dice, which would leave the network too sure of itself."""
+    average_decay: float = 0.998
+    validate_every: int = 500
+    patience: int = 8
+    """Validations without improvement before training stops; counted outside the calm steps."""
+    seed: int = 0
+    crops: CropPlan = field(default_factory=CropPlan)
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch", "validate_every", "patience"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        for name in ("width", "learning_rate"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it must be above 0")
+        if not self.targets or len(set(self.targets)) < len(self.targets):
+            raise ValueError(f"targets are {self.targets}; name each wanted one once")
+
+    @property
+    def calm_from(self) -> int:
+        """First step without Dice."""
+        return self.steps - round(self.calm_share * self.steps)
+
+    def learning_rate_at(self, step: int) -> float:
+        """Linear warm-up, then a half cosine down to a hundredth."""
+        if step < self.warm_up_steps:
+            return self.learning_rate * (step + 1) / self.warm_up_steps
+        done = (step - self.warm_up_steps) / max(1, self.steps - self.warm_up_steps)
+        return self.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done))))

@@ -1,0 +1,250 @@
+"""The training loop: seeded, resumable, stopped when validation no longer improves."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from crowdfence.atomic_file import atomic_path
+from crowdfence.detector_training.augmentation import varied
+from crowdfence.detector_training.average import WeightAverage
+from crowdfence.detector_training.crops import Batch, CropSampler
+from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.loss import crowd_loss
+from crowdfence.detector_training.network import CrowdNet
+from crowdfence.detector_training.plan import TrainingPlan
+from crowdfence.detector_training.validation import ValidationScore, validate
+
+
+@dataclass(frozen=True, slots=True)
+class Checkup:
+    """One validation on the way."""
+
+    step: int
+    seconds: float
+    """Time spent on training so far."""
+    loss: float
+    """Mean training loss since the last one."""
+    score: ValidationScore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained:
+    """What training ends with."""
+
+    network: CrowdNet
+    """The averaged weights of `best`."""
+    best: Checkup
+    history: list[Checkup]
+    stopped_early: bool
+
+
+def train(
+    missions: Sequence[StoredMission],
+    validation: Sequence[StoredMission],
+    plan: TrainingPlan,
+    *,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    initial: Path | None = None,
+    device: torch.device | None = None,
+    on_step: Callable[[int], None] | None = None,
+    on_checkup: Callable[[Checkup], None] | None = None,
+) -> Trained:
+    """Train a network on `missions`: its averaged weights at the end, or, when the mean IoU on `validation`
+    no longer improves before the calm steps, the best until then.
+
+    With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
+    plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
+    machines give equal weights. `initial` is the checkpoint of another training, whose best weights this one
+    starts from.
+
+    ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
+    loss that is not finite.
+    """
+    device = device or default_device()
+    if not validation:
+        raise ValueError("training needs at least one validation mission: keep one that is not trained on")
+    run = _Run(plan, device)
+    if resume and checkpoint is not None and checkpoint.exists():
+        run.load(checkpoint)
+    elif initial is not None:
+        run.start_from(initial)
+    sampler = CropSampler(missions, plan.crops)
+    if not len(sampler):
+        raise ValueError("the training missions hold no usable frame")
+    started, losses = time.monotonic() - run.seconds, []
+    stopped = False
+    for step, batch in _batches(sampler, plan, run.step, device):
+        losses.append(run.advance(batch, step))
+        if on_step is not None:
+            on_step(step)
+        if (step + 1) % plan.validate_every == 0 or step + 1 == plan.steps:
+            mean_loss = float(torch.stack(losses).mean())
+            losses.clear()
+            if not math.isfinite(mean_loss):
+                raise ValueError(f"the loss is {mean_loss} at step {step + 1}: use a smaller learning rate")
+            score = validate(run.average.network, validation, plan.targets, device)
+            checkup = Checkup(step + 1, time.monotonic() - started, mean_loss, score)
+            run.note(checkup)
+            if checkpoint is not None:
+                run.save(checkpoint)
+            if on_checkup is not None:
+                on_checkup(checkup)
+            if run.waited >= plan.patience:
+                stopped = True
+                break
+    run.average.network.load_state_dict(run.best_state)
+    return Trained(run.average.network, run.best, run.history, stopped)
+
+
+def default_device() -> torch.device:
+    """A GPU where there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def _batches(
+    sampler: CropSampler, plan: TrainingPlan, first: int, device: torch.device
+) -> Iterator[tuple[int, Batch]]:
+    """Batches of the steps from `first` on, the next one made while the last is learned. The random numbers
+    of a step depend on nothing but seed and step: that is what makes a resumed training the same."""
+
+    def made(step: int) -> Batch:
+        rng = np.random.default_rng([plan.seed, step])
+        batch = sampler.draw(plan.batch, rng, device)
+        return batch._replace(image=varied(batch.image, rng))
+
+    with ThreadPoolExecutor(1) as pool:
+        following = pool.submit(made, first) if first < plan.steps else None
+        for step in range(first, plan.steps):
+            assert following is not None
+            batch = following.result()
+            if step + 1 < plan.steps:
+                following = pool.submit(made, step + 1)
+            yield step, batch
+
+
+class _Run:
+    """The state of a training between two steps."""
+
+    def __init__(self, plan: TrainingPlan, device: torch.device) -> None:
+        torch.manual_seed(plan.seed)
+        self._plan, self._device = plan, device
+        # Pixels with their channels side by side: faster convolutions on CPUs and on GPUs.
+        self.network = CrowdNet(len(plan.targets), width=plan.width).to(
+            device,
+            memory_format=torch.channels_last,  # type: ignore[call-overload]
+        )
+        self.average = WeightAverage(self.network, plan.average_decay)
+        self._optimiser = torch.optim.AdamW(
+            self.network.parameters(), plan.learning_rate, weight_decay=plan.weight_decay
+        )
+        self.step = 0
+        self.history: list[Checkup] = []
+        self.best_state: dict[str, Any] = {}
+
+    def start_from(self, path: Path) -> None:
+        """The best weights of another training."""
+        state = torch.load(path, map_location=self._device, weights_only=True)
+        for name in ("targets", "width"):
+            if state["plan"][name] != getattr(self._plan, name):
+                raise ValueError(
+                    f"{path} was trained with {name} {state['plan'][name]}, this training "
+                    f"has {getattr(self._plan, name)}"
+                )
+        self.network.load_state_dict(state["best"])
+        self.average.network.load_state_dict(state["best"])
+
+    @property
+    def best(self) -> Checkup:
+        """The validation with the largest IoU; once the calm steps have begun, the last one: averaged weights
+        need time to lose the certainty that Dice gave them, which the IoU does not show."""
+        if self.history[-1].step > self._plan.calm_from:
+            return self.history[-1]
+        return max(self.history, key=lambda one: one.score.mean_iou)
+
+    @property
+    def seconds(self) -> float:
+        return self.history[-1].seconds if self.history else 0.0
+
+    @property
+    def waited(self) -> int:
+        """Validations since the best one. The calm steps at the end are always taken whole."""
+        if self.step > self._plan.calm_from:
+            return 0
+        return len(self.history) - 1 - self.history.index(self.best)
+
+    def advance(self, batch: Batch, step: int) -> torch.Tensor:
+        """One step; returns the loss."""
+        self.network.train()
+        for group in self._optimiser.param_groups:
+            group["lr"] = self._plan.learning_rate_at(step)
+        image = batch.image.contiguous(memory_format=torch.channels_last)
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=_computes_bfloat16(self._device)):
+            logits = self.network(image)
+        dice = 0.0 if step >= self._plan.calm_from else self._plan.dice_weight
+        loss = crowd_loss(logits.float(), batch.crowd, batch.known, dice_weight=dice)
+        self._optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
+        self._optimiser.step()
+        self.average.update(self.network, step)
+        self.step = step + 1
+        return loss.detach()
+
+    def note(self, checkup: Checkup) -> None:
+        self.history.append(checkup)
+        if self.best is checkup or not self.best_state:
+            self.best_state = {
+                name: value.clone() for name, value in self.average.network.state_dict().items()
+            }
+
+    def save(self, path: Path) -> None:
+        state = {
+            "plan": asdict(self._plan),
+            "step": self.step,
+            "network": self.network.state_dict(),
+            "average": self.average.network.state_dict(),
+            "best": self.best_state,
+            "optimiser": self._optimiser.state_dict(),
+            "history": [asdict(one) for one in self.history],
+        }
+        with atomic_path(path) as part, part.open("wb") as file:
+            torch.save(state, file)
+
+    def load(self, path: Path) -> None:
+        state = torch.load(path, map_location=self._device, weights_only=True)
+        if state["plan"] != asdict(self._plan):
+            differs = [name for name, value in asdict(self._plan).items() if state["plan"].get(name) != value]
+            raise ValueError(
+                f"{path} belongs to another training: {', '.join(differs)} differ; remove it to start anew"
+            )
+        self.step = state["step"]
+        self.network.load_state_dict(state["network"])
+        self.average.network.load_state_dict(state["average"])
+        self.best_state = state["best"]
+        self._optimiser.load_state_dict(state["optimiser"])
+        self.history = [_checkup_of_data(one) for one in state["history"]]
+
+
+def _computes_bfloat16(device: torch.device) -> bool:
+    """Whether half the bits make it faster here."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported()
+    return bool(torch.cpu._is_avx512_bf16_supported())
+
+
+def _checkup_of_data(data: dict[str, Any]) -> Checkup:
+    from crowdfence.evaluation.cells.rates import Confusion
+
+    score = data["score"]
+    cells = {target: Confusion(**counts) for target, counts in score["cells"].items()}
+    return Checkup(data["step"], data["seconds"], data["loss"], ValidationScore(score["loss"], cells))

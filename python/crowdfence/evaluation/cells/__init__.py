@@ -1,0 +1,1 @@
+"""What a detector is worth per cell of its heatmaps."""

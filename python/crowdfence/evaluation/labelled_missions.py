@@ -1,0 +1,122 @@
+"""Labelled missions as a measurement goes over them: several times, one frame and one map in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.sources import open_recording
+from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+from crowdfence.truth.crowd_masks import MaskOf
+from crowdfence.truth.frame_labels import TARGET_HEIGHT_M, Target, label_functions
+
+BLOCK_S = 10.0
+"""A single mission is resampled in blocks of this length."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementPlan:
+    """What is measured, and how."""
+
+    target: Target = "silhouettes"
+    """What the heatmap should mark."""
+    target_height_m: float = TARGET_HEIGHT_M["silhouettes"]
+    """Height above ground at which it is projected."""
+    max_range_m: float = 300.0
+    coverage: Literal["rays", "full"] = "rays"
+    b_threshold: float = 0.5
+    truth: Literal["auto", "world", "labels"] = "auto"
+    """Truth of the voxels, see `LabelledProjection`."""
+    every: int = 1
+    """Look at every n-th frame only."""
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise ValueError(f"every is {self.every}; it must be at least 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledMission:
+    """A recording with its labels."""
+
+    name: str
+    """Different for every mission of a calibration."""
+    recording: Recording
+    terrain: Terrain | None
+    mask_of: MaskOf
+    ignore_of: MaskOf | None
+
+    def ignored(self, frame: Frame) -> NDArray[np.bool_] | None:
+        return None if self.ignore_of is None else self.ignore_of(frame)
+
+
+class LabelledMissions:
+    """The missions named by `paths`, opened anew by every pass."""
+
+    def __init__(self, paths: list[Path], plan: MeasurementPlan, on_frame: Callable[[], None]) -> None:
+        if not paths:
+            raise ValueError("no data: name at least one labelled mission")
+        resolved = [path.resolve() for path in paths]
+        if twice := [path for path in paths if resolved.count(path.resolve()) > 1]:
+            raise ValueError(f"{twice[0]} is given twice; its frames would count double")
+        self.paths, self.plan, self._on_frame = paths, plan, on_frame
+        self.refused: dict[str, None] = {}
+        """What was not used and why, in order, each once."""
+
+    def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
+        """One mission after the other; maps are opened if wanted here or needed for the labels."""
+        stems = [path.stem for path in self.paths]
+        for path, stem in zip(self.paths, stems, strict=True):
+            recording = open_recording(path)
+            with_map = with_maps or self.plan.target == "ground"
+            terrain = _terrain(recording) if with_map else None
+            name = stem if stems.count(stem) == 1 else str(path)
+            yield LabelledMission(
+                name, recording, terrain, *label_functions(self.plan.target, recording, terrain)
+            )
+
+    def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:
+        """Call `use` for every n-th frame and return how many could be used. A frame for which it raises
+        FrameError is refused. ValueError when none could be used."""
+        used = 0
+        first_refusal: str | None = None
+        for frame in mission.recording.frames[:: self.plan.every]:
+            try:
+                use(frame)
+                used += 1
+            except FrameError as error:
+                refusal = str(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
+                first_refusal = first_refusal or refusal
+                self.refused[f"{mission.name}: {refusal}"] = None
+            self._on_frame()
+        if used == 0:
+            raise ValueError(f"no frame of {mission.name} can be used: {first_refusal or 'it holds none'}")
+        return used
+
+    def unit(self, mission: LabelledMission, frame: Frame) -> str:
+        """What intervals resample together with this frame: its mission, or its block of the only one."""
+        if len(self.paths) > 1:
+            return mission.name
+        elapsed_s = (frame.stamp_ns - mission.recording.frames[0].stamp_ns) / 1e9
+        return f"{mission.name}, block {int(elapsed_s / BLOCK_S)}"
+
+    def some_image(self) -> NDArray[np.uint8]:
+        """A picture of the first mission."""
+        for frame in open_recording(self.paths[0]).frames:
+            try:
+                return frame.image()
+            except FrameError:
+                continue
+        raise ValueError(f"{self.paths[0]} holds no picture that can be read")
+
+
+def _terrain(recording: Recording) -> Terrain | None:
+    from crowdfence.pipeline import open_terrain
+
+    return None if recording.terrain is None else open_terrain(recording, None)

@@ -1,0 +1,175 @@
+"""Pictures or a recording through a detector: heatmaps on disk, and videos for people to look at."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from crowdfence.detector.overlay import caption, overlay
+from crowdfence.exports.heatmap_folder import HeatmapFolder
+from crowdfence.exports.video import VideoWriter, video_size
+from crowdfence.heatmap_source import HeatmapSource
+from crowdfence.iso_time import iso_utc
+from crowdfence.sources.convert import Conversion, convert
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
+from crowdfence.sources.recording import Frame, Pixels, Recording
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
+
+OVERLAY = "overlay.mp4"
+PICTURES_PER_S = 4
+"""In the video of pictures that have no time of their own."""
+_MOST_REASONS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class DetectedPictures:
+    """The outcome for a stream of pictures."""
+
+    frames: int
+    """Heatmaps written."""
+    skipped: list[SkippedPicture]
+    """Pictures without a heatmap: they could not be read, or the detector refused them."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectedRecording:
+    """The outcome for a recording."""
+
+    conversion: Conversion
+    videos: list[Path]
+
+
+def detect_pictures(
+    stream: PictureStream,
+    detector: Detector,
+    folder: Path,
+    *,
+    video: bool = True,
+    gsd_m: float | None = None,
+    replace_existing: bool = False,
+    on_picture: Callable[[], None] = lambda: None,
+) -> DetectedPictures:
+    """Write a `HeatmapFolder` and, with `video`, `overlay.mp4` beside it; one picture in memory at a time.
+
+    `gsd_m`: metres per pixel, for models that need them. ValueError when not a single picture gives a
+    heatmap; nothing is left behind then.
+    """
+    frames, skipped = 0, list[SkippedPicture]()
+    with ExitStack() as stack:
+        heatmaps = stack.enter_context(HeatmapFolder(folder, replace=replace_existing))
+        film = stack.enter_context(VideoWriter(folder / OVERLAY)) if video else None
+        for item in stream:
+            found = _detected(item, detector, gsd_m)
+            if isinstance(found, SkippedPicture):
+                skipped.append(found)
+            else:
+                picture, heatmap = found
+                heatmaps.add(picture.number, picture.name, picture.time_s, heatmap)
+                if film is not None:
+                    time_s = frames / PICTURES_PER_S if picture.time_s is None else picture.time_s
+                    film.write(_looked_at(picture.rgb, heatmap, _label(picture)), time_s)
+                frames += 1
+            on_picture()
+        if frames == 0:
+            reasons = "; ".join(str(one) for one in skipped[:_MOST_REASONS]) or "it holds no frame"
+            raise ValueError(f"no picture could be used: {reasons}")
+    return DetectedPictures(frames, skipped)
+
+
+def detect_recording(
+    recording: Recording,
+    heatmaps: HeatmapSource,
+    path: Path,
+    *,
+    video: bool = False,
+    every: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> DetectedRecording:
+    """Write the recording as a mission file with the heatmaps of a detector, frame for frame; of every drone
+    `every`-th frames only. With `video`, an overlay video of each drone appears beside it.
+
+    ValueError when no frame gives a heatmap; nothing is left behind then.
+    """
+    check_every(every)
+    kept = sorted(
+        (frame for drone in recording.drones for frame in recording.frames_of(drone)[::every]),
+        key=lambda frame: frame.stamp_ns,
+    )
+    thinned = replace(recording, frames=tuple(kept))
+    maker = heatmaps.to_json()
+    source = f"{recording.name}, heatmaps by {maker.get('name', 'a function')} {maker.get('version') or ''}"
+    with ExitStack() as stack:
+        films = _Films(path, stack) if video else None
+        frames = 0
+
+        def heatmap_of(frame: Frame) -> Pixels:
+            nonlocal frames
+            heatmap = heatmaps.heatmap_of(frame)
+            frames += 1
+            if films is not None:
+                films.add(frame, heatmap)
+            return heatmap
+
+        conversion = convert(thinned, path, heatmap_of=heatmap_of, source=source.strip(), progress=progress)
+        if frames == 0:
+            path.unlink()
+            reasons = "; ".join(str(one) for one in conversion.refused[:_MOST_REASONS])
+            raise ValueError(f"no frame of {recording.name} could be used: {reasons or 'it holds none'}")
+    return DetectedRecording(conversion, [] if films is None else films.paths)
+
+
+class _Films:
+    """An overlay video per drone."""
+
+    def __init__(self, mission: Path, stack: ExitStack) -> None:
+        self._mission, self._stack = mission, stack
+        self._films: dict[str, tuple[VideoWriter, int]] = {}
+
+    @property
+    def paths(self) -> list[Path]:
+        return [film.path for film, _ in self._films.values()]
+
+    def add(self, frame: Frame, heatmap: Pixels) -> None:
+        if frame.drone not in self._films:
+            name = f"{self._mission.stem}_{re.sub(r'[^A-Za-z0-9._-]', '_', frame.drone)}.mp4"
+            writer = VideoWriter(self._mission.with_name(name), rate=Fraction(10))
+            self._films[frame.drone] = (self._stack.enter_context(writer), frame.stamp_ns)
+        film, first_ns = self._films[frame.drone]
+        label = f"{frame.drone}  {iso_utc(frame.stamp_ns)[:23]}Z"
+        film.write(_looked_at(frame.image(), heatmap, label), (frame.stamp_ns - first_ns) / 1e9)
+
+
+def _detected(
+    item: StreamPicture | SkippedPicture, detector: Detector, gsd_m: float | None
+) -> tuple[StreamPicture, NDArray[np.float32]] | SkippedPicture:
+    if isinstance(item, SkippedPicture):
+        return item
+    try:
+        return item, detector(item.rgb, gsd_m=gsd_m)
+    except ValueError as error:
+        return SkippedPicture(item.number, item.name, item.time_s, str(error))
+
+
+def _looked_at(rgb: NDArray[np.uint8], heatmap: Pixels, label: str) -> NDArray[np.uint8]:
+    """The overlay at the size of the video."""
+    width, height = video_size(rgb.shape[1], rgb.shape[0])
+    if width < rgb.shape[1] or height < rgb.shape[0]:
+        shrunk = Image.fromarray(rgb).resize((width, height), Image.Resampling.BILINEAR, reducing_gap=2.0)
+        rgb = np.asarray(shrunk)
+    return caption(overlay(rgb, heatmap), label)
+
+
+def _label(picture: StreamPicture) -> str:
+    at = picture.name if picture.time_s is None else f"{picture.time_s:.3f} s"
+    return f"frame {picture.number}  {at}"

@@ -1,0 +1,1 @@
+"""How the drones fly, where their cameras look, and the poses that they log."""

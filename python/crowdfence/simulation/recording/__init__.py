@@ -1,0 +1,1 @@
+"""A scene recorded: frames made side by side, written as a mission file or an AirSim folder."""

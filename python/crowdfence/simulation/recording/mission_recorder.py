@@ -1,0 +1,191 @@
+"""Scene -> mission file: frames made side by side, written in the order of arrival, resumable at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from crowdfence.simulation.recording.frame_maker import FrameOptions
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.recording.interrupts import StopRequest
+from crowdfence.simulation.recording.manifest import mission_manifest
+from crowdfence.simulation.recording.mission_salvage import Salvage, finished, salvage, summary_of_parts
+from crowdfence.simulation.recording.preparation import Preparation
+from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
+from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant
+from crowdfence.simulation.recording.timeline_run import TimelineRun
+from crowdfence.simulation.scenarios.scenario import Scenario
+from crowdfence.simulation.scene import Scene
+from crowdfence.simulation.scene_truth import people_truth
+from crowdfence.simulation.schedule import Capture, build_schedule
+from crowdfence.sources.mission.layout import Part, camera_frame, topic_prefix
+from crowdfence.sources.mission.messages import FrameContent, encode_frame
+from crowdfence.sources.mission.writer import MissionWriter, part_path
+from crowdfence.sources.recorded_truth import RecordedPeople
+
+
+@dataclass(frozen=True, slots=True)
+class _MissionEncoder:
+    """Frame -> messages, inside the worker."""
+
+    scenario: Scenario
+    camera_frames: tuple[str, ...]
+
+    def __call__(self, content: FrameContent, capture: Capture) -> Mapping[str, bytes]:
+        frame = self.camera_frames[capture.drone]
+        messages = encode_frame(content, self.scenario.intrinsics(), capture.stamp_ns, frame)
+        return cast(Mapping[str, bytes], messages)
+
+
+def record_mission(
+    scene: Scene,
+    path: Path,
+    *,
+    options: FrameOptions | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Recorded:
+    """Simulate `scene` into the mission file `path`, with the map of it beside (.bt, .tif, .ply).
+
+    An interrupt (Ctrl-C) ends the file properly after the frame at hand; a kill leaves `<path>.part`, which
+    `open_recording` reads too. `resume` goes on with either, and the result holds what an uninterrupted run
+    would have written. `workers` processes make the frames; by default as many as there are cores.
+
+    Raises NoOpenGL when pictures are wanted and cannot be rendered, ScenarioError for a scenario that cannot
+    be recorded so, ValueError to resume another mission, FileExistsError unless `resume` or `overwrite`, and
+    OSError when the file cannot be written; what is written then stays and can be resumed.
+    """
+    options = options or FrameOptions()
+    require_folder(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder; name the mission file inside it")
+    if not (resume or overwrite):
+        require_nothing_there(path, "exists")
+        require_nothing_there(part_path(path), "is left of an interrupted run")
+    frames_of_reference = tuple(camera_frame(prefix) for prefix in _prefixes(scene.scenario.drone_names))
+    encoder = _MissionEncoder(scene.scenario, frames_of_reference)
+    schedule = build_schedule(scene)
+    workers = workers or usable_workers()
+    with StopRequest() as stop:
+        with Preparation(scene, options, apart=workers > 1) as preparation:
+            renderer = preparation.renderer()
+            manifest = mission_manifest(scene, schedule, options, renderer)
+            earlier = Salvage([], _parts_of(options))
+            if resume:
+                earlier = salvage(path, part_path(path), manifest, _parts_of(options))
+            elif overwrite:
+                finished(path)
+            map_files = preparation.write_map(path.parent, path.stem)
+        with FramePool(scene, options, encoder, workers) as pool:
+            run = TimelineRun(schedule, pool, stop, progress)
+            statistics = _write(scene, path, map_files.octomap, manifest, run, earlier)
+    if run.complete:
+        finished(path)
+    return Recorded(
+        path,
+        run.complete,
+        run.written,
+        run.planned,
+        run.resumed,
+        path.stat().st_size,
+        statistics,
+        renderer,
+        map_files,
+    )
+
+
+def _write(
+    scene: Scene,
+    path: Path,
+    map_path: Path,
+    manifest: Mapping[str, Any],
+    run: TimelineRun,
+    earlier: Salvage,
+) -> dict[str, Any]:
+    """The mission file, as far as the run goes; returns the statistics."""
+    writer = MissionWriter(
+        path, georeference=scene.scenario.georeference, terrain=map_path, source="simulation"
+    )
+    try:
+        writer.add_simulation(manifest)
+        for name in scene.scenario.drone_names:
+            writer.add_drone(name)
+        run.into(_MissionSink(scene, writer, earlier))
+        statistics = run.statistics()
+        writer.add_statistics(statistics)
+        writer.close()
+    except OSError as error:
+        writer.abandon()
+        raise run.explained(error, part_path(path)) from error
+    except BaseException:
+        writer.abandon()
+        raise
+    return statistics
+
+
+class _MissionSink:
+    """The mission file as the timeline fills it."""
+
+    def __init__(self, scene: Scene, writer: MissionWriter, earlier: Salvage) -> None:
+        self._scene, self._writer, self._earlier = scene, writer, earlier
+        self._names = scene.scenario.drone_names
+        self._prefixes = _prefixes(self._names)
+        self._camera = scene.scenario.intrinsics()
+
+    def earlier(self, capture: Capture, *, footprint: bool) -> MadeFrame | None:
+        parts = self._earlier.frame(self._prefixes[capture.drone], capture.stamp_ns)
+        if parts is None:
+            return None
+        summary = summary_of_parts(parts, self._camera, footprint=footprint)
+        return MadeFrame(cast(Mapping[str, bytes], parts), summary)
+
+    def write_telemetry(self, row: TelemetryRow) -> None:
+        position, quaternion = row.poses.camera_position, row.poses.camera_quaternion
+        self._writer.add_pose(
+            self._names[row.drone], row.stamp_ns, position[row.index], quaternion[row.index]
+        )
+
+    def write_world(self, instant: WorldInstant) -> None:
+        self._writer.add_people(_everybody(self._scene, instant))
+
+    def write_frame(self, capture: Capture, made: MadeFrame) -> None:
+        self._writer.add_encoded_frame(
+            self._names[capture.drone],
+            capture.stamp_ns,
+            cast(Mapping[Part, bytes], made.pieces),
+            arrival_ns=capture.arrival_ns,
+        )
+
+
+def _everybody(scene: Scene, instant: WorldInstant) -> RecordedPeople:
+    truth = people_truth(scene, instant.t_s)
+    return RecordedPeople(
+        instant.stamp_ns,
+        truth.position.astype(np.float32),
+        np.arange(1, len(truth.crowd) + 1, dtype=np.uint32),
+        truth.crowd.astype(np.uint32),
+    )
+
+
+def _parts_of(options: FrameOptions) -> frozenset[Part]:
+    """The parts of every frame of a simulated mission."""
+    parts: set[Part] = {"camera_info", "regions", "depth_cm", "segmentation", "instances"}
+    parts |= {"true_pose", "exposure", "people"}
+    if options.rgb:
+        parts.add("image")
+    if options.heatmaps:
+        parts.add("heatmap")
+    return frozenset(parts)
+
+
+def _prefixes(names: tuple[str, ...]) -> tuple[str, ...]:
+    taken: list[str] = []
+    for name in names:
+        taken.append(topic_prefix(name, set(taken)))
+    return tuple(taken)

@@ -1,0 +1,1 @@
+"""What is to be simulated: scenarios, their files, and what they refuse."""

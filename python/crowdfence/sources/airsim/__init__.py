@@ -1,0 +1,1 @@
+"""Recordings of AirSim and Cosys-AirSim."""

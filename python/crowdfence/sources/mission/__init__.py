@@ -1,0 +1,1 @@
+"""The native mission file (MCAP): its layout, reading and writing it."""

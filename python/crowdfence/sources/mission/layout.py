@@ -1,0 +1,129 @@
+"""The native mission file: MCAP, profile `ros2`, CDR, so that Foxglove, rosbag2 and Rerun open it.
+
+Per drone, all with the image's stamp in the header and the same number as log time:
+
+    /<drone>/camera/image/compressed  sensor_msgs/CompressedImage  JPEG or PNG, bytes untouched
+    /<drone>/camera/camera_info       sensor_msgs/CameraInfo       one per frame
+    /<drone>/heatmap                  sensor_msgs/Image            mono8 (value / 255) or 32FC1
+    /<drone>/truth/regions            sensor_msgs/Image            mono8 or mono16, crowd number, 0 = none
+    /<drone>/truth/silhouettes        sensor_msgs/Image            mono8, 255 = a person of a crowd
+    /<drone>/truth/depth              sensor_msgs/Image            32FC1, metres along z (REP 118), or NaN
+    /<drone>/truth/depth_cm           sensor_msgs/CompressedImage  the same where whole centimetres up to
+                                                                   655.35 m say it all: 16-bit PNG, 0 = NaN
+    /<drone>/truth/segmentation       sensor_msgs/Image            mono8, class (`CLASSES`)
+    /<drone>/truth/instances          sensor_msgs/Image            mono8 or mono16, person, 0 = none
+    /<drone>/truth/pose               geometry_msgs/PoseStamped    the camera as it was, not as it was logged
+    /<drone>/truth/exposure           sensor_msgs/TimeReference    true time of the picture
+    /<drone>/truth/people             sensor_msgs/PointCloud2      people inside the picture at that time:
+                                                                   x, y, z, person, crowd, pixels (0 = hidden)
+
+and at telemetry rate, the camera's optical frame in the local ENU frame `map`:
+
+    /<drone>/camera/pose              geometry_msgs/PoseStamped
+    /tf                               tf2_msgs/TFMessage           the same: map -> <drone>/camera_optical
+
+and on the clock of the world:
+
+    /truth/people                     sensor_msgs/PointCloud2      everybody: x, y, z, person, crowd
+
+A frame that arrives late or out of order keeps its stamp in the header; its log time is the arrival.
+
+CameraInfo counts pixels as ROS and OpenCV do, the centre of the first one at (0, 0), ours is at (0.5, 0.5).
+Its cx and cy are ours minus a half; the subtraction is exact for cx, cy >= 0.5.
+
+Metadata records: `crowdfence` (format version, georeference, terrain, source), `crowdfence.drone` (one per
+drone: its name and its topic prefix, written before its first message), `crowdfence.refused` (frames that
+a conversion had to leave out), and of a simulated mission `crowdfence.simulation` (scenario, seed and
+renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last three hold JSON.
+
+Readers skip topics that they do not know, so everything that was added since version 1 began is of
+version 1 too.
+"""
+
+import re
+from typing import Literal, get_args
+
+from crowdfence.sources.mission import ros2_messages
+
+FORMAT_VERSION = 1
+MAGIC = b"\x89MCAP0\r\n"
+
+METADATA = "crowdfence"
+METADATA_DRONE = "crowdfence.drone"
+METADATA_REFUSED = "crowdfence.refused"
+METADATA_SIMULATION = "crowdfence.simulation"
+METADATA_STATISTICS = "crowdfence.statistics"
+
+MAP_FRAME = "map"
+
+PEOPLE_TOPIC = "/truth/people"
+
+CLASSES = {0: "sky", 1: "ground", 2: "road", 3: "crowd", 4: "cyclist"}
+"""What the numbers of a segmentation mean."""
+CROWD_CLASS = 3
+
+Part = Literal[
+    "image",
+    "camera_info",
+    "heatmap",
+    "regions",
+    "silhouettes",
+    "depth",
+    "depth_cm",
+    "segmentation",
+    "instances",
+    "true_pose",
+    "exposure",
+    "people",
+    "pose",
+]
+
+TOPICS: dict[Part, tuple[str, str]] = {
+    "image": ("camera/image/compressed", ros2_messages.COMPRESSED_IMAGE),
+    "camera_info": ("camera/camera_info", ros2_messages.CAMERA_INFO),
+    "heatmap": ("heatmap", ros2_messages.IMAGE),
+    "regions": ("truth/regions", ros2_messages.IMAGE),
+    "silhouettes": ("truth/silhouettes", ros2_messages.IMAGE),
+    "depth": ("truth/depth", ros2_messages.IMAGE),
+    "depth_cm": ("truth/depth_cm", ros2_messages.COMPRESSED_IMAGE),
+    "segmentation": ("truth/segmentation", ros2_messages.IMAGE),
+    "instances": ("truth/instances", ros2_messages.IMAGE),
+    "true_pose": ("truth/pose", ros2_messages.POSE_STAMPED),
+    "exposure": ("truth/exposure", ros2_messages.TIME_REFERENCE),
+    "people": ("truth/people", ros2_messages.POINT_CLOUD2),
+    "pose": ("camera/pose", ros2_messages.POSE_STAMPED),
+}
+"""What each topic below `/<drone>/` holds and its message type."""
+
+assert set(TOPICS) == set(get_args(Part))
+
+_PARTS = {suffix: part for part, (suffix, _) in TOPICS.items()}
+
+
+def topic(prefix: str, part: Part) -> str:
+    """Topic of one part of the drone with this topic prefix."""
+    return f"{prefix}/{TOPICS[part][0]}"
+
+
+def split_topic(name: str) -> tuple[str, Part] | None:
+    """(topic prefix, part) of a topic, None for one that is not ours."""
+    match = re.fullmatch(r"(/[^/]+)/(.+)", name)
+    if match is None or match[2] not in _PARTS:
+        return None
+    return match[1], _PARTS[match[2]]
+
+
+def topic_prefix(drone: str, taken: set[str]) -> str:
+    """A topic prefix for a drone: its name without what ROS does not allow, different from those taken."""
+    token = re.sub(r"[^A-Za-z0-9_]", "_", drone)
+    if not re.match(r"[A-Za-z]", token):
+        token = f"drone_{token}"
+    prefix, number = f"/{token}", 2
+    while prefix in taken:
+        prefix, number = f"/{token}_{number}", number + 1
+    return prefix
+
+
+def camera_frame(prefix: str) -> str:
+    """Name of the camera's optical frame of the drone with this topic prefix."""
+    return f"{prefix[1:]}/camera_optical"

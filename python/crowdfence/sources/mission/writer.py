@@ -1,0 +1,269 @@
+"""Writes the native mission file frame by frame. `layout` describes it."""
+
+import contextlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import Writer
+from numpy.typing import ArrayLike, NDArray
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.layout import (
+    FORMAT_VERSION,
+    MAP_FRAME,
+    METADATA,
+    METADATA_DRONE,
+    METADATA_REFUSED,
+    METADATA_SIMULATION,
+    METADATA_STATISTICS,
+    PEOPLE_TOPIC,
+    TOPICS,
+    Part,
+    camera_frame,
+    topic,
+    topic_prefix,
+)
+from crowdfence.sources.mission.messages import FrameContent, encode_frame, encode_people, pose_fields
+from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
+from crowdfence.sources.recording import RefusedFrame
+from crowdfence.sources.stamps import LAST_STAMP_NS
+
+CHUNK_BYTES = 2**20
+"""A chunk is written when it holds this much; a kill loses the one at hand."""
+
+
+class MissionWriter:
+    """Writes a mission file; a context manager.
+
+    The file grows as `<path>.part` and takes its name when the writer is closed, so that no half-written file
+    ever carries it. After an error inside the `with` block the partial file is removed; after a power cut it
+    stays, and `open_recording` reads what is in it.
+
+    Poses and frames may come in any order between drones, but the stamps of one drone's poses, and of its
+    frames, must increase: ValueError otherwise, and for stamps outside [0, LAST_STAMP_NS]. Of frames that are
+    given an arrival, the arrivals must not go back.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        georeference: Georeference | None = None,
+        terrain: str | PathLike[str] | None = None,
+        source: str = "",
+    ) -> None:
+        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file."""
+        self.path = Path(path)
+        description = _description(self.path, georeference, terrain, source)
+        self._part_path = part_path(self.path)
+        self._file = self._part_path.open("wb")
+        self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES)
+        self._mcap.start(profile=Profile.ROS2, library="crowdfence")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._prefixes: dict[str, str] = {}
+        self._cameras: dict[str, Camera] = {}
+        self._last_stamp_ns: dict[tuple[str, str], int] = {}
+        self._mcap.add_metadata(METADATA, description)
+
+    def add_camera(self, drone: str, camera: Camera) -> None:
+        """Intrinsics of the drone's frames from now on."""
+        self._cameras[drone] = camera
+
+    def add_pose(self, drone: str, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike) -> None:
+        """Pose of the drone's camera: `position` [3] in local ENU metres, `quaternion` [4] w x y z turning
+        camera axes (OpenCV) into ENU. Written bit for bit; also goes out on /tf."""
+        self._advance(drone, "pose", stamp_ns)
+        header, pose = ros2_messages.header(stamp_ns, MAP_FRAME), pose_fields(position, quaternion)
+        message = ros2_messages.encode(ros2_messages.POSE_STAMPED, {"header": header, "pose": pose})
+        self._write(topic(self._prefix(drone), "pose"), ros2_messages.POSE_STAMPED, message, stamp_ns)
+        transform = {
+            "header": header,
+            "child_frame_id": camera_frame(self._prefix(drone)),
+            "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
+        }
+        message = ros2_messages.encode(ros2_messages.TF_MESSAGE, {"transforms": [transform]})
+        self._write("/tf", ros2_messages.TF_MESSAGE, message, stamp_ns)
+
+    def add_frame(
+        self,
+        drone: str,
+        stamp_ns: int,
+        *,
+        image: bytes | None = None,
+        heatmap: NDArray[Any] | None = None,
+        regions: NDArray[Any] | None = None,
+        silhouettes: NDArray[np.bool_] | None = None,
+        depth_m: NDArray[np.float32] | None = None,
+        segmentation: NDArray[Any] | None = None,
+        instances: NDArray[Any] | None = None,
+        true_pose: CameraPose | None = None,
+        exposure_ns: int | None = None,
+        people: RecordedPeople | None = None,
+    ) -> None:
+        """One image of a drone whose camera was added, and what is known about it: see `FrameContent`."""
+        if drone not in self._cameras:
+            raise ValueError(f"no camera of {drone!r} was added before its frame at {stamp_ns}")
+        content = FrameContent(
+            image,
+            heatmap,
+            regions,
+            silhouettes,
+            depth_m,
+            segmentation,
+            instances,
+            true_pose,
+            exposure_ns,
+            people,
+        )
+        # Nothing may be written of a frame that cannot be, not even its drone.
+        parts = encode_frame(content, self._cameras[drone], stamp_ns, self._next_camera_frame(drone))
+        self.add_encoded_frame(drone, stamp_ns, parts)
+
+    def add_encoded_frame(
+        self, drone: str, stamp_ns: int, parts: Mapping[Part, bytes], *, arrival_ns: int | None = None
+    ) -> None:
+        """One image whose messages were made by `encode_frame` with its drone's `camera_frame`.
+
+        `arrival_ns` is when it arrived, if that is not its stamp: a late frame stands behind younger ones.
+        """
+        if arrival_ns is None:
+            self._advance(drone, "frame", stamp_ns)
+        else:
+            self._advance(drone, "arrival", arrival_ns, at_once=True)
+        log_time_ns = stamp_ns if arrival_ns is None else arrival_ns
+        prefix = self._prefix(drone)
+        for part, message in parts.items():
+            self._write(topic(prefix, part), TOPICS[part][1], message, log_time_ns, stamp_ns)
+
+    def add_people(self, people: RecordedPeople) -> None:
+        """Everybody in the world at an instant of the world's clock; instants must increase."""
+        self._advance("", "people", people.stamp_ns)
+        message = encode_people(people, people.stamp_ns)
+        self._write(PEOPLE_TOPIC, ros2_messages.POINT_CLOUD2, message, people.stamp_ns)
+
+    def add_simulation(self, manifest: Mapping[str, Any]) -> None:
+        """What a simulation was made from, ready for JSON; goes before its first message."""
+        self._mcap.add_metadata(METADATA_SIMULATION, {"manifest": json.dumps(manifest)})
+
+    def add_statistics(self, statistics: Mapping[str, Any]) -> None:
+        """What came out of a simulation, ready for JSON; goes behind its last message."""
+        self._mcap.add_metadata(METADATA_STATISTICS, {"statistics": json.dumps(statistics)})
+
+    def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
+        """Frames that the source of this mission had but could not pass on; readers report them again."""
+        rows = [
+            {"drone": frame.drone, "stamp_ns": frame.stamp_ns, "reason": frame.reason} for frame in refused
+        ]
+        if rows:
+            self._mcap.add_metadata(METADATA_REFUSED, {"frames": json.dumps(rows)})
+
+    def add_drone(self, drone: str) -> None:
+        """Announce a drone of the fleet. Its first pose or frame does the same."""
+        self._prefix(drone)
+
+    def close(self) -> None:
+        """Finish the file and give it its name. Closing twice is harmless."""
+        if self._file.closed:
+            return
+        self._mcap.finish()
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        os.replace(self._part_path, self.path)
+
+    def abandon(self) -> None:
+        """Stop writing and leave the partial file, which `open_recording` reads as far as it goes."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def discard(self) -> None:
+        """Stop writing and remove the partial file."""
+        # Closing flushes, which fails again on a full disk; the file is removed anyway.
+        self.abandon()
+        self._part_path.unlink(missing_ok=True)
+
+    def __enter__(self) -> "MissionWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self.discard()
+            return
+        try:
+            self.close()
+        except BaseException:
+            self.discard()
+            raise
+
+    def _advance(self, drone: str, what: str, stamp_ns: int, *, at_once: bool = False) -> None:
+        if not 0 <= stamp_ns <= LAST_STAMP_NS:
+            raise ValueError(f"{what} of {drone!r}: stamp {stamp_ns} is outside [0, {LAST_STAMP_NS}] ns")
+        last_ns = self._last_stamp_ns.get((drone, what), -1)
+        if stamp_ns < last_ns or (stamp_ns == last_ns and not at_once):
+            raise ValueError(
+                f"{what} of {drone!r}: stamp {stamp_ns} does not come after the last one, {last_ns}"
+            )
+        self._last_stamp_ns[drone, what] = stamp_ns
+
+    def _prefix(self, drone: str) -> str:
+        if drone not in self._prefixes:
+            prefix = topic_prefix(drone, set(self._prefixes.values()))
+            self._prefixes[drone] = prefix
+            self._mcap.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
+        return self._prefixes[drone]
+
+    def _next_camera_frame(self, drone: str) -> str:
+        prefix = self._prefixes.get(drone) or topic_prefix(drone, set(self._prefixes.values()))
+        return camera_frame(prefix)
+
+    def _write(
+        self, name: str, message_type: str, message: bytes, log_time_ns: int, stamp_ns: int | None = None
+    ) -> None:
+        published_ns = log_time_ns if stamp_ns is None else stamp_ns
+        self._mcap.add_message(
+            self._channel(name, message_type), log_time=log_time_ns, data=message, publish_time=published_ns
+        )
+
+    def _channel(self, name: str, message_type: str) -> int:
+        if message_type not in self._schemas:
+            definition = ros2_messages.DEFINITIONS[message_type].encode()
+            self._schemas[message_type] = self._mcap.register_schema(
+                message_type, SchemaEncoding.ROS2, definition
+            )
+        if name not in self._channels:
+            self._channels[name] = self._mcap.register_channel(
+                name, MessageEncoding.CDR, self._schemas[message_type]
+            )
+        return self._channels[name]
+
+
+def part_path(path: Path) -> Path:
+    """Where a mission file grows until it is closed."""
+    return path.with_name(path.name + ".part")
+
+
+def _description(
+    path: Path, georeference: Georeference | None, terrain: str | PathLike[str] | None, source: str
+) -> dict[str, str]:
+    description = {"format": "crowdfence mission", "version": str(FORMAT_VERSION), "source": source}
+    if georeference is not None:
+        # repr keeps every bit of a float64; 1e-15 degrees are 0.1 nm, but equal runs should be equal.
+        description["latitude_deg"] = repr(float(georeference.latitude_deg))
+        description["longitude_deg"] = repr(float(georeference.longitude_deg))
+        description["height_m"] = repr(float(georeference.height_m))
+    if terrain is not None:
+        relative = os.path.relpath(Path(terrain).resolve(), path.parent.resolve())
+        description["terrain"] = relative.replace(os.sep, "/")
+    return description

@@ -1,0 +1,1 @@
+"""Pictures and videos: single files decoded, many as a stream."""

@@ -1,0 +1,181 @@
+"""Picture files and bytes -> arrays, with every limit checked before pixels are decoded.
+
+Everything here raises ValueError (or OSError from the file itself) for pictures that are damaged, of another
+size than the camera says, or not of the expected kind.
+"""
+
+import io
+import math
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+Size = tuple[int, int]
+"""(width, height)"""
+
+LARGEST: Size = (2**14, 2**14)
+"""No picture without a known camera may declare more columns or rows than this."""
+
+
+def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
+    """Encoded picture -> [H, W, 3] uint8 of exactly `size`."""
+    with _opened(io.BytesIO(data), size) as picture:
+        return np.asarray(picture.convert("RGB"))
+
+
+def read_rgb(path: Path) -> NDArray[np.uint8]:
+    """Picture file of any size -> [H, W, 3] uint8. Transparency is dropped; deeper than 8 bit is refused."""
+    with _opened(path, None) as picture:
+        if picture.mode[0] in "IF":
+            raise ValueError(f"{path.name} has mode {picture.mode}: save it with 8 bits a channel")
+        return np.asarray(picture.convert("RGB"))
+
+
+def read_heatmap(path: Path, image_size: Size) -> NDArray[Any]:
+    """Heatmap file -> [h, w], no larger than its image: 8-bit grey PNG as uint8, 16-bit grey PNG as float32
+    value / 65535, .npy as it is."""
+    if path.suffix == ".npy":
+        return _read_npy(path)
+    with _opened(path, None, at_most=image_size) as picture:
+        if picture.mode == "L":
+            return np.asarray(picture)
+        if picture.mode in ("I;16", "I;16L", "I;16B", "I"):
+            return (np.asarray(picture).astype(np.float32) / np.float32(65535)).astype(np.float32)
+        raise ValueError(
+            f"{path.name} has mode {picture.mode}: a heatmap is a grey picture, value / maximum = probability"
+        )
+
+
+def read_regions(path: Path, size: Size) -> NDArray[Any]:
+    """Crowd region picture -> [H, W] uint8, value = crowd number."""
+    with _opened(path, size) as picture:
+        if picture.mode not in ("L", "P", "1"):
+            raise ValueError(
+                f"{path.name} has mode {picture.mode}: crowd regions are an 8-bit picture of crowd numbers"
+            )
+        return np.asarray(picture).astype(np.uint8)
+
+
+def read_silhouettes(
+    path: Path, size: Size, crowd_colors: Sequence[tuple[int, int, int]]
+) -> NDArray[np.bool_]:
+    """Segmentation picture -> [H, W] bool, True where the colour is one of `crowd_colors` (R, G, B)."""
+    with _opened(path, size) as picture:
+        rgb = np.asarray(picture.convert("RGB"))
+    silhouettes = np.zeros(rgb.shape[:2], dtype=np.bool_)
+    for colour in crowd_colors:
+        silhouettes |= (rgb == np.array(colour, dtype=np.uint8)).all(axis=-1)
+    return silhouettes
+
+
+def read_depth_cm(path: Path, size: Size) -> NDArray[np.float32]:
+    """16-bit PNG in centimetres -> [H, W] float32 metres, NaN where it holds 0."""
+    return _depth_cm(path, size)
+
+
+def decode_depth_cm(data: bytes) -> NDArray[np.float32]:
+    """The same from the file's bytes, whatever the size."""
+    return _depth_cm(io.BytesIO(data), None)
+
+
+def _depth_cm(source: Path | io.BytesIO, size: Size | None) -> NDArray[np.float32]:
+    with _opened(source, size) as picture:
+        if not picture.mode.startswith("I"):
+            name = source.name if isinstance(source, Path) else "picture"
+            raise ValueError(f"{name} has mode {picture.mode}: 8-bit depth is clipped; record 16 bit or PFM")
+        centimetres = np.asarray(picture).astype(np.float32)
+    return np.where(centimetres > 0, centimetres / np.float32(100), np.float32(np.nan)).astype(np.float32)
+
+
+def read_pfm(path: Path, size: Size) -> NDArray[np.float32]:
+    """AirSim's PFM -> [H, W] float32, first row on top; values that are not finite become NaN.
+
+    AirSim writes rows from the top although the format says from the bottom, and its own client reads them
+    back that way (writePFMfile in Utils.hpp).
+    """
+    expected = size[0] * size[1] * 4
+    with path.open("rb") as file:
+        magic, shape, scale = (file.readline(64).strip() for _ in range(3))
+        if magic != b"Pf":
+            raise ValueError(f"{path.name} is not a one-channel PFM: it begins with {magic!r}")
+        if shape.split() != [str(size[0]).encode(), str(size[1]).encode()]:
+            raise ValueError(f"{path.name} has size {shape!r}, the camera has {size[0]}x{size[1]}")
+        data = file.read(expected + 1)
+    if len(data) != expected:
+        raise ValueError(
+            f"{path.name} holds {len(data)} bytes of pixels, its size asks for {expected}: truncated?"
+        )
+    try:
+        order = "<" if float(scale) < 0 else ">"
+    except ValueError:
+        raise ValueError(f"{path.name} has scale {scale!r}, expected a number") from None
+    values = np.frombuffer(data, dtype=f"{order}f4").reshape(size[1], size[0])
+    return np.where(np.isfinite(values), values, np.float32(np.nan)).astype(np.float32)
+
+
+def picture_format(data: bytes) -> str | None:
+    """What the first bytes say, "jpeg" or "png"; None for anything else."""
+    if data.startswith(b"\xff\xd8\xff"):
+        return "jpeg"
+    return "png" if data.startswith(b"\x89PNG\r\n\x1a\n") else None
+
+
+def as_png(data: bytes) -> bytes:
+    """Any picture that Pillow reads, as PNG without loss (AirSim's uncompressed PPM, for instance)."""
+    with _opened(io.BytesIO(data), None) as picture:
+        encoded = io.BytesIO()
+        picture.save(encoded, format="PNG")
+        return encoded.getvalue()
+
+
+@contextmanager
+def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGEST) -> Iterator[Image.Image]:
+    """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory."""
+    name = source.name if isinstance(source, Path) else "picture"
+    try:
+        with Image.open(source) as picture:
+            width, height = picture.size
+            if size is not None and picture.size != size:
+                raise ValueError(f"{name} is {width}x{height}, the camera is {size[0]}x{size[1]}")
+            if width > at_most[0] or height > at_most[1]:
+                raise ValueError(
+                    f"{name} declares {width}x{height} pixels, more than {at_most[0]}x{at_most[1]}"
+                )
+            picture.load()
+            yield picture
+    except (SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError) as error:
+        raise ValueError(f"{name} is damaged: {error}") from error
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise ValueError(f"{name} is damaged: {error}") from error
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    # np.load allocates what the header claims, so the claim is compared with the file first.
+    with path.open("rb") as file:
+        try:
+            read_header = _NPY_HEADERS[np.lib.format.read_magic(file)]
+            shape, fortran_order, dtype = read_header(file)
+        except (ValueError, KeyError, EOFError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path.name} is not a usable .npy file: {error}") from error
+        if dtype != np.uint8 and not np.issubdtype(dtype, np.floating):
+            raise ValueError(f"{path.name} holds {dtype}: a heatmap is uint8 or float")
+        expected = math.prod(shape) * dtype.itemsize
+        left = path.stat().st_size - file.tell()
+        if left != expected:
+            raise ValueError(
+                f"{path.name} holds {left} bytes of values, its shape {shape} asks for {expected}"
+            )
+        values = np.frombuffer(file.read(expected), dtype=dtype)
+    return values.reshape(shape, order="F" if fortran_order else "C")
+
+
+_NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -1,0 +1,41 @@
+"""A picture, or a folder of them, as a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".ppm", ".tif", ".tiff")
+
+
+def is_picture_file(path: Path) -> bool:
+    """By its name: a damaged picture is a picture still."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def picture_files(path: Path) -> list[Path]:
+    """The picture itself, or the pictures of a folder by name (subfolders are not entered).
+
+    OSError when the path cannot be read, ValueError for a folder without pictures.
+    """
+    if not path.is_dir():
+        return [path]
+    files = sorted(file for file in path.iterdir() if is_picture_file(file) and file.is_file())
+    if not files:
+        raise ValueError(f"{path} holds no pictures ({' '.join(SUFFIXES)}) and no recording")
+    return files
+
+
+def read_pictures(files: Sequence[Path], *, every: int = 1) -> PictureStream:
+    """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped and reported."""
+    from crowdfence.sources.pictures.decoding import read_rgb
+
+    check_every(every)
+    for number in range(0, len(files), every):
+        file = files[number]
+        try:
+            yield StreamPicture(number, file.name, None, read_rgb(file))
+        except (OSError, ValueError) as error:
+            yield SkippedPicture(number, file.name, None, str(error))

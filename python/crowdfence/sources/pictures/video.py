@@ -1,0 +1,211 @@
+"""A video file as a stream of pictures (PyAV, extra `video`).
+
+What the decoder cannot decode, or only by patching it up from its neighbours, is not passed on: a frame is
+skipped when it is damaged and when it builds on a damaged one, that is until the next key frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdfence.sources.pictures.decoding import LARGEST
+from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.video.frame import VideoFrame
+
+FORMATS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,obu,ivf,flv,ogg,asf,"
+    "mjpeg,mxf"
+)
+"""Playlists and capture devices are left out: a file must not make the reader open other files."""
+
+_MISSING_END_S = 0.35
+"""Sound may go on a little longer than the pictures."""
+
+
+class Video:
+    """A video file, opened; a context manager.
+
+    ValueError when it is no video that can be decoded, OSError when it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import av
+
+        self.path = path
+        with path.open("rb"):
+            pass  # FFmpeg's own message would not say what is wrong with the path
+        try:
+            self._container: InputContainer = av.open(
+                f"file:{path}", options={"format_whitelist": FORMATS, "protocol_whitelist": "file"}
+            )
+        except (av.FFmpegError, ValueError) as error:
+            raise ValueError(
+                f"{path} is no video that can be read (MP4, MOV, Matroska, WebM, AVI, MPEG-TS ...): "
+                f"{_said(error)}"
+            ) from error
+        if not self._container.streams.video:
+            self._container.close()
+            raise ValueError(f"{path} holds no pictures, only {_kinds(self._container)}")
+        self._stream = self._container.streams.video[0]
+        codec = self._stream.codec_context
+        if codec is None:
+            self._container.close()
+            raise ValueError(f"{path} has a codec that is not known here")
+        # Slices in parallel delay nothing, so that an error belongs to the packet that caused it.
+        codec.thread_type = "SLICE"
+        codec.options = {"err_detect": "explode"}
+        if codec.width > LARGEST[0] or codec.height > LARGEST[1]:
+            self._container.close()
+            raise ValueError(
+                f"{path} declares {codec.width}x{codec.height} pixels, more than {LARGEST[0]}x{LARGEST[1]}"
+            )
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames the file says it has, where it says so; for progress only."""
+        if self._stream.frames > 0:
+            return int(self._stream.frames)
+        rate, duration = self._stream.average_rate, self._container.duration
+        return None if not rate or not duration else round(float(rate) * duration / 1e6)
+
+    def pictures(self, *, every: int = 1) -> PictureStream:
+        """Every `every`-th frame in the order in which they are shown, one in memory at a time."""
+        check_every(every)
+        number, last_s = -1, None
+        for number, item in enumerate(self._frames()):
+            last_s = self._time_s(item.pts) or last_s
+            if number % every:
+                continue
+            if isinstance(item, _Broken):
+                yield SkippedPicture(number, "", self._time_s(item.pts), item.reason)
+                continue
+            try:
+                rgb = np.asarray(item.to_ndarray(format="rgb24"), np.uint8)
+            except ValueError as error:
+                yield SkippedPicture(number, "", self._time_s(item.pts), _said(error))
+                continue
+            yield StreamPicture(number, "", self._time_s(item.pts), rgb)
+        declared_s = self._declared_s()
+        if declared_s is not None and declared_s - (last_s or 0.0) > _MISSING_END_S:
+            yield SkippedPicture(
+                number + 1, "", last_s, f"the file ends here, although it declares {declared_s:.3f} s"
+            )
+
+    def close(self) -> None:
+        self._container.close()
+
+    def __enter__(self) -> Video:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _frames(self) -> Iterator[VideoFrame | _Broken]:
+        """Frames and gaps in the order in which they are shown."""
+        gaps = _Gaps()
+        for item in self._decoded():
+            if isinstance(item, _Broken):
+                gaps.add(item)
+                continue
+            yield from gaps.before(item.pts)
+            if gaps.repeats(item.pts):
+                continue  # the decoder's patched-up version of what it has just refused
+            if item.is_corrupt:
+                yield gaps.seen(_Broken(item.pts, "damaged"))
+            elif gaps.touch(item):
+                yield _Broken(item.pts, "may build on a damaged frame; the next key frame ends that")
+            else:
+                yield item
+        yield from gaps.before(None)
+
+    def _decoded(self) -> Iterator[VideoFrame | _Broken]:
+        """What the decoder gives, in its order."""
+        import av
+
+        packets = self._container.demux(self._stream)
+        while True:
+            try:
+                packet = next(packets, None)
+            except av.FFmpegError as error:
+                yield _Broken(None, f"the file cannot be read any further: {_said(error)}")
+                return
+            if packet is None:
+                return
+            try:
+                yield from packet.decode()
+            except av.FFmpegError as error:
+                yield _Broken(packet.pts, f"cannot be decoded: {_said(error)}")
+
+    def _declared_s(self) -> float | None:
+        if self._stream.duration and self._stream.time_base:
+            return float(self._stream.duration * self._stream.time_base)
+        duration_us = self._container.duration
+        return None if duration_us is None or duration_us <= 0 else duration_us / 1e6
+
+    def _time_s(self, pts: int | None) -> float | None:
+        base = self._stream.time_base
+        return None if pts is None or base is None else float((pts - (self._stream.start_time or 0)) * base)
+
+
+class _Broken:
+    """A frame that is not there."""
+
+    def __init__(self, pts: int | None, reason: str) -> None:
+        self.pts = pts
+        self.reason = reason
+
+
+class _Gaps:
+    """Broken frames until their turn comes, and how far their damage reaches."""
+
+    def __init__(self) -> None:
+        self._waiting: list[_Broken] = []
+        self._last: _Broken | None = None
+        """The newest broken frame whose damage no key frame has ended yet."""
+        self._refused_pts: int | None = None
+
+    def add(self, broken: _Broken) -> None:
+        """Met by the decoder, which runs ahead of what is shown."""
+        self._waiting.append(self.seen(broken))
+        self._refused_pts = broken.pts
+
+    def seen(self, broken: _Broken) -> _Broken:
+        self._last = broken
+        return broken
+
+    def before(self, pts: int | None) -> list[_Broken]:
+        """Those that would have been shown before `pts`; all for None."""
+        due = [gap for gap in self._waiting if pts is None or gap.pts is None or gap.pts <= pts]
+        self._waiting = [gap for gap in self._waiting if gap not in due]
+        return sorted(due, key=lambda gap: -1 if gap.pts is None else gap.pts)
+
+    def repeats(self, pts: int | None) -> bool:
+        return pts is not None and pts == self._refused_pts
+
+    def touch(self, frame: VideoFrame) -> bool:
+        """Whether the frame builds on a broken one."""
+        if self._last is None:
+            return False
+        behind = self._last.pts is None or frame.pts is None or frame.pts > self._last.pts
+        if frame.key_frame and behind:
+            self._last = None
+            return False
+        return True
+
+
+def _said(error: Any) -> str:
+    return str(getattr(error, "strerror", None) or error)
+
+
+def _kinds(container: InputContainer) -> str:
+    return ", ".join(sorted({stream.type for stream in container.streams})) or "nothing"

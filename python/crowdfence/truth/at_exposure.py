@@ -1,0 +1,57 @@
+"""The world when a frame was exposed: where everybody and the ground of the crowds was, and the camera."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.recorded_truth import RecordedPeople
+from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.truth.world import truth_from_positions
+
+if TYPE_CHECKING:
+    from crowdfence._core import Terrain
+
+MAX_PEOPLE_GAP_S = 0.25
+"""Largest time between an exposure and the recorded instant of the world: people walk 0.4 m in it."""
+DEFAULT_CROWD = {"radius_m": 2.0, "min_people": 3}
+
+
+def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
+    """`radius_m` and `min_people` that a simulated recording was labelled with; else three within 2 m."""
+    given = manifest
+    for key in ("simulation", "scenario", "crowd_definition"):
+        given = given.get(key) or {}
+    return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
+
+
+def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
+    """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then."""
+    people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
+    if people is None:
+        raise FrameError(
+            frame.drone,
+            frame.stamp_ns,
+            f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of the exposure",
+        )
+    return people
+
+
+def crowd_ground_at(frame: Frame, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+    """Voxels [V] that crowds stand on when `frame` was exposed, seen or not (`truth_from_positions`).
+
+    FrameError when nobody's position is recorded then; ValueError when people of a crowd stand on no voxel.
+    """
+    return crowd_ground_of(people_at(frame, recording), recording, terrain)
+
+
+def crowd_ground_of(people: RecordedPeople, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+    """Voxels [V] that the crowds among `people` stand on, by the definition of a crowd in `recording`."""
+    return truth_from_positions(people.position, terrain, **crowd_definition(recording.manifest))
+
+
+def true_camera_pose(frame: Frame) -> NDArray[np.float64]:
+    """world_from_camera [4, 4] as it was, where recorded; else as the recording has it."""
+    return frame.world_from_camera if frame.truth.pose is None else frame.true_pose().world_from_camera()

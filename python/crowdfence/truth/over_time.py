@@ -1,0 +1,78 @@
+"""Crowd voxels at each instant of a recording, to score maps against."""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.sources.recording import Instant, Recording
+from crowdfence.truth.at_exposure import crowd_ground_at
+from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
+from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
+
+
+class TruthOverTime(Protocol):
+    """Called with the instants of a recording in their order."""
+
+    def at(self, instant: Instant) -> NDArray[np.bool_]:
+        """Crowd voxels [V]. FrameError when the truth of the instant is damaged."""
+
+
+class ProjectedLabels:
+    """The labels of the drones' own images, projected like their heatmaps; a voxel keeps the label it was
+    last seen with. This is the paper's truth: it knows no more than the drones saw, and where labels are
+    silhouettes it reaches behind the people as far as their bodies hide the ground."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        terrain: Terrain,
+        *,
+        max_range_m: float,
+        target_height_m: float,
+        coverage: Literal["rays", "full"],
+    ) -> None:
+        """Labels are projected as `project_truth` says. ValueError when no frame has one."""
+        require_crowd_masks(recording)
+        self._terrain = terrain
+        self._max_range_m, self._target_height_m = max_range_m, target_height_m
+        self._coverage: Literal["rays", "full"] = coverage
+        self._map = TruthMap(terrain.voxel_count)
+
+    def at(self, instant: Instant) -> NDArray[np.bool_]:
+        self._map.update(self._projected(instant))
+        return self._map.crowd
+
+    def _projected(self, instant: Instant) -> list[ProjectedTruth]:
+        return [
+            project_truth(
+                crowd_mask(frame),
+                frame.camera,
+                frame.world_from_camera,
+                self._terrain,
+                max_range_m=self._max_range_m,
+                target_height_m=self._target_height_m,
+                coverage=self._coverage,
+            )
+            for frame in instant.frames
+            if has_crowd_mask(frame)
+        ]
+
+
+class CrowdsOfTheWorld:
+    """Where the crowds stand, seen or not, from everybody's recorded positions."""
+
+    def __init__(self, recording: Recording, terrain: Terrain) -> None:
+        """ValueError when the recording does not hold them."""
+        if not len(recording.people.stamps_ns):
+            raise ValueError(
+                f"{recording.name} does not record where people are; score against its labels "
+                "(--truth projected)"
+            )
+        self._recording, self._terrain = recording, terrain
+
+    def at(self, instant: Instant) -> NDArray[np.bool_]:
+        return crowd_ground_at(instant.frames[-1], self._recording, self._terrain)

@@ -1,0 +1,210 @@
+"""`crowdfence calibrate` on small recordings with truth, and what it leaves in the model."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from crowdfence import Terrain, _core, open_recording
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.detector import Detector
+from support.command_line import crowdfence
+from support.small_recordings import HEIGHT, WIDTH, Flight, flight, ground, write_airsim, write_folder
+
+FAILED = 1
+ROWS, COLUMNS = HEIGHT // 4, WIDTH // 4
+
+
+def later(flown: Flight, delay_ns: int) -> Flight:
+    frames = {
+        drone: [stamp + delay_ns for stamp in stamps] for drone, stamps in flown.frame_stamps_ns.items()
+    }
+    return replace(flown, frame_stamps_ns=frames)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three AirSim recordings over a plane; a pixel's grey says whether it is crowd (0: no, 60-180: yes)."""
+    terrain = Terrain.from_points(ground(), 2.0)
+    bt = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+    folders = []
+    for number in range(3):
+        place = tmp_path_factory.mktemp(f"place{number}") / f"mission-{number}"
+        folders.append(write_airsim(place, later(flight(frames=4), number * 20_000_001)))
+        (folders[-1] / "terrain" / "terrain.bt").write_bytes(bt)
+    return folders
+
+
+def noisy_model(path: Path, *, sharpness: float, kind: str = "probability", **contract: object) -> Path:
+    """A detector that sees grey: its logit is `sharpness` times (grey in steps of 60 - 1.5 + noise that is
+    fixed for every cell of the image)."""
+    noise = np.random.default_rng(5).logistic(0.0, 2.0, (1, 1, ROWS, COLUMNS)).astype(np.float32)
+    weights = {
+        "scale": np.array(sharpness / 60.0, np.float32),
+        "offset": (sharpness * (noise - 1.5)).astype(np.float32),
+    }
+    last = "heatmap" if kind == "logits" else "logits"
+    nodes = [
+        helper.make_node("Cast", ["image"], ["colour"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["colour"], ["planes"], perm=[0, 3, 1, 2]),
+        helper.make_node("AveragePool", ["planes"], ["cells"], kernel_shape=[4, 4], strides=[4, 4]),
+        helper.make_node("ReduceMean", ["cells"], ["grey"], axes=[1], keepdims=1),
+        helper.make_node("Mul", ["grey", "scale"], ["scaled"]),
+        helper.make_node("Add", ["scaled", "offset"], [last]),
+    ]
+    if kind == "probability":
+        nodes.append(helper.make_node("Sigmoid", ["logits"], ["heatmap"]))
+    graph = helper.make_graph(
+        nodes,
+        "noisy",
+        [helper.make_tensor_value_info("image", TensorProto.UINT8, [1, HEIGHT, WIDTH, 3])],
+        [helper.make_tensor_value_info("heatmap", TensorProto.FLOAT, [1, 1, ROWS, COLUMNS])],
+        [numpy_helper.from_array(value, name) for name, value in weights.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    document = {
+        "schema": 1,
+        "name": "noisy",
+        "input": {
+            "name": "image",
+            "layout": "NHWC",
+            "dtype": "uint8",
+            "color": "RGB",
+            "size": [WIDTH, HEIGHT],
+            "resize": "stretch",
+        },
+        "output": {"name": "heatmap", "kind": kind, "layout": "NCHW", "stride": 4},
+        **contract,
+    }
+    model.metadata_props.add(key="crowdfence", value=json.dumps(document))
+    model.metadata_props.add(key="author", value="somebody")
+    onnx.save_model(model, str(path))
+    return path
+
+
+def calibrate(model: Path, data: list[Path], output: Path, *more: object) -> subprocess.CompletedProcess[str]:
+    return crowdfence(
+        "calibrate", model, *(word for path in data for word in ("--data", path)), "-o", output, *more
+    )
+
+
+@pytest.fixture(scope="module")
+def calibrated(data: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict]:
+    """An overconfident model, the same calibrated, and what the command said."""
+    folder = tmp_path_factory.mktemp("models")
+    model, output = noisy_model(folder / "noisy.onnx", sharpness=4.0), folder / "calibrated.onnx"
+    done = calibrate(model, data, output, "--json")
+    assert done.returncode == 0, done.stderr
+    return model, output, json.loads(done.stdout)
+
+
+def test_an_overconfident_model_is_calibrated_and_described(
+    data: list[Path], calibrated: tuple[Path, Path, dict]
+) -> None:
+    model, output, report = calibrated
+    held_out = report["candidates"][report["chosen"]]["held_out"]
+    assert report["before"]["calibration_error_above"]["value"] > 0.1
+    assert (
+        held_out["calibration_error_above"]["value"]
+        < 0.6 * report["before"]["calibration_error_above"]["value"]
+    )
+    assert report["frames"] == 3 * 12 and report["missions"] == 3 and report["refused"] == []
+    assert set(report["quality"]["by"]["mission"]) == {"mission-0", "mission-1", "mission-2"}
+
+    after = Detector(output)
+    rates = after.contract.rates or {}
+    assert (rates["per"], rates["voxel_size_m"], rates["missions"]) == ("voxel observation", 2.0, 3)
+    assert 0.0 < rates["false_positive"]["rate"] < rates["true_positive"]["rate"] < 1.0
+    assert after.contract.calibration is not None and after.contract.calibration["method"] == report["chosen"]
+    assert after.contract.validity is not None and after.contract.target_height_m == 0.6
+    assert {entry.key for entry in onnx.load(str(output)).metadata_props} == {"author", "crowdfence"}
+
+    image = open_recording(data[0]).frames[0].image()
+    confidence = [np.abs(Detector(path)(image) - 0.5).mean() for path in (model, output)]
+    assert confidence[1] < confidence[0]
+
+
+def test_the_table_says_what_was_measured(data: list[Path], tmp_path: Path) -> None:
+    done = calibrate(
+        noisy_model(tmp_path / "m.onnx", sharpness=4.0), data[:2], tmp_path / "out.onnx", "--every", 6
+    )
+    assert done.returncode == 0, done.stderr
+    for part in ("NLL per cell", "ECE > 0.05", "TPR", "FPR", "before", "after", "mission mission-1"):
+        assert part in done.stdout
+    assert "(chosen)" in done.stdout
+
+
+def test_logits_are_corrected_in_the_graph_and_not_twice(data: list[Path], tmp_path: Path) -> None:
+    """A contract that divides logits by 2 becomes one whose graph has all in it, temperature 1."""
+    model = noisy_model(tmp_path / "m.onnx", sharpness=4.0, kind="logits", calibration={"temperature": 2.0})
+    output = tmp_path / "out.onnx"
+    done = calibrate(model, data[:2], output, "--every", 4)
+    assert done.returncode == 0, done.stderr
+    calibration = Detector(output).contract.calibration or {}
+    assert calibration["temperature"] == 1.0
+    assert calibration["earlier"] == {"temperature": 2.0}
+    probability = noisy_model(tmp_path / "p.onnx", sharpness=2.0)
+    assert calibrate(probability, data[:2], tmp_path / "p-out.onnx", "--every", 4).returncode == 0
+    image = open_recording(data[1]).frames[3].image()
+    same = Detector(tmp_path / "p-out.onnx")(image)
+    np.testing.assert_allclose(Detector(output)(image), same, atol=1e-3)
+
+
+def test_one_mission_gives_a_temperature_and_warnings(data: list[Path], tmp_path: Path) -> None:
+    done = calibrate(noisy_model(tmp_path / "m.onnx", sharpness=4.0), data[:1], tmp_path / "out.onnx")
+    assert done.returncode == 0, done.stderr
+    assert "only a temperature was fitted" in done.stderr and "one mission only" in done.stderr
+    assert (Detector(tmp_path / "out.onnx").contract.calibration or {})["temperature"] > 1.5
+
+
+def test_a_folder_of_recordings_without_truth_is_refused(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "plain", flight(frames=2))
+    done = calibrate(noisy_model(tmp_path / "m.onnx", sharpness=1.0), [folder], tmp_path / "out.onnx")
+    assert done.returncode == FAILED
+    assert "no frame of plain can be used" in done.stderr and "has no truth" in done.stderr
+    assert not (tmp_path / "out.onnx").exists()
+
+
+def test_what_cannot_work_is_said_before_the_long_run(data: list[Path], tmp_path: Path) -> None:
+    density = noisy_model(tmp_path / "m.onnx", sharpness=1.0)
+    sidecar = json.loads(onnx.load(str(density)).metadata_props[0].value)
+    sidecar["output"] |= {"kind": "density", "count_scale": 1.0}
+    (tmp_path / "m.crowdfence.json").write_text(json.dumps(sidecar))
+    done = calibrate(density, data, tmp_path / "out.onnx")
+    assert done.returncode == FAILED and "puts out density" in done.stderr
+
+    good = noisy_model(tmp_path / "good.onnx", sharpness=1.0)
+    done = calibrate(good, [data[0], data[0]], tmp_path / "out.onnx")
+    assert done.returncode == FAILED and "is given twice" in done.stderr
+
+    (tmp_path / "out.crowdfence.json").write_text("{}")
+    done = calibrate(good, data, tmp_path / "out.onnx")
+    assert done.returncode == FAILED and "would hide the contract" in done.stderr
+
+
+def test_without_the_package_onnx_the_message_says_how_to_get_it(tmp_path: Path) -> None:
+    blocked = (
+        "import sys, importlib.util as u; found = u.find_spec; "
+        "u.find_spec = lambda name, *more: None if name == 'onnx' else found(name, *more); "
+        "import crowdfence.cli as cli; "
+        "sys.argv = ['crowdfence', 'calibrate', 'm.onnx', '--data', 'd', '-o', 'o.onnx']; cli.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", blocked], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
+    assert done.returncode == FAILED
+    assert "pip install 'crowdfence[train]'" in done.stderr
+
+
+def test_the_contract_written_reads_back(calibrated: tuple[Path, Path, dict]) -> None:
+    _, output, report = calibrated
+    (entry,) = [entry for entry in onnx.load(str(output)).metadata_props if entry.key == "crowdfence"]
+    contract = Contract.from_json(json.loads(entry.value))
+    assert contract == Detector(output).contract
+    assert contract.to_json() == report["contract"]

@@ -1,0 +1,310 @@
+"""The real command line on small recordings: results, messages and exit codes."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+from shapely.geometry import shape
+
+from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
+from crowdfence.cli.demo import RECORDING
+from crowdfence.cli.evaluate import _rates
+from crowdfence.evaluation.cells.rates import Confusion
+from support.command_line import crowdfence
+from support.small_recordings import EPOCH_NS, STARTS, flight, ground, write_airsim, write_folder
+
+FAILED, USAGE, GATE_NOT_MET = 1, 2, 3
+RECORDED = ("--detector", "recorded")
+"""The recordings here have pictures and heatmaps; their pictures show nothing."""
+
+
+@pytest.fixture(scope="module")
+def airsim(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = write_airsim(tmp_path_factory.mktemp("flight") / "recording", flight())
+    terrain = Terrain.from_points(ground(), 2.0)
+    bt = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+    (folder / "terrain" / "terrain.bt").write_bytes(bt)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mission(airsim: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("mission") / "flight.mcap"
+    done = crowdfence("convert", airsim, "-o", path, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == dict.fromkeys(STARTS, 6)
+    return path
+
+
+def error_line(done: subprocess.CompletedProcess[str], code: int = FAILED) -> str:
+    """The one line that a failed command prints."""
+    assert done.returncode == code, done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path, tmp_path: Path) -> None:
+    terrain_path = airsim / "terrain" / "terrain.bt"
+    for recording, output in ((airsim, "airsim"), (mission, "mission")):
+        done = crowdfence(
+            "run", recording, "-t", terrain_path, "-o", tmp_path / output, "--prior", 0.2, *RECORDED
+        )
+        assert done.returncode == 0, done.stderr
+    terrain = Terrain.open(terrain_path)
+    maps = [
+        CrowdMap.load(tmp_path / output / "crowd_map.crowdmap", terrain) for output in ("airsim", "mission")
+    ]
+    assert maps[0].seen().sum() > 100
+    assert maps[0].to_bytes() == maps[1].to_bytes()
+    rows = [(tmp_path / output / "frames.csv").read_bytes() for output in ("airsim", "mission")]
+    assert rows[0] == rows[1]
+
+
+def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "folder"
+    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    summary = json.loads(done.stdout)
+    assert summary == json.loads((output / "summary.json").read_text())
+    assert summary["frames"] == dict.fromkeys(STARTS, 6)
+    assert summary["method"] == "or"
+    assert summary["threshold"] == 0.5
+
+    rows = list(csv.DictReader((output / "frames.csv").open()))
+    assert len(rows) == summary["instants"] == 6
+    assert int(rows[-1]["voxels_seen_so_far"]) == summary["terrain"]["seen_voxels"]
+    zones = json.loads((output / "zones.geojson").read_text())
+    assert len(zones["features"]) == len(summary["zones"]) == int(rows[-1]["zones"])
+    # Crowd area in the table, the raster and the zones is one and the same.
+    with rasterio.open(output / "crowd_map.tif") as raster:
+        crowd_cells = int((raster.read(2) == VoxelState.CROWD).sum())
+    assert (
+        float(rows[-1]["crowd_area_m2"]) == crowd_cells * 4.0 == sum(z["area_m2"] for z in summary["zones"])
+    )
+    for name in ("crowd_map.png", "terrain.bt", "crowd_map.ot", "crowd_map.crowdmap"):
+        assert (output / name).stat().st_size > 100
+
+
+def test_unseen_ground_is_never_written_as_empty(airsim: Path, tmp_path: Path) -> None:
+    assert crowdfence("run", airsim, *RECORDED, "-o", tmp_path, "--prior", 0.2).returncode == 0
+    with rasterio.open(tmp_path / "crowd_map.tif") as raster:
+        probability, state = raster.read(1), raster.read(2)
+        assert np.isnan(raster.nodata)
+    unseen = (state == VoxelState.NEVER_SEEN) | (state == VoxelState.OCCLUDED)
+    assert unseen.any()
+    assert np.isnan(probability[unseen]).all()
+    assert not np.isnan(probability[~unseen]).any()
+
+
+def test_a_plain_folder_runs_with_a_georeferenced_height_model(tmp_path: Path) -> None:
+    recording = write_folder(tmp_path / "plain", flight())
+    dem = tmp_path / "dem.tif"
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
+    with rasterio.open(
+        dem,
+        "w",
+        driver="GTiff",
+        width=300,
+        height=300,
+        count=1,
+        dtype="float32",
+        crs=crs,
+        transform=transform,
+    ) as raster:
+        raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+    done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2, "--json")
+    assert done.returncode == 0, done.stderr
+    terrain = json.loads(done.stdout)["terrain"]
+    assert terrain["seen_voxels"] > 100
+    assert terrain["voxel_size_m"] == 4.0
+
+
+def test_the_map_that_a_run_leaves_is_the_terrain_of_its_crowd_map(tmp_path: Path) -> None:
+    """The height model's grid starts far from zero, where an OctoMap's always starts."""
+    recording = write_folder(tmp_path / "plain", flight())
+    dem = tmp_path / "dem.tif"
+    transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(dem, "w", width=300, height=300, **profile) as raster:
+        raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+    done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2)
+    assert done.returncode == 0, done.stderr
+    terrain = Terrain.open(tmp_path / "out" / "terrain.bt")
+    assert terrain.origin[0] < -500.0
+    assert CrowdMap.load(tmp_path / "out" / "crowd_map.crowdmap", terrain).seen().sum() > 100
+
+
+def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
+    recording = write_folder(tmp_path / "plain", flight())
+    mesh = tmp_path / "plain.obj"
+    corners = [(-600, -600), (600, -600), (600, 600), (-600, 600)]
+    mesh.write_text("".join(f"v {x / 10} {y / 10} -2.5\n" for x, y in corners) + "f 1 2 3\nf 1 3 4\n")
+    common = ("run", recording, "-t", mesh, "--prior", 0.2, "--json", "--voxel-size-m", 5)
+    done = crowdfence(*common, "-o", tmp_path / "out", "--terrain-option", "unit_m=10")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["terrain"]["voxel_size_m"] == 5.0
+    for option, message in (("units=10", "units"), ("unit_m", "must be NAME=VALUE")):
+        assert message in error_line(crowdfence(*common, "-o", tmp_path / "no", "--terrain-option", option))
+
+
+def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
+    arguments = ("evaluate", airsim, *RECORDED, "--prior", 0.2, "--alpha", 0.1, "--alpha", 1, "--json")
+    done = crowdfence(*arguments)
+    assert done.returncode == 0, done.stderr
+    scores = json.loads(done.stdout)["scores"]
+    assert [(row["config"]["method"], row["config"]["alpha"]) for row in scores] == [
+        ("or", 0.1),
+        ("paper", 0.1),
+        ("paper", 1.0),
+    ]
+    missed = crowdfence(*arguments, "--min-iou", 1.0)
+    assert missed.returncode == GATE_NOT_MET
+    assert "a mean IoU is below --min-iou 1" in missed.stderr
+
+
+def test_evaluate_by_hand(tmp_path: Path) -> None:
+    """A camera 10 m above a plain of 1 m voxels sees 10 x 10 of them, one heatmap cell each. 20 are crowd.
+    The first heatmap marks 16 of these and 4 others, the second all 20 and nothing else.
+
+    or: 16 of 24, then 20 of 24, because a voxel once called crowd stays so.
+    paper: Bayes' rule gives 0.9 and 0.1 (prior 1/2), so its threshold is 0.1 + 0.8 / 4. With alpha 1 only the
+    newest heatmap counts: 16 of 24, then 20 of 20. With alpha 0.1 nothing rises above 0.171 in two instants;
+    from 0.02 to 0.08 the threshold gives what `or` does.
+    """
+    stamps = [EPOCH_NS, EPOCH_NS + 10**9]
+    crowd, first = np.zeros((2, 10, 10), np.uint8)
+    crowd[2:6, 2:7], first[2:6, 3:8] = 255, 255
+    for folder in ("heatmaps", "truth/regions"):
+        (tmp_path / folder).mkdir(parents=True)
+    for stamp, heatmap in zip(stamps, (first, crowd), strict=True):
+        Image.fromarray(heatmap).save(tmp_path / "heatmaps" / f"uav1_{stamp}.png")
+        regions = np.kron(crowd // 255, np.ones((10, 10), np.uint8))
+        Image.fromarray(regions).save(tmp_path / "truth" / "regions" / f"uav1_{stamp}.png")
+    rows = "".join(f"uav1,{stamp},10,10,10,0,1,0,0\n" for stamp in stamps)  # half a turn about east: down
+    (tmp_path / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{rows}")
+    camera = {"width": 100, "height": 100, "fx": 100, "fy": 100, "cx": 50, "cy": 50}
+    (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))
+    mesh = tmp_path / "plain.obj"
+    mesh.write_text("v 0 0 -0.5\nv 20 0 -0.5\nv 20 20 -0.5\nv 0 20 -0.5\nf 1 2 3\nf 1 3 4\n")
+
+    bayes = ("--prior", 0.5, "--tpr", 0.9, "--fpr", 0.1, "--decay-per-s", 0, "--alpha", 1, "--alpha", 0.1)
+    done = crowdfence("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, *bayes, "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    either, newest, slow = report["scores"]
+    assert either["per_frame"] == pytest.approx([16 / 24, 20 / 24])
+    assert newest["per_frame"] == pytest.approx([16 / 24, 1.0])
+    assert slow["per_frame"] == [0.0, 0.0]
+    assert newest["threshold"] == slow["threshold"] == pytest.approx(0.3)
+    assert [row["mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 0.0])
+    assert [row["best_mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 18 / 24])
+    assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(36 / 40)
+    assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
+
+
+def test_rates_that_nobody_could_count_are_null() -> None:
+    rates = json.loads(json.dumps(_rates(Confusion(0, 1, 9, 0)), allow_nan=False))
+    assert rates["true_positive_rate"]["rate"] is None
+    assert rates["false_positive_rate"]["rate"] == 0.1
+
+
+def test_evaluate_needs_the_truth_that_is_asked_for(airsim: Path) -> None:
+    done = crowdfence("evaluate", airsim, *RECORDED, "--prior", 0.2, "--truth", "world")
+    assert "does not record where people are" in error_line(done)
+
+
+def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    subprocess.run(["cp", "-r", airsim, damaged], check=True)
+    heatmap = sorted((damaged / "heatmaps").iterdir())[2]
+    heatmap.write_bytes(heatmap.read_bytes()[:40])
+    done = crowdfence("run", damaged, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2)
+    assert done.returncode == 0
+    assert done.stderr.count("warning:") == 1
+    assert "heatmap cannot be read" in done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert sum(summary["frames"].values()) == 17
+    assert len(summary["refused"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--alpha", 0], "alpha is 0; it must be in (0, 1]"),
+        (["--decay-per-s", -1], "decay_per_s is -1; it must be finite and >= 0"),
+        (["--tpr", 1], "true_positive is 1; it must be strictly between 0 and 1"),
+        (["--prior", 0], "prior is 0; it must be strictly between 0 and 1"),
+        (["--fleet-size", 2], "makes the fleet 3 drones large; fleet_size is 2"),
+        (["--threshold", 0], "threshold is 0; it must be in (0, 1]"),
+        (["--min-area-m2", -1], "min_area_m2 is -1; it must be >= 0"),
+        (["--terrain", "nowhere.bt"], "nowhere.bt"),
+    ],
+)
+def test_what_cannot_be_run_is_one_line_with_the_value(
+    airsim: Path, tmp_path: Path, options: list[object], message: str
+) -> None:
+    done = crowdfence("run", airsim, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2, *options)
+    assert message in error_line(done)
+    assert not (tmp_path / "out").exists()
+
+
+def test_terrain_and_poses_that_do_not_overlap_are_refused(airsim: Path, tmp_path: Path) -> None:
+    terrain = Terrain.from_points(np.array([[5000.0, 5000.0, 0.0]]), 1.0)
+    (tmp_path / "far.bt").write_bytes(_core.write_octomap_binary(terrain, [0]))
+    line = error_line(
+        crowdfence(
+            "run", airsim, *RECORDED, "-t", tmp_path / "far.bt", "-o", tmp_path / "out", "--prior", 0.2
+        )
+    )
+    assert "terrain and poses do not overlap" in line
+    assert "x 5000 to 5001" in line
+
+
+def test_a_path_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("hello")
+    assert "is not a recording" in error_line(crowdfence("run", text, "-o", tmp_path / "out"))
+    assert "No such file" in error_line(crowdfence("run", tmp_path / "none.mcap", "-o", tmp_path / "out"))
+
+
+def test_wrong_usage_exits_with_two(tmp_path: Path) -> None:
+    assert crowdfence("run").returncode == USAGE
+    assert crowdfence("run", tmp_path, "-o", tmp_path, "--method", "magic").returncode == USAGE
+    assert crowdfence("fly").returncode == USAGE
+
+
+def test_version_and_help() -> None:
+    assert crowdfence("--version").stdout.startswith("crowdfence 0.")
+    assert "evaluate" in crowdfence("--help").stdout
+
+
+def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> None:
+    """The recording knows where everybody stood: every zone of any size must have a crowd in or beside it."""
+    done = crowdfence("demo", "-o", tmp_path / "demo", "--json")
+    assert done.returncode == 0, done.stderr
+    recording = open_recording(RECORDING)
+    summary = json.loads(done.stdout)
+    assert sum(summary["frames"].values()) == len(recording.frames) > 100
+    people = recording.people_truth(recording.frames[-1].stamp_ns, max_gap_s=1.0)
+    assert people is not None and recording.georeference is not None
+    crowd = people.position[people.crowd > 0][:, :2]
+    zones = json.loads((tmp_path / "demo" / "zones.geojson").read_text())["features"]
+    for told, zone in zip(summary["zones"], zones, strict=True):
+        # To the last digit: rounded twice, a table said 0.59 where the map says 0.60.
+        assert told["probability_max"] == zone["properties"]["probability_max"]
+    large = [zone for zone in zones if zone["properties"]["area_m2"] > 20.0]
+    assert large
+    for zone in large:
+        longitude, latitude = np.array(shape(zone["geometry"]).centroid.coords[0])
+        centre = recording.georeference.local_from_geodetic(latitude, longitude, 1200.0)
+        assert np.linalg.norm(crowd - np.ravel(centre)[:2], axis=1).min() < 10.0

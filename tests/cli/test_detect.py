@@ -1,0 +1,265 @@
+"""`crowdfence detect` on videos, pictures and recordings; the model's heatmap is the red of 4 x 4 cells."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdfence import open_recording
+from crowdfence.detector.detector import Detector
+from crowdfence.detector.overlay import overlay
+from crowdfence.exports.video import VideoWriter
+from crowdfence.heatmap_files import detect_pictures
+from crowdfence.sources.pictures.files import picture_files, read_pictures
+from crowdfence.sources.pictures.stream import SkippedPicture, StreamPicture
+from crowdfence.sources.pictures.video import Video
+from support.command_line import crowdfence
+from support.onnx_models import contract, write_map_model, write_pixel_people_model
+from support.small_recordings import flight, write_airsim
+from support.small_videos import HEIGHT, WIDTH, damage, packet_ends, picture, write_video
+
+FAILED = 1
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_map_model(tmp_path_factory.mktemp("model") / "red.onnx", contract())
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_airsim(tmp_path_factory.mktemp("flight") / "recording", flight())
+
+
+def detect(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return crowdfence("detect", *arguments)
+
+
+def error_line(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.returncode == FAILED, done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+def index(folder: Path) -> list[dict[str, str]]:
+    with (folder / "index.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_video_with_broken_frames_says_which_are_missing(model: Path, tmp_path: Path) -> None:
+    film = damage(write_video(tmp_path / "film.mp4", 12), [6])
+    done = detect(film, "--model", model, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    # Frame 6 is gone, 7 to 9 build on it, 10 is a key frame.
+    assert [line.partition(":")[0] for line in report["skipped"]] == [
+        f"frame {number} at 0.{number}00 s" for number in (6, 7, 8, 9)
+    ]
+    assert "cannot be decoded" in report["skipped"][0]
+    assert report["frames"] == 8
+
+    rows = index(tmp_path / "out")
+    whole = [0, 1, 2, 3, 4, 5, 10, 11]
+    assert [int(row["frame"]) for row in rows] == whole
+    assert [float(row["time_s"]) for row in rows] == [number / 10 for number in whole]
+    # 4 * n of 64 columns are white, that is n of 16 columns of cells.
+    assert [float(row["crowd_share"]) for row in rows] == [min(number, 8) / 16 for number in whole]
+    for row, number in zip(rows, whole, strict=True):
+        with Image.open(tmp_path / "out" / row["file"]) as png:
+            assert (png.mode, png.size) == ("L", (WIDTH // 4, HEIGHT // 4))
+            cells = np.asarray(png)
+        assert (cells[:, : min(number, 8)] > 230).all() and (cells[:, min(number, 8) :] < 25).all()
+
+    with Video(tmp_path / "out" / "overlay.mp4") as video:
+        shown = list(video.pictures())
+    assert [round(item.time_s or 0.0, 3) for item in shown] == [number / 10 for number in whole]
+    assert all(isinstance(item, StreamPicture) for item in shown)
+    assert shown[-1].rgb.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_video_without_a_single_frame_is_an_error_and_leaves_nothing(model: Path, tmp_path: Path) -> None:
+    film = damage(write_video(tmp_path / "film.mp4", 4), [0, 1, 2, 3])
+    line = error_line(detect(film, "--model", model, "-o", tmp_path / "out"))
+    assert "film.mp4" in line and "no picture could be used: frame 0 at 0.000 s" in line
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_every_second_frame_of_a_video(model: Path, tmp_path: Path) -> None:
+    film = write_video(tmp_path / "film.mp4", 7)
+    with Video(film) as video:
+        done = detect_pictures(video.pictures(every=2), Detector(model), tmp_path / "out", video=False)
+    assert done.frames == 4 and not done.skipped
+    assert [int(row["frame"]) for row in index(tmp_path / "out")] == [0, 2, 4, 6]
+    assert not (tmp_path / "out" / "overlay.mp4").exists()
+
+
+def test_frames_out_of_order_keep_their_numbers(tmp_path: Path) -> None:
+    """With B-frames the decoder meets frame 6 before 4 and 5."""
+    import av
+
+    path = tmp_path / "film.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.gop_size, stream.max_b_frames, stream.bit_rate = 9, 2, 4_000_000
+        for number in range(12):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(number), format="rgb24")))
+        container.mux(stream.encode(None))
+    with av.open(str(path)) as container:
+        order = [
+            round(packet.pts * packet.time_base * 10) for packet in container.demux(video=0) if packet.size
+        ]
+    assert order != sorted(order)
+    broken = order.index(4)
+    damage(path, [broken])
+    with Video(path) as video:
+        items = list(video.pictures())
+    assert [item.number for item in items] == list(range(12))
+    reasons = {item.number: item.reason for item in items if isinstance(item, SkippedPicture)}
+    assert "cannot be decoded" in reasons[4]
+    for item in items:
+        if isinstance(item, StreamPicture):
+            assert np.abs(item.rgb.astype(int) - picture(item.number)).mean() < 8
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"#EXTM3U\n#EXTINF:1,\nfilm.mp4\n", b"\0" * 5000])
+def test_files_that_are_no_video_are_refused(tmp_path: Path, content: bytes) -> None:
+    write_video(tmp_path / "film.mp4", 2)
+    path = tmp_path / "list.m3u8"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="list.m3u8 is no video that can be read"):
+        Video(path)
+
+
+def test_a_video_that_was_cut_off(tmp_path: Path) -> None:
+    """Every frame whose coded bytes lie before the cut is shown, and the next one is missing."""
+    film = write_video(tmp_path / "film.mkv", 12)
+    cut = film.stat().st_size * 2 // 3
+    complete = sum(end <= cut for end in packet_ends(film))
+    film.write_bytes(film.read_bytes()[:cut])
+    with Video(film) as video:
+        *whole, last = video.pictures()
+    assert 1 < complete < 12
+    assert [item.number for item in whole] == list(range(complete))
+    for item in whole:
+        assert isinstance(item, StreamPicture)
+        assert np.abs(item.rgb.astype(int) - picture(item.number)).mean() < 8
+    assert isinstance(last, SkippedPicture) and last.number == complete and "declares 1.2" in last.reason
+
+
+def test_a_folder_of_pictures(model: Path, tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    Image.fromarray(picture(4)).save(pictures / "a.png")
+    Image.fromarray(picture(2)).save(pictures / "b.jpg", quality=95)
+    (pictures / "b2.jpg").write_bytes((pictures / "b.jpg").read_bytes()[:200])
+    Image.fromarray(np.full((1, 1, 3), 255, np.uint8)).save(pictures / "c.png")
+    Image.fromarray(np.zeros((8, 8), np.uint16)).save(pictures / "d.png")
+    (pictures / "notes.txt").write_text("not a picture")
+    done = detect(pictures, "--model", model, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    damaged, deep = report["skipped"]
+    assert damaged.startswith("frame 2 (b2.jpg): ") and "damaged" in damaged
+    assert deep.startswith("frame 4 (d.png): ") and "8 bits" in deep
+    rows = index(tmp_path / "out")
+    assert [(row["source"], float(row["crowd_share"])) for row in rows] == [
+        ("a.png", 4 / 16),
+        ("b.jpg", 2 / 16),
+        ("c.png", 1.0),
+    ]
+    assert all(row["time_s"] == "" for row in rows)
+    with Video(tmp_path / "out" / "overlay.mp4") as video:
+        assert len(list(video.pictures())) == 3
+
+    line = error_line(detect(pictures, "--model", model, "-o", tmp_path / "out"))
+    assert "exists" in line and "--force" in line
+    assert detect(pictures / "a.png", "--model", model, "-o", tmp_path / "out", "--force").returncode == 0
+    assert [path.name for path in (tmp_path / "out" / "heatmaps").iterdir()] == ["frame_000000.png"]
+
+
+def test_a_folder_without_pictures_or_recording(model: Path, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("nothing to see")
+    with pytest.raises(ValueError, match="holds no pictures .* and no recording"):
+        picture_files(tmp_path)
+
+
+def test_people_need_metres_per_pixel(tmp_path: Path) -> None:
+    people = write_pixel_people_model(tmp_path / "people.onnx", contract("points"))
+    Image.fromarray(picture(4)).save(tmp_path / "a.png")
+    files = picture_files(tmp_path / "a.png")
+    with pytest.raises(ValueError, match="gsd_m is missing"):
+        detect_pictures(read_pictures(files), Detector(people), tmp_path / "out")
+    done = detect_pictures(read_pictures(files), Detector(people), tmp_path / "out", gsd_m=0.1)
+    assert done.frames == 1
+
+
+def test_a_recording_becomes_a_mission_with_these_heatmaps(
+    model: Path, recording: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "seen.mcap"
+    done = detect(recording, "--model", model, "-o", output, "--every", 2, "--video", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["frames"] == {"uav1": 3, "uav_2": 3, "uav3": 3} and report["skipped"] == []
+    assert report["detector"]["name"] == "test model"
+    original, copy = open_recording(recording), open_recording(output)
+    for drone in original.drones:
+        kept = original.frames_of(drone)[::2]
+        for before, after in zip(kept, copy.frames_of(drone), strict=True):
+            assert before.stamp_ns == after.stamp_ns
+            red = before.image()[..., 0].reshape(6, 4, 8, 4).mean(axis=(1, 3))
+            assert after.heatmap() == pytest.approx(red / 255.0, abs=1e-6)
+            assert (after.image() == before.image()).all()
+            assert (after.regions() == before.regions()).all()
+        assert (tmp_path / f"seen_{drone}.mp4").stat().st_size > 500
+    assert "exists" in error_line(detect(recording, "--model", model, "-o", output))
+
+
+def test_the_overlay_marks_the_crowd_and_leaves_the_rest_alone() -> None:
+    grey = np.full((48, 64, 3), 120, np.uint8)
+    heatmap = np.zeros((12, 16), np.float32)
+    assert (overlay(grey, heatmap) == grey).all()
+    heatmap[4:8, 6:10] = 1.0
+    marked = overlay(grey, heatmap)
+    changed = (marked != grey).any(axis=-1)
+    assert changed[16:32, 24:40].all()
+    # A cell's value reaches half a cell beyond it, and the black rim one pixel more.
+    assert not changed[:13].any() and not changed[35:].any() and not changed[:, :21].any()
+    rim = (marked == 255).all(axis=-1)
+    assert rim.any() and (marked[rim.any(axis=1).argmax() - 1, 32] == 0).all()
+    assert (overlay(grey, (heatmap * 255).astype(np.uint8)) == marked).all()
+    # Exactly the threshold is not above it, so there is no outline.
+    assert not (overlay(grey, np.full((12, 16), 0.5)) == 255).all(axis=-1).any()
+
+
+@pytest.mark.parametrize(
+    ("image", "heatmap", "message"),
+    [
+        (np.zeros((4, 4), np.uint8), np.zeros((1, 1)), "image must be uint8 [H, W, 3]"),
+        (np.zeros((4, 4, 3), np.uint8), np.full((2, 2), np.nan), "heatmap value nan at row 0"),
+        (np.zeros((4, 4, 3), np.uint8), np.full((2, 2), 1.5), "heatmap value 1.5"),
+        (np.zeros((4, 4, 3), np.uint8), np.zeros((0, 2)), "at least one cell"),
+    ],
+)
+def test_an_overlay_of_something_else_is_refused(image: object, heatmap: object, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        overlay(image, heatmap)
+    assert message in str(caught.value)
+
+
+def test_a_video_that_fails_half_way_is_not_left_behind(tmp_path: Path) -> None:
+    def fail() -> None:
+        with VideoWriter(tmp_path / "film.mp4") as film:
+            film.write(picture(3), 0.0)
+            raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError, match="stop"):
+        fail()
+    assert list(tmp_path.iterdir()) == []

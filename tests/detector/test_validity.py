@@ -1,0 +1,139 @@
+"""Metres per pixel of a frame by trigonometry, and a flight against what a detector states about itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from crowdfence import Camera, Terrain
+from crowdfence.detector.contract.contract import Contract, Validity
+from crowdfence.detector.contract.model_input import ModelInput
+from crowdfence.detector.contract.model_output import ModelOutput
+from crowdfence.detector.ground_sampling import ground_sampling
+from crowdfence.detector.validity import FlightSample, check_ranges, sample_flight, statement_warnings
+from crowdfence.sources.recording import Frame
+
+CAMERA = Camera.pinhole(640, 480, 500.0, 500.0, 320.0, 240.0)
+CONTRACT = Contract(
+    "net",
+    ModelInput(name="image", layout="NHWC", dtype="uint8"),
+    ModelOutput("heatmap", "probability", "NCHW", 4),
+)
+RATES = {
+    "true_positive": {"rate": 0.8, "low": 0.7, "high": 0.9},
+    "false_positive": {"rate": 0.01, "low": 0.0, "high": 0.02},
+    "voxel_size_m": 0.5,
+    "b_threshold": 0.5,
+    "coverage": "full",
+}
+
+
+def plain() -> Terrain:
+    """Level ground at height 0, 800 m wide, the origin in its middle."""
+    return Terrain.from_height_map(np.full((400, 400), -0.5), 2.0, 2.0, (-400.0, -400.0, 0.0))
+
+
+def looking(height_m: float, tilt_deg: float) -> NDArray[np.float64]:
+    """world_from_camera of a camera above the origin that looks north and down."""
+    tilt = np.radians(tilt_deg)
+    forward = np.array([0.0, np.cos(tilt), -np.sin(tilt)])
+    down = np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([[1.0, 0.0, 0.0], down, forward], axis=1)
+    pose[:3, 3] = [0.3, 0.7, height_m]
+    return pose
+
+
+def test_a_camera_that_looks_straight_down() -> None:
+    sampling = ground_sampling(CAMERA, looking(100.0, 90.0), plain(), max_range_m=300.0, rows=3, columns=5)
+    # Cell centres of the middle row: columns 64, 192, 320, 448, 576, the camera's axis at 320.
+    sideways = np.array([-256.0, -128.0, 0.0, 128.0, 256.0]) / 500.0
+    expected_m = 100.0 * np.sqrt(1.0 + sideways**2)
+    assert sampling.distance_m[1] == pytest.approx(expected_m)
+    assert sampling.gsd_m[1] == pytest.approx(expected_m / 500.0)
+    assert sampling.tilt_deg[1] == pytest.approx(np.degrees(np.arctan2(1.0, np.abs(sideways))))
+    assert sampling.along_ground()[1, 2] == pytest.approx([0.2, 0.2])
+
+
+def test_a_flat_ray_stretches_a_pixel_along_the_ground() -> None:
+    sampling = ground_sampling(CAMERA, looking(50.0, 30.0), plain(), max_range_m=300.0, rows=1, columns=1)
+    assert sampling.tilt_deg[0, 0] == pytest.approx(30.0)
+    assert sampling.distance_m[0, 0] == pytest.approx(100.0)  # 50 m / sin 30 deg
+    assert sampling.along_ground()[0, 0] == pytest.approx([0.2, 0.4])
+
+
+def test_sky_and_what_lies_beyond_the_range_have_no_scale() -> None:
+    sampling = ground_sampling(CAMERA, looking(20.0, 0.0), plain(), max_range_m=100.0, rows=4, columns=2)
+    # Rows 60 and 180 look up. Row 300 falls 60 px in 500: 20 m lower after 167 m, beyond the range.
+    assert np.isnan(sampling.gsd_m[:3]).all() and np.isnan(sampling.tilt_deg[:3]).all()
+    assert sampling.distance_m[3] == pytest.approx(np.hypot(np.hypot(500, 160), 180) / 180 * 20.0)
+    assert sampling.sees_ground
+    up = ground_sampling(CAMERA, looking(20.0, -60.0), plain(), max_range_m=100.0)
+    assert not up.sees_ground
+
+
+def test_pixels_without_a_ray_have_no_scale() -> None:
+    bent = Camera.pinhole(640, 480, 300.0, 300.0, 320.0, 240.0, distortion=[-0.5, 0.0, 0.0, 0.0])
+    assert bent.blind_pixel_count() > 0
+    sampling = ground_sampling(bent, looking(100.0, 90.0), plain(), max_range_m=900.0)
+    assert np.isnan(sampling.gsd_m[0, 0])
+    assert np.isfinite(sampling.gsd_m[6, 8])
+
+
+def test_shares_outside_of_the_tested_range() -> None:
+    flight = FlightSample(
+        gsd_m=np.array([0.05, 0.1, 0.2, 0.3]),
+        distance_m=np.array([10.0, 20.0, 30.0, 40.0]),
+        tilt_deg=np.array([5.0, 30.0, 60.0, 90.0]),
+    )
+    tested = replace(CONTRACT, validity=Validity(gsd_m=(0.06, 0.25), distance_m=(10.0, 40.0)))
+    gsd, distance, tilt = check_ranges(tested, flight)
+    assert (gsd.share_below, gsd.share_above) == (0.25, 0.25)
+    assert (distance.share_below, distance.share_above) == (0.0, 0.0)
+    assert tilt.tested is None and tilt.warnings("net") == []
+    below, above = gsd.warnings("net")
+    assert "25% of the ground seen lies below 0.06 m" in below and "net" in below
+    assert "25% of the ground seen lies above 0.25 m" in above
+    assert distance.warnings("net") == []
+    assert gsd.to_json()["flight_quantiles"]["0.5"] == pytest.approx(0.15)
+
+
+def test_a_flight_that_sees_no_ground_has_nothing_to_compare() -> None:
+    frames = [Frame("a", number, CAMERA, looking(20.0, -60.0)) for number in range(3)]
+    flight = sample_flight(frames, plain(), max_range_m=300.0)
+    assert check_ranges(CONTRACT, flight) == []
+    assert check_ranges(CONTRACT, sample_flight([], plain(), max_range_m=300.0)) == []
+
+
+def test_the_flight_is_sampled_from_its_beginning_to_its_end() -> None:
+    heights_m = np.linspace(20.0, 120.0, 500)
+    frames = [Frame("a", number, CAMERA, looking(height, 90.0)) for number, height in enumerate(heights_m)]
+    flight = sample_flight(frames, plain(), max_range_m=300.0)
+    assert flight.distance_m.min() == pytest.approx(20.0, rel=0.01)
+    assert flight.distance_m.max() > 120.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ["states no calibration", "metres per pixel it was tested", "states no rates"]),
+        ({"calibration": {"temperature": 1.0}, "validity": Validity(), "rates": RATES}, []),
+    ],
+)
+def test_what_the_contract_leaves_open_is_said(changes: dict, expected: list[str]) -> None:
+    warnings = statement_warnings(
+        replace(CONTRACT, **changes), voxel_size_m=0.5, b_threshold=0.5, coverage="full", rates_given=False
+    )
+    assert len(warnings) == len(expected)
+    assert all(part in warning for part, warning in zip(expected, warnings, strict=True))
+
+
+def test_rates_that_were_measured_in_another_setting() -> None:
+    measured = replace(CONTRACT, calibration={}, validity=Validity(), rates=RATES)
+    other = {"voxel_size_m": 2.0, "b_threshold": 0.3, "coverage": "rays"}
+    voxels, threshold, coverage = statement_warnings(measured, **other, rates_given=False)
+    assert "voxels of 0.5 m, this map has 2 m" in voxels
+    assert "b_threshold 0.5, this run has 0.3" in threshold
+    assert "coverage full, this run has rays" in coverage
+    assert statement_warnings(measured, **other, rates_given=True) == []

@@ -1,0 +1,277 @@
+"""The parts of training that need PyTorch; `make test-training` installs it and runs them."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
+
+from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
+from crowdfence.detector_training.crops import CropPlan, CropSampler  # noqa: E402
+from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
+from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
+from crowdfence.detector_training.network import CrowdNet  # noqa: E402
+from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
+from crowdfence.detector_training.trainer import train  # noqa: E402
+from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
+from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
+
+CPU = torch.device("cpu")
+
+
+def squares(seed: int, frames: int = 6, height: int = 96, width: int = 128) -> StoredMission:
+    """Dark, noisy frames with one bright square that is the crowd; known everywhere."""
+    rng = np.random.default_rng(seed)
+    images = rng.integers(0, 60, (frames, height, width, 3), np.uint8)
+    crowd = np.zeros((frames, 1, height // 2, width // 2), np.uint8)
+    for frame in range(frames):
+        row, column = rng.integers(0, height // 4 - 8), rng.integers(0, width // 4 - 8)
+        crowd[frame, 0, 2 * row : 2 * row + 16, 2 * column : 2 * column + 16] = 255
+        images[frame, 4 * row : 4 * row + 32, 4 * column : 4 * column + 32] += 150
+    return StoredMission(f"squares-{seed}", images, crowd, np.ones(crowd.shape, np.bool_), ())
+
+
+PLAN = TrainingPlan(
+    targets=("silhouettes",),
+    width=0.25,
+    steps=150,
+    learning_rate=1e-2,
+    batch=4,
+    warm_up_steps=5,
+    validate_every=50,
+    crops=CropPlan(height=64, width=64, scale=(0.8, 1.3)),
+    average_decay=0.8,
+)
+
+
+def test_crowdnet_s_keeps_its_promises():
+    network = CrowdNet(1)
+    assert sum(value.numel() for value in network.deployed(0).parameters()) <= 700_000
+    with torch.no_grad():
+        logits = network.eval()(torch.zeros(2, 3, 240, 320))
+    assert logits.shape == (2, 1, 60, 80)
+    assert float(torch.sigmoid(logits).mean()) < 0.3  # starts where most cells are: empty
+
+
+def test_a_crop_shows_the_crowd_where_its_label_says():
+    sampler = CropSampler([squares(1)], CropPlan(height=64, width=96, scale=(0.5, 2.0), rotation_deg=30.0))
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        batch = sampler.draw(4, rng, CPU)
+        assert batch.image.shape == (4, 3, 64, 96) and batch.crowd.shape == (4, 1, 16, 24)
+        bright = torch.nn.functional.avg_pool2d(batch.image.mean(dim=1, keepdim=True), 4)
+        crowd, known = batch.crowd > 0, batch.known > 0
+        # Cells at the edge of a square are half bright; all others agree.
+        inner = torch.nn.functional.avg_pool2d(batch.crowd, 3, 1, 1)
+        assert (bright[(inner > 0.99) & known] > 0.4).all()
+        assert (bright[(inner < 0.01) & known] < 0.3).all()
+        assert crowd.any()
+        brightest = torch.nn.functional.max_pool2d(batch.image.amax(dim=1, keepdim=True), 4)
+        assert not known[brightest == 0.0].any()  # black is outside the frame: frames have noise everywhere
+
+
+def test_a_crop_is_as_sharp_as_its_frame():
+    """Stripes with a period of 4 pixels, moved by a part of one: bilinear values lose up to 1 - cos(45 deg)
+    = 29 % of their contrast, bicubic ones up to 1 - 2 * (0.59375 + 0.09375) * cos(45 deg) = 2.8 %."""
+    stripes = (128 + 100 * np.cos(np.arange(128) * math.pi / 2)).astype(np.uint8)
+    images = np.broadcast_to(stripes[None, None, :, None], (2, 96, 128, 3)).copy()
+    labels = np.zeros((2, 1, 48, 64), np.uint8)
+    frames = StoredMission("stripes", images, labels, np.ones(labels.shape, np.bool_), ())
+    sampler = CropSampler([frames], CropPlan(height=48, width=64, scale=(1.0, 1.0), rotation_deg=0.0))
+    rng = np.random.default_rng(3)
+    wave = torch.exp(-0.5j * math.pi * torch.arange(56.0))
+    for _ in range(10):
+        rows = sampler.draw(2, rng, CPU).image[:, 0, 20, 4:60]
+        amplitude = (rows * wave).mean(dim=1).abs() * 2.0 * 255.0
+        assert (amplitude > 96.5).all() and (amplitude < 101.0).all()
+
+
+def test_labels_of_small_crowds_survive_the_turn_of_a_crop():
+    """White discs of 5 pixels: what is white in half of a cell's pixels is what the label says."""
+    rng = np.random.default_rng(4)
+    rows, columns = np.mgrid[:96, :128] + 0.5
+    images = np.full((4, 96, 128, 3), 5, np.uint8)
+    for image in images:
+        for row, column in rng.uniform((0, 0), (96, 128), (12, 2)):
+            image[(rows - row) ** 2 + (columns - column) ** 2 < 25.0] = 255
+    share = (images[:, None, :, :, 0] > 127).reshape(4, 1, 48, 2, 64, 2).mean(axis=(3, 5))
+    labels = np.rint(share * 255).astype(np.uint8)
+    frames = StoredMission("discs", images, labels, np.ones(labels.shape, np.bool_), ())
+    sampler = CropSampler([frames], CropPlan(height=64, width=64, scale=(0.6, 1.6), rotation_deg=20.0))
+    both = either = 0
+    for _ in range(30):
+        batch = sampler.draw(4, rng, CPU)
+        white = torch.nn.functional.avg_pool2d((batch.image[:, :1] > 0.5).float(), 4) >= 0.5
+        crowd, known = batch.crowd > 0.5, batch.known > 0.5
+        both += int((crowd & white & known).sum())
+        either += int(((crowd | white) & known).sum())
+    assert either > 1000
+    assert both > 0.9 * either  # labels that are no finer than cells reach .81 to .86
+
+
+def test_unknown_cells_and_cells_outside_the_frame_teach_nothing():
+    logits = torch.tensor([[[[5.0, -5.0], [0.0, 9.0]]]])
+    crowd = torch.tensor([[[[1.0, 0.0], [1.0, 0.0]]]])
+    known = torch.tensor([[[[1.0, 1.0], [1.0, 0.0]]]])
+    by_hand = (2 * math.log1p(math.exp(-5.0)) + math.log(2.0)) / 3
+    assert float(crowd_loss(logits, crowd, known, dice_weight=0.0)) == pytest.approx(by_hand, rel=1e-5)
+    p = 1 / (1 + math.exp(-5.0))
+    dice = (2 * (p + 0.5) + 1) / ((p + (1 - p) + 0.5) + 2 + 1)
+    assert float(crowd_loss(logits, crowd, known, dice_weight=0.5)) == pytest.approx(
+        by_hand + 0.5 * (1 - dice), rel=1e-5
+    )
+
+
+def test_augmentation_keeps_range_and_place():
+    rng = np.random.default_rng(5)
+    image = torch.zeros(16, 3, 64, 64)
+    image[:, :, 16:48, 16:48] = 0.8
+    for _ in range(5):
+        changed = varied(image.clone(), rng)
+        assert changed.shape == image.shape
+        assert float(changed.min()) >= 0.0 and float(changed.max()) <= 1.0
+        contrast = changed[:, :, 20:44, 20:44].mean(dim=(1, 2, 3)) - changed[:, :, :, :12].mean(dim=(1, 2, 3))
+        assert (contrast > 0).float().mean() > 0.9  # the square is still the bright part
+
+
+def test_augmentation_shows_softer_and_sharper_pictures():
+    rng = np.random.default_rng(6)
+    image = torch.from_numpy(rng.random((90, 3, 48, 48), np.float32))
+    soft = torch.nn.functional.avg_pool2d(image, 3, 1, 1)  # so that there is something to sharpen
+
+    def contrast(pictures: torch.Tensor) -> torch.Tensor:
+        return (pictures[:, :, 8:40, 9:40] - pictures[:, :, 8:40, 8:39]).std(dim=(1, 2, 3))
+
+    change = contrast(_focused(soft.clone(), rng)) / contrast(soft)
+    sharper, softer = (change > 1.02).float().mean(), (change < 0.98).float().mean()
+    assert 0.2 < float(sharper) < 0.45 and 0.2 < float(softer) < 0.45  # a third each
+    assert float(change.min()) > 0.1 and float(change.max()) < 3.0
+
+
+def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
+    missions, held_out = [squares(1), squares(2)], [squares(3)]
+    whole = train(missions, held_out, PLAN)
+    assert whole.best.score.mean_iou > 0.6
+    assert whole.history[-1].loss < whole.history[0].loss
+
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(step: int) -> None:
+        if step == 120:  # after the checkpoint of step 100
+            raise Interrupted
+
+    checkpoint = tmp_path / "checkpoint"
+    with pytest.raises(Interrupted):
+        train(missions, held_out, PLAN, checkpoint=checkpoint, on_step=interrupt)
+    resumed = train(missions, held_out, PLAN, checkpoint=checkpoint, resume=True)
+    assert [one.step for one in resumed.history] == [50, 100, 150]
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+def test_weights_that_dice_made_too_sure_are_not_kept(monkeypatch: pytest.MonkeyPatch):
+    """Dice ends after step 15: of the scores 0.9 at step 10, 0.5 at 20 and 0.4 at 30 the last is kept."""
+    scores = iter((9, 5, 4))
+
+    def scripted(*_: object) -> ValidationScore:
+        hits = next(scores)
+        return ValidationScore(0.1, {"silhouettes": Confusion(hits, 10 - hits, 90, 0)})
+
+    monkeypatch.setattr("crowdfence.detector_training.trainer.validate", scripted)
+    plan = replace(PLAN, steps=30, validate_every=10, calm_share=0.5)
+    trained = train([squares(1)], [squares(3)], plan)
+    assert [one.score.iou("silhouettes") for one in trained.history] == [0.9, 0.5, 0.4]
+    assert trained.best.step == 30
+
+
+def test_a_checkpoint_of_another_plan_is_refused(tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint"
+    train([squares(1)], [squares(2)], replace(PLAN, steps=2, validate_every=2), checkpoint=checkpoint)
+    with pytest.raises(ValueError, match="another training: steps"):
+        train(
+            [squares(1)],
+            [squares(2)],
+            replace(PLAN, steps=3, validate_every=2),
+            checkpoint=checkpoint,
+            resume=True,
+        )
+
+
+def test_a_training_can_start_from_another(tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint"
+    earlier = train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint)
+    later = train(
+        [squares(1)],
+        [squares(2)],
+        replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9),
+        initial=checkpoint,
+    )
+    assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
+    with pytest.raises(ValueError, match="trained with width 0.25, this training has 0.5"):
+        train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
+
+
+def test_training_stops_when_validation_does_not_improve():
+    plan = replace(PLAN, steps=200, validate_every=2, patience=2, learning_rate=1e-9, calm_share=0.0)
+    stopped = train([squares(1)], [squares(2)], plan)
+    assert stopped.stopped_early and stopped.history[-1].step < 200
+
+
+def test_training_without_validation_is_refused():
+    with pytest.raises(ValueError, match="at least one validation mission"):
+        train([squares(1)], [], PLAN)
+
+
+def test_validation_counts_known_cells_by_hand():
+    mission = squares(4, frames=1)
+    known = mission.known.copy()
+    known[:, :, :, :32] = False  # the left half: 16 of 32 columns of cells, two labels each
+    half = replace_known(mission, known)
+    network = CrowdNet(1, width=0.25)
+    torch.nn.init.zeros_(network.logit.weight)
+    torch.nn.init.constant_(network.logit.bias, 4.0)  # everything is crowd, it says
+    score = validate(network, [half], ["silhouettes"], CPU)
+    crowd = int((mission.crowd[:, :, ::2, 32::2] > 127).sum())  # squares are whole cells
+    assert score.cells["silhouettes"].true_positives == crowd
+    assert score.cells["silhouettes"].false_positives == 24 * 16 - crowd
+    assert score.iou("silhouettes") == pytest.approx(crowd / (24 * 16))
+
+
+def replace_known(mission: StoredMission, known: np.ndarray) -> StoredMission:
+    return StoredMission(mission.name, mission.images, mission.crowd, known, ())
+
+
+def test_the_exported_model_is_the_network(tmp_path: Path):
+    pytest.importorskip("onnxscript")
+    import onnxruntime
+
+    from crowdfence.cli.train import _contract
+    from crowdfence.detector.contract.contract import Contract
+    from crowdfence.detector_training.onnx_export import export_onnx
+
+    torch.manual_seed(3)
+    network = CrowdNet(2, width=0.5)
+    for module in network.modules():  # statistics as after a training, not the neutral ones
+        if isinstance(module, torch.nn.BatchNorm2d):
+            module.running_mean.uniform_(-0.5, 0.5)
+            module.running_var.uniform_(0.5, 2.0)
+    network.eval()
+    contract = _contract(tmp_path / "tiny.onnx", TrainingPlan(targets=("ground",)), {"parameters": 1}, None)
+    export_onnx(network, 1, contract, tmp_path / "tiny.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "tiny.onnx", providers=["CPUExecutionProvider"])
+    stored = json.loads(session.get_modelmeta().custom_metadata_map["crowdfence"])
+    assert Contract.from_json(stored) == contract
+    rng = np.random.default_rng(0)
+    for shape in ((1, 48, 64, 3), (3, 32, 80, 3)):  # batch and sides are free
+        pictures = rng.integers(0, 256, shape, np.uint8)
+        (heatmap,) = session.run(None, {"image": pictures})
+        with torch.no_grad():
+            pixels = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255.0
+            expected = torch.sigmoid(network(pixels)[:, 1:2]).numpy()
+        assert heatmap.dtype == np.float32
+        np.testing.assert_allclose(heatmap, expected, atol=2e-6)

@@ -1,0 +1,50 @@
+"""The recipe of the shipped detector: its missions can be simulated and are kept apart."""
+
+import importlib.util
+import re
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "training"
+RECIPE = FOLDER / "simulate_missions.py"
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    spec = importlib.util.spec_from_file_location("simulate_missions", RECIPE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_mission_is_a_valid_scenario(recipe):
+    scenarios = {name: recipe.scenario_of(mission) for name, mission in recipe.missions()}
+    assert all(scenario.camera.width == 640 for scenario in scenarios.values())
+    kinds = {name.split("/")[1].split("-")[0] for name in scenarios}
+    assert kinds == {"race", "festival", "street", "beach", "empty", "roadside"}
+
+
+def test_there_are_as_many_missions_as_the_page_says(recipe):
+    """The table of training/README.md: missions by group, and those of the scenario beside it."""
+    names = [name.split("/") for name, _ in recipe.missions()]
+    counts = Counter(group for group, _ in names)
+    groups = ("train", "validation", "calibration", "test-unseen-season", "test-known-seasons")
+    rows = {
+        match[1]: [int(number) for number in re.findall(r"\d+", match[2])]
+        for match in re.finditer(r"^\| `(\S+)` \| (.*) \|$", (FOLDER / "README.md").read_text(), re.MULTILINE)
+    }
+    assert set(counts) == set(groups)
+    assert [counts[group] for group in groups] == rows["missions.toml"]
+    assert sum(mission.startswith("roadside") for _, mission in names) == rows["roadside.toml"][0]
+
+
+def test_no_world_and_no_autumn_of_the_judging_missions_is_ever_trained_on(recipe):
+    groups, seasons = defaultdict(set), defaultdict(set)
+    for name, mission in recipe.missions():
+        groups[mission["seed"]].add(name.split("/")[0])
+        seasons[name.split("/")[0]].add(recipe.scenario_of(mission).season)
+    assert all(len(found) == 1 for found in groups.values()), "a seed is a world: one group only"
+    assert seasons["test-unseen-season"] == {"autumn"}
+    assert all("autumn" not in found for group, found in seasons.items() if group != "test-unseen-season")

@@ -1,0 +1,169 @@
+"""Zones as GeoJSON, read back with `json` and shapely and compared with closed-form geodesy."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from crowdfence.exports.geojson import write_geojson
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.georeference import Georeference
+from crowdfence.surface_grid import SurfaceGrid
+from crowdfence.zones import find_zones
+from support.small_grids import flat_grid
+from support.wgs84_by_hand import ground_point
+
+STAMP_NS = 1_760_000_009_500_000_001
+DESCRIPTION = MapDescription(
+    STAMP_NS, 0.5, "paper", {"alpha": 0.1}, STAMP_NS - 9_000_000_000, ("uav1", "uav2"), "race"
+)
+
+
+def written(
+    tmp_path: Path, grid: SurfaceGrid, anchor: Georeference | None, min_area_m2: float = 0.0
+) -> dict[str, Any]:
+    path = tmp_path / "zones.geojson"
+    write_geojson(path, find_zones(grid, 0.5, min_area_m2=min_area_m2), DESCRIPTION, anchor)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert isinstance(document, dict)
+    return document
+
+
+def ring_area(ring: list[list[float]]) -> float:
+    """Shoelace formula: positive = counter-clockwise."""
+    x, y = np.array(ring).T
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2)
+
+
+def polygons(geometry: dict[str, Any]) -> list[list[list[list[float]]]]:
+    return [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
+
+
+def test_corners_lie_within_a_centimetre_of_the_closed_form(tmp_path: Path) -> None:
+    anchor = (46.5, 8.0, 1200.0)
+    # One 2 m cell, 1 km east and 500 m north of the anchor, ground between 30 and 32 m local height.
+    grid = flat_grid(np.array([[0.9]]), 2.0, (1000.0, 500.0, 30.0))
+    (feature,) = written(tmp_path, grid, Georeference(*anchor))["features"]
+    (ring,) = feature["geometry"]["coordinates"]
+    corners = [ground_point(anchor, latitude, longitude, 31.0) for longitude, latitude in ring]
+    expected = np.array([(1000, 500), (1002, 500), (1002, 502), (1000, 502)])
+    assert len(corners) == 5 and ring[0] == ring[-1]
+    for corner in expected:
+        assert min(np.hypot(*(point[:2] - corner)) for point in corners) < 0.01
+
+
+@settings(max_examples=40)
+@given(
+    crowd=hnp.arrays(bool, st.tuples(st.integers(1, 7), st.integers(1, 7))).filter(np.any),
+    anchor=st.tuples(st.floats(-80, 80), st.floats(-180, 180), st.floats(-100, 4000)),
+    cell_size_m=st.sampled_from([0.1, 1.0, 60.0]),
+    corner=st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000), st.floats(-50, 50)),
+)
+def test_no_part_of_a_crowd_cell_is_cut_away(
+    tmp_path_factory: pytest.TempPathFactory,
+    crowd: NDArray[np.bool_],
+    anchor: tuple[float, float, float],
+    cell_size_m: float,
+    corner: tuple[float, float, float],
+) -> None:
+    grid = flat_grid(crowd.astype(float), cell_size_m, corner)
+    document = written(tmp_path_factory.mktemp("zones"), grid, Georeference(*anchor))
+    # Back to local metres at the lowest and highest ground, edges cut fine because they bow.
+    for up_m in (corner[2], corner[2] + cell_size_m):
+        local = shapely.union_all(
+            [
+                _to_local(polygon, anchor, up_m)
+                for feature in document["features"]
+                for polygon in polygons(feature["geometry"])
+            ]
+        )
+        for i, j in np.argwhere(crowd):
+            x, y = grid.east_edges_m[i : i + 2], grid.north_edges_m[j : j + 2]
+            assert shapely.box(x[0], y[0], x[1], y[1]).difference(local).area < 1e-6
+        assert local.area < crowd.sum() * (cell_size_m + 0.05) ** 2
+
+
+def _to_local(
+    rings: list[list[list[float]]], anchor: tuple[float, float, float], up_m: float
+) -> shapely.Polygon:
+    geographic = shapely.Polygon(rings[0], rings[1:])
+    fine = shapely.segmentize(geographic, 5.0 / 111_000)
+    return shapely.transform(
+        fine,
+        lambda points: ground_point(anchor, points[:, 1], points[:, 0], up_m)[:, :2],
+    )
+
+
+def test_rings_follow_the_right_hand_rule(tmp_path: Path) -> None:
+    crowd = np.ones((3, 3))
+    crowd[1, 1] = 0.0
+    document = written(tmp_path, flat_grid(crowd), Georeference(46.5, 8.0, 0.0))
+    outer, hole = document["features"][0]["geometry"]["coordinates"]
+    assert ring_area(outer) > 0 > ring_area(hole)
+
+
+def test_a_zone_across_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
+    grid = flat_grid(np.full((10, 4), 0.9), 1.0, (-5.0, 0.0, 0.0))
+    document = written(tmp_path, grid, Georeference(-17.0, 180.0, 0.0))
+    geometry = document["features"][0]["geometry"]
+    assert geometry["type"] == "MultiPolygon"
+    spans = sorted((min(p[0]), max(p[0])) for p in (np.array(r[0]).T for r in geometry["coordinates"]))
+    assert spans[0][0] >= -180 and spans[0][1] < -179.99
+    assert spans[1][0] > 179.99 and spans[1][1] <= 180
+    areas = [abs(ring_area(rings[0])) for rings in geometry["coordinates"]]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-3)
+
+
+def test_a_feature_explains_itself(tmp_path: Path) -> None:
+    probability = np.array([[0.6, 0.9, 0.0, 0.7]])
+    stamps = STAMP_NS - np.array([[4_000_000_000, 500_000_000, 0, 0]])
+    grid = flat_grid(probability, 2.0, (0.0, 0.0, 10.0), stamps)
+    document = written(tmp_path, grid, Georeference(46.5, 8.0, 1200.0), min_area_m2=5.0)
+    assert document["type"] == "FeatureCollection" and "crs" not in document
+    assert document["crowdfence"]["dropped_regions"] == 1
+    assert document["crowdfence"]["dropped_area_m2"] == 4.0
+    assert document["crowdfence"]["parameters"] == {"alpha": 0.1}
+    (feature,) = document["features"]
+    properties = feature["properties"]
+    assert feature["id"] == properties["id"] == "Z1"
+    assert properties["stamp_utc"] == "2025-10-09T08:53:29.500000001Z"
+    assert properties["stamp_ns"] == STAMP_NS
+    assert properties["area_m2"] == 8.0
+    assert (properties["probability_max"], properties["probability_mean"]) == (0.9, 0.75)
+    assert (properties["last_seen_age_s"], properties["oldest_look_age_s"]) == (0.5, 4.0)
+    assert (properties["ground_lower_m"], properties["ground_upper_m"]) == (10.0, 12.0)
+    # Ten metres above the anchor's plane, at the anchor.
+    assert properties["ground_lower_wgs84_m"] == pytest.approx(1210.0, abs=0.0011)
+    assert properties["ground_upper_wgs84_m"] == pytest.approx(1212.0, abs=0.0011)
+
+
+def test_without_a_georeference_the_file_says_so_and_holds_exact_metres(tmp_path: Path) -> None:
+    document = written(tmp_path, flat_grid(np.array([[0.9]]), 0.3, (500.0, -7.0, 0.0)), None)
+    assert document["crs"] is None
+    assert document["coordinate_frame"]["georeferenced"] is False
+    (ring,) = document["features"][0]["geometry"]["coordinates"]
+    assert {tuple(corner) for corner in ring} == {(500.0, -7.0), (500.3, -7.0), (500.3, -6.7), (500.0, -6.7)}
+    assert ring_area(ring) > 0
+
+
+def test_no_zones_is_a_valid_file_that_warns(tmp_path: Path) -> None:
+    document = written(tmp_path, flat_grid(np.full((2, 2), np.nan)), Georeference(0.0, 0.0, 0.0))
+    assert document["features"] == []
+    assert "not known to be free" in document["crowdfence"]["outside"]
+
+
+def test_a_pole_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
+    path = tmp_path / "zones.geojson"
+    path.write_text("old")
+    zones = find_zones(flat_grid(np.array([[0.9]])), 0.5)
+    with pytest.raises(ValueError, match=r"zone Z1 reaches latitude 89\.99"):
+        write_geojson(path, zones, DESCRIPTION, Georeference(89.995, 8.0, 0.0))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]

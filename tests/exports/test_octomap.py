@@ -1,0 +1,80 @@
+"""OctoMap exports, read back by the OctoMap library itself (pyoctomap)."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyoctomap
+import pytest
+from numpy.typing import NDArray
+
+from crowdfence import Georeference, Terrain, VoxelState
+from crowdfence.exports.colours import STATE_COLOURS
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
+
+DESCRIPTION = MapDescription(1_760_000_009_500_000_001, 0.5, "paper", mission='two\nlines # and "quotes"')
+ORIGIN = (100.0, -20.0, 7.0)
+
+
+@pytest.fixture
+def terrain() -> Terrain:
+    occupied = np.zeros((3, 2, 2), dtype=bool)
+    occupied[:, :, 0] = True
+    occupied[0, 0, 1] = True
+    return Terrain.from_occupancy(occupied, 0.5, ORIGIN)
+
+
+def tree_centres(terrain: Terrain) -> NDArray[np.float64]:
+    return terrain.voxel_centers(np.arange(terrain.voxel_count)) - ORIGIN
+
+
+def comment(path: Path) -> dict[str, object]:
+    lines = path.read_bytes().split(b"\n", 2)
+    assert lines[1].startswith(b"# crowdfence ")
+    content = json.loads(lines[1].removeprefix(b"# crowdfence "))
+    assert isinstance(content, dict)
+    return content
+
+
+def test_the_terrain_file_holds_exactly_the_voxels(tmp_path: Path, terrain: Terrain) -> None:
+    path = tmp_path / "terrain.bt"
+    write_terrain_octomap(path, terrain)
+    tree = pyoctomap.OcTree(0.1)
+    assert tree.readBinary(str(path))
+    assert tree.getResolution() == 0.5
+    for centre in tree_centres(terrain):
+        assert tree.isNodeOccupied(tree.search(centre))
+    assert tree.search(np.array([1.25, 0.75, 0.75])) is None
+    assert comment(path)["origin_m"] == list(ORIGIN)
+    again = Terrain.from_octomap(path.read_bytes(), origin=ORIGIN)
+    assert again.voxel_count == 7
+
+
+def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path, terrain: Terrain) -> None:
+    terrain.georeference = Georeference(46.5, 8.0, 1200.0)
+    never, occluded, empty, stale, crowd = VoxelState
+    state = np.array([never, occluded, empty, stale, crowd, crowd, empty])
+    # A never seen voxel with a high initial value must not look like crowd.
+    probability = np.array([0.9, 0.9, 0.0, 0.0, 0.5, 1.0, 0.25])
+    path = tmp_path / "crowd_map.ot"
+    write_coloured_octomap(path, terrain, probability, state, DESCRIPTION)
+    tree = pyoctomap.ColorOcTree(0.1)
+    tree = tree.read(str(path)) or tree
+    nodes = [tree.search(centre) for centre in tree_centres(terrain)]
+    # Seen and empty ground is ground, not free space.
+    assert all(tree.isNodeOccupied(node) for node in nodes)
+    colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes]
+    assert colours[:4] == [STATE_COLOURS[known] for known in (never, occluded, empty, stale)]
+    assert colours[4] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
+    assert colours[5] == (112, 8, 38)  # certain: its dark red end
+    content = comment(path)
+    assert content["mission"] == DESCRIPTION.mission
+    assert content["anchor_wgs84"] == [46.5, 8.0, 1200.0]
+    assert content["stamp_utc"] == "2025-10-09T08:53:29.500000001Z"
+
+
+def test_arrays_of_another_terrain_are_refused(tmp_path: Path, terrain: Terrain) -> None:
+    with pytest.raises(ValueError, match=r"state must have shape \[7\], got \[6\]"):
+        write_coloured_octomap(tmp_path / "x.ot", terrain, np.zeros(7), np.zeros(6), DESCRIPTION)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,166 @@
+"""The picture, decoded again: its size and, coarsely, which colours are where."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from crowdfence import Camera, Georeference, Terrain, View, VoxelState
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.picture import DroneTrack, ground_footprint, interesting_extent, write_picture
+from crowdfence.exports.picture.relief import OFF_MAP, Extent, shaded_ground
+from crowdfence.exports.picture.scale_bar import emptiest_corner, scale_length_m
+from crowdfence.surface_grid import SurfaceGrid
+from crowdfence.zones import find_zones
+from support.small_grids import flat_grid
+
+DESCRIPTION = MapDescription(
+    1_760_000_009_500_000_000, 0.5, "paper", first_stamp_ns=1_760_000_000_000_000_000, drones=("uav1",)
+)
+
+
+def seen_square(size: int = 100) -> NDArray[np.float64]:
+    """Never seen, except a square of empty ground in the middle with crowd in its south-west corner."""
+    probability = np.full((size, size), np.nan)
+    probability[20:80, 20:80] = 0.0
+    probability[24:34, 24:34] = 1.0
+    return probability
+
+
+def crowd_grid(probability: NDArray[np.float64], cell_size_m: float = 1.0) -> SurfaceGrid:
+    grid = flat_grid(probability, cell_size_m)
+    grid.state[grid.probability >= 0.5] = VoxelState.CROWD
+    return grid
+
+
+def is_crowd_red(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    red, green, blue = np.moveaxis(pixels[..., :3].astype(int), -1, 0)
+    return (red > 80) & (red > green + 60) & (red > blue + 40)
+
+
+def is_green(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    red, green, _ = np.moveaxis(pixels[..., :3].astype(int), -1, 0)
+    return green > red + 20
+
+
+def is_grey(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    return np.ptp(pixels[..., :3].astype(int), axis=-1) < 12
+
+
+def test_ground_pixels_have_the_colour_of_their_state() -> None:
+    grid = crowd_grid(seen_square())
+    image = shaded_ground(grid, 0.5, Extent(0.0, 0.0, 100.0, 100.0), 400).image
+    assert image.shape == (400, 400, 3)
+    # Row 0 is north: cell (i, j) covers columns 4 i .. 4 i + 3 and rows 396 - 4 j .. 399 - 4 j.
+    np.testing.assert_array_equal(is_crowd_red(image)[::-1].T[2::4, 2::4], grid.state == VoxelState.CROWD)
+    np.testing.assert_array_equal(is_green(image)[::-1].T[2::4, 2::4], grid.state == VoxelState.EMPTY)
+    unseen = image[:60]
+    assert is_grey(unseen).all()
+    assert len(np.unique(unseen.reshape(-1, 3), axis=0)) > 1  # hatched, not flat
+
+
+def test_one_crowd_column_survives_any_reduction() -> None:
+    probability = np.zeros((600, 600))
+    probability[281, 133] = 0.9
+    image = shaded_ground(crowd_grid(probability), 0.5, Extent(0.0, 0.0, 600.0, 600.0), 60).image
+    rows, columns = np.nonzero(is_crowd_red(image))
+    assert len(rows) >= 1
+    assert np.abs(columns - 28).max() <= 1 and np.abs(59 - rows - 13).max() <= 1
+
+
+def test_slopes_towards_the_light_are_brighter() -> None:
+    # A ridge from north-east to south-west: its north-western side faces the light.
+    i, j = np.indices((60, 60))
+    indices = np.stack([i, j, 40 - np.abs(i - j)], axis=-1).reshape(-1, 3)
+    grid = SurfaceGrid.from_voxels(
+        indices, 1.0, (0.0, 0.0, 0.0), np.zeros(3600), np.full(3600, VoxelState.EMPTY)
+    )
+    image = shaded_ground(grid, 0.5, Extent(0.0, 0.0, 60.0, 60.0), 60).image.astype(float)
+    assert image[10:20, 10:20].mean() > image[40:50, 40:50].mean() + 30
+
+
+def test_outside_the_terrain_is_blank() -> None:
+    image = shaded_ground(crowd_grid(np.zeros((10, 10))), 0.5, Extent(-10.0, 0.0, 10.0, 10.0), 40).image
+    assert (image[:, :20] == OFF_MAP).all()
+    assert is_green(image[:, 20:]).all()
+
+
+def test_a_picture_decodes_and_shows_crowd_and_unseen_ground(tmp_path: Path) -> None:
+    grid = crowd_grid(seen_square())
+    track = DroneTrack(
+        "uav1",
+        np.array([(60.0, 60.0, 30.0), (70.0, 65.0, 30.0)]),
+        np.array([(50.0, 50.0), (60.0, 50.0), (55.0, 60.0)]),
+    )
+    path = tmp_path / "map.png"
+    write_picture(
+        path,
+        grid,
+        find_zones(grid, 0.5),
+        DESCRIPTION,
+        tracks=[track],
+        georeference=Georeference(46.5, 8.0, 1200.0),
+    )
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture)
+    height, width = pixels.shape[:2]
+    assert width == 1600 and 800 < height < 1500
+    left, right = pixels[:, : width // 2], pixels[:, width // 2 : 1200]
+    # The crowd lies in the south-west of the map: in the left half, below the middle.
+    assert is_crowd_red(left[height // 2 :]).sum() > 10_000
+    assert is_crowd_red(right[height // 4 :]).sum() < 1_000
+    assert is_green(pixels).sum() > 100_000
+    assert is_grey(pixels).sum() > 100_000
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("probability", [np.full((5, 5), np.nan), np.zeros((1, 1)), np.ones((3, 40))])
+def test_unusual_maps_make_pictures_too(tmp_path: Path, probability: NDArray[np.float64]) -> None:
+    grid = crowd_grid(probability)
+    path = tmp_path / "map.png"
+    write_picture(path, grid, find_zones(grid, 0.5), DESCRIPTION, width_px=900)
+    with Image.open(path) as picture:
+        assert picture.width == 900
+
+
+def test_the_crop_keeps_every_crowd_cell_and_track() -> None:
+    probability = np.full((400, 400), np.nan)
+    probability[100:200, 100:200] = 0.0
+    probability[390, 5] = 1.0  # one far column
+    grid = crowd_grid(probability)
+    hover = DroneTrack("uav1", np.array([(-30.0, 150.0, 20.0)]))
+    extent = interesting_extent(grid, [hover])
+    assert extent.west < -30 and extent.east > 391
+    assert extent.south < 5 and extent.north > 196
+
+
+def test_a_footprint_of_a_camera_that_looks_down() -> None:
+    terrain = Terrain.from_occupancy(np.ones((100, 100, 1), dtype=bool), 1.0, (-50.0, -50.0, -1.0))
+    camera = Camera.pinhole(200, 100, 100.0, 100.0, 100.0, 50.0)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])  # x right = east, y down = south, z forward = down
+    pose[:3, 3] = (10.0, 5.0, 20.0)
+    view = View("uav1", 0, camera, pose, np.zeros((100, 200), dtype=np.float32))
+    outline = ground_footprint(view, terrain, 100.0)
+    # 20 m up, half a picture is 1 x 0.5 of the height: 20 m to either side, 10 m ahead and behind.
+    np.testing.assert_allclose(outline.min(axis=0), (-10.0, -5.0), atol=0.2)
+    np.testing.assert_allclose(outline.max(axis=0), (30.0, 15.0), atol=0.2)
+    pose[:3, :3] = np.diag([1.0, 1.0, 1.0])  # towards the sky
+    assert ground_footprint(View("uav1", 0, camera, pose, view.heatmap), terrain, 100.0).shape == (0, 2)
+
+
+def test_scale_bar_length_and_place() -> None:
+    assert [scale_length_m(width) for width in (10.0, 100.0, 249.0, 250.0, 6000.0)] == [2, 20, 20, 50, 1000]
+    extent = Extent(0.0, 0.0, 100.0, 80.0)
+    assert emptiest_corner(extent, np.array([(90.0, 10.0), (10.0, 10.0), (85.0, 70.0)])) == (0, 1)
+
+
+def test_bad_arguments_are_refused(tmp_path: Path) -> None:
+    grid = crowd_grid(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="width_px must be at least 900"):
+        write_picture(tmp_path / "map.png", grid, find_zones(grid, 0.5), DESCRIPTION, width_px=10)
+    with pytest.raises(ValueError, match="the track of uav1 has no positions"):
+        DroneTrack("uav1", np.empty((0, 3)))
+    with pytest.raises(ValueError, match=r"positions of uav1 must be finite and of shape \[N, 3\]"):
+        DroneTrack("uav1", np.array([(0.0, 0.0, np.nan)]))

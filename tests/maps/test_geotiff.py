@@ -1,0 +1,407 @@
+"""Height models: the surface must come back at the right place, whatever the file's frame and units are."""
+
+import math
+
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+from rasterio.transform import Affine, from_origin
+
+from crowdfence import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps.tangent_grid import LocalGrid, resample
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::PendingDeprecationWarning", "ignore::rasterio.errors.NotGeoreferencedWarning"
+)
+
+FOOT_M = 0.3048
+ALPS = Georeference(46.5, 8.0, 1200.0)
+
+
+def write_tif(path, heights, crs, transform, **profile):
+    """`heights` [rows, columns]."""
+    bands = np.atleast_3d(heights.T).T if heights.ndim == 2 else heights
+    profile = {"dtype": "float32", "nodata": -9999.0} | profile
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        height=bands.shape[1],
+        width=bands.shape[2],
+        count=bands.shape[0],
+        crs=crs,
+        transform=transform,
+        **profile,
+    ) as dataset:
+        dataset.write(bands.astype(profile["dtype"]))
+    return path
+
+
+def applied(affine, column, row):
+    return affine.a * column + affine.b * row + affine.c, affine.d * column + affine.e * row + affine.f
+
+
+def plane_heights(shape, transform, plane):
+    rows, columns = np.mgrid[: shape[0], : shape[1]] + 0.5
+    return plane(*applied(transform, columns, rows))
+
+
+def columns_of(terrain):
+    """Top voxel of every column: (east, north) of the column's middle [N, 2], z of the voxel's middle [N]."""
+    indices = terrain.voxel_indices(np.arange(terrain.voxel_count))
+    columns, place = np.unique(indices[:, :2], axis=0, return_inverse=True)
+    top = np.full(len(columns), -(2**60))
+    np.maximum.at(top, place, indices[:, 2])
+    origin, size = np.array(terrain.origin), terrain.voxel_size_m
+    return origin[:2] + (columns + 0.5) * size, origin[2] + (top + 0.5) * size
+
+
+def assert_is_plane(terrain, crs, transform, shape, plane, metres_per_height, tolerance_m):
+    """Back from the voxels to the file's coordinates by PROJ's own steps, then against the plane."""
+    plan, z = columns_of(terrain)
+    latitude, longitude, height_m = terrain.georeference.geodetic_from_local(np.column_stack([plan, z]))
+    x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(longitude, latitude)
+    column, row = applied(~transform, x, y)
+    # Between the outermost pixel centres; beyond them heights continue level.
+    known = (column > 0.5) & (column < shape[1] - 0.5) & (row > 0.5) & (row < shape[0] - 0.5)
+    assert known.sum() > 1000
+    error_m = height_m - plane(x, y) * metres_per_height
+    assert np.abs(error_m[known]).max() < tolerance_m
+    pixel_area_m2 = known.sum() * terrain.voxel_size_m**2 / ((shape[0] - 1) * (shape[1] - 1))
+    return pixel_area_m2
+
+
+SHAPE = (24, 30)
+COS_25, SIN_25 = math.cos(math.radians(25)), math.sin(math.radians(25))
+UTM = ("EPSG:32632", 423_250.0, 5_150_020.0)
+UTM_ANCHOR = Georeference.from_projected("EPSG:32632", 423_250.0, 5_150_020.0, 90.0)
+FAR_ANCHOR = Georeference.from_projected("EPSG:32632", 405_250.0, 5_140_020.0, 300.0)
+OREGON_ANCHOR = Georeference.from_projected("EPSG:2994", 636_000.0, 849_000.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("crs", "transform", "slope", "anchor", "metres_per_height", "pixel_area_m2"),
+    [
+        pytest.param(UTM[0], from_origin(*UTM[1:], 0.1, 0.1), (0.3, -0.2), UTM_ANCHOR, 1, 0.01, id="utm"),
+        pytest.param(
+            UTM[0], from_origin(*UTM[1:], 0.1, 0.1), (0.3, -0.2), FAR_ANCHOR, 1, 0.01, id="20-km-away"
+        ),
+        pytest.param(
+            UTM[0],
+            # Columns run 25 degrees north of east, rows to their left.
+            Affine(0.1 * COS_25, -0.12 * SIN_25, UTM[1], 0.1 * SIN_25, 0.12 * COS_25, UTM[2]),
+            (0.1, 0.4),
+            UTM_ANCHOR,
+            1,
+            0.012,
+            id="rotated-and-south-up",
+        ),
+        pytest.param(
+            "EPSG:4326",
+            from_origin(8.0, 46.5, 1.3e-6, 9e-7),
+            (2e4, 3e4),
+            Georeference(46.5, 8.0, 90.0),
+            1,
+            # A degree is 111.16 km along this meridian and 76.76 km along this parallel (WGS84 radii of
+            # curvature 6369.2 and 6389.3 km).
+            1.3e-6 * 76_760 * 9e-7 * 111_160,
+            id="degrees",
+        ),
+        pytest.param(
+            "EPSG:2994",
+            from_origin(636_000.0, 849_000.0, 0.35, 0.35),
+            (0.2, 0.1),
+            OREGON_ANCHOR,
+            FOOT_M,
+            (0.35 * FOOT_M) ** 2,
+            id="feet",
+        ),
+    ],
+)
+def test_a_sloping_plane_comes_back_to_a_centimetre(
+    tmp_path, crs, transform, slope, anchor, metres_per_height, pixel_area_m2
+):
+    def plane(x, y):
+        return 100 + slope[0] * (x - transform.c) + slope[1] * (y - transform.f)
+
+    path = write_tif(tmp_path / "plane.tif", plane_heights(SHAPE, transform, plane), crs, transform)
+    terrain = open_terrain(path, voxel_size_m=0.01, georeference=anchor)
+    assert terrain.georeference == anchor
+    # The surface passes through the top voxel, whose middle is thus within half a voxel (plus rounding).
+    area_m2 = assert_is_plane(terrain, crs, transform, SHAPE, plane, metres_per_height, tolerance_m=0.0075)
+    assert area_m2 == pytest.approx(pixel_area_m2, rel=0.02)
+
+
+def test_the_earth_curves_away_from_the_tangent_plane(tmp_path):
+    # Level ground 200 m above the ellipsoid, 30 km north of an anchor at 200 m. With the radius of curvature
+    # of the meridian at 46.5 degrees, 6369 km, it lies 30000^2 / (2 * 6369200) = 70.65 m below the plane.
+    anchor = Georeference(46.5, 9.0, 200.0)
+    x, y, _ = anchor.projected_from_local("EPSG:32632", [[0.0, 30_000.0, -70.65]])[0]
+    path = write_tif(
+        tmp_path / "level.tif", np.full((9, 9), 200.0), UTM[0], from_origin(x - 4.5, y + 4.5, 1, 1)
+    )
+    plan, z = columns_of(open_terrain(path, voxel_size_m=0.1, georeference=anchor))
+    np.testing.assert_allclose(plan.mean(axis=0), [0, 30_000], atol=0.2)
+    # The plumb line leans by 30 / 6369, so level ground falls 2 cm from the middle to the rim of the raster.
+    np.testing.assert_allclose(z, -70.65 - (plan[:, 1] - 30_000) * 30 / 6369, atol=0.06)
+
+
+def test_without_georeference_the_anchor_is_the_middle_at_the_lowest_height(tmp_path):
+    heights = np.full((10, 20), 412.7)
+    heights[3, 4] = 407.9
+    path = write_tif(tmp_path / "a.tif", heights, "EPSG:4326", from_origin(8.0, 46.5, 1e-4, 1e-4))
+    terrain = Terrain.open(path)
+    anchor = terrain.georeference
+    assert (anchor.longitude_deg, anchor.latitude_deg) == pytest.approx((8.001, 46.4995), abs=1e-12)
+    assert anchor.height_m == 407
+    # Pixels of 7.7 m x 11.1 m: the voxel takes the shorter side, to two digits.
+    assert terrain.voxel_size_m == 7.7
+    assert 0 <= terrain.bounds[0, 2] <= 0.9 <= terrain.bounds[1, 2]
+
+
+def local_map(tmp_path, heights, **profile):
+    """Pixels of 1 m in local metres, lower left corner at (10, 20)."""
+    transform = from_origin(10, 20 + heights.shape[-2], 1, 1)
+    return write_tif(tmp_path / "local.tif", heights, None, transform, **profile)
+
+
+def heights_by_column(terrain):
+    plan, z = columns_of(terrain)
+    return {(int(east // 1), int(north // 1)): float(up) for (east, north), up in zip(plan, z, strict=True)}
+
+
+@pytest.mark.parametrize("missing", [-9999.0, math.nan, math.inf])
+def test_missing_data_is_a_hole_of_its_own_size_and_never_height_zero(tmp_path, missing):
+    heights = np.full((5, 6), 50.0)
+    heights[1, 2] = heights[4, 5] = missing
+    columns = heights_by_column(open_terrain(local_map(tmp_path, heights), assume_local=True))
+    # Row 1 from the top is north 23, row 4 north 20; column 2 is east 12, column 5 east 15.
+    everywhere = {(10 + i, 20 + j) for i in range(6) for j in range(5)}
+    assert columns.keys() == everywhere - {(12, 23), (15, 20)}
+    assert set(columns.values()) == {50.5}
+
+
+def test_nothing_is_interpolated_across_a_hole(tmp_path):
+    heights = np.array([[10.0, 10.0, -9999.0, 90.0, 90.0]] * 3)
+    terrain = open_terrain(local_map(tmp_path, heights), assume_local=True, voxel_size_m=0.25)
+    plan, z = columns_of(terrain)
+    west, east = plan[:, 0] < 12, plan[:, 0] > 13
+    assert (west | east).all()
+    assert set(z[west]) == {10.125} and set(z[east]) == {90.125}
+
+
+def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path):
+    heights = np.full((5, 6), 50.0)
+    heights[3, 1] = -32768
+    path = local_map(tmp_path, heights, nodata=None)
+    with pytest.raises(MapError, match=r"height -32768\.0 at row 3, column 1 .*pass nodata=-32768\.0"):
+        open_terrain(path, assume_local=True)
+    assert len(heights_by_column(open_terrain(path, assume_local=True, nodata=-32768))) == 29
+
+
+def test_integer_heights_with_scale_and_offset(tmp_path):
+    path = local_map(tmp_path, np.full((3, 3), 125), dtype="int16", nodata=0)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales, dataset.offsets = [0.1], [500.0]
+    assert set(heights_by_column(open_terrain(path, assume_local=True)).values()) == {512.5}
+
+
+def test_a_local_map_may_be_given_a_place_on_earth(tmp_path):
+    path = local_map(tmp_path, np.full((3, 3), 5.0))
+    terrain = open_terrain(path, assume_local=True, georeference=ALPS)
+    assert terrain.georeference == ALPS
+    np.testing.assert_array_equal(terrain.bounds, [[10, 20, 5], [13, 23, 6]])
+    assert open_terrain(path, assume_local=True).georeference is None
+
+
+def test_local_metres_are_never_guessed(tmp_path):
+    path = local_map(tmp_path, np.full((3, 3), 5.0))
+    with pytest.raises(MapError, match=r"no coordinate reference system; pass crs=.* or assume_local=True"):
+        open_terrain(path)
+    utm = write_tif(tmp_path / "utm.tif", np.full((3, 3), 5.0), UTM[0], from_origin(*UTM[1:], 1, 1))
+    with pytest.raises(MapError, match=r"assume_local contradicts .*UTM zone 32N"):
+        open_terrain(utm, assume_local=True)
+    nowhere = write_tif(tmp_path / "nowhere.tif", np.full((3, 3), 5.0), UTM[0], Affine.identity())
+    with pytest.raises(MapError, match="no geotransform"):
+        open_terrain(nowhere)
+
+
+def test_a_stated_crs_stands_for_a_missing_one(tmp_path):
+    heights = np.full((8, 8), 640.0)
+    transform = from_origin(*UTM[1:], 1, 1)
+    known = open_terrain(write_tif(tmp_path / "a.tif", heights, UTM[0], transform))
+    stated = open_terrain(write_tif(tmp_path / "b.tif", heights, None, transform), crs=UTM[0])
+    assert stated.georeference == known.georeference
+    assert stated.fingerprint == known.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("crs", "label", "unit", "metres"),
+    [
+        ("EPSG:2994", None, "auto", FOOT_M),  # horizontal feet, nothing said about heights
+        ("EPSG:2994", None, "m", 1.0),
+        ("EPSG:2994", "metre", "auto", 1.0),
+        ("EPSG:32632", None, "auto", 1.0),
+        ("EPSG:32632", "US survey foot", "auto", 1200 / 3937),
+        ("EPSG:32632", None, "us-ft", 1200 / 3937),
+        ("EPSG:4326", None, "auto", 1.0),
+        ("EPSG:4326", "ft", "auto", FOOT_M),
+    ],
+)
+def test_units_of_heights(tmp_path, crs, label, unit, metres):
+    # A pixel large enough to hold a few voxels in every system.
+    x, y, size = {
+        "EPSG:2994": (636_000, 849_000, 10),
+        "EPSG:32632": (*UTM[1:], 5),
+        "EPSG:4326": (8, 46.5, 1e-4),
+    }[crs]
+    path = write_tif(tmp_path / "a.tif", np.full((2, 2), 1000.0), crs, from_origin(x, y, size, size))
+    if label:
+        with rasterio.open(path, "r+") as dataset:
+            dataset.units = [label]
+    terrain = open_terrain(path, voxel_size_m=0.5, height_unit=unit)
+    assert terrain.georeference.height_m == math.floor(1000 * metres)
+    assert terrain.bounds[0, 2] <= 1000 * metres % 1 <= terrain.bounds[1, 2]
+
+
+def test_an_unknown_unit_is_refused(tmp_path):
+    path = write_tif(tmp_path / "a.tif", np.full((2, 2), 10.0), UTM[0], from_origin(*UTM[1:], 1, 1))
+    with rasterio.open(path, "r+") as dataset:
+        dataset.units = ["fathom"]
+    with pytest.raises(MapError, match="'fathom'; pass height_unit"):
+        open_terrain(path)
+    with pytest.raises(MapError, match="height_unit is 'yard', must be"):
+        open_terrain(path, height_unit="yard")
+
+
+def test_heights_above_a_geoid_need_its_grid_or_an_offset(tmp_path):
+    path = write_tif(
+        tmp_path / "a.tif", np.full((4, 4), 500.0), "EPSG:32632+5773", from_origin(*UTM[1:], 1, 1)
+    )
+    try:
+        anchor = open_terrain(path).georeference
+    except MapError as error:
+        assert "geoid grid" in error.reason and "height_offset_m" in error.reason
+    else:  # the EGM96 grid is installed: the geoid lies 45-55 m above the ellipsoid there
+        assert 540 < anchor.height_m < 560
+    assert open_terrain(path, height_offset_m=48.25).georeference.height_m == 548
+
+
+def test_a_map_goes_on_across_the_date_line(tmp_path):
+    # Fiji: 40 pixels of 1e-5 degrees, half of them beyond 180 degrees east.
+    transform = from_origin(179.9998, -16.8, 1e-5, 1e-5)
+    path = write_tif(tmp_path / "a.tif", np.full((30, 40), 20.0), "EPSG:4326", transform)
+    terrain = open_terrain(path, voxel_size_m=1.0, georeference=Georeference(-16.80015, 180.0, 0.0))
+    # 1e-5 degrees are 1.066 m along this parallel: 21.3 m on each side.
+    np.testing.assert_allclose(terrain.bounds[:, 0], [-21, 21], atol=1.01)
+    assert len(columns_of(terrain)[0]) == pytest.approx(42.6 * 33.2, rel=0.03)
+
+
+def test_bands(tmp_path):
+    two = write_tif(
+        tmp_path / "two.tif",
+        np.stack([np.full((3, 3), 7.0), np.full((3, 3), 8.0)]),
+        None,
+        from_origin(0, 3, 1, 1),
+    )
+    with pytest.raises(MapError, match="2 bands; say which"):
+        open_terrain(two, assume_local=True)
+    assert set(heights_by_column(open_terrain(two, assume_local=True, band=2)).values()) == {8.5}
+    with pytest.raises(MapError, match="band is 3, the file has bands 1 to 2"):
+        open_terrain(two, assume_local=True, band=3)
+    waves = local_map(tmp_path, np.ones((3, 3)), dtype="complex64", nodata=None)
+    with pytest.raises(MapError, match="complex64; heights are real"):
+        open_terrain(waves, assume_local=True)
+
+
+def test_sizes_that_do_not_fit_are_refused_with_a_size_that_does(tmp_path):
+    path = local_map(tmp_path, np.full((100, 100), 5.0))
+    with pytest.raises(MapError, match=r"100000 x 100000 columns of 0\.001 m .*voxel_size_m above 0\.01"):
+        open_terrain(path, assume_local=True, voxel_size_m=0.001)
+    huge = tmp_path / "huge.tif"
+    with rasterio.open(
+        huge,
+        "w",
+        driver="GTiff",
+        width=200_000,
+        height=200_000,
+        count=1,
+        dtype="uint8",
+        tiled=True,
+        sparse_ok=True,
+    ):
+        pass
+    with pytest.raises(MapError, match="200000 x 200000 pixels, the bound is 1000000000"):
+        open_terrain(huge, assume_local=True)
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, math.nan, math.inf])
+def test_impossible_voxel_sizes_are_refused(tmp_path, size):
+    path = local_map(tmp_path, np.full((3, 3), 5.0))
+    with pytest.raises(MapError, match=r"voxel_size_m is .*, must be finite and > 0"):
+        open_terrain(path, assume_local=True, voxel_size_m=size)
+
+
+def test_damaged_files(tmp_path):
+    path = write_tif(
+        tmp_path / "a.tif",
+        np.random.default_rng(1).uniform(0, 50, (200, 200)),
+        UTM[0],
+        from_origin(*UTM[1:], 1, 1),
+        compress="deflate",
+    )
+    whole = path.read_bytes()
+    for cut in (len(whole) // 2, len(whole) - 2000, 200, 7):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(MapError, match=r"a\.tif: .*(truncated|not a readable)"):
+            open_terrain(path)
+    path.write_bytes(b"height above sea level: 12 m\n")
+    with pytest.raises(MapError, match=r"not a readable GeoTIFF"):
+        open_terrain(path)
+
+
+def test_a_map_without_any_height_is_refused(tmp_path):
+    path = local_map(tmp_path, np.full((4, 4), -9999.0))
+    with pytest.raises(MapError, match="no pixel has a height"):
+        open_terrain(path, assume_local=True)
+
+
+def test_a_map_of_another_place_is_refused(tmp_path):
+    path = write_tif(tmp_path / "a.tif", np.full((4, 4), 5.0), UTM[0], from_origin(*UTM[1:], 1, 1))
+    with pytest.raises(MapError, match=r"\d{4} km away .* bound is 200 km"):
+        open_terrain(path, georeference=Georeference(8.0, 46.5, 1200.0))
+
+
+@pytest.mark.parametrize("anchor", [FAR_ANCHOR, Georeference(46.5, 9.0, 0.0), Georeference(70.0, -30.0, 0.0)])
+@pytest.mark.parametrize("distance_m", [0.0, 100_000.0])
+def test_interpolating_the_projection_costs_less_than_a_millimetre(anchor, distance_m):
+    """Against PROJ asked for every single cell, on hills with slopes up to 0.6."""
+    zone = pyproj.CRS.from_user_input(f"EPSG:{32601 + int((anchor.longitude_deg + 180) // 6)}")
+    middle = anchor.projected_from_local(zone, [[distance_m, 0.0, 0.0]])[0]
+
+    def hills(x, y):
+        return 300 + middle[2] + 120 * np.sin((x - middle[0]) / 200) * np.cos((y - middle[1]) / 300)
+
+    def heights(node_spacing_m):
+        return resample(
+            LocalGrid(distance_m - 500, -500.0, 10.0, (100, 100)),
+            lambda points: anchor.projected_from_local(zone, points),
+            hills,
+            up_range_m=(0.0, 600.0),
+            base_up_m=0.0,
+            node_spacing_m=node_spacing_m,
+        )
+
+    exact = heights(0.0)
+    assert np.isfinite(exact).all() and np.ptp(exact) > 150
+    np.testing.assert_allclose(heights(100.0), exact, rtol=0, atol=1e-3)
+    # And the exact ones do lie on the surface.
+    grid = LocalGrid(distance_m - 500, -500.0, 10.0, (100, 100))
+    east, north = np.meshgrid(grid.east_centres_m(0, 100), grid.north_centres_m(0, 100), indexing="ij")
+    x, y, height = anchor.projected_from_local(
+        zone, np.stack([east, north, exact.astype(np.float64)], axis=-1).reshape(-1, 3)
+    ).T
+    np.testing.assert_allclose(height, hills(x, y), rtol=0, atol=2e-3)

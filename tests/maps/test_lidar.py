@@ -1,0 +1,260 @@
+"""Lidar files that the tests write with laspy, read back as terrain."""
+
+import math
+import struct
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+
+from crowdfence import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps.ground_surface import triangulate
+from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
+
+FOOT_M = 0.3048
+
+
+def write_las(path, points, kinds=None, *, crs=None, version="1.4", point_format=6, scale=0.001):
+    header = laspy.LasHeader(point_format=point_format, version=version)
+    header.offsets, header.scales = np.floor(points.min(axis=0)), np.full(3, scale)
+    if crs:
+        header.add_crs(pyproj.CRS.from_user_input(crs))
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = points.T
+    cloud.classification = np.full(len(points), 2) if kinds is None else np.asarray(kinds)
+    cloud.write(path)
+    return path
+
+
+def grid_points(side, height, step=1.0):
+    """One point in the middle of every square of `step` metres, in [0, side]."""
+    east, north = np.mgrid[0:side:step, 0:side:step].reshape(2, -1) + step / 2
+    return np.column_stack([east, north, np.broadcast_to(height(east, north), east.shape)])
+
+
+def voxel_set(terrain):
+    """Voxels as indices from the local origin."""
+    first = np.round(np.array(terrain.origin) / terrain.voxel_size_m).astype(int)
+    return {tuple(index) for index in terrain.voxel_indices(np.arange(terrain.voxel_count)) + first}
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".copc.laz", ".LAS"])
+def test_ground_points_become_a_closed_surface(tmp_path, suffix):
+    path = write_las(tmp_path / f"level{suffix}", grid_points(20, lambda x, y: 5.3))
+    terrain = open_terrain(path, assume_local=True, voxel_size_m=0.5)
+    # Outermost points lie half a metre inside; between them no column of voxels may be missing.
+    assert voxel_set(terrain) == {(i, j, 10) for i in range(1, 40) for j in range(1, 40)}
+    ids, _ = terrain.raycast([[0.51, 19.49, 50], [10.0, 10.0, 50]], [[0, 0, -1.0]] * 2, 100)
+    assert (ids >= 0).all()
+
+
+def test_a_sloping_plane_of_scattered_points_comes_back_exactly(tmp_path):
+    random = np.random.default_rng(7)
+    plan = random.uniform(0, 4, (4000, 2))
+    points = np.column_stack([plan, 30 + 0.3 * plan[:, 0] - 0.2 * plan[:, 1]])
+    terrain = open_terrain(
+        write_las(tmp_path / "plane.las", points, scale=1e-6), assume_local=True, voxel_size_m=0.02
+    )
+    middles = terrain.voxel_centers(np.arange(terrain.voxel_count))
+    inside = (np.abs(middles[:, :2] - 2) < 1.5).all(axis=1)
+    plane_above_m = 30 + 0.3 * middles[:, 0] - 0.2 * middles[:, 1] - middles[:, 2]
+    # A voxel that the plane touches has its middle within half its edge times 1 + 0.3 + 0.2, in height.
+    assert np.abs(plane_above_m[inside]).max() <= 0.01 * 1.5 + 1e-6
+    columns = {(i, j) for i, j, _ in voxel_set(terrain)}
+    assert {(i, j) for i in range(25, 175) for j in range(25, 175)} <= columns
+
+
+def test_gaps_are_bridged_up_to_the_given_width(tmp_path):
+    points = grid_points(40, lambda x, y: x * 0.5)
+    under_a_roof = (np.abs(points[:, :2] - 20) < 6).all(axis=1)
+    path = write_las(tmp_path / "a.las", points[~under_a_roof])
+    whole = open_terrain(path, assume_local=True, voxel_size_m=1.0)
+    middle = whole.voxel_ids([[19, 19, 9], [20, 20, 10]])
+    assert (middle >= 0).all()
+    # The gap measures 13 m from point to point.
+    open_gap = open_terrain(path, assume_local=True, voxel_size_m=1.0, max_hole_m=5)
+    ids, _ = open_gap.raycast([[20, 20, 50]], [[0, 0, -1]], 100)
+    assert ids[0] == -1
+    ids, _ = open_gap.raycast([[5, 5, 50]], [[0, 0, -1]], 100)
+    assert ids[0] >= 0
+
+
+def test_canopies_overhang_the_ground(tmp_path):
+    ground = grid_points(10, lambda x, y: 0.5)
+    canopy = grid_points(3, lambda x, y: 8.5) + np.array([4, 4, 0])
+    noise = np.array([[5.0, 5.0, 90.0], [5.0, 5.0, -40.0]])
+    points, kinds = np.vstack([ground, canopy, noise]), [2] * 100 + [5] * 9 + [18, 7]
+    path = write_las(tmp_path / "a.laz", points, kinds)
+    columns = {(i, j) for i in range(10) for j in range(10)}
+    bare = voxel_set(open_terrain(path, assume_local=True, voxel_size_m=1.0))
+    assert bare == {(i, j, 0) for i, j in columns}
+    everything = voxel_set(open_terrain(path, assume_local=True, voxel_size_m=1.0, surface="all"))
+    assert everything - bare == {(i, j, 8) for i in (4, 5, 6) for j in (4, 5, 6)}
+    assert bare <= everything
+
+
+def test_without_ground_class_the_lowest_points_close_the_ground(tmp_path):
+    ground, canopy = grid_points(10, lambda x, y: 0.5, step=2.0), grid_points(10, lambda x, y: 6.5, step=2.0)
+    path = write_las(tmp_path / "a.las", np.vstack([canopy, ground]), [1] * 50)
+    voxels = voxel_set(open_terrain(path, assume_local=True, voxel_size_m=1.0))
+    assert {(i, j) for i, j, k in voxels if k == 0} == {(i, j) for i in range(1, 10) for j in range(1, 10)}
+    assert {index for index in voxels if index[2] != 0} == {
+        (i, j, 6) for i in range(1, 10, 2) for j in range(1, 10, 2)
+    }
+    with pytest.raises(MapError, match=r"no point of the ground class \(2\); pass surface='all'"):
+        open_terrain(path, assume_local=True, surface="ground")
+
+
+def test_feet_become_metres_at_the_right_place(tmp_path):
+    # 100 x 100 feet at 400 feet in Oregon's state system; nothing states the unit of the heights.
+    points = grid_points(100, lambda x, y: 400.0, step=2.0) + np.array([636_000, 849_000, 0])
+    path = write_las(tmp_path / "a.laz", points, crs="EPSG:2994", version="1.2", point_format=1)
+    terrain = open_terrain(path, voxel_size_m=0.5)
+    anchor = terrain.georeference
+    assert anchor.height_m == math.floor(400 * FOOT_M)
+    wgs84 = pyproj.Transformer.from_crs(2994, 4326, always_xy=True)
+    assert wgs84.transform(636_050, 849_050) == pytest.approx(
+        (anchor.longitude_deg, anchor.latitude_deg), abs=1e-7
+    )
+    low, high = terrain.bounds
+    # 98 feet from the first to the last point, turned by 1.8 degrees against true north.
+    np.testing.assert_allclose((high - low)[:2], 98 * FOOT_M * (math.cos(0.031) + math.sin(0.031)), atol=1.1)
+    assert low[2] <= 400 * FOOT_M - anchor.height_m <= high[2]
+    assert open_terrain(path, voxel_size_m=0.5, height_unit="m").georeference.height_m == 400
+    assert open_terrain(path, voxel_size_m=0.5, height_offset_m=-22.5).georeference.height_m == 99
+
+
+def test_the_frame_of_a_recording_is_used_exactly(tmp_path):
+    anchor = Georeference.from_projected("EPSG:32632", 423_000, 5_150_000, 500.0)
+    corners = np.array([[423_800, 5_150_600, 520], [423_802, 5_150_600, 520], [423_800, 5_150_603, 521.0]])
+    path = write_las(tmp_path / "a.las", corners, [1, 1, 1], crs="EPSG:32632")
+    terrain = open_terrain(path, georeference=anchor, voxel_size_m=0.05, max_hole_m=0.5)
+    expected = anchor.local_from_projected("EPSG:32632", *corners.T)
+    middles = terrain.voxel_centers(np.arange(terrain.voxel_count))
+    assert len(middles) == 3
+    nearest = np.linalg.norm(middles[:, None] - expected, axis=-1).min(axis=0)
+    assert nearest.max() < 0.05 * math.sqrt(3) / 2 + 0.001
+
+
+def test_voxels_follow_the_density_of_the_points(tmp_path):
+    # 0.6 m from point to point: the next of 1, 2, 5 is 1 m.
+    path = write_las(tmp_path / "a.las", grid_points(30, lambda x, y: 3.0, step=0.6))
+    assert Terrain.open(path, assume_local=True).voxel_size_m == 1.0
+
+
+def test_files_without_reference_system_are_refused(tmp_path):
+    path = write_las(tmp_path / "a.las", grid_points(5, lambda x, y: 3.0))
+    with pytest.raises(MapError, match=r"no coordinate reference system; pass crs=.* or assume_local=True"):
+        open_terrain(path)
+    with_crs = write_las(tmp_path / "b.las", grid_points(5, lambda x, y: 3.0), crs="EPSG:32632")
+    with pytest.raises(MapError, match="assume_local contradicts"):
+        open_terrain(with_crs, assume_local=True)
+
+
+def test_useless_clouds_are_refused(tmp_path):
+    empty = tmp_path / "empty.las"
+    laspy.LasData(laspy.LasHeader(point_format=6, version="1.4")).write(empty)
+    with pytest.raises(MapError, match="holds no points"):
+        open_terrain(empty, assume_local=True)
+    noise = write_las(tmp_path / "noise.las", grid_points(3, lambda x, y: 1.0), [7] * 9)
+    with pytest.raises(MapError, match="all are noise or withheld"):
+        open_terrain(noise, assume_local=True)
+    line = write_las(tmp_path / "line.las", np.column_stack([np.arange(9.0), np.arange(9.0), np.zeros(9)]))
+    with pytest.raises(MapError, match="lie on one line"):
+        open_terrain(line, assume_local=True, surface="ground", voxel_size_m=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"surface": "roof"}, "surface is 'roof', must be 'ground' or 'all'"),
+        ({"max_hole_m": 0}, "max_hole_m is 0, must be finite and > 0"),
+        ({"voxel_size_m": math.nan}, "voxel_size_m is nan, must be"),
+        ({"voxel_size_m": 1e-7}, "1048576 voxels of 1e-07 m away"),
+    ],
+)
+def test_impossible_options_are_refused(tmp_path, options, message):
+    path = write_las(tmp_path / "a.las", grid_points(3, lambda x, y: 1.0))
+    with pytest.raises(MapError, match=message):
+        open_terrain(path, assume_local=True, **options)
+
+
+def test_truncated_and_lying_files(tmp_path):
+    points = np.random.default_rng(3).uniform(0, 100, (5000, 3))
+    las, laz = (write_las(tmp_path / f"a.{suffix}", points) for suffix in ("las", "laz"))
+    whole = las.read_bytes(), laz.read_bytes()
+    for path, data in zip((las, laz), whole, strict=True):
+        for cut in (len(data) // 2, len(data) - 9, 300, 50, 3):
+            path.write_bytes(data[:cut])
+            with pytest.raises(MapError, match="truncated or damaged|starts with"):
+                open_terrain(path, assume_local=True)
+    las.write_bytes(b"not a point cloud, but long enough to hold a header" * 9)
+    with pytest.raises(MapError, match="starts with b'not ', a lidar file starts with b'LASF'"):
+        open_terrain(las, assume_local=True)
+
+
+@pytest.mark.parametrize(
+    ("offset", "layout", "value", "what"),
+    [
+        (247, "<Q", 10**15, "number of points"),
+        (96, "<I", 10**9, "offset of the points"),
+        (100, "<I", 4 * 10**9, "start of a record"),
+        (243, "<I", 4 * 10**9, "length of a record"),
+    ],
+)
+def test_promises_larger_than_the_file_are_refused_at_once(tmp_path, offset, layout, value, what):
+    path = write_las(tmp_path / "a.las", grid_points(5, lambda x, y: 3.0))
+    data = bytearray(path.read_bytes())
+    struct.pack_into(layout, data, offset, value)
+    path.write_bytes(data)
+    with pytest.raises(MapError, match=f"as {what}, at most .* is possible: truncated or damaged"):
+        open_terrain(path, assume_local=True)
+
+
+def test_a_table_of_chunks_larger_than_the_file_does_not_end_the_process(tmp_path):
+    path = write_las(tmp_path / "a.laz", grid_points(5, lambda x, y: 3.0))
+    data = bytearray(path.read_bytes())
+    (points_at,) = struct.unpack_from("<I", data, 96)
+    (table_at,) = struct.unpack_from("<q", data, points_at)
+    struct.pack_into("<I", data, table_at + 4, 0xFFFF_FFF0)
+    path.write_bytes(data)
+    with pytest.raises(MapError, match="4294967280 as number of chunks, at most 25 is possible"):
+        open_terrain(path, assume_local=True)
+
+
+def test_points_in_chunks_give_the_same_cells_as_all_at_once():
+    points = np.random.default_rng(5).uniform(-30, 30, (5000, 3))
+    keys = VoxelKeys(2.0, near=np.zeros(3))
+    mean, low = Gathered(summed, "columns", 10_000), Gathered(lowest, "columns", 10_000)
+    for part in np.array_split(points, 7):
+        mean.add(cells(keys.columns_of(part), part))
+        low.add(cells(keys.columns_of(part), part))
+    by_column = {}
+    for point in points:
+        by_column.setdefault((point[0] // 2, point[1] // 2), []).append(point)
+    expected = np.array([np.mean(column, axis=0) for column in by_column.values()])
+    np.testing.assert_allclose(np.sort(means(mean.rows()), axis=0), np.sort(expected, axis=0), atol=1e-12)
+    expected = np.array([min(column, key=lambda point: point[2]) for column in by_column.values()])
+    np.testing.assert_array_equal(np.sort(means(low.rows()), axis=0), np.sort(expected, axis=0))
+    few = Gathered(summed, "columns", 10)
+    few.add(cells(keys.columns_of(points), points))
+    with pytest.raises(ValueError, match="more than 10 columns; pass a larger voxel_size_m"):
+        few.rows()
+
+
+def test_voxel_keys_come_back_as_middles():
+    points = np.array([[0.1, -0.1, 5.0], [-777.3, 12.0, 0.0]])
+    keys = VoxelKeys(0.5, near=np.zeros(3))
+    np.testing.assert_allclose(keys.centres(keys.of(points)), [[0.25, -0.25, 5.25], [-777.25, 12.25, 0.25]])
+
+
+def test_triangles_cover_the_outline_once():
+    plan = np.vstack([[[0, 0], [10, 0], [10, 10], [0, 10]], np.random.default_rng(2).uniform(1, 9, (50, 2))])
+    triangles = triangulate(np.column_stack([plan, np.zeros(54)]), max_hole_m=100)
+    a, b, c = (plan[triangles[:, corner]] for corner in range(3))
+    areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    assert areas.sum() == pytest.approx(100)
+    assert len(triangulate(np.zeros((2, 3)), 1.0)) == 0

@@ -1,0 +1,297 @@
+"""The plain folder, and what all recordings share: instants, refusals, damaged pixels."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdfence.sources import FrameError, RefusedFrame, open_recording
+from crowdfence.sources.convert import convert
+from support.small_recordings import (
+    EPOCH_NS,
+    HEIGHT,
+    WIDTH,
+    camera_enu,
+    flight,
+    heatmap,
+    write_airsim,
+    write_folder,
+)
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    return write_folder(tmp_path / "rec", flight())
+
+
+def edit_description(folder, change):
+    path = folder / "recording.json"
+    description = json.loads(path.read_text())
+    change(description)
+    path.write_text(json.dumps(description))
+
+
+def heatmap_file(folder, frame, suffix="png"):
+    return folder / "heatmaps" / f"{frame.drone}_{frame.stamp_ns}.{suffix}"
+
+
+def test_what_is_in_it(recorded):
+    recording = open_recording(recorded)
+    assert recording.drones == ("uav1", "uav3", "uav_2") and len(recording.frames) == 18
+    assert recording.georeference.height_m == 1200.0 and recording.terrain is None
+    for frame in recording.frames:
+        np.testing.assert_array_equal(frame.heatmap(), heatmap(frame.drone, frame.stamp_ns))
+        np.testing.assert_allclose(
+            frame.world_from_camera, camera_enu(frame.drone, frame.stamp_ns), atol=1e-3
+        )
+
+
+def test_the_same_flight_as_airsim_and_as_folder(recorded, tmp_path):
+    """Two descriptions of one flight, through two readers: poses agree to rounding."""
+    airsim = open_recording(write_airsim(tmp_path / "airsim", flight()))
+    for a, b in zip(airsim.frames, open_recording(recorded).frames, strict=True):
+        assert (a.drone, a.stamp_ns) == (b.drone, b.stamp_ns)
+        np.testing.assert_allclose(a.world_from_camera, b.world_from_camera, atol=1e-9)
+        assert a.camera.fx == pytest.approx(b.camera.fx, rel=1e-14)
+
+
+def test_folder_to_mission(recorded, tmp_path):
+    convert(open_recording(recorded), tmp_path / "m.mcap")
+    for a, b in zip(open_recording(recorded).frames, open_recording(tmp_path / "m.mcap").frames, strict=True):
+        assert a.view().world_from_camera.tobytes() == b.view().world_from_camera.tobytes()
+        assert a.view().heatmap.tobytes() == b.view().heatmap.tobytes()
+
+
+def test_npy_and_sixteen_bit_heatmaps(recorded):
+    frames = open_recording(recorded).frames
+    for frame in frames[:2]:
+        heatmap_file(recorded, frame).unlink()
+    np.save(heatmap_file(recorded, frames[0], "npy"), np.full((HEIGHT, WIDTH), 0.25))
+    Image.fromarray(np.full((6, 8), 13107, dtype=np.uint16)).save(heatmap_file(recorded, frames[1]))
+    frames = open_recording(recorded).frames
+    assert frames[0].view().heatmap[5, 5] == np.float32(0.25)
+    assert frames[1].view().heatmap[0, 0] == pytest.approx(0.2, abs=1e-7)  # 13107 / 65535
+
+
+def bad_heatmaps():
+    rgb = np.zeros((6, 8, 3), dtype=np.uint8)
+    return [
+        (lambda path: path.write_bytes(path.read_bytes()[:-30]), "heatmap cannot be read: .* is damaged"),
+        (lambda path: path.write_bytes(b""), "heatmap cannot be read: .* is damaged"),
+        (lambda path: Image.fromarray(rgb).save(path), "has mode RGB: a heatmap is a grey picture"),
+        (
+            lambda path: Image.new("L", (WIDTH * 2, HEIGHT * 2)).save(path),
+            "declares 64x48 pixels, more than 32x24",
+        ),
+        (lambda path: Image.new("L", (6, 8)).save(path), "8 x 6"),
+        (lambda path: save_npy(path, np.full((6, 8), np.nan)), "NaN"),
+        (lambda path: save_npy(path, np.full((6, 8), 1.5)), r"1\.5"),
+        (lambda path: save_npy(path, np.full((6, 8), -np.inf)), "-inf"),
+        (lambda path: save_npy(path, np.zeros((6, 8, 1))), r"shape \[6, 8, 1\]"),
+        (lambda path: save_npy(path, np.zeros((0, 8))), "0 x 8"),
+        (
+            lambda path: save_npy(path, np.zeros((6, 8), dtype=np.int32)),
+            "holds int32: a heatmap is uint8 or float",
+        ),
+        (lambda path: save_npy(path, np.array([[{}]])), "holds object"),
+        (
+            lying_npy,
+            r"holds 384 bytes of values, its shape \(1073741824, 1073741824\) asks for 9223372036854775808",
+        ),
+    ]
+
+
+def save_npy(path, values):
+    path.unlink()
+    np.save(path.with_suffix(".npy"), values)
+
+
+def lying_npy(path):
+    """A header that claims 2^60 values."""
+    save_npy(path, np.zeros((6, 8)))
+    npy = path.with_suffix(".npy")
+    content = npy.read_bytes()
+    shape = b"'shape': (6, 8), }"
+    claim = b"'shape': (1073741824, 1073741824), }"
+    npy.write_bytes(content.replace(shape + b" " * (len(claim) - len(shape)), claim))
+
+
+@pytest.mark.parametrize(("damage", "message"), bad_heatmaps())
+def test_a_bad_heatmap_costs_one_view_and_is_reported(recorded, damage, message):
+    bad = open_recording(recorded).frames[4]
+    damage(heatmap_file(recorded, bad))
+    recording = open_recording(recorded)
+    views = [view for instant in recording.instants() for view in instant.views()]
+    assert len(views) == 17 and (bad.drone, bad.stamp_ns) not in {(v.drone, v.stamp_ns) for v in views}
+    (refused,) = recording.refused
+    assert (refused.drone, refused.stamp_ns) == (bad.drone, bad.stamp_ns)
+    with pytest.raises(FrameError, match=message) as error:
+        recording.frames[4].view()
+    assert refused.reason == error.value.reason
+    for instant in recording.instants():
+        instant.views()
+    assert len(recording.refused) == 1  # looking again refuses nothing twice
+
+
+def test_two_heatmaps_for_one_frame_are_ambiguous(recorded):
+    frame = open_recording(recorded).frames[0]
+    np.save(heatmap_file(recorded, frame, "npy"), np.zeros((6, 8)))
+    recording = open_recording(recorded)
+    assert len(recording.frames) == 17
+    assert "2 heatmaps for one frame" in recording.refused[0].reason
+
+
+def test_images_alone_make_frames_for_a_detector(recorded):
+    frame = open_recording(recorded).frames[0]
+    heatmap_file(recorded, frame).unlink()
+    (recorded / "images").mkdir()
+    Image.new("RGB", (WIDTH, HEIGHT), (1, 2, 3)).save(
+        recorded / "images" / f"{frame.drone}_{frame.stamp_ns}.png"
+    )
+    recording = open_recording(recorded)
+    assert len(recording.frames) == 18 and recording.frames[0].image()[0, 0].tolist() == [1, 2, 3]
+    with pytest.raises(FrameError, match="has no heatmap"):
+        recording.frames[0].view()
+    assert recording.frames[0].view(np.full((6, 8), 0.5)).heatmap[0, 0] == 0.5
+
+
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT - 1), (3000, 3000)])
+def test_an_image_of_another_size_than_its_camera(recorded, size):
+    frame = open_recording(recorded).frames[0]
+    (recorded / "images").mkdir()
+    Image.new("L", size).save(recorded / "images" / f"{frame.drone}_{frame.stamp_ns}.png")
+    with pytest.raises(FrameError, match=f"is {size[0]}x{size[1]}, the camera is 32x24"):
+        open_recording(recorded).frames[0].image()
+
+
+def test_strange_files_and_rows_are_reported(recorded):
+    (recorded / "heatmaps" / "readme.txt").write_text("x")
+    poses = recorded / "poses.csv"
+    poses.write_text(poses.read_text() + "uav1,12,1,2\nuav1,1.5,0,0,0,1,0,0,0\n")
+    recording = open_recording(recorded)
+    assert any("1 files in heatmaps/ are not named <drone>_<stamp_ns>" in line for line in recording.warnings)
+    assert any(
+        "poses.csv: 2 rows cannot be read, first: line 167 has 4 columns" in line
+        for line in recording.warnings
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.pop("cameras"), 'must be an object with "cameras"'),
+        (lambda d: d.update(cameras={"other": {}}), "has no camera for drone 'uav1'"),
+        (lambda d: d["cameras"]["*"].pop("fy"), "the camera of 'uav1' has no 'fy'"),
+        (lambda d: d["cameras"]["*"].update(fx=-1), "the camera of 'uav1' cannot be used"),
+        (lambda d: d["cameras"]["*"].update(width="wide"), "the camera of 'uav1' cannot be used"),
+        (lambda d: d["cameras"]["*"].update(model="mirror"), "unknown model 'mirror'"),
+        (lambda d: d.update(georeference={"latitude_deg": 1}), "georeference needs latitude_deg"),
+    ],
+)
+def test_descriptions_that_cannot_be_used(recorded, change, message):
+    edit_description(recorded, change)
+    with pytest.raises(ValueError, match=message):
+        open_recording(recorded)
+
+
+def test_lens_models_of_the_description(recorded):
+    distortion = [0.01, -0.002, 0.0003, 0.00004]
+    edit_description(
+        recorded, lambda d: d["cameras"]["*"].update(model="kannala_brandt", distortion=distortion)
+    )
+    camera = open_recording(recorded).frames[0].camera
+    assert (camera.model, list(camera.distortion)) == ("kannala_brandt", distortion)
+
+
+def test_a_folder_without_description(recorded):
+    (recorded / "recording.json").unlink()
+    with pytest.raises(ValueError, match=r"recording.json is missing"):
+        open_recording(recorded)
+
+
+# --- what all recordings share ----------------------------------------------------------------------------
+
+
+def test_instants_of_three_drones(recorded):
+    instants = list(open_recording(recorded).instants())
+    assert [[frame.drone for frame in instant.frames] for instant in instants] == [
+        ["uav1", "uav_2", "uav3"]
+    ] * 6
+    assert instants[0].stamp_ns == EPOCH_NS + 71 * MS + 12_345
+    assert len(list(open_recording(recorded).instants(tolerance_ms=40))) == 9
+    assert len(list(open_recording(recorded).instants(tolerance_ms=0))) == 18
+
+
+def test_a_drone_that_joins_late_and_one_that_leaves(tmp_path):
+    flown = flight()
+    flown = flown.with_frames("uav3", flown.frame_stamps_ns["uav3"][3:])
+    flown = flown.with_frames("uav1", flown.frame_stamps_ns["uav1"][:4])
+    recording = open_recording(write_folder(tmp_path / "rec", flown))
+    assert recording.drones == ("uav1", "uav3", "uav_2")
+    assert [len(instant.frames) for instant in recording.instants()] == [2, 2, 2, 3, 2, 2]
+
+
+def test_a_part_of_the_fleet(recorded):
+    recording = open_recording(recorded)
+    assert {f.drone for i in recording.instants(drones=["uav1", "uav3"]) for f in i.frames} == {
+        "uav1",
+        "uav3",
+    }
+    with pytest.raises(ValueError, match="no drone 'uav9' in rec: it holds uav1, uav3, uav_2"):
+        recording.instants(drones=["uav9"])
+    with pytest.raises(ValueError, match="no drone 'uav9'"):
+        recording.frames_of("uav9")
+
+
+@pytest.mark.parametrize("tolerance_ms", [-1, float("nan"), float("inf")])
+def test_tolerances_that_make_no_sense(recorded, tolerance_ms):
+    with pytest.raises(ValueError, match="tolerance_ms must be finite and not negative"):
+        open_recording(recorded).instants(tolerance_ms)
+
+
+def test_a_gap_in_one_drones_telemetry_leaves_the_others(tmp_path):
+    flown = flight().without_telemetry("uav_2", EPOCH_NS + 150 * MS, EPOCH_NS + 450 * MS)
+    recording = open_recording(write_folder(tmp_path / "rec", flown))
+    assert [len(recording.frames_of(drone)) for drone in ("uav1", "uav_2", "uav3")] == [6, 3, 6]
+    assert all(
+        isinstance(refused, RefusedFrame) and refused.drone == "uav_2" for refused in recording.refused
+    )
+    assert "uav_2 at 1760000000237012345: no pose" in str(recording.refused[0])
+
+
+def test_one_frame_hours_away(tmp_path):
+    flown = flight()
+    stamps = flown.frame_stamps_ns["uav1"]
+    far = stamps[-1] + 7200 * 10**9
+    recording = open_recording(write_folder(tmp_path / "rec", flown.with_frames("uav1", [*stamps, far])))
+    assert len(recording.frames) == 18
+    assert "jumps 2.00 h away from the 6 frames of this drone" in recording.refused[0].reason
+
+
+@pytest.mark.parametrize(
+    ("limit", "value"), [("max_pose_gap_s", 0), ("max_jump_s", -1), ("max_jump_s", float("nan"))]
+)
+def test_limits_that_make_no_sense(recorded, limit, value):
+    with pytest.raises(ValueError, match=f"{limit} must be positive"):
+        open_recording(recorded, **{limit: value})
+
+
+def test_paths_that_hold_no_recording(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        open_recording(tmp_path / "nothing")
+    with pytest.raises(ValueError, match=r"holds no recording: neither airsim_rec.txt"):
+        open_recording(tmp_path)
+    (tmp_path / "poses.csv").write_text("drone,stamp_ns,x,y,z,qw,qx,qy,qz\n")
+    (tmp_path / "recording.json").write_text('{"cameras": {}}')
+    with pytest.raises(ValueError, match="holds no frames"):
+        open_recording(tmp_path)
+
+
+def test_airsim_options_belong_to_airsim(recorded, tmp_path):
+    with pytest.raises(ValueError, match="is no AirSim recording: crowd_colors does not apply"):
+        open_recording(recorded, crowd_colors=[(1, 2, 3)])
+    with pytest.raises(TypeError, match="colour"):
+        open_recording(write_airsim(tmp_path / "airsim", flight()), colour=1)
