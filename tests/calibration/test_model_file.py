@@ -12,10 +12,10 @@ import onnx
 import pytest
 
 from crowdfence import Contract, Detector
-from crowdfence.detector.calibration_fit import line
+from crowdfence.calibration.correction import line
+from crowdfence.calibration.model_file import require_agreement, write_calibrated
 from crowdfence.detector.errors import DetectorError
-from crowdfence.evaluation.calibrated_model import require_agreement, write_calibrated
-from onnx_models import contract, write_map_model
+from support.onnx_models import contract, write_map_model
 
 IMAGE = np.random.default_rng(7).integers(0, 256, (150, 170, 3), dtype=np.uint8)
 TILES = {"input__size": [64, 64], "input__resize": "tile"}
