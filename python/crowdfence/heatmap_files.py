@@ -17,7 +17,7 @@ from PIL import Image
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
-from crowdfence.heatmap_source import HeatmapSource
+from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.iso_time import iso_utc
 from crowdfence.sources.convert import Conversion, convert
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every

@@ -20,7 +20,6 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones import ZoneSet, find_zones
 
 PICTURE_MARGIN_M = 60.0
 
@@ -47,34 +46,33 @@ def write_results(run: Run, folder: Path) -> dict[str, Any]:
         crowd_map,
         run.stamp_ns,
         threshold=run.threshold,
-        stale_after_s=config.stale_after_s,
+        stale_after_s=config.zones.stale_after_s,
         margin_m=PICTURE_MARGIN_M,
     )
-    zones = find_zones(grid, run.threshold, min_area_m2=config.min_area_m2)
     description = _description(run)
     georeference = run.recording.georeference or run.terrain.georeference
 
-    write_geojson(folder / "zones.geojson", zones, description, georeference)
+    write_geojson(folder / "zones.geojson", run.zones, description, georeference)
     write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
     write_picture(
-        folder / "crowd_map.png", grid, zones, description, tracks=_tracks(run), georeference=georeference
+        folder / "crowd_map.png", grid, run.zones, description, tracks=_tracks(run), georeference=georeference
     )
     write_terrain_octomap(folder / "terrain.bt", run.terrain)
     write_coloured_octomap(
         folder / "crowd_map.ot",
         run.terrain,
         crowd_map.probability(run.stamp_ns),
-        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.stale_after_s),
+        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
         description,
     )
     write_frames_csv(folder / "frames.csv", run.rows)
     crowd_map.save(folder / "crowd_map.crowdmap")
-    summary = summarise(run, grid, zones)
+    summary = summarise(run, grid)
     write_bytes(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
     return summary
 
 
-def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
+def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
     """What was run, on what, with which result, ready for JSON."""
     first_ns = run.rows[0].stamp_ns
     integrated = Counter(drone for row in run.rows for drone in row.drones)
@@ -85,7 +83,7 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
         "duration_s": (run.stamp_ns - first_ns) / 1e9,
         "instants": len(run.rows),
         "frames": {drone: integrated[drone] for drone in run.recording.drones},
-        "refused": [str(refused) for refused in run.recording.refused],
+        "refused": [str(refused) for refused in run.refused],
         "warnings": [*run.recording.warnings, *([] if run.review is None else run.review.warnings)],
         "detector": _detector(run),
         "terrain": {
@@ -93,7 +91,7 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
             "voxel_size_m": run.terrain.voxel_size_m,
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
         },
-        "method": run.config.method,
+        "method": run.crowd_map.method.name,
         "parameters": run.config.parameters(run.crowd_map),
         "threshold": run.threshold,
         "area_m2": {
@@ -101,10 +99,10 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
         },
         "zones": [
             {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
-            for zone in zones
+            for zone in run.zones
         ],
-        "dropped_regions": zones.dropped_count,
-        "dropped_area_m2": zones.dropped_area_m2,
+        "dropped_regions": run.zones.dropped_count,
+        "dropped_area_m2": run.zones.dropped_area_m2,
     }
 
 
@@ -119,7 +117,7 @@ def _description(run: Run) -> MapDescription:
     return MapDescription(
         stamp_ns=run.stamp_ns,
         threshold=run.threshold,
-        method=run.config.method,
+        method=run.crowd_map.method.name,
         parameters=run.config.parameters(run.crowd_map),
         first_stamp_ns=run.rows[0].stamp_ns,
         drones=run.recording.drones,
@@ -137,7 +135,7 @@ def _tracks(run: Run) -> list[DroneTrack]:
         positions = np.array([frame.world_from_camera[:3, 3] for frame in frames])
         last = run.last_views.get(drone)
         footprint = (
-            np.empty((0, 2)) if last is None else ground_footprint(last, run.terrain, run.config.max_range_m)
+            np.empty((0, 2)) if last is None else ground_footprint(last, run.terrain, run.config.projection.max_range_m)
         )
         tracks.append(DroneTrack(drone, positions, footprint))
     return tracks

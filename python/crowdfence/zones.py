@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence._core import CrowdMap
 from crowdfence.surface_grid import SurfaceGrid
 
 if TYPE_CHECKING:
@@ -76,7 +77,12 @@ class ZoneSet(Sequence[Zone]):
         return sum(zone.area_m2 for zone in self.zones)
 
 
-def find_zones(grid: SurfaceGrid, threshold: float, *, min_area_m2: float = 0.0) -> ZoneSet:
+def find_zones(crowd_map: CrowdMap, stamp_ns: int, *, threshold: float, min_area_m2: float = 0.0) -> ZoneSet:
+    grid = SurfaceGrid.from_crowd_map(crowd_map, stamp_ns, threshold=threshold, margin_m=60.0)
+    return zones_of_grid(grid, threshold, min_area_m2=min_area_m2)
+
+
+def zones_of_grid(grid: SurfaceGrid, threshold: float, *, min_area_m2: float = 0.0) -> ZoneSet:
     """Connected regions of columns whose probability is at or above `threshold`.
 
     Columns that touch at an edge or a corner belong to the same region. A column that was never seen holds

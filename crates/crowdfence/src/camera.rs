@@ -1,12 +1,13 @@
 //! Intrinsics and distortion of one camera: pixel <-> ray.
 //!
-//! Camera axes are those of OpenCV: x right, y down, z forward. Pixel coordinates are continuous: the image covers
-//! [0, width) x [0, height) and the centre of pixel (column i, row j) is (i + 0.5, j + 0.5). Calibrations that put
-//! the centre of the first pixel at (0, 0), as OpenCV and ROS do, need 0.5 added to cx and cy.
+//! Camera axes are those of OpenCV: x right, y down, z forward. Pixel coordinates are continuous: the image
+//! covers [0, width) x [0, height) and the centre of pixel (column i, row j) is (i + 0.5, j + 0.5).
+//! Calibrations that put the centre of the first pixel at (0, 0), as OpenCV and ROS do, need 0.5 added to cx
+//! and cy.
 //!
 //! A lens model is trusted only inside its field of view, the region around the axis where it is one-to-one.
-//! Directions from outside have no pixel and pixels from outside have no ray: a wrong ray would mark the wrong
-//! ground as seen.
+//! Directions from outside have no pixel and pixels from outside have no ray: a wrong ray would mark the
+//! wrong ground as seen.
 
 mod brown_conrady;
 mod distortion;
@@ -38,7 +39,6 @@ pub const MAX_PRINCIPAL_POINT_PX: f64 = 1e7;
 /// Largest magnitude of a distortion coefficient.
 pub const MAX_DISTORTION_COEFFICIENT: f64 = 1e9;
 
-/// Intrinsics of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     width: u32,
@@ -57,25 +57,22 @@ enum Lens {
     KannalaBrandt(KannalaBrandt),
 }
 
-impl From<Distortion> for Lens {
-    fn from(distortion: Distortion) -> Self {
+impl Lens {
+    fn new(distortion: Distortion) -> Lens {
         match distortion {
-            Distortion::None => Self::Pinhole,
+            Distortion::None => Lens::Pinhole,
             Distortion::BrownConrady { k1, k2, p1, p2, k3 } => {
-                Self::BrownConrady(BrownConrady::new(k1, k2, p1, p2, k3))
+                Lens::BrownConrady(BrownConrady::new(k1, k2, p1, p2, k3))
             }
             Distortion::KannalaBrandt { k1, k2, k3, k4 } => {
-                Self::KannalaBrandt(KannalaBrandt::new(k1, k2, k3, k4))
+                Lens::KannalaBrandt(KannalaBrandt::new(k1, k2, k3, k4))
             }
         }
     }
 }
 
 impl Camera {
-    /// Camera with an image of `width` x `height` pixels, focal lengths and principal point in pixels.
-    ///
-    /// # Errors
-    /// The image is empty or too large, a focal length is not positive, or a parameter is not finite or absurd.
+    /// Image size, focal lengths and principal point in pixels.
     pub fn new(
         width: u32,
         height: u32,
@@ -84,66 +81,61 @@ impl Camera {
         cx: f64,
         cy: f64,
         distortion: Distortion,
-    ) -> Result<Self, CameraError> {
+    ) -> Result<Camera, CameraError> {
         check_image(width, height)?;
         for (name, value) in [("fx", fx), ("fy", fy)] {
-            if !FOCAL_LENGTH_PX.contains(&value) {
-                return Err(CameraError::FocalLength { name, value });
-            }
+            let error = CameraError::FocalLength { name, value };
+            require(FOCAL_LENGTH_PX.contains(&value), error)?;
         }
         for (name, value) in [("cx", cx), ("cy", cy)] {
-            if !is_within(value, MAX_PRINCIPAL_POINT_PX) {
-                return Err(CameraError::PrincipalPoint { name, value });
-            }
+            let error = CameraError::PrincipalPoint { name, value };
+            require(value.abs() <= MAX_PRINCIPAL_POINT_PX, error)?;
         }
         for (name, value) in distortion.named_coefficients() {
-            if !is_within(value, MAX_DISTORTION_COEFFICIENT) {
-                return Err(CameraError::DistortionCoefficient { name, value });
-            }
+            let error = CameraError::DistortionCoefficient { name, value };
+            require(value.abs() <= MAX_DISTORTION_COEFFICIENT, error)?;
         }
-        let (focal_px, principal_px) = (DVec2::new(fx, fy), DVec2::new(cx, cy));
-        Ok(Self { width, height, focal_px, principal_px, distortion, lens: distortion.into() })
+        Ok(Camera {
+            width,
+            height,
+            focal_px: DVec2::new(fx, fy),
+            principal_px: DVec2::new(cx, cy),
+            distortion,
+            lens: Lens::new(distortion),
+        })
     }
 
-    /// Image width in pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Image height in pixels.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// Focal length along a row, in pixels.
     pub fn fx(&self) -> f64 {
         self.focal_px.x
     }
 
-    /// Focal length along a column, in pixels.
     pub fn fy(&self) -> f64 {
         self.focal_px.y
     }
 
-    /// Column coordinate of the principal point.
     pub fn cx(&self) -> f64 {
         self.principal_px.x
     }
 
-    /// Row coordinate of the principal point.
     pub fn cy(&self) -> f64 {
         self.principal_px.y
     }
 
-    /// Lens model with its coefficients.
     pub fn distortion(&self) -> &Distortion {
         &self.distortion
     }
 
-    /// Pixel that a point in camera axes is imaged at; it may lie outside the image, see [`Camera::contains`].
-    ///
-    /// None if the camera cannot see in that direction: behind a pinhole, or outside the field of view in which the
-    /// lens model is one-to-one. A point that is not finite is not seen either.
+    /// Pixel at which a point in camera axes is imaged, perhaps outside the image, see [`Camera::contains`].
+    /// None where the camera cannot see: behind a pinhole, outside the field of view in which the lens model
+    /// is one-to-one, or at a point that is not finite.
     pub fn project(&self, point_camera: DVec3) -> Option<DVec2> {
         if !point_camera.is_finite() {
             return None;
@@ -158,30 +150,24 @@ impl Camera {
     }
 
     /// Unit ray, in camera axes, through a pixel; the inverse of [`Camera::project`].
-    ///
-    /// # Errors
-    /// The pixel is not finite, or no direction in the field of view is imaged there.
     pub fn unproject(&self, pixel: DVec2) -> Result<DVec3, CameraError> {
         let DVec2 { x: u, y: v } = pixel;
-        if !pixel.is_finite() {
-            return Err(CameraError::PixelNotFinite { u, v });
-        }
+        require(pixel.is_finite(), CameraError::PixelNotFinite { u, v })?;
         self.ray(pixel).ok_or(CameraError::NotInvertible { u, v })
     }
 
-    /// Unit ray, in camera axes, through the centre of a pixel; None if the distortion cannot be inverted there.
+    /// Unit ray, in camera axes, through the centre of a pixel; None where the distortion cannot be inverted.
     pub fn pixel_ray(&self, column: u32, row: u32) -> Option<DVec3> {
         self.ray(DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5))
     }
 
-    /// [`Camera::pixel_ray`] of every pixel, row after row from the top left.
-    ///
-    /// Takes 32 bytes a pixel and, with distortion, some Newton steps: worth keeping while the camera stays the same.
+    /// [`Camera::pixel_ray`] of every pixel, row after row from the top left. Takes 32 bytes a pixel and,
+    /// with distortion, some Newton steps: worth keeping while the camera stays the same.
     pub fn pixel_rays(&self) -> Vec<Option<DVec3>> {
         self.pixels().map(|(column, row)| self.pixel_ray(column, row)).collect()
     }
 
-    /// How many pixels have no ray through their centre because the distortion cannot be inverted there.
+    /// Pixels without a ray through their centre, because the distortion cannot be inverted there.
     pub fn blind_pixel_count(&self) -> usize {
         match self.lens {
             Lens::Pinhole => 0,
@@ -218,17 +204,13 @@ fn perspective(point_camera: DVec3) -> Option<DVec2> {
 }
 
 fn check_image(width: u32, height: u32) -> Result<(), CameraError> {
-    if width == 0 || height == 0 {
-        return Err(CameraError::EmptyImage { width, height });
-    }
+    require(width > 0 && height > 0, CameraError::EmptyImage { width, height })?;
     let pixels = u64::from(width) * u64::from(height);
-    if width.max(height) > MAX_IMAGE_SIDE || pixels > MAX_IMAGE_PIXELS {
-        return Err(CameraError::ImageTooLarge { width, height });
-    }
-    Ok(())
+    let fits = width.max(height) <= MAX_IMAGE_SIDE && pixels <= MAX_IMAGE_PIXELS;
+    require(fits, CameraError::ImageTooLarge { width, height })
 }
 
-/// False for NaN.
-fn is_within(value: f64, bound: f64) -> bool {
-    value.abs() <= bound
+/// Refuses what does not satisfy its bound (NaN satisfies none).
+fn require(ok: bool, error: CameraError) -> Result<(), CameraError> {
+    if ok { Ok(()) } else { Err(error) }
 }

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 use crate::terrain::Terrain;
-use crate::terrain::tree::{Tree, cell};
+use crate::terrain::tree::{Cell, Descent, Place, Tree};
 
 /// The first occupied voxel on a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,11 +112,11 @@ impl Ray {
             if distance > self.range {
                 return None;
             }
-            let empty_level = match descent.locate(voxel.map(|v| v as u32)) {
-                Cell::Voxel(id) => return Some((id, distance)),
-                Cell::Empty { level } => level,
+            let empty = match descent.locate(voxel.map(|v| v as u32)) {
+                Place::Voxel(id) => return Some((id, distance)),
+                Place::Empty(cell) => cell,
             };
-            let exit = self.leave(&mut voxel, empty_level);
+            let exit = self.leave(&mut voxel, empty);
             distance = exit.distance;
             if !(0..i64::from(extent[exit.axis])).contains(&voxel[exit.axis]) {
                 return None;
@@ -165,19 +165,16 @@ impl Ray {
         Some((voxel, entry.distance))
     }
 
-    /// Moves `voxel` out of its empty cell of a tree level and says where it crossed.
-    fn leave(&self, voxel: &mut [i64; 3], level: u32) -> Crossing {
-        let side = 1i64 << (2 * level);
-        let exit_plane = |axis: usize| {
-            let low = voxel[axis] & -side;
-            if self.step(axis) > 0 { low + side } else { low }
-        };
-        let exit = (0..3)
-            .map(|axis| self.crossing(axis, exit_plane(axis)))
-            .reduce(|a, b| if b.distance < a.distance { b } else { a })
-            .expect("three axes");
-        let plane = exit_plane(exit.axis);
-        if level > 0 {
+    /// Moves `voxel` out of the empty cell around it and says where it crossed.
+    fn leave(&self, voxel: &mut [i64; 3], empty: Cell) -> Crossing {
+        let exits = (0..3).map(|axis| {
+            let low = empty.low[axis];
+            let plane = i64::from(if self.step(axis) > 0 { low + empty.side } else { low });
+            (self.crossing(axis, plane), plane)
+        });
+        let (exit, plane) =
+            exits.reduce(|a, b| if b.0.distance < a.0.distance { b } else { a }).expect("three axes");
+        if empty.side > 1 {
             for axis in (0..3).filter(|&axis| axis != exit.axis) {
                 voxel[axis] = self.advance(axis, voxel[axis], exit);
             }
@@ -226,49 +223,6 @@ impl Ray {
 
 fn latest(a: Crossing, b: Crossing) -> Crossing {
     if b > a { b } else { a }
-}
-
-enum Cell {
-    Voxel(u32),
-    /// No voxel in this cell of 4^level voxels along each side.
-    Empty {
-        level: u32,
-    },
-}
-
-/// Path from the root to the current voxel, kept so that a step only descends below the common ancestor.
-struct Descent<'a> {
-    tree: &'a Tree,
-    /// Node index per level, valid from `deepest` upwards.
-    path: [u32; 10],
-    deepest: u32,
-    voxel: [u32; 3],
-}
-
-impl<'a> Descent<'a> {
-    fn new(tree: &'a Tree) -> Descent<'a> {
-        Descent { tree, path: [0; 10], deepest: tree.depth() - 1, voxel: [0; 3] }
-    }
-
-    fn locate(&mut self, voxel: [u32; 3]) -> Cell {
-        let difference = (0..3).fold(0, |bits, k| bits | (voxel[k] ^ self.voxel[k]));
-        let common_level = (u32::BITS - difference.leading_zeros()).saturating_sub(1) / 2;
-        let mut level = self.deepest.max(common_level).min(self.tree.depth() - 1);
-        self.voxel = voxel;
-        loop {
-            self.deepest = level;
-            let node = self.tree.node(level, self.path[level as usize]);
-            let cell = cell(voxel, level);
-            if !node.has(cell) {
-                return Cell::Empty { level };
-            }
-            if level == 0 {
-                return Cell::Voxel(node.child(cell));
-            }
-            level -= 1;
-            self.path[level as usize] = node.child(cell);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub use key::TerrainKey;
 
 use height_map::HeightMap;
 use octomap::Octomap;
-use tree::{MAX_EXTENT, Tree};
+use tree::{Ascent, MAX_EXTENT, Tree};
 
 /// Voxels of one terrain: ids stay below the two largest u32, which the crowd map uses as marks.
 pub const MAX_VOXELS: u64 = 1 << 31;
@@ -34,6 +34,7 @@ pub struct Terrain {
     base: [i32; 3],
     /// Occupied extent in voxels along each axis, counted from `base`.
     extent: [u32; 3],
+    fingerprint: u64,
 }
 
 impl Terrain {
@@ -50,7 +51,9 @@ impl Terrain {
             .map(|index| Tree::key(std::array::from_fn(|k| index[k].abs_diff(base[k])), depth))
             .collect();
         keys.par_sort_unstable();
-        Ok(Terrain { origin, voxel_size_m, tree: Tree::from_sorted_keys(&keys, depth), base, extent })
+        let tree = Tree::from_sorted_keys(&keys, depth);
+        let fingerprint = fingerprint(origin, voxel_size_m, base, &tree);
+        Ok(Terrain { origin, voxel_size_m, tree, base, extent, fingerprint })
     }
 
     /// Occupied cells of a row-major [X, Y, Z] array.
@@ -126,7 +129,8 @@ impl Terrain {
     /// The same voxels in a frame in which grid index (0, 0, 0) starts at `origin`.
     pub fn with_origin(&self, origin: DVec3) -> Result<Terrain> {
         check_frame(self.voxel_size_m, origin)?;
-        Ok(Terrain { origin, ..self.clone() })
+        let fingerprint = fingerprint(origin, self.voxel_size_m, self.base, &self.tree);
+        Ok(Terrain { origin, fingerprint, ..self.clone() })
     }
 
     pub fn voxel_count(&self) -> usize {
@@ -155,15 +159,26 @@ impl Terrain {
 
     /// Id of the voxel at a grid index.
     pub fn id(&self, index: [i32; 3]) -> Option<u32> {
-        let coordinate: [i64; 3] = std::array::from_fn(|k| i64::from(index[k]) - i64::from(self.base[k]));
-        let inside = (0..3).all(|k| (0..i64::from(self.extent[k])).contains(&coordinate[k]));
-        inside.then(|| self.tree.id(coordinate.map(|c| c as u32))).flatten()
+        let [x, y, z] = std::array::from_fn(|axis| self.coordinate(axis, index[axis]));
+        self.tree.id([x?, y?, z?])
     }
 
     /// Grid index of voxel `id`, which must be below `voxel_count`.
     pub fn index(&self, id: u32) -> [i32; 3] {
-        let coordinate = self.tree.coordinate(id);
-        std::array::from_fn(|k| self.base[k].wrapping_add_unsigned(coordinate[k]))
+        self.index_at(self.tree.coordinate(id))
+    }
+
+    /// The same for many voxels, at a fraction of the cost where the ids are sorted.
+    pub fn indices_of(&self, ids: &[u32]) -> Vec<[i32; 3]> {
+        let mut ascent = Ascent::new(&self.tree);
+        ids.iter().map(|&id| self.index_at(ascent.coordinate(id))).collect()
+    }
+
+    /// Lowest and highest occupied grid index k of the voxels (i, j, k); None where there is no voxel.
+    pub fn column(&self, i: i32, j: i32) -> Option<(i32, i32)> {
+        let (low, high) = self.tree.column(self.coordinate(0, i)?, self.coordinate(1, j)?)?;
+        let index = |z| self.base[2].wrapping_add_unsigned(z);
+        Some((index(low), index(high)))
     }
 
     /// Centre of voxel `id`, world metres.
@@ -186,13 +201,9 @@ impl Terrain {
         TerrainKey { fingerprint: self.fingerprint(), voxel_count: self.voxel_count() }
     }
 
-    /// Checksum of geometry and voxels: files that index voxels by id keep it to recognise their terrain.
+    /// Checksum of geometry and voxels: what indexes voxels by id keeps it to recognise its terrain.
     pub fn fingerprint(&self) -> u64 {
-        let mut geometry = crc32fast::Hasher::new();
-        let numbers = self.origin.to_array().into_iter().chain([self.voxel_size_m]);
-        numbers.for_each(|number| geometry.update(&number.to_bits().to_le_bytes()));
-        self.base.iter().for_each(|index| geometry.update(&index.to_le_bytes()));
-        u64::from(geometry.finalize()) << 32 | u64::from(self.tree.checksum())
+        self.fingerprint
     }
 
     pub(crate) fn tree(&self) -> &Tree {
@@ -207,6 +218,24 @@ impl Terrain {
     pub(crate) fn tree_from_world(&self, point_world: DVec3) -> DVec3 {
         (point_world - self.origin) / self.voxel_size_m - DVec3::from(self.base.map(f64::from))
     }
+
+    /// Tree coordinate of a grid index along one axis, if it lies inside the occupied extent.
+    fn coordinate(&self, axis: usize, index: i32) -> Option<u32> {
+        let coordinate = i64::from(index) - i64::from(self.base[axis]);
+        (0..i64::from(self.extent[axis])).contains(&coordinate).then_some(coordinate as u32)
+    }
+
+    fn index_at(&self, coordinate: [u32; 3]) -> [i32; 3] {
+        std::array::from_fn(|k| self.base[k].wrapping_add_unsigned(coordinate[k]))
+    }
+}
+
+fn fingerprint(origin: DVec3, voxel_size_m: f64, base: [i32; 3], tree: &Tree) -> u64 {
+    let mut geometry = crc32fast::Hasher::new();
+    let numbers = origin.to_array().into_iter().chain([voxel_size_m]);
+    numbers.for_each(|number| geometry.update(&number.to_bits().to_le_bytes()));
+    base.iter().for_each(|index| geometry.update(&index.to_le_bytes()));
+    u64::from(geometry.finalize()) << 32 | u64::from(tree.checksum())
 }
 
 fn check_frame(voxel_size_m: f64, origin: DVec3) -> Result<()> {
@@ -241,6 +270,7 @@ fn depth_for(extent: [u32; 3]) -> Result<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn occupancy_cells_become_voxels_at_their_place() {
@@ -287,5 +317,45 @@ mod tests {
         assert_eq!(one.fingerprint(), one.clone().fingerprint());
         assert_ne!(one.fingerprint(), other_voxel.fingerprint());
         assert_ne!(one.fingerprint(), moved.fingerprint());
+        assert_eq!(moved.with_origin(DVec3::ZERO).unwrap().fingerprint(), one.fingerprint());
+    }
+
+    #[test]
+    fn a_column_has_its_ends_in_grid_indices() {
+        let terrain =
+            Terrain::from_indices(&[[-5, 7, -90], [-5, 7, 3], [-5, 7, 40], [60, 8, 0]], 1.0, DVec3::ZERO)
+                .unwrap();
+        assert_eq!(terrain.column(-5, 7), Some((-90, 40)));
+        assert_eq!(terrain.column(60, 8), Some((0, 0)));
+        for (i, j) in [(-5, 8), (-4, 7), (-6, 7), (61, 8), (-5, i32::MAX), (i32::MIN, 7)] {
+            assert_eq!(terrain.column(i, j), None, "({i}, {j})");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn columns_are_those_of_a_scan(
+            voxels in prop::collection::vec(prop::array::uniform3(-9i32..9), 1..200),
+        ) {
+            let terrain = Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap();
+            for (i, j) in (-10..10).flat_map(|i| (-10..10).map(move |j| (i, j))) {
+                let column = || voxels.iter().filter(|voxel| voxel[..2] == [i, j]).map(|voxel| voxel[2]);
+                prop_assert_eq!(terrain.column(i, j), column().min().zip(column().max()));
+            }
+        }
+
+        #[test]
+        fn many_indices_are_those_of_single_look_ups(
+            voxels in prop::collection::vec(prop::array::uniform3(-90i32..90), 1..200),
+            picks in prop::collection::vec(any::<prop::sample::Index>(), 0..100),
+        ) {
+            let terrain = Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap();
+            let all: Vec<u32> = (0..terrain.voxel_count() as u32).collect();
+            let some: Vec<u32> = picks.iter().map(|pick| *pick.get(&all)).collect();
+            for ids in [all, some] {
+                let singly: Vec<[i32; 3]> = ids.iter().map(|&id| terrain.index(id)).collect();
+                prop_assert_eq!(terrain.indices_of(&ids), singly);
+            }
+        }
     }
 }

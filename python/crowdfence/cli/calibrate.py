@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT
+from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.evaluation.text_table import aligned, interval, number
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def calibrate(
         typer.Option("--truth", help="Truth of voxels: where people stood (world), or the frame's label."),
     ] = TruthName.auto,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
-    b_threshold: options.BThreshold = DEFAULT.b_threshold,
-    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    b_threshold: options.BThreshold = PAPER.b_threshold,
+    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
     as_json: options.Json = False,

@@ -83,7 +83,7 @@ def _detect_pictures(
     as_json: bool,
 ) -> None:
     from crowdfence.heatmap_files import detect_pictures
-    from crowdfence.heatmap_source import describe_model
+    from crowdfence.pipeline.detect import describe_model
     from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
 
     with ExitStack() as stack:
@@ -127,10 +127,9 @@ def _detect_recording(
     force: bool,
     as_json: bool,
 ) -> None:
-    from crowdfence import pipeline
-    from crowdfence.config import RunConfig
+    from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
-    from crowdfence.heatmap_source import describe_model, heatmap_source
+    from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
 
     if output.is_dir():
         raise ValueError(
@@ -139,8 +138,8 @@ def _detect_recording(
     if output.exists() and (output.samefile(source) or not force):
         same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
         raise FileExistsError(f"{output} exists{same}")
-    ground = pipeline.open_terrain(recording, terrain) if detector.contract.needs_gsd else None
-    heatmaps = heatmap_source(detector, ground, RunConfig().max_range_m)
+    ground = open_terrain(recording, terrain) if detector.contract.needs_gsd else None
+    heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(
             recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()

@@ -98,7 +98,7 @@ def evaluate(
         ),
     ] = None,
     target_height_m: options.TargetHeightM = None,
-    max_range_m: options.MaxRangeM = options.DEFAULT.max_range_m,
+    max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
     examples: Annotated[
         Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")

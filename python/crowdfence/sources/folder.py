@@ -64,7 +64,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
         frames=frames,
         georeference=_georeference(description, folder / DESCRIPTION_NAME),
         terrain=_terrain(folder, description, warnings),
-        refused=refused,
+        refused=tuple(refused),
         warnings=tuple(warnings),
         manifest={"kind": "folder", "path": str(folder)},
         pose_tracks=tracks,

@@ -20,7 +20,7 @@ enum FaceView {
 /// bare faces in the image lie behind something. All three are sorted by id.
 pub(super) fn beside_rays(vantage: &Vantage, hit: &[Sighting]) -> (Vec<Sighting>, Vec<u32>) {
     let views: Vec<(u32, FaceView)> = ViewingCone::of(vantage)
-        .voxels(vantage.terrain)
+        .voxels()
         .into_par_iter()
         .filter(|id| hit.binary_search_by_key(id, |sighting| sighting.voxel_id).is_err())
         .filter_map(|id| Some((id, vantage.view_of_voxel(id)?)))

@@ -8,19 +8,22 @@ use rayon::prelude::*;
 use super::Vantage;
 use crate::camera::Camera;
 use crate::terrain::Terrain;
-use crate::terrain::tree::Node;
+use crate::terrain::tree::{Branch, Cell};
 
-pub(super) struct ViewingCone {
+pub(super) struct ViewingCone<'a> {
+    terrain: &'a Terrain,
+    /// Tree coordinates.
     apex: DVec3,
     axis: DVec3,
     half_angle: f64,
     max_range_m: f64,
 }
 
-impl ViewingCone {
-    pub fn of(vantage: &Vantage) -> ViewingCone {
+impl<'a> ViewingCone<'a> {
+    pub fn of(vantage: &Vantage<'a>) -> ViewingCone<'a> {
         ViewingCone {
-            apex: vantage.origin,
+            terrain: vantage.terrain,
+            apex: vantage.terrain.tree_from_world(vantage.origin),
             axis: vantage.view.world_from_camera.rotation * DVec3::Z,
             half_angle: half_angle(&vantage.view.camera),
             max_range_m: vantage.max_range_m,
@@ -28,40 +31,25 @@ impl ViewingCone {
     }
 
     /// Ids of the voxels of which a part may lie in the cone and in range, sorted.
-    pub fn voxels(&self, terrain: &Terrain) -> Vec<u32> {
-        let tree = terrain.tree();
-        let root = tree.depth() - 1;
-        let mut frontier = vec![TreeCell { node: tree.node(root, 0), low: [0; 3], level: root }];
-        // Breadth first down to the bricks, each level in parallel: nodes that miss the cone drop out early.
-        for _ in 0..root {
-            frontier = frontier
+    pub fn voxels(&self) -> Vec<u32> {
+        let tree = self.terrain.tree();
+        let mut branches = vec![tree.root()];
+        // Breadth first, each level in parallel: branches that miss the cone drop out early.
+        for _ in 0..tree.depth() {
+            branches = branches
                 .par_iter()
-                .flat_map_iter(|cell| {
-                    cell.children().filter_map(|(child, low)| {
-                        let level = cell.level - 1;
-                        self.may_touch(terrain, low, 1 << (2 * (level + 1))).then(|| TreeCell {
-                            node: tree.node(level, child),
-                            low,
-                            level,
-                        })
-                    })
-                })
+                .flat_map_iter(|&branch| tree.children(branch).filter(|child| self.may_hold(child.cell)))
                 .collect();
         }
-        frontier
-            .par_iter()
-            .flat_map_iter(|brick| {
-                brick.children().filter(|(_, low)| self.may_touch(terrain, *low, 1)).map(|(id, _)| id)
-            })
-            .collect()
+        branches.into_iter().filter_map(Branch::voxel_id).collect()
     }
 
-    /// False only when no point of the cube (tree coordinates, side in voxels) is in the cone and in range.
-    fn may_touch(&self, terrain: &Terrain, low: [u32; 3], side: u32) -> bool {
-        let side = f64::from(side);
-        let center = DVec3::from(low.map(f64::from)) + 0.5 * side;
-        let to_center = (center - terrain.tree_from_world(self.apex)) * terrain.voxel_size_m();
-        let radius = 0.5 * 3f64.sqrt() * side * terrain.voxel_size_m();
+    /// False only when no point of the cell is in the cone and in range.
+    fn may_hold(&self, cell: Cell) -> bool {
+        let side = f64::from(cell.side);
+        let center = DVec3::from(cell.low.map(f64::from)) + 0.5 * side;
+        let to_center = (center - self.apex) * self.terrain.voxel_size_m();
+        let radius = 0.5 * 3f64.sqrt() * side * self.terrain.voxel_size_m();
         let distance = to_center.length();
         if distance <= radius {
             return true;
@@ -86,20 +74,33 @@ fn half_angle(camera: &Camera) -> f64 {
     edge.map(angle).fold(0.0, f64::max) + 1.0 / camera.fx().min(camera.fy())
 }
 
-struct TreeCell {
-    node: Node,
-    /// Lowest corner in tree coordinates.
-    low: [u32; 3],
-    level: u32,
-}
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
 
-impl TreeCell {
-    /// Index one level below (a voxel id at level 0) and lowest corner of each child.
-    fn children(&self) -> impl Iterator<Item = (u32, [u32; 3])> {
-        let (node, low, shift) = (self.node, self.low, 2 * self.level);
-        (0..64).filter(move |&cell| node.has(cell)).map(move |cell| {
-            let offset = [cell & 3, cell >> 2 & 3, cell >> 4];
-            (node.child(cell), std::array::from_fn(|k| low[k] + (offset[k] << shift)))
-        })
+    use super::*;
+
+    proptest! {
+        /// Dropping whole branches misses nothing.
+        #[test]
+        fn no_voxel_with_its_centre_in_the_cone_is_left_out(
+            voxels in prop::collection::vec(prop::array::uniform3(0i32..80), 1..200),
+            apex in prop::array::uniform3(-20.0..100.0f64),
+            axis in prop::array::uniform3(-1.0..1.0f64),
+            half_angle in 0.0..3.0f64,
+            max_range_m in 0.0..100.0f64,
+        ) {
+            let terrain = &Terrain::from_indices(&voxels, 0.5, DVec3::ZERO).unwrap();
+            let axis = DVec3::from(axis).normalize_or(DVec3::Z);
+            let apex_world = DVec3::from(apex) * 0.5;
+            let apex = terrain.tree_from_world(apex_world);
+            let found = ViewingCone { terrain, apex, axis, half_angle, max_range_m }.voxels();
+            prop_assert!(found.is_sorted_by(|a, b| a < b));
+            for id in 0..terrain.voxel_count() as u32 {
+                let ray = terrain.center(id) - apex_world;
+                let inside = ray.length() < max_range_m - 1e-9 && ray.angle_between(axis) < half_angle - 1e-9;
+                prop_assert!(!inside || found.binary_search(&id).is_ok(), "voxel {id} at {ray}");
+            }
+        }
     }
 }

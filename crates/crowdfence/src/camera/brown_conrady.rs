@@ -1,15 +1,16 @@
 //! Brown-Conrady ("radtan", "plumb_bob") distortion of the normalised image plane x = X / Z, y = Y / Z.
 //!
-//! Source: D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, in the form and
-//! order of OpenCV's calibration (k1, k2, p1, p2, k3):
+//! Source: D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, in the
+//! form and order of OpenCV's calibration (k1, k2, p1, p2, k3):
 //!
 //! x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
 //! y_d = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
 //!
-//! The model is only meaningful near the axis: farther out the polynomial turns back, and directions from outside
-//! the field of view would land inside the image. The distortion is the gradient of a potential, so its Jacobian
-//! is symmetric, and on a disc where the Jacobian is positive definite the potential is strictly convex and the
-//! distortion one-to-one. The lens therefore sees the disc on which that is certain, and nothing beyond.
+//! The model is only meaningful near the axis: farther out the polynomial turns back, and directions from
+//! outside the field of view would land inside the image. The distortion is the gradient of a potential, so
+//! its Jacobian is symmetric, and on a disc where the Jacobian is positive definite the potential is strictly
+//! convex and the distortion one-to-one. The lens therefore sees the disc on which that is certain, and
+//! nothing beyond.
 
 use glam::{DMat2, DVec2};
 
@@ -37,11 +38,12 @@ pub(super) struct BrownConrady {
 }
 
 impl BrownConrady {
-    pub(super) fn new(k1: f64, k2: f64, p1: f64, p2: f64, k3: f64) -> Self {
+    pub fn new(k1: f64, k2: f64, p1: f64, p2: f64, k3: f64) -> BrownConrady {
         let radial = RadialPolynomial::new([k1, k2, k3]);
         let tangential = DVec2::new(p2, p1);
-        // The radial part stretches by its slope along the radius and by its magnification across it; at radius r
-        // the tangential part takes at most 6 |p| r away from either (smallest eigenvalue of its Jacobian).
+        // The radial part stretches by its slope along the radius and by its magnification across it; at
+        // radius r the tangential part takes at most 6 |p| r away from either (smallest eigenvalue of its
+        // Jacobian).
         let field_radius = [radial.slope_coefficients(), radial.magnification_coefficients()]
             .into_iter()
             .map(|mut stretch| {
@@ -49,16 +51,16 @@ impl BrownConrady {
                 first_root(&stretch, MAX_RADIUS)
             })
             .fold(MAX_RADIUS, f64::min);
-        Self { radial, tangential, field_radius }
+        BrownConrady { radial, tangential, field_radius }
     }
 
     /// Distorted image of a normalised point; None outside the field of view.
-    pub(super) fn distort(&self, point: DVec2) -> Option<DVec2> {
+    pub fn distort(&self, point: DVec2) -> Option<DVec2> {
         self.sees(point).then(|| self.displaced(point))
     }
 
     /// The one point of the field of view that the lens images at `distorted`; None if there is none.
-    pub(super) fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
+    pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         let start = self.undistort_radial(distorted);
         if self.tangential == DVec2::ZERO {
             return start;
@@ -77,8 +79,8 @@ impl BrownConrady {
         Some(distorted * scale)
     }
 
-    /// Newton's method on both coordinates. Steps that leave the field of view or end farther from the target are
-    /// halved, so that every accepted point stays on the branch that holds the axis.
+    /// Newton's method on both coordinates. Steps that leave the field of view or end farther from the target
+    /// are halved, so that every accepted point stays on the branch that holds the axis.
     fn refine(&self, start: DVec2, distorted: DVec2) -> Option<DVec2> {
         let scale = 1.0 + distorted.length();
         let mut point = start;

@@ -1,44 +1,36 @@
-//! Every way a camera can be refused, and what it cannot answer.
+use thiserror::Error;
 
 use super::{
     FOCAL_LENGTH_PX, MAX_DISTORTION_COEFFICIENT, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, MAX_PRINCIPAL_POINT_PX,
 };
 
 /// Why a camera cannot be made, or cannot answer.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum CameraError {
-    /// An image without pixels.
     #[error("image is {width} x {height} pixels: width and height must be at least 1")]
     EmptyImage { width: u32, height: u32 },
-    /// An image beyond every real camera.
     #[error(
         "image is {width} x {height} pixels: at most {MAX_IMAGE_SIDE} along a side and {MAX_IMAGE_PIXELS} in all"
     )]
     ImageTooLarge { width: u32, height: u32 },
-    /// A focal length that is zero, negative, not finite or absurd.
     #[error(
         "focal length {name} is {value} pixels: it must be positive, between {} and {}",
         FOCAL_LENGTH_PX.start(),
         FOCAL_LENGTH_PX.end()
     )]
     FocalLength { name: &'static str, value: f64 },
-    /// A principal point that is not finite or absurdly far from the image.
     #[error(
         "principal point {name} is {value} pixels: it must be finite and at most {MAX_PRINCIPAL_POINT_PX} from 0"
     )]
     PrincipalPoint { name: &'static str, value: f64 },
-    /// A distortion coefficient that is not finite or absurdly large.
     #[error(
         "distortion coefficient {name} is {value}: it must be finite and at most {MAX_DISTORTION_COEFFICIENT} from 0"
     )]
     DistortionCoefficient { name: &'static str, value: f64 },
-    /// The wrong number of distortion coefficients.
     #[error("{count} distortion coefficients: {model} takes {expected}")]
     DistortionLength { model: &'static str, expected: &'static str, count: usize },
-    /// A pixel coordinate that is NaN or infinite.
     #[error("pixel ({u}, {v}) is not finite")]
     PixelNotFinite { u: f64, v: f64 },
-    /// A pixel that no direction in the lens model's field of view is imaged at.
     #[error(
         "no ray through pixel ({u}, {v}): the distortion cannot be inverted there; check the calibration or crop the image"
     )]

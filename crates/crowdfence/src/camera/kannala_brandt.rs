@@ -1,7 +1,7 @@
 //! Kannala-Brandt distortion: the distance from the image centre is a polynomial of the angle off the axis.
 //!
-//! Source: J. Kannala and S. Brandt, "A generic camera model and calibration method for conventional, wide-angle,
-//! and fish-eye lenses", IEEE TPAMI 28(8), 2006, in the form of OpenCV's fisheye module:
+//! Source: J. Kannala and S. Brandt, "A generic camera model and calibration method for conventional,
+//! wide-angle, and fish-eye lenses", IEEE TPAMI 28(8), 2006, in the form of OpenCV's fisheye module:
 //!
 //! theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 //!
@@ -22,14 +22,14 @@ pub(super) struct KannalaBrandt {
 }
 
 impl KannalaBrandt {
-    pub(super) fn new(k1: f64, k2: f64, k3: f64, k4: f64) -> Self {
+    pub fn new(k1: f64, k2: f64, k3: f64, k4: f64) -> KannalaBrandt {
         let radial = RadialPolynomial::new([k1, k2, k3, k4]);
         let field_angle = first_root(&radial.slope_coefficients(), PI);
-        Self { radial, field_angle }
+        KannalaBrandt { radial, field_angle }
     }
 
     /// Distorted image of a direction of any finite length that is not zero; None outside the field of view.
-    pub(super) fn distort(&self, direction: DVec3) -> Option<DVec2> {
+    pub fn distort(&self, direction: DVec3) -> Option<DVec2> {
         // Brought to length about one, so that neither tiny nor huge coordinates lose their ratio.
         let direction = direction / direction.abs().max_element();
         let off_axis = direction.truncate();
@@ -42,7 +42,7 @@ impl KannalaBrandt {
     }
 
     /// Unit direction that the lens images at `distorted`; None if there is none in the field of view.
-    pub(super) fn undistort(&self, distorted: DVec2) -> Option<DVec3> {
+    pub fn undistort(&self, distorted: DVec2) -> Option<DVec3> {
         let distorted_angle = distorted.length();
         let angle = self.radial.invert(distorted_angle, self.field_angle)?;
         let (sine, cosine) = angle.sin_cos();

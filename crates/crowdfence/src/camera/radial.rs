@@ -1,7 +1,7 @@
-//! The odd polynomial r (1 + k1 r^2 + k2 r^4 + ...) that both lens models are built on: where it stops growing,
-//! and its inverse up to there.
+//! The odd polynomial r (1 + k1 r^2 + k2 r^4 + ...) that both lens models are built on: where it stops
+//! growing, and its inverse up to there.
 
-/// Newton needs about five steps; the halvings beside a fold are the slowest and end after the bits of an f64.
+/// Newton needs about five steps; the halvings beside a fold are the slowest and end after an f64's bits.
 const MAX_STEPS: usize = 100;
 
 /// r -> r (1 + k1 r^2 + ... + kN r^2N).
@@ -11,48 +11,48 @@ pub(super) struct RadialPolynomial<const N: usize> {
 }
 
 impl<const N: usize> RadialPolynomial<N> {
-    pub(super) fn new(k: [f64; N]) -> Self {
-        Self { k }
+    pub fn new(k: [f64; N]) -> RadialPolynomial<N> {
+        RadialPolynomial { k }
     }
 
     /// 1 + k1 r^2 + ... + kN r^2N: how much farther from the centre the lens images radius r.
-    pub(super) fn magnification(&self, r_squared: f64) -> f64 {
+    pub fn magnification(&self, r_squared: f64) -> f64 {
         self.k.iter().rev().fold(0.0, |sum, k| sum * r_squared + k) * r_squared + 1.0
     }
 
     /// d magnification / d r^2 = k1 + 2 k2 r^2 + ... + N kN r^(2N - 2).
-    pub(super) fn magnification_slope(&self, r_squared: f64) -> f64 {
+    pub fn magnification_slope(&self, r_squared: f64) -> f64 {
         let terms = self.k.iter().enumerate().rev();
         terms.fold(0.0, |sum, (index, k)| sum * r_squared + (index + 1) as f64 * k)
     }
 
-    pub(super) fn value(&self, r: f64) -> f64 {
+    pub fn value(&self, r: f64) -> f64 {
         r * self.magnification(r * r)
     }
 
     /// d value / d r.
-    pub(super) fn slope(&self, r: f64) -> f64 {
+    pub fn slope(&self, r: f64) -> f64 {
         let r_squared = r * r;
         self.magnification(r_squared) + 2.0 * r_squared * self.magnification_slope(r_squared)
     }
 
     /// Coefficients of the magnification in ascending powers of r: 1, 0, k1, 0, k2, ...
-    pub(super) fn magnification_coefficients(&self) -> Vec<f64> {
+    pub fn magnification_coefficients(&self) -> Vec<f64> {
         let even = std::iter::once(1.0).chain(self.k);
         even.flat_map(|k| [k, 0.0]).take(2 * N + 1).collect()
     }
 
     /// Coefficients of the slope in ascending powers of r: 1, 0, 3 k1, 0, 5 k2, ...
-    pub(super) fn slope_coefficients(&self) -> Vec<f64> {
+    pub fn slope_coefficients(&self) -> Vec<f64> {
         let powers = (1..).map(f64::from);
         self.magnification_coefficients().iter().zip(powers).map(|(k, power)| k * power).collect()
     }
 
     /// The r in [0, end) with value(r) = target >= 0, where the polynomial grows all the way to `end`.
     ///
-    /// None if the polynomial does not reach the target before `end`. Newton's method kept inside a bracket, so
-    /// that it cannot leave the branch that starts at 0.
-    pub(super) fn invert(&self, target: f64, end: f64) -> Option<f64> {
+    /// None if the polynomial does not reach the target before `end`. Newton's method kept inside a bracket,
+    /// so that it cannot leave the branch that starts at 0.
+    pub fn invert(&self, target: f64, end: f64) -> Option<f64> {
         let reached = target < self.value(end);
         reached.then(|| {
             let (mut low, mut high) = (0.0, end);
@@ -76,14 +76,14 @@ impl<const N: usize> RadialPolynomial<N> {
     }
 }
 
-/// Smallest root in (0, limit) of the polynomial with these coefficients (ascending powers, positive at 0), or
-/// `limit` if there is none. Rounded towards 0, where the polynomial is still positive.
+/// Smallest root in (0, limit) of the polynomial with these coefficients (ascending powers, positive at 0),
+/// or `limit` if there is none. Rounded towards 0, where the polynomial is still positive.
 pub(super) fn first_root(coefficients: &[f64], limit: f64) -> f64 {
     roots(coefficients, limit).first().copied().unwrap_or(limit)
 }
 
-/// Roots in (0, limit) in ascending order. Between neighbouring roots of its derivative a polynomial is monotone,
-/// so that each sign change there brackets one root and no root is missed.
+/// Roots in (0, limit) in ascending order. Between neighbouring roots of its derivative a polynomial is
+/// monotone, so that each sign change there brackets one root and no root is missed.
 fn roots(coefficients: &[f64], limit: f64) -> Vec<f64> {
     if coefficients.len() < 2 {
         return Vec::new();

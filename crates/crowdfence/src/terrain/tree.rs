@@ -1,31 +1,76 @@
 //! Sparse 64-tree over a cubic grid. Every node splits its cube into 4 x 4 x 4 cells and keeps one bit a
 //! cell; the children of a node lie next to each other, so a child's index is the node's base plus the
 //! number of set bits below it. At the lowest level that index is the voxel's rank, its id.
+//!
+//! This layout is known here and in `tree/` alone; the rest of the crate sees coordinates, ids and [`Cell`]s.
 
-/// Cells along one side of a node.
+mod ascent;
+mod column;
+mod descent;
+
+pub(crate) use ascent::Ascent;
+pub(crate) use descent::{Descent, Place};
+
+/// Bits of a coordinate that one level takes: a node has 4 cells along each side.
 const SIDE_BITS: u32 = 2;
+const SIDE: usize = 1 << SIDE_BITS;
+const SIDE_MASK: u32 = SIDE as u32 - 1;
 /// Bits of a voxel key that one level takes: x, y and z, two each.
 const KEY_BITS: u32 = 3 * SIDE_BITS;
+const KEY_MASK: u64 = (1 << KEY_BITS) - 1;
 /// Levels that fit a 64-bit key.
 const MAX_DEPTH: u32 = 10;
 /// Longest side of the grid, in voxels.
 pub const MAX_EXTENT: u64 = 1 << (SIDE_BITS * MAX_DEPTH);
 
+/// A cube of the grid: a voxel, a cell of a node, or the whole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Cell {
+    /// Lowest corner, tree coordinates.
+    pub low: [u32; 3],
+    /// Voxels along one side.
+    pub side: u32,
+}
+
+impl Cell {
+    /// Cell of a node of `level` in which a coordinate lies.
+    fn around(coordinate: [u32; 3], level: u32) -> Cell {
+        let side = 1 << (SIDE_BITS * level);
+        Cell { low: coordinate.map(|c| c & !(side - 1)), side }
+    }
+}
+
+/// The part of the tree in one occupied cell, down to a single voxel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Node {
+pub(crate) struct Branch {
+    pub cell: Cell,
+    /// Levels below the cell; a voxel has none.
+    levels: u32,
+    /// Of the cell's node, or the voxel's id.
+    index: u32,
+}
+
+impl Branch {
+    pub fn voxel_id(self) -> Option<u32> {
+        (self.levels == 0).then_some(self.index)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Node {
     /// Bit x + 4 y + 16 z says whether cell (x, y, z) is there.
-    pub mask: u64,
+    mask: u64,
     /// Index of the first child, one level below (a voxel id at the lowest level).
     base: u32,
 }
 
 impl Node {
-    pub fn has(self, cell: u32) -> bool {
-        self.mask >> cell & 1 != 0
+    fn has(self, number: u32) -> bool {
+        self.mask >> number & 1 != 0
     }
 
-    pub fn child(self, cell: u32) -> u32 {
-        self.base + (self.mask & ((1 << cell) - 1)).count_ones()
+    fn child(self, number: u32) -> u32 {
+        self.base + (self.mask & ((1 << number) - 1)).count_ones()
     }
 }
 
@@ -44,7 +89,7 @@ impl Tree {
 
     /// Sort key of a grid coordinate: the cell numbers from the root downwards, six bits a level.
     pub fn key(coordinate: [u32; 3], depth: u32) -> u64 {
-        (0..depth).rev().fold(0, |key, level| key << KEY_BITS | u64::from(cell(coordinate, level)))
+        (0..depth).rev().fold(0, |key, level| key << KEY_BITS | u64::from(cell_number(coordinate, level)))
     }
 
     /// Builds the tree from sorted keys; repeated keys count once. The caller bounds their number.
@@ -66,7 +111,7 @@ impl Tree {
                     levels[level as usize].push(Node { mask: 0, base: base as u32 });
                 }
                 let node = levels[level as usize].last_mut().expect("a node was pushed for this key");
-                node.mask |= 1 << (key >> (KEY_BITS * level) & 63);
+                node.mask |= 1 << (key >> (KEY_BITS * level) & KEY_MASK);
             }
             voxel_count += 1;
             previous = Some(key);
@@ -96,8 +141,24 @@ impl Tree {
         hasher.finalize()
     }
 
+    pub fn root(&self) -> Branch {
+        let side = 1 << (SIDE_BITS * self.depth());
+        Branch { cell: Cell { low: [0; 3], side }, levels: self.depth(), index: 0 }
+    }
+
+    /// The occupied cells of a branch one level below, in the order of their voxels' ids; of a voxel none.
+    pub fn children(&self, branch: Branch) -> impl Iterator<Item = Branch> {
+        let node = (branch.levels > 0).then(|| self.node(branch.levels - 1, branch.index));
+        let side = branch.cell.side >> SIDE_BITS;
+        node.into_iter().flat_map(|node| set_bits(node.mask).zip(node.base..)).map(move |(number, index)| {
+            let offset = corner(number);
+            let low = std::array::from_fn(|k| branch.cell.low[k] + side * offset[k]);
+            Branch { cell: Cell { low, side }, levels: branch.levels - 1, index }
+        })
+    }
+
     /// Node `index` of a level; the root is node 0 of level `depth - 1`.
-    pub fn node(&self, level: u32, index: u32) -> Node {
+    fn node(&self, level: u32, index: u32) -> Node {
         self.levels[level as usize][index as usize]
     }
 
@@ -106,25 +167,24 @@ impl Tree {
         let mut index = 0;
         for level in (0..self.depth()).rev() {
             let node = self.node(level, index);
-            let cell = cell(coordinate, level);
-            if !node.has(cell) {
+            let number = cell_number(coordinate, level);
+            if !node.has(number) {
                 return None;
             }
-            index = node.child(cell);
+            index = node.child(number);
         }
         Some(index)
     }
 
-    /// Coordinate of voxel `id` (which must exist): at each level the node that owns the child is found by
-    /// bisection, because bases grow with the index.
+    /// Coordinate of voxel `id`, which must exist.
     pub fn coordinate(&self, id: u32) -> [u32; 3] {
         let mut coordinate = [0; 3];
         let mut child = id;
         for (level, nodes) in self.levels.iter().enumerate() {
-            let index = nodes.partition_point(|node| node.base <= child) - 1;
-            let cell = nth_set_bit(nodes[index].mask, child - nodes[index].base);
+            let index = owner(nodes, child);
+            let offset = corner(nth_set_bit(nodes[index].mask, child - nodes[index].base));
             for (axis, value) in coordinate.iter_mut().enumerate() {
-                *value |= (cell >> (SIDE_BITS * axis as u32) & 3) << (SIDE_BITS * level as u32);
+                *value |= offset[axis] << (SIDE_BITS * level as u32);
             }
             child = index as u32;
         }
@@ -132,12 +192,28 @@ impl Tree {
     }
 }
 
-/// Cell of a node of `level` in which a coordinate lies.
-pub(crate) fn cell(coordinate: [u32; 3], level: u32) -> u32 {
-    let shift = SIDE_BITS * level;
-    (coordinate[0] >> shift & 3)
-        | (coordinate[1] >> shift & 3) << SIDE_BITS
-        | (coordinate[2] >> shift & 3) << (2 * SIDE_BITS)
+/// Index of the node that owns a child, by bisection: bases grow with the index.
+fn owner(nodes: &[Node], child: u32) -> usize {
+    nodes.partition_point(|node| node.base <= child) - 1
+}
+
+/// Number, within its node of `level`, of the cell in which a coordinate lies.
+fn cell_number(coordinate: [u32; 3], level: u32) -> u32 {
+    let [x, y, z] = coordinate.map(|c| c >> (SIDE_BITS * level) & SIDE_MASK);
+    x | y << SIDE_BITS | z << (2 * SIDE_BITS)
+}
+
+/// Place of a cell in its node, in cells along x, y and z.
+fn corner(number: u32) -> [u32; 3] {
+    [0, 1, 2].map(|axis| number >> (SIDE_BITS * axis) & SIDE_MASK)
+}
+
+fn set_bits(mut mask: u64) -> impl Iterator<Item = u32> {
+    std::iter::from_fn(move || {
+        let lowest = (mask != 0).then(|| mask.trailing_zeros())?;
+        mask &= mask - 1;
+        Some(lowest)
+    })
 }
 
 /// Position of the n-th set bit, counted from 0.
@@ -153,7 +229,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn build(coordinates: &[[u32; 3]], depth: u32) -> Tree {
+    pub(super) fn build(coordinates: &[[u32; 3]], depth: u32) -> Tree {
         let mut keys: Vec<u64> = coordinates.iter().map(|&c| Tree::key(c, depth)).collect();
         keys.sort_unstable();
         Tree::from_sorted_keys(&keys, depth)
@@ -195,6 +271,22 @@ mod tests {
                 prop_assert_eq!(tree.id(coordinate), Some(rank as u32));
                 prop_assert_eq!(tree.coordinate(rank as u32), coordinate);
             }
+        }
+
+        #[test]
+        fn children_lead_from_the_root_to_every_voxel_in_order(
+            coordinates in prop::collection::vec(prop::array::uniform3(0u32..200), 1..200)
+        ) {
+            let tree = build(&coordinates, 4);
+            let mut branches = vec![tree.root()];
+            for _ in 0..tree.depth() {
+                branches = branches.into_iter().flat_map(|branch| tree.children(branch)).collect();
+            }
+            let found: Vec<_> = branches.iter().map(|voxel| (voxel.voxel_id(), voxel.cell)).collect();
+            let ids = 0..tree.voxel_count() as u32;
+            let expected = ids.map(|id| (Some(id), Cell { low: tree.coordinate(id), side: 1 }));
+            prop_assert_eq!(found, expected.collect::<Vec<_>>());
+            prop_assert_eq!(branches.into_iter().flat_map(|voxel| tree.children(voxel)).count(), 0);
         }
 
         #[test]
