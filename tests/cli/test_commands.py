@@ -197,7 +197,7 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     mesh = tmp_path / "plain.obj"
     mesh.write_text("v 0 0 -0.5\nv 20 0 -0.5\nv 20 20 -0.5\nv 0 20 -0.5\nf 1 2 3\nf 1 3 4\n")
 
-    bayes = ("--prior", 0.5, "--tpr", 0.9, "--fpr", 0.1, "--decay-per-s", 0, "--alpha", 1, "--alpha", 0.1)
+    bayes = ("--prior", 0.5, "--tpr", 0.9, "--fpr", 0.1, "--decay", 0, "--alpha", 1, "--alpha", 0.1)
     done = crowdfence("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, *bayes, "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
