@@ -1,11 +1,18 @@
-"""What the README shows is what happens."""
+"""What the README and the pages that it links to show is what happens."""
 
 import contextlib
 import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-README = Path(__file__).parents[1] / "README.md"
+from crowdfence import Detector
+from crowdfence.cli.options import Coverage, MethodName
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = [*ROOT.glob("*.md"), *ROOT.glob("[!.]*/*.md")]
 
 
 def test_the_python_example_runs_and_finds_the_crowd_it_draws() -> None:
@@ -22,11 +29,73 @@ def test_the_python_example_runs_and_finds_the_crowd_it_draws() -> None:
     assert occluded == stale == 0
 
 
-def test_the_status_table_names_no_command_that_is_missing() -> None:
+def commands() -> dict[str, set[str]]:
+    """Commands as they are typed ("model check") and the options that each takes."""
     from typer.main import get_command
 
     from crowdfence.cli.app import app
 
-    known = set(get_command(app).commands)  # type: ignore[attr-defined]
-    shown = set(re.findall(r"^crowdfence (\w+)", README.read_text(), re.MULTILINE))
-    assert shown and shown <= known
+    def below(name: str, command: Any) -> Iterator[tuple[str, set[str]]]:
+        inner = getattr(command, "commands", None)
+        if inner is None:
+            yield name, {"--help", *(option for parameter in command.params for option in parameter.opts)}
+        for word, one in (inner or {}).items():
+            yield from below(f"{name} {word}".strip(), one)
+
+    return dict(below("", get_command(app)))
+
+
+def status_table() -> dict[str, str]:
+    """Part -> status."""
+    _, _, table = README.read_text().partition("| part | status |\n|---|---|\n")
+    rows = table.partition("\n\n")[0].splitlines()
+    return dict(tuple(map(str.strip, row.strip("|").split("|"))) for row in rows)
+
+
+def test_the_status_table_names_what_there_is_and_nothing_that_is_still_to_come() -> None:
+    known = {*commands(), *(method.value for method in MethodName), *(one.value for one in Coverage)}
+    known.add(Detector().contract.name)
+    named: dict[bool, set[str]] = {True: set(), False: set()}
+    for part, status in status_table().items():
+        assert status.startswith(("works", "coming")), part
+        named[status.startswith("works")].update(re.findall(r"`([^`]+)`", part))
+    assert named[True] >= {"paper", "or", "detect", "train", "calibrate", "model check", "model evaluate"}
+    assert named[True] <= known
+    assert not named[False] & known
+
+
+def shown_commands(page: Path) -> Iterator[str]:
+    """What follows "crowdfence" in fenced code, indented code and code between backticks."""
+    fence = re.compile(r"^```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    text = page.read_text()
+    code = [line for block in fence.findall(text) for line in block.splitlines()]
+    code += re.findall(r"^    (\S.*)$", text, re.MULTILINE)
+    code += re.findall(r"`([^`\n]+)`", fence.sub("", text))
+    return (line.removeprefix("crowdfence ") for line in code if line.startswith("crowdfence "))
+
+
+def test_the_commands_that_the_pages_show_exist_with_their_options() -> None:
+    known = commands()
+    shown = set()
+    for page in PAGES:
+        for line in shown_commands(page):
+            name = next(
+                (name for name in (" ".join(line.split()[:2]), line.split()[0]) if name in known), None
+            )
+            assert name is not None, f"{page.name}: crowdfence {line}"
+            shown.add(name)
+            options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", line))
+            assert options <= known[name], f"{page.name}: crowdfence {line}"
+    assert shown >= {"run", "inspect", "detect", "model check", "model evaluate", "evaluate", "simulate"}
+    assert all("--json" in options for options in known.values()), "README: every command takes --json"
+
+
+def test_every_relative_link_leads_to_a_file() -> None:
+    links = [
+        (page, target)
+        for page in PAGES
+        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text())
+        if "://" not in target
+    ]
+    assert {target for _, target in links} >= {"docs/demo.png", "ARCHITECTURE.md", "training/README.md"}
+    assert [(page.name, target) for page, target in links if not (page.parent / target).exists()] == []

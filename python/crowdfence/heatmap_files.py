@@ -34,7 +34,7 @@ _MOST_REASONS = 3
 
 @dataclass(frozen=True, slots=True)
 class DetectedPictures:
-    """What came of a stream of pictures."""
+    """The outcome for a stream of pictures."""
 
     frames: int
     """Heatmaps written."""
@@ -44,7 +44,7 @@ class DetectedPictures:
 
 @dataclass(frozen=True, slots=True)
 class DetectedRecording:
-    """What came of a recording."""
+    """The outcome for a recording."""
 
     conversion: Conversion
     videos: list[Path]

@@ -368,10 +368,18 @@ def long_mission(path, frames=40):
 def test_a_file_cut_in_the_middle_is_read_up_to_the_cut(tmp_path):
     path = long_mission(tmp_path / "m.mcap")
     data = path.read_bytes()
-    path.write_bytes(data[: len(data) * 6 // 10])
+    cut = len(data) * 6 // 10
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    last = max(
+        chunk.message_end_time for chunk in chunks if chunk.chunk_start_offset + chunk.chunk_length <= cut
+    )
+    path.write_bytes(data[:cut])
     recording = open_recording(path)
-    assert 10 <= len(recording.frames) <= 24  # 60 % of 40 frames, less the chunk that was cut
-    last = recording.frames[-1].stamp_ns
+    # One frame every 100 ms, up to the end of the last chunk before the cut.
+    expected = range(EPOCH_NS, last + 1, 100 * MS)
+    assert 1 < len(expected) < 24, "at most 60 % of 40 frames"
+    assert [frame.stamp_ns for frame in recording.frames] == list(expected)
     assert f"messages were read up to stamp {last}" in recording.warnings[0]
     assert "bytes lost" in recording.warnings[0]
     found = [instant.views() for instant in recording.instants()]

@@ -40,7 +40,7 @@ def calibrate(
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
-            "--target", help="What the heatmap is to mark. Default: the contract's, else silhouettes."
+            "--target", help="What the heatmap should mark. Default: the contract's, else silhouettes."
         ),
     ] = None,
     truth: Annotated[
@@ -54,9 +54,9 @@ def calibrate(
     coverage: options.CoverageOption = options.Coverage.rays,
     as_json: options.Json = False,
 ) -> None:
-    """Fit a model's probabilities to labelled missions and write what they are worth into it.
+    """Fit a model's probabilities to labelled missions and write the measured rates into it.
 
-    Chooses between no change, a temperature, scale and bias, and a curve by missions held out; measures TPR,
+    Chooses between no change, a temperature, scale and bias, and a curve on missions held out; measures TPR,
     FPR and likelihood ratios per voxel observation, with 95 % intervals over missions. Needs the package onnx
     (`pip install crowdfence\\[train]`).
     """

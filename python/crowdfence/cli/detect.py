@@ -24,7 +24,7 @@ def detect(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder for the heatmaps; of a recording, a mission file (.mcap)."
+            "--output", "-o", help="Folder for the heatmaps; for a recording, a mission file (.mcap)."
         ),
     ],
     model: Annotated[
@@ -39,20 +39,20 @@ def detect(
     video: Annotated[
         bool | None,
         typer.Option(
-            "--video/--no-video", help="Overlay video. Default: of pictures and videos, not of recordings."
+            "--video/--no-video", help="Overlay video. Default: for pictures and videos, not for recordings."
         ),
     ] = None,
     gsd_m: Annotated[
         float | None,
         typer.Option(
-            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; recordings know it."
+            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; not for recordings."
         ),
     ] = None,
     terrain: options.TerrainPath = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Write the heatmaps that a detector sees in pictures, and a video of them over the pictures."""
+    """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
     from crowdfence.detector.detector import Detector
 
     recording = _recording(source)
@@ -133,7 +133,7 @@ def _detect_recording(
 
     if output.is_dir():
         raise ValueError(
-            f"{output} is a folder; of a recording the output is a mission file: give a name.mcap"
+            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
         )
     if output.exists() and (output.samefile(source) or not force):
         same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"

@@ -41,7 +41,7 @@ def evaluate(
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
     measured_rates: Annotated[
-        bool, typer.Option("--measured-rates", help="Use the rates that the truth shows, per heatmap cell.")
+        bool, typer.Option("--measured-rates", help="Use the rates per heatmap cell that the truth shows.")
     ] = False,
     prior: options.Prior = None,
     b_threshold: options.BThreshold = PAPER.b_threshold,

@@ -104,7 +104,7 @@ def _write_picture(
     from crowdfence.sources import open_recording
 
     if not isinstance(report, RecordingReport):
-        raise ValueError(f"--picture goes with recordings, {report.path} is none")
+        raise ValueError(f"--picture goes with recordings; {report.path} is not one")
     recording = open_recording(report.path)
     terrain = None
     if terrain_path is not None or recording.terrain is not None:

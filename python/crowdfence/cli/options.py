@@ -114,7 +114,11 @@ DecayUnitOption = Annotated[
 ]
 UnseenOption = Annotated[
     Unseen,
-    typer.Option("--unseen", rich_help_panel=_METHOD, help="Drones that do not see a voxel vote, or do not."),
+    typer.Option(
+        "--unseen",
+        rich_help_panel=_METHOD,
+        help="Who votes: the whole fleet, or the drones that see a voxel.",
+    ),
 ]
 Normalise = Annotated[
     bool, typer.Option("--normalise", rich_help_panel=_METHOD, help="Divide the weights by their sum.")
@@ -142,13 +146,19 @@ Prior = Annotated[
 ]
 BThreshold = Annotated[
     float,
-    typer.Option("--b-threshold", rich_help_panel=_RATES, help="A view calls a voxel crowd above this."),
+    typer.Option(
+        "--b-threshold",
+        rich_help_panel=_RATES,
+        help="Mean heatmap value above which a view calls a voxel crowd.",
+    ),
 ]
 FleetSize = Annotated[
     int | None,
     typer.Option("--fleet-size", rich_help_panel=_RATES, help="N. Default: the recording's drones."),
 ]
-MaxRangeM = Annotated[float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")]
+MaxRangeM = Annotated[
+    float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end at this distance.")
+]
 TargetHeightM = Annotated[
     float | None,
     typer.Option(
@@ -167,7 +177,7 @@ ToleranceMs = Annotated[
 Threshold = Annotated[
     float | None,
     typer.Option(
-        "--threshold", rich_help_panel=_MAP, help="Crowd from this probability. Default: the method's."
+        "--threshold", rich_help_panel=_MAP, help="Lowest probability that is crowd. Default: the method's."
     ),
 ]
 MinAreaM2 = Annotated[

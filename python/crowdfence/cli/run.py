@@ -114,7 +114,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
-                "empty": f"{area['empty']:.0f} m2 seen lately, {area['stale']:.0f} m2 too long ago",
+                "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago",
             },
         )
     )

@@ -1,4 +1,4 @@
-"""A plain folder of heatmaps and a table of camera poses: the form to produce from one's own logs.
+"""A plain folder of heatmaps and a table of camera poses: the form to produce from your own logs.
 
     poses.csv                          drone, stamp_ns, x, y, z, qw, qx, qy, qz
     recording.json                     cameras, and optionally georeference and terrain

@@ -172,7 +172,7 @@ class Instant:
         """The frames as views for the core, with the recorded heatmaps or those of a detector.
 
         `heatmap_of` raises FrameError for a frame without a usable heatmap. With an `executor` it is called
-        for several frames at once; which of them is first changes nothing.
+        for several frames at once; the views still come in the order of the frames.
         """
         over = map if executor is None else executor.map
         views, refused = list[View](), list[RefusedFrame]()
