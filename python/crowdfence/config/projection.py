@@ -16,7 +16,7 @@ class ProjectionConfig:
     max_range_m: float = 300.0
     """Rays end here; > 0."""
     target_height_m: float | None = None
-    """Height above the ground at which people are marked, >= 0; None: the detector's own, or 0 (the paper)."""
+    """Height above ground at which people are marked, >= 0; None: the detector's own, or 0 (the paper)."""
     coverage: Literal["rays", "full"] = "rays"
     """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
 

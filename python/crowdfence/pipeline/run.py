@@ -90,7 +90,8 @@ def run(
         raise ValueError(f"no frame of {recording.name} can be used{_first_reason(refused)}")
     if last.seen_ids.size == 0:
         raise ValueError(
-            f"no view saw the terrain within max_range_m = {max_range_m:g} m: do map and poses share one frame?"
+            f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
+            "do map and poses share one frame?"
         )
     return Run(
         recording,
