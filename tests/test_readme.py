@@ -2,10 +2,13 @@
 
 import contextlib
 import io
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from crowdfence import Detector
 from crowdfence.cli.options import Coverage, MethodName
@@ -15,18 +18,43 @@ README = ROOT / "README.md"
 PAGES = [*ROOT.glob("*.md"), *ROOT.glob("[!.]*/*.md")]
 
 
-def test_the_python_example_runs_and_finds_the_crowd_it_draws() -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+def printed_by(example: int) -> list[str]:
+    """Lines that a Python example of the README prints."""
+    code = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)[example]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(compile(example, str(README), "exec"), {})
-    never_seen, occluded, empty, stale, crowd = map(int, re.findall(r"\d+", printed.getvalue()))
+        exec(compile(code, str(README), "exec"), {})
+    return printed.getvalue().splitlines()
+
+
+def test_the_first_example_goes_from_a_recording_to_zones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = printed_by(0)
+    zones = json.loads(Path("zones.geojson").read_text())["features"]
+    assert len(lines) == len(zones) >= 2  # the crowds of the demo's picture
+    for line, zone in zip(lines, zones, strict=True):
+        assert line.startswith(f"{zone['properties']['id']} ")
+        assert line.endswith(f"seen by {' '.join(zone['properties']['seen_by'])}")
+        assert (
+            set(zone["properties"]["seen_by"]) <= {"uav1", "uav2", "uav3"} and zone["properties"]["seen_by"]
+        )
+    assert json.loads(Path("out/flight/zones.geojson").read_text())["features"] == zones
+
+
+def test_the_second_example_finds_the_crowd_it_draws() -> None:
+    counts, bounds = printed_by(1)
+    never_seen, occluded, empty, stale, crowd = map(int, re.findall(r"\d+", counts))
     # Two by two heatmap cells of four pixels: at 19 m and f = 40 that is 3.8 m, at most 5 x 5 voxels.
     assert 9 <= crowd <= 25
     # The image covers 64 / 40 * 19 = 30.4 by 22.8 m of the plain.
     assert 29 * 22 <= empty + crowd <= 32 * 24
     assert never_seen + empty + crowd == 60 * 60
     assert occluded == stale == 0
+    # The crowd's cells are the middle of the image, which lies above (30, 30).
+    west, south, east, north = map(float, re.findall(r"[\d.]+", bounds))
+    assert 27 <= west < 30 < east <= 33 and 27 <= south < 30 < north <= 33
 
 
 def commands() -> dict[str, set[str]]:

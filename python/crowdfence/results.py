@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
-from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.picture import DroneTrack, ground_footprint, write_picture
 from crowdfence.iso_time import iso_utc
@@ -35,11 +35,12 @@ FILES = {
 }
 
 
-def write_results(run: Run, folder: Path) -> dict[str, Any]:
+def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
     """Write the files of `FILES` into `folder` (made when missing) and return the summary.
 
     OSError when a file cannot be written.
     """
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     config, crowd_map = run.config, run.crowd_map
     grid = SurfaceGrid.from_crowd_map(
@@ -49,8 +50,7 @@ def write_results(run: Run, folder: Path) -> dict[str, Any]:
         stale_after_s=config.zones.stale_after_s,
         margin_m=PICTURE_MARGIN_M,
     )
-    description = _description(run)
-    georeference = run.recording.georeference or run.terrain.georeference
+    description, georeference = run.description, run.georeference
 
     write_geojson(folder / "zones.geojson", run.zones, description, georeference)
     write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
@@ -91,8 +91,8 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
             "voxel_size_m": run.terrain.voxel_size_m,
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
         },
-        "method": run.crowd_map.method.name,
-        "parameters": run.config.parameters(run.crowd_map),
+        "method": run.description.method,
+        "parameters": run.description.parameters,
         "threshold": run.threshold,
         "area_m2": {
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN
@@ -111,18 +111,6 @@ def _detector(run: Run) -> dict[str, Any]:
     if run.review is not None:
         detector["ranges"] = {check.quantity: check.to_json() for check in run.review.ranges}
     return detector
-
-
-def _description(run: Run) -> MapDescription:
-    return MapDescription(
-        stamp_ns=run.stamp_ns,
-        threshold=run.threshold,
-        method=run.crowd_map.method.name,
-        parameters=run.config.parameters(run.crowd_map),
-        first_stamp_ns=run.rows[0].stamp_ns,
-        drones=run.recording.drones,
-        mission=run.recording.name,
-    )
 
 
 def _tracks(run: Run) -> list[DroneTrack]:

@@ -26,6 +26,6 @@ def demo(
     from crowdfence.sources import open_recording
 
     recording = open_recording(RECORDING)
-    terrain = open_terrain(recording, None)
+    terrain = open_terrain(recording)
     detector = choose_detector(recording, "auto")
     fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)

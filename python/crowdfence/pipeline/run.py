@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from crowdfence._core import CrowdMap, Terrain, View
 from crowdfence.config import RunConfig
 from crowdfence.exports.frames_csv import FrameRow
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.georeference import Georeference
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -47,6 +49,24 @@ class Run:
     def stamp_ns(self) -> int:
         """The last instant."""
         return self.rows[-1].stamp_ns
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where on Earth the local frame lies, where the recording or the map knows."""
+        return self.recording.georeference or self.terrain.georeference
+
+    @property
+    def description(self) -> MapDescription:
+        """Where its numbers come from, for the files made from it."""
+        return MapDescription(
+            stamp_ns=self.stamp_ns,
+            threshold=self.threshold,
+            method=self.crowd_map.method.name,
+            parameters=self.config.parameters(self.crowd_map),
+            first_stamp_ns=self.rows[0].stamp_ns,
+            drones=self.recording.drones,
+            mission=self.recording.name,
+        )
 
 
 def run(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from crowdfence._core import Terrain
 from crowdfence.sources.recording import Recording
 
 
-def open_terrain(recording: Recording, path: Path | None, **options: Any) -> Terrain:
+def open_terrain(recording: Recording, path: str | PathLike[str] | None = None, **options: Any) -> Terrain:
     """The map to project onto: `path`, or else the one that came with the recording.
 
     Georeferenced maps are brought into the recording's local frame; `options` are those of
