@@ -98,7 +98,7 @@ def test_a_crowd_map_gives_the_grid_of_its_arrays() -> None:
     occupied[:, :, 0] = True
     occupied[:6, :, 3] = True
     terrain = Terrain.from_occupancy(occupied, 1.0, (-6.0, -4.0, 100.0))
-    crowd_map = CrowdMap(terrain, Or(fleet_size=1))
+    crowd_map = CrowdMap(terrain, Or())
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = (0.0, 0.0, 125.0)
     camera = Camera.pinhole(60, 40, 250.0, 250.0, 30.0, 20.0)

@@ -10,7 +10,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from crowdfence import Camera, Georeference, Rates, Terrain, View
+from crowdfence import (
+    Camera,
+    CrowdMap,
+    Georeference,
+    Observation,
+    Or,
+    Paper,
+    Rates,
+    Terrain,
+    View,
+)
 from crowdfence.config import RunConfig
 from crowdfence.sources.recording import RefusedFrame
 
@@ -22,7 +32,41 @@ CAMERAS = {
     "brown_conrady": Camera.pinhole(*SIZE, *INTRINSICS, [-0.1 * THIRD, 0.01, 1e-4, -2e-4, 0.0]),
     "kannala_brandt": Camera.fisheye(*SIZE, *INTRINSICS, [0.01 * THIRD, -0.002, 0.0, 1e-5]),
 }
-VALUES = {**CAMERAS, "rates": Rates(0.9 + 0.1 * THIRD, 0.1 * THIRD)}
+RATES = Rates(0.9 + 0.1 * THIRD, 0.1 * THIRD)
+FLOOR = Terrain.from_occupancy(np.ones((4, 4, 1), bool), 1.0)
+OBSERVATION = Observation(
+    FLOOR,
+    "uav1",
+    1_763_780_000_250_000_001,
+    voxel_ids=[0, 7],
+    mean=[THIRD, 1.0],
+    pixel_count=[3, 0],
+    range_m=[20.0 + THIRD, 1e4],
+    tilt_deg=[-THIRD, 90.0],
+    occluded_ids=[1, 2],
+)
+SWITCHED = Paper(
+    RATES,
+    0.2 * THIRD,
+    alpha=THIRD,
+    decay=1e-3 * THIRD,
+    fleet_size=5,
+    b_threshold=0.25,
+    unseen="visible",
+    normalise=True,
+    initial="first",
+    decay_unit="frame",
+)
+VALUES = {
+    **CAMERAS,
+    "rates": RATES,
+    "paper": SWITCHED,
+    "or": Or(b_threshold=THIRD),
+}
+WITH_ARRAYS = {
+    "observation": OBSERVATION,
+    "update": CrowdMap(FLOOR, Or()).integrate_observations([OBSERVATION], OBSERVATION.stamp_ns),
+}
 
 
 def _through_pickle(protocol: int) -> Callable[[object], object]:
@@ -64,7 +108,7 @@ def _assert_same_view(view: View, other: View) -> None:
 
 @every_copy
 @pytest.mark.parametrize("name", VALUES)
-def test_cameras_and_rates_come_back_equal(name: str, copied: Callable[[object], object]) -> None:
+def test_parameters_come_back_equal_and_hash_alike(name: str, copied: Callable[[object], object]) -> None:
     value = VALUES[name]
     other = copied(value)
     assert type(other) is type(value)
@@ -128,3 +172,17 @@ def test_frozen_dataclasses_come_back_equal(value: object, copied: Callable[[obj
     assert type(other) is type(value)
     for field in fields(value):  # type: ignore[arg-type]
         assert getattr(other, field.name) == getattr(value, field.name)
+
+
+def test_the_representation_of_a_method_hides_no_switch() -> None:
+    text = repr(SWITCHED)
+    for name, value in SWITCHED.parameters.items():
+        assert f"{name.removesuffix('_rate')}={value!r}" in text
+    assert repr(Or(b_threshold=0.25)) == "Or(b_threshold=0.25)"
+
+
+@every_copy
+@pytest.mark.parametrize("value", WITH_ARRAYS.values(), ids=WITH_ARRAYS)
+def test_what_holds_arrays_comes_back_equal(value: object, copied: Callable[[object], object]) -> None:
+    other = copied(value)
+    assert type(other) is type(value) and other == value

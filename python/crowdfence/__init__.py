@@ -1,6 +1,6 @@
 """Crowds seen by a fleet of drones -> a probabilistic crowd map on 3D terrain -> no-fly zones.
 
-Importing this module needs numpy only; the readers, exports and evaluation below are imported on first use.
+Importing this module needs numpy only; what reads, runs, evaluates and writes is imported on first use.
 """
 
 from importlib import import_module
@@ -33,14 +33,28 @@ from crowdfence.errors import (
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
+    from crowdfence.config import (
+        GroupingConfig,
+        OrConfig,
+        PaperConfig,
+        ProjectionConfig,
+        RunConfig,
+        ZoneConfig,
+    )
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
     from crowdfence.evaluation.cells.rates import detector_rates
     from crowdfence.evaluation.iou import mean_iou
+    from crowdfence.exports.geojson import write_geojson
+    from crowdfence.exports.geotiff import write_geotiff
     from crowdfence.georeference import Georeference
     from crowdfence.landing_area import landing_prior
+    from crowdfence.pipeline import FrameLoop, Run, Step, open_terrain, run
+    from crowdfence.results import write_results
     from crowdfence.sources import open_recording
     from crowdfence.sources.recording import Recording
+    from crowdfence.surface_grid import SurfaceGrid
+    from crowdfence.zones import Zone, ZoneSet, find_zones
 
 __all__ = [
     "Camera",
@@ -51,38 +65,74 @@ __all__ = [
     "Detector",
     "DetectorError",
     "FrameError",
+    "FrameLoop",
     "Georeference",
+    "GroupingConfig",
     "MapFileError",
     "Observation",
     "Or",
+    "OrConfig",
     "Paper",
+    "PaperConfig",
+    "ProjectionConfig",
     "Rates",
     "Recording",
+    "Run",
+    "RunConfig",
     "StampError",
+    "Step",
+    "SurfaceGrid",
     "Terrain",
     "Update",
     "View",
     "ViewError",
     "VoxelState",
+    "Zone",
+    "ZoneConfig",
+    "ZoneSet",
     "__version__",
     "blend",
     "detector_rates",
+    "find_zones",
     "landing_prior",
     "mean_iou",
     "open_recording",
+    "open_terrain",
     "pool",
     "project",
+    "run",
+    "write_geojson",
+    "write_geotiff",
+    "write_results",
 ]
 
 _LAZY = {
     "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
+    "FrameLoop": "crowdfence.pipeline",
     "Georeference": "crowdfence.georeference",
+    "GroupingConfig": "crowdfence.config",
+    "OrConfig": "crowdfence.config",
+    "PaperConfig": "crowdfence.config",
+    "ProjectionConfig": "crowdfence.config",
     "Recording": "crowdfence.sources.recording",
+    "Run": "crowdfence.pipeline",
+    "RunConfig": "crowdfence.config",
+    "Step": "crowdfence.pipeline",
+    "SurfaceGrid": "crowdfence.surface_grid",
+    "Zone": "crowdfence.zones",
+    "ZoneConfig": "crowdfence.config",
+    "ZoneSet": "crowdfence.zones",
     "detector_rates": "crowdfence.evaluation.cells.rates",
+    "find_zones": "crowdfence.zones",
     "landing_prior": "crowdfence.landing_area",
     "mean_iou": "crowdfence.evaluation.iou",
     "open_recording": "crowdfence.sources",
+    "open_terrain": "crowdfence.pipeline",
+    "run": "crowdfence.pipeline",
+    "write_geojson": "crowdfence.exports.geojson",
+    "write_geotiff": "crowdfence.exports.geotiff",
+    "write_results": "crowdfence.results",
 }
 
 

@@ -169,7 +169,7 @@ def check_opengl() -> Check:
     from crowdfence.simulation.rendering.opengl_context import INSTALL_LINE, NoOpenGL, open_context
 
     name = "OpenGL (EGL)"
-    purpose = "pictures of the simulator; labels and depth do without"
+    purpose = "pictures of the simulator; labels and depth do not need it"
     try:
         context = open_context()
         renderer = str(context.info["GL_RENDERER"])

@@ -17,8 +17,8 @@ from PIL import Image
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
-from crowdfence.heatmap_source import HeatmapSource
 from crowdfence.iso_time import iso_utc
+from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.sources.convert import Conversion, convert
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.recording import Frame, Pixels, Recording
@@ -34,7 +34,7 @@ _MOST_REASONS = 3
 
 @dataclass(frozen=True, slots=True)
 class DetectedPictures:
-    """What came of a stream of pictures."""
+    """The outcome for a stream of pictures."""
 
     frames: int
     """Heatmaps written."""
@@ -44,7 +44,7 @@ class DetectedPictures:
 
 @dataclass(frozen=True, slots=True)
 class DetectedRecording:
-    """What came of a recording."""
+    """The outcome for a recording."""
 
     conversion: Conversion
     videos: list[Path]

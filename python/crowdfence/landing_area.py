@@ -78,7 +78,7 @@ def landing_suitable(
         raise ValueError(f"max_slope_deg must lie in [0, 90), got {max_slope_deg}")
     if not (np.isfinite(min_area_m2) and min_area_m2 >= 0.0):
         raise ValueError(f"min_area_m2 must be a finite area of at least 0, got {min_area_m2}")
-    # float32 slopes are exact to about 1e-6 deg; a plane at exactly the limit is to pass.
+    # float32 slopes are exact to about 1e-6 deg; a plane at exactly the limit must pass.
     gentle = slope_deg(height_m, cell_size_m, window_cells=window_cells) <= max_slope_deg + 1e-4
     area_of_cell, area_count = ndimage.label(gentle)
     cells = sum(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,12 @@ from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
-from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.picture import DroneTrack, ground_footprint, write_picture
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones import ZoneSet, find_zones
 
 PICTURE_MARGIN_M = 60.0
 
@@ -36,45 +35,44 @@ FILES = {
 }
 
 
-def write_results(run: Run, folder: Path) -> dict[str, Any]:
+def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
     """Write the files of `FILES` into `folder` (made when missing) and return the summary.
 
     OSError when a file cannot be written.
     """
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     config, crowd_map = run.config, run.crowd_map
     grid = SurfaceGrid.from_crowd_map(
         crowd_map,
         run.stamp_ns,
         threshold=run.threshold,
-        stale_after_s=config.stale_after_s,
+        stale_after_s=config.zones.stale_after_s,
         margin_m=PICTURE_MARGIN_M,
     )
-    zones = find_zones(grid, run.threshold, min_area_m2=config.min_area_m2)
-    description = _description(run)
-    georeference = run.recording.georeference or run.terrain.georeference
+    description, georeference = run.description, run.georeference
 
-    write_geojson(folder / "zones.geojson", zones, description, georeference)
+    write_geojson(folder / "zones.geojson", run.zones, description, georeference)
     write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
     write_picture(
-        folder / "crowd_map.png", grid, zones, description, tracks=_tracks(run), georeference=georeference
+        folder / "crowd_map.png", grid, run.zones, description, tracks=_tracks(run), georeference=georeference
     )
     write_terrain_octomap(folder / "terrain.bt", run.terrain)
     write_coloured_octomap(
         folder / "crowd_map.ot",
         run.terrain,
         crowd_map.probability(run.stamp_ns),
-        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.stale_after_s),
+        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
         description,
     )
     write_frames_csv(folder / "frames.csv", run.rows)
     crowd_map.save(folder / "crowd_map.crowdmap")
-    summary = summarise(run, grid, zones)
+    summary = summarise(run, grid)
     write_bytes(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
     return summary
 
 
-def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
+def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
     """What was run, on what, with which result, ready for JSON."""
     first_ns = run.rows[0].stamp_ns
     integrated = Counter(drone for row in run.rows for drone in row.drones)
@@ -85,7 +83,7 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
         "duration_s": (run.stamp_ns - first_ns) / 1e9,
         "instants": len(run.rows),
         "frames": {drone: integrated[drone] for drone in run.recording.drones},
-        "refused": [str(refused) for refused in run.recording.refused],
+        "refused": [str(refused) for refused in run.refused],
         "warnings": [*run.recording.warnings, *([] if run.review is None else run.review.warnings)],
         "detector": _detector(run),
         "terrain": {
@@ -93,18 +91,18 @@ def summarise(run: Run, grid: SurfaceGrid, zones: ZoneSet) -> dict[str, Any]:
             "voxel_size_m": run.terrain.voxel_size_m,
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
         },
-        "method": run.config.method,
-        "parameters": run.config.parameters(run.crowd_map),
+        "method": run.description.method,
+        "parameters": run.description.parameters,
         "threshold": run.threshold,
         "area_m2": {
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN
         },
         "zones": [
             {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
-            for zone in zones
+            for zone in run.zones
         ],
-        "dropped_regions": zones.dropped_count,
-        "dropped_area_m2": zones.dropped_area_m2,
+        "dropped_regions": run.zones.dropped_count,
+        "dropped_area_m2": run.zones.dropped_area_m2,
     }
 
 
@@ -113,18 +111,6 @@ def _detector(run: Run) -> dict[str, Any]:
     if run.review is not None:
         detector["ranges"] = {check.quantity: check.to_json() for check in run.review.ranges}
     return detector
-
-
-def _description(run: Run) -> MapDescription:
-    return MapDescription(
-        stamp_ns=run.stamp_ns,
-        threshold=run.threshold,
-        method=run.config.method,
-        parameters=run.config.parameters(run.crowd_map),
-        first_stamp_ns=run.rows[0].stamp_ns,
-        drones=run.recording.drones,
-        mission=run.recording.name,
-    )
 
 
 def _tracks(run: Run) -> list[DroneTrack]:
@@ -137,7 +123,9 @@ def _tracks(run: Run) -> list[DroneTrack]:
         positions = np.array([frame.world_from_camera[:3, 3] for frame in frames])
         last = run.last_views.get(drone)
         footprint = (
-            np.empty((0, 2)) if last is None else ground_footprint(last, run.terrain, run.config.max_range_m)
+            np.empty((0, 2))
+            if last is None
+            else ground_footprint(last, run.terrain, run.config.projection.max_range_m)
         )
         tracks.append(DroneTrack(drone, positions, footprint))
     return tracks

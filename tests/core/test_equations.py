@@ -84,7 +84,7 @@ def test_blend_by_hand(case: dict[str, Any]) -> None:
 
 @_cases("crowd_map")
 def test_crowd_map_by_hand(case: dict[str, Any]) -> None:
-    switches = _switches(case, "alpha", "decay_per_s", "decay_unit", "initial", "unseen", "normalise")
+    switches = _switches(case, "alpha", "decay", "decay_unit", "initial", "unseen", "normalise")
     method = Paper(*DETECTORS["quarter"], fleet_size=case["fleet_size"], **switches)
     terrain = Terrain.from_occupancy(np.ones((1, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, method, max_gap_s=math.inf)
@@ -225,7 +225,7 @@ def test_crowd_map_agrees_with_a_dense_evaluation(
         dense.rates,
         dense.prior,
         alpha=dense.alpha,
-        decay_per_s=dense.decay,
+        decay=dense.decay,
         fleet_size=len(FLEET),
         b_threshold=dense.b_threshold,
         unseen=unseen,
@@ -295,8 +295,8 @@ def test_pool_agrees_with_a_dense_evaluation(unseen: Literal["fleet", "visible"]
         ),
         (lambda: _blend_one(alpha=0.0), "alpha is 0; it must be in (0, 1]"),
         (lambda: _blend_one(alpha=1.01), "alpha is 1.01; it must be in (0, 1]"),
-        (lambda: _blend_one(decay_per_s=-0.1), "decay_per_s is -0.1; it must be finite and >= 0"),
-        (lambda: _blend_one(decay_per_s=math.inf), "decay_per_s is inf; it must be finite and >= 0"),
+        (lambda: _blend_one(decay_per_s=-0.1), "decay is -0.1; it must be finite and >= 0"),
+        (lambda: _blend_one(decay_per_s=math.inf), "decay is inf; it must be finite and >= 0"),
         (lambda: _blend_one(elapsed_s=-1.0), "elapsed_s is -1; it must be finite and >= 0"),
         (lambda: _blend_one(elapsed_s=math.inf), "elapsed_s is inf; it must be finite and >= 0"),
         (lambda: _blend_one(previous=1.5), "previous is 1.5; it must be inside [0, 1]"),

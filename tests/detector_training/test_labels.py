@@ -54,7 +54,7 @@ def recording(
         FrameTruth(pose=lambda: pose, exposure_ns=lambda: STAMP),
     )
     log = PeopleLog() if people is None else PeopleLog([STAMP], lambda stamp: people)
-    return Recording("hand", ("uav1",), (frame,), None, None, [], (), {}, {}, log)
+    return Recording("hand", ("uav1",), (frame,), None, None, (), (), {}, {}, log)
 
 
 def ground(of: Recording) -> tuple[np.ndarray, np.ndarray]:

@@ -212,7 +212,7 @@ def test_a_training_can_start_from_another(tmp_path: Path):
         initial=checkpoint,
     )
     assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
-    with pytest.raises(ValueError, match="trained with width 0.25, wanted is 0.5"):
+    with pytest.raises(ValueError, match="trained with width 0.25, this training has 0.5"):
         train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
 
 

@@ -234,7 +234,7 @@ def test_crowds_without_room_or_place_are_refused_by_name() -> None:
     one = CrowdPlan(people=30, along_m=300.0, side="left", motion="stand")
     with pytest.raises(ScenarioError, match=r"crowds\[0\] and crowds\[1\] walk into each other"):
         build(crowds=(one, replace(one, along_m=303.0)))
-    with pytest.raises(ScenarioError, match=r"walkers.count 20000: room for \d+ walkers only"):
+    with pytest.raises(ScenarioError, match=r"walkers.count 20000: only \d+ walkers have room"):
         build(walkers=WalkerPlan(count=20_000), crowds=(one,))
 
 

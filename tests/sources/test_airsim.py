@@ -60,7 +60,7 @@ def test_what_is_in_it(recorded):
     assert recording.terrain == recorded / "terrain" / "dem.tif"
     where = recording.georeference
     assert (where.latitude_deg, where.longitude_deg, where.height_m) == (46.5, 8.0, 1200.0)
-    assert recording.refused == [] and recording.warnings == ()
+    assert recording.refused == () and recording.warnings == ()
 
 
 def test_cameras_stand_where_direction_vectors_put_them(recorded):

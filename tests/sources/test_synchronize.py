@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crowdfence.sources.stamps import LAST_STAMP_NS, stamp_faults
-from crowdfence.sources.synchronize import group_instants
+from crowdfence.sources.synchronize import InstantGrouper, group_instants
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,41 @@ def test_equal_stamps_stay_together_after_a_lost_frame():
 
 def test_no_frames_no_instants():
     assert grouped([], 100) == []
+
+
+# --- frames as they arrive
+
+
+def test_an_instant_is_known_once_no_frame_can_join_it_any_more():
+    grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
+    a, b, c = shots(("a", 0), ("b", 60), ("a", 170))
+    assert grouper.push(a) == ([], [])
+    assert grouper.push(b) == ([], [])
+    # At 170 everything stamped before 120 is there, so nothing can come within 100 of the first frame.
+    assert grouper.push(c) == ([[a, b]], [])
+    assert grouper.flush() == ([[c]], [])
+
+
+def test_the_clock_completes_an_instant_without_a_frame():
+    grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
+    (a,) = shots(("a", 0))
+    grouper.push(a)
+    assert grouper.advance(150) == ([], [])
+    assert grouper.advance(151) == ([[a]], [])
+
+
+def test_a_frame_whose_time_is_over_is_late_and_in_no_group():
+    grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
+    a, late, just_in_time = shots(("a", 1000), ("b", 949), ("b", 950))
+    grouper.push(a)
+    assert grouper.push(late) == ([], [late])
+    assert grouper.push(just_in_time) == ([], [])
+    assert grouper.flush() == ([[just_in_time, a]], [])
+
+
+def test_bounds_of_the_grouper_are_named():
+    with pytest.raises(ValueError, match="max_delay_ns is -1; it must not be negative"):
+        InstantGrouper(0, -1)
 
 
 fleets = st.dictionaries(
@@ -130,3 +165,18 @@ def longest_increasing_by_trying(values):
     for index, value in enumerate(first):
         best.append(1 + max((best[before] for before in range(index) if first[before] < value), default=0))
     return max(best, default=0)
+
+
+@given(fleets, st.integers(0, 120), st.integers(0, 200), st.randoms(use_true_random=False))
+def test_arrival_in_any_order_within_the_delay_gives_the_instants_of_the_recording(
+    fleet, tolerance, delay, random
+):
+    frames = [Shot(drone, stamp) for drone, stamps in fleet.items() for stamp in stamps]
+    arrivals = sorted(frames, key=lambda shot: shot.stamp_ns + random.uniform(0, delay))
+    grouper = InstantGrouper(tolerance, delay)
+    steps = [grouper.push(shot) for shot in arrivals]
+    groups = [group for step in [*steps, grouper.flush()] for group in step.instants]
+    assert not any(step.late for step in steps)
+    assert [sorted(group, key=lambda s: (s.stamp_ns, s.drone)) for group in groups] == [
+        sorted(group, key=lambda s: (s.stamp_ns, s.drone)) for group in group_instants(frames, tolerance)
+    ]

@@ -29,6 +29,12 @@ def write_video(path: Path, frames: int, *, key_every: int = 5) -> Path:
     return path
 
 
+def packet_ends(path: Path) -> list[int]:
+    """Byte after the coded bytes of each frame."""
+    with av.open(str(path)) as container:
+        return [packet.pos + packet.size for packet in container.demux(video=0) if packet.size]
+
+
 def damage(path: Path, numbers: list[int]) -> Path:
     """Overwrite the coded bytes of these frames with zeros."""
     with av.open(str(path)) as container:

@@ -45,7 +45,7 @@ def test_a_label_stays_until_the_place_is_seen_again() -> None:
         return Frame("a", stamp_ns, camera, down, PixelSources(silhouettes=lambda: mask))
 
     frames = (look(10**9, 10.0, True), look(2 * 10**9, 30.0, False), look(3 * 10**9, 10.0, False))
-    recording = Recording("looks", ("a",), frames, None, None, [], (), {}, {})
+    recording = Recording("looks", ("a",), frames, None, None, (), (), {}, {})
     labels = ProjectedLabels(recording, plain, max_range_m=300.0, target_height_m=0.0, coverage="rays")
     first, second, third = (labels.at(instant) for instant in recording.instants())
     east = plain.voxel_indices(np.flatnonzero(first))[:, 0]
@@ -55,7 +55,7 @@ def test_a_label_stays_until_the_place_is_seen_again() -> None:
 
 
 def test_truth_that_is_not_recorded_is_refused() -> None:
-    nothing = Recording("bare", ("a",), (), None, None, [], (), {}, {})
+    nothing = Recording("bare", ("a",), (), None, None, (), (), {}, {})
     terrain = Terrain.from_occupancy(np.ones((2, 2, 1), np.bool_), 1.0)
     with pytest.raises(ValueError, match="bare does not record where people are"):
         CrowdsOfTheWorld(nothing, terrain)

@@ -169,8 +169,8 @@ impl PyPaper {
 
     fn __repr__(&self) -> String {
         format!(
-            "Paper({}, prior={}, alpha={}, decay={}, fleet_size={}, b_threshold={}, unseen={:?}, normalise={}, \
-             initial={:?}, decay_unit={:?})",
+            "Paper({}, prior={}, alpha={}, decay={}, fleet_size={}, b_threshold={}, unseen='{}', normalise={}, \
+             initial='{}', decay_unit='{}')",
             self.rates().__repr__(),
             self.prior(),
             self.alpha(),

@@ -118,7 +118,7 @@ fn paper(detector: &Value, case: &Value) -> Paper {
         Some("frame") => DecayUnit::Frame,
         Some(other) => panic!("decay_unit is {other}"),
     };
-    let blend = TemporalBlend::new(number(case, "alpha"), number(case, "decay_per_s")).unwrap();
+    let blend = TemporalBlend::new(number(case, "alpha"), number(case, "decay")).unwrap();
     let fleet_size = case["fleet_size"].as_u64().unwrap() as usize;
     Paper::new(opinion_pool(detector, case), blend, fleet_size, initial, decay).unwrap()
 }

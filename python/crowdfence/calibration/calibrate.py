@@ -1,4 +1,4 @@
-"""A model, labelled missions -> the model calibrated, with what it is worth written into it."""
+"""A model, labelled missions -> the model calibrated, with its measured rates written into it."""
 
 from __future__ import annotations
 
@@ -148,8 +148,8 @@ def _before_and_after(detector: Detector, chosen: LogitMap, frame: Frame) -> tup
 def _warnings(calibration: Calibration, measured: PassResult, missions: LabelledMissions) -> Iterator[str]:
     if calibration.after is None:
         yield (
-            "crowd in fewer than two missions: only a temperature was fitted, and nothing held out says "
-            "whether it helps"
+            "crowd in fewer than two missions: only a temperature was fitted, and no mission held out "
+            "shows whether it helps"
         )
     if len(missions.paths) == 1:
         yield f"one mission only: intervals come from blocks of {BLOCK_S:g} s and do not cover other places"

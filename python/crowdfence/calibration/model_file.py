@@ -82,8 +82,7 @@ def write_calibrated(
 
 def require_agreement(before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8]) -> None:
     """DetectorError unless the written model gives on an image what the correction gives in numpy."""
-    if before.contract.input.resize == "tile":
-        return  # overlapping tiles are blended, after the correction in one case and before it in the other
+    image = _not_resampled(image, before.contract)
     raw = before(image)
     inside = np.abs(cell_logits(raw)) < LIMIT - 1.0  # beyond, a float32 probability has lost its logit
     difference = np.abs(after(image) - chosen.probability(raw))[inside].max(initial=0.0)
@@ -92,3 +91,14 @@ def require_agreement(before: Detector, after: Detector, chosen: LogitMap, image
             f"the calibrated model differs from its calibration by {difference:.2g}; allowed: "
             f"{TOLERATED_DIFFERENCE:g}. Please report this model"
         )
+
+
+def _not_resampled(image: NDArray[np.uint8], contract: Contract) -> NDArray[np.uint8]:
+    """The image at the size of a model that resizes. On any other size the heatmap is interpolated from the
+    model's cells, and a correction of interpolated values differs from interpolated corrected ones."""
+    size = contract.input.size
+    if size is None or contract.input.resize not in ("stretch", "letterbox"):
+        return image
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BILINEAR))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT
+from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.evaluation.text_table import aligned, interval, number
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def calibrate(
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
-            "--target", help="What the heatmap is to mark. Default: the contract's, else silhouettes."
+            "--target", help="What the heatmap should mark. Default: the contract's, else silhouettes."
         ),
     ] = None,
     truth: Annotated[
@@ -48,15 +48,15 @@ def calibrate(
         typer.Option("--truth", help="Truth of voxels: where people stood (world), or the frame's label."),
     ] = TruthName.auto,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
-    b_threshold: options.BThreshold = DEFAULT.b_threshold,
-    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    b_threshold: options.BThreshold = PAPER.b_threshold,
+    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
     as_json: options.Json = False,
 ) -> None:
-    """Fit a model's probabilities to labelled missions and write what they are worth into it.
+    """Fit a model's probabilities to labelled missions and write the measured rates into it.
 
-    Chooses between no change, a temperature, scale and bias, and a curve by missions held out; measures TPR,
+    Chooses between no change, a temperature, scale and bias, and a curve on missions held out; measures TPR,
     FPR and likelihood ratios per voxel observation, with 95 % intervals over missions. Needs the package onnx
     (`pip install crowdfence\\[train]`).
     """

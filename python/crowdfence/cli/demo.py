@@ -9,10 +9,10 @@ import typer
 
 from crowdfence.cli import options
 from crowdfence.cli.run import fuse_and_report
-from crowdfence.config import RunConfig
+from crowdfence.config import RunConfig, ZoneConfig
 
 RECORDING = Path(__file__).parent.parent / "demo_data" / "race.mcap"
-CONFIG = RunConfig(min_area_m2=4.0)
+CONFIG = RunConfig(zones=ZoneConfig(min_area_m2=4.0))
 
 
 def demo(
@@ -22,11 +22,10 @@ def demo(
     as_json: options.Json = False,
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
-    from crowdfence import pipeline
-    from crowdfence.heatmap_source import choose_detector
+    from crowdfence.pipeline import choose_detector, open_terrain
     from crowdfence.sources import open_recording
 
     recording = open_recording(RECORDING)
-    terrain = pipeline.open_terrain(recording, None)
+    terrain = open_terrain(recording)
     detector = choose_detector(recording, "auto")
     fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)

@@ -24,7 +24,7 @@ def detect(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder for the heatmaps; of a recording, a mission file (.mcap)."
+            "--output", "-o", help="Folder for the heatmaps; for a recording, a mission file (.mcap)."
         ),
     ],
     model: Annotated[
@@ -39,20 +39,20 @@ def detect(
     video: Annotated[
         bool | None,
         typer.Option(
-            "--video/--no-video", help="Overlay video. Default: of pictures and videos, not of recordings."
+            "--video/--no-video", help="Overlay video. Default: for pictures and videos, not for recordings."
         ),
     ] = None,
     gsd_m: Annotated[
         float | None,
         typer.Option(
-            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; recordings know it."
+            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; not for recordings."
         ),
     ] = None,
     terrain: options.TerrainPath = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Write the heatmaps that a detector sees in pictures, and a video of them over the pictures."""
+    """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
     from crowdfence.detector.detector import Detector
 
     recording = _recording(source)
@@ -83,7 +83,7 @@ def _detect_pictures(
     as_json: bool,
 ) -> None:
     from crowdfence.heatmap_files import detect_pictures
-    from crowdfence.heatmap_source import describe_model
+    from crowdfence.pipeline.detect import describe_model
     from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
 
     with ExitStack() as stack:
@@ -127,20 +127,19 @@ def _detect_recording(
     force: bool,
     as_json: bool,
 ) -> None:
-    from crowdfence import pipeline
-    from crowdfence.config import RunConfig
+    from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
-    from crowdfence.heatmap_source import describe_model, heatmap_source
+    from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
 
     if output.is_dir():
         raise ValueError(
-            f"{output} is a folder; of a recording the output is a mission file: give a name.mcap"
+            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
         )
     if output.exists() and (output.samefile(source) or not force):
         same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
         raise FileExistsError(f"{output} exists{same}")
-    ground = pipeline.open_terrain(recording, terrain) if detector.contract.needs_gsd else None
-    heatmaps = heatmap_source(detector, ground, RunConfig().max_range_m)
+    ground = open_terrain(recording, terrain) if detector.contract.needs_gsd else None
+    heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(
             recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT
-from crowdfence.config import RunConfig
+from crowdfence.cli.options import DEFAULT, PAPER
+from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
 
 if TYPE_CHECKING:
-    from crowdfence._core import View
     from crowdfence.evaluation.cells.rates import Confusion
     from crowdfence.evaluation.replay import Score
-    from crowdfence.sources.recording import Instant
+    from crowdfence.sources.recording import Instant, InstantViews
 
 GATE_NOT_MET = 3
 
@@ -36,21 +34,21 @@ def evaluate(
     alpha: Annotated[
         list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
     ] = None,
-    decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
+    decay: options.Decay = PAPER.decay,
     unseen: options.UnseenOption = options.Unseen.fleet,
     normalise: options.Normalise = False,
     initial: options.InitialOption = options.Initial.zero,
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
     measured_rates: Annotated[
-        bool, typer.Option("--measured-rates", help="Use the rates that the truth shows, per heatmap cell.")
+        bool, typer.Option("--measured-rates", help="Use the rates per heatmap cell that the truth shows.")
     ] = False,
     prior: options.Prior = None,
-    b_threshold: options.BThreshold = DEFAULT.b_threshold,
-    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    b_threshold: options.BThreshold = PAPER.b_threshold,
+    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
-    tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
+    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
     truth: Annotated[
         options.TruthChoice,
@@ -65,16 +63,15 @@ def evaluate(
     as_json: options.Json = False,
 ) -> None:
     """Mean IoU (equation 4) of the methods against the truth that the recording holds."""
-    shared = options.run_config(context.params, method="paper", alpha=DEFAULT.alpha)
-    from crowdfence import pipeline
+    paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
-    from crowdfence.heatmap_source import choose_detector, heatmap_source
+    from crowdfence.pipeline import choose_detector, heatmap_source, open_terrain
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
     chosen = choose_detector(source, detector, contract=contract)
-    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    ground = open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     heatmaps = heatmap_source(chosen, ground, max_range_m)
     cells = CellCounter()
     if measured_rates:
@@ -83,18 +80,19 @@ def evaluate(
                 source, heatmaps, on_instant=lambda instant, _: advance(len(instant.frames))
             )
         rates = cells.counts.rates()
-        shared = replace(
-            shared, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
+        paper = replace(
+            paper, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
-    configs = _configs(shared, method or list(options.MethodName), alpha or [DEFAULT.alpha])
+    methods = _methods(method or list(options.MethodName), paper, alpha or [PAPER.alpha])
+    configs = [options.run_config(context.params, one) for one in methods]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
-        def count(instant: Instant, views: Sequence[View]) -> None:
+        def count(instant: Instant, found: InstantViews) -> None:
             if not measured_rates:
-                cells.add(instant, views)
+                cells.add(instant, found)
             advance(len(instant.frames))
 
-        scores = score(source, ground, configs, heatmaps, truth=truth.value, on_instant=count)
+        scores, refused = score(source, ground, configs, heatmaps, truth=truth.value, on_instant=count)
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     if as_json:
         console.print_json(
@@ -102,13 +100,13 @@ def evaluate(
                 "detector": {**heatmaps.to_json(), **_rates(counts)},
                 "truth": truth.value,
                 "scores": [_as_json(row) for row in scores],
-                "refused": [str(refused) for refused in source.refused],
+                "refused": [str(frame) for frame in refused],
             }
         )
     else:
         _print(source.name, truth, counts, scores)
-        for refused in source.refused:
-            console.warn(str(refused))
+        for frame in refused:
+            console.warn(str(frame))
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
@@ -120,13 +118,13 @@ _AGAINST = {
 }
 
 
-def _configs(shared: RunConfig, methods: list[options.MethodName], alphas: list[float]) -> list[RunConfig]:
-    configs = []
-    if options.MethodName.or_ in methods:
-        configs.append(replace(shared, method="or"))
-    if options.MethodName.paper in methods:
-        configs += [replace(shared, method="paper", alpha=alpha) for alpha in alphas]
-    return configs
+def _methods(names: list[options.MethodName], paper: PaperConfig, alphas: list[float]) -> list[MethodConfig]:
+    methods: list[MethodConfig] = []
+    if options.MethodName.or_ in names:
+        methods.append(OrConfig(b_threshold=paper.b_threshold))
+    if options.MethodName.paper in names:
+        methods += [replace(paper, alpha=alpha) for alpha in alphas]
+    return methods
 
 
 def _rates(counts: Confusion) -> dict[str, Any]:
@@ -143,7 +141,7 @@ def _rates(counts: Confusion) -> dict[str, Any]:
 def _as_json(row: Score) -> dict[str, Any]:
     best_threshold, best = row.sweep.best()
     return {
-        "config": asdict(row.config),
+        "config": row.config.to_json(),
         "threshold": row.threshold,
         "mean_iou": row.iou.mean,
         "std_iou": row.iou.std,
@@ -184,6 +182,5 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
 
 
 def _label(config: RunConfig) -> str:
-    if config.method == "or":
-        return "or"
-    return f"paper, alpha {config.alpha:g}"
+    method = config.method
+    return method.name if isinstance(method, OrConfig) else f"{method.name}, alpha {method.alpha:g}"

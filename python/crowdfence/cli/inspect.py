@@ -98,17 +98,17 @@ def _write_picture(
     terrain_options: dict[str, Any],
     tolerance_ms: float,
 ) -> None:
-    from crowdfence import pipeline
     from crowdfence.exports.contact_sheet import write_contact_sheet
     from crowdfence.inspection.recording import RecordingReport
+    from crowdfence.pipeline import open_terrain
     from crowdfence.sources import open_recording
 
     if not isinstance(report, RecordingReport):
-        raise ValueError(f"--picture goes with recordings, {report.path} is none")
+        raise ValueError(f"--picture goes with recordings; {report.path} is not one")
     recording = open_recording(report.path)
     terrain = None
     if terrain_path is not None or recording.terrain is not None:
-        terrain = pipeline.open_terrain(recording, terrain_path, **terrain_options)
+        terrain = open_terrain(recording, terrain_path, **terrain_options)
     write_contact_sheet(picture, recording, terrain, tolerance_ms=tolerance_ms)
 
 
@@ -157,6 +157,7 @@ def _crowd_map_facts(report: CrowdMapReport) -> RenderableType:
     else:
         rows |= {
             "method": content.method,
+            "drones": ", ".join(content.drones) or "none",
             "instants": f"{content.instants}, {content.first_instant or '-'} + {content.duration_s:.1f} s",
             "voxels": ", ".join(
                 f"{count:,} {state.replace('_', ' ')}" for state, count in content.states.items()

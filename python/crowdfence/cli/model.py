@@ -51,8 +51,8 @@ def check(
 ) -> None:
     """Run a model on one picture: its contract, its heatmap, its latency.
 
-    Fails with one line when the model cannot be loaded, its contract is missing or leaves a doubt, or its
-    output is NaN, out of range or of another shape.
+    Fails with one line when the model cannot be loaded, its contract is missing or ambiguous, or its output
+    is NaN, out of range or of another shape.
     """
     from crowdfence.detector.model_check import check_model
     from crowdfence.detector.shipped import shipped_model
@@ -94,11 +94,11 @@ def evaluate(
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
-            "--target", help="What the heatmap is to mark. Default: the contract's, else silhouettes."
+            "--target", help="What the heatmap should mark. Default: the contract's, else silhouettes."
         ),
     ] = None,
     target_height_m: options.TargetHeightM = None,
-    max_range_m: options.MaxRangeM = options.DEFAULT.max_range_m,
+    max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
     examples: Annotated[
         Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")
@@ -155,7 +155,7 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     }
     if output.rule is not None:
         rows["crowd from"] = ", ".join(f"{name} {value:g}" for name, value in output.rule.to_json().items())
-    rows["calibration"] = _plain(contract.calibration) or "none: its probabilities are the model's own word"
+    rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
     rows["rates"] = _rates(contract)
     rows["valid for"] = _spans(contract.validity)
     if contract.target_height_m is not None:

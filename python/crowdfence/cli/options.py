@@ -7,13 +7,23 @@ from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
-from crowdfence.config import RunConfig
+from crowdfence.config import (
+    GroupingConfig,
+    MethodConfig,
+    OrConfig,
+    PaperConfig,
+    ProjectionConfig,
+    RunConfig,
+    ZoneConfig,
+)
 
 DEFAULT = RunConfig()
+PAPER = PaperConfig()
+PartT = TypeVar("PartT", PaperConfig, OrConfig, ProjectionConfig, GroupingConfig, ZoneConfig)
 _METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and zones"
 
 
@@ -95,15 +105,20 @@ Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_M
 Alpha = Annotated[
     float, typer.Option("--alpha", rich_help_panel=_METHOD, help="Weight of the newest instant, in (0, 1].")
 ]
-DecayPerS = Annotated[
-    float, typer.Option("--decay-per-s", rich_help_panel=_METHOD, help="lambda of equation 3, >= 0.")
+Decay = Annotated[
+    float,
+    typer.Option("--decay", rich_help_panel=_METHOD, help="lambda of equation 3 per --decay-unit, >= 0."),
 ]
 DecayUnitOption = Annotated[
     DecayUnit, typer.Option("--decay-unit", rich_help_panel=_METHOD, help="Unit of lambda.")
 ]
 UnseenOption = Annotated[
     Unseen,
-    typer.Option("--unseen", rich_help_panel=_METHOD, help="Drones that do not see a voxel vote, or do not."),
+    typer.Option(
+        "--unseen",
+        rich_help_panel=_METHOD,
+        help="Who votes: the whole fleet, or the drones that see a voxel.",
+    ),
 ]
 Normalise = Annotated[
     bool, typer.Option("--normalise", rich_help_panel=_METHOD, help="Divide the weights by their sum.")
@@ -131,13 +146,19 @@ Prior = Annotated[
 ]
 BThreshold = Annotated[
     float,
-    typer.Option("--b-threshold", rich_help_panel=_RATES, help="A view calls a voxel crowd above this."),
+    typer.Option(
+        "--b-threshold",
+        rich_help_panel=_RATES,
+        help="Mean heatmap value above which a view calls a voxel crowd.",
+    ),
 ]
 FleetSize = Annotated[
     int | None,
     typer.Option("--fleet-size", rich_help_panel=_RATES, help="N. Default: the recording's drones."),
 ]
-MaxRangeM = Annotated[float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end here.")]
+MaxRangeM = Annotated[
+    float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end at this distance.")
+]
 TargetHeightM = Annotated[
     float | None,
     typer.Option(
@@ -156,7 +177,7 @@ ToleranceMs = Annotated[
 Threshold = Annotated[
     float | None,
     typer.Option(
-        "--threshold", rich_help_panel=_MAP, help="Crowd from this probability. Default: the method's."
+        "--threshold", rich_help_panel=_MAP, help="Lowest probability that is crowd. Default: the method's."
     ),
 ]
 MinAreaM2 = Annotated[
@@ -176,12 +197,23 @@ def recordings_in(places: list[Path]) -> list[Path]:
     return paths
 
 
-def run_config(parameters: Mapping[str, Any], **chosen: Any) -> RunConfig:
-    """The configuration from a command's parameters (`context.params`), which are named after its fields;
-    `chosen` are fields that the command decides itself."""
-    given = {field.name: parameters[field.name] for field in fields(RunConfig) if field.name in parameters}
+def run_config(parameters: Mapping[str, Any], method: MethodConfig) -> RunConfig:
+    """The configuration from a command's parameters (`context.params`), which are named after the fields of
+    its parts, around a method."""
+    return RunConfig(
+        method,
+        part(ProjectionConfig, parameters),
+        part(GroupingConfig, parameters),
+        part(ZoneConfig, parameters),
+    )
+
+
+def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> PartT:
+    """One part of the configuration; `chosen` are fields that the command decides itself."""
+    names = (field.name for field in fields(kind))
+    given = {name: parameters[name] for name in names if name in parameters}
     values = {name: value.value if isinstance(value, Enum) else value for name, value in given.items()}
-    return RunConfig(**{**values, **chosen})
+    return kind(**{**values, **chosen})
 
 
 def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict[str, Any]:

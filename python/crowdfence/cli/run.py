@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT
-from crowdfence.config import RunConfig
+from crowdfence.cli.options import DEFAULT, PAPER
+from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
@@ -31,8 +31,8 @@ def run(
     detector: options.DetectorChoice = "auto",
     contract: options.ContractPath = None,
     method: options.Method = options.MethodName.paper,
-    alpha: options.Alpha = DEFAULT.alpha,
-    decay_per_s: options.DecayPerS = DEFAULT.decay_per_s,
+    alpha: options.Alpha = PAPER.alpha,
+    decay: options.Decay = PAPER.decay,
     decay_unit: options.DecayUnitOption = options.DecayUnit.second,
     unseen: options.UnseenOption = options.Unseen.fleet,
     normalise: options.Normalise = False,
@@ -40,27 +40,31 @@ def run(
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
     prior: options.Prior = None,
-    b_threshold: options.BThreshold = DEFAULT.b_threshold,
+    b_threshold: options.BThreshold = PAPER.b_threshold,
     fleet_size: options.FleetSize = None,
-    max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
+    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
-    tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
+    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
-    min_area_m2: options.MinAreaM2 = DEFAULT.min_area_m2,
-    stale_after_s: options.StaleAfterS = DEFAULT.stale_after_s,
+    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
+    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     as_json: options.Json = False,
 ) -> None:
     """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
     picture."""
-    config = options.run_config(context.params)
-    from crowdfence import pipeline
-    from crowdfence.heatmap_source import choose_detector
+    chosen_method: MethodConfig = (
+        options.part(OrConfig, context.params)
+        if method is options.MethodName.or_
+        else options.part(PaperConfig, context.params)
+    )
+    config = options.run_config(context.params, chosen_method)
+    from crowdfence.pipeline import choose_detector, open_terrain
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
     chosen = choose_detector(source, detector, contract=contract)
-    ground = pipeline.open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    ground = open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
     fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 
@@ -84,7 +88,7 @@ def fuse_and_report(
             terrain,
             config,
             detector=detector,
-            on_step=lambda step: advance(len(step.instant.frames)),
+            on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
     summary = write_results(finished, output)
@@ -110,7 +114,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
-                "empty": f"{area['empty']:.0f} m2 seen lately, {area['stale']:.0f} m2 too long ago",
+                "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago",
             },
         )
     )
@@ -133,7 +137,7 @@ def _method(summary: dict[str, Any]) -> str:
     if summary["method"] == "or":
         return f"or, b > {used['b_threshold']:g}"
     return (
-        f"paper, alpha {used['alpha']:g}, lambda {used['decay_per_s']:g} per {used['decay_unit']}, prior "
+        f"paper, alpha {used['alpha']:g}, lambda {used['decay']:g} per {used['decay_unit']}, prior "
         f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "
         f"N {used['fleet_size']}"
     )

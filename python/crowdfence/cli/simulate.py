@@ -61,7 +61,7 @@ def simulate(
     ] = RecordingFormat.mcap,
     no_rgb: Annotated[
         bool,
-        _how("--no-rgb", "Labels, depth and truth alone, by raycasting: needs no OpenGL, knows no trees."),
+        _how("--no-rgb", "Labels, depth and truth alone, by raycasting: needs no OpenGL, leaves out trees."),
     ] = False,
     no_heatmaps: Annotated[
         bool, _how("--no-heatmaps", "Leave out the heatmaps of the simulated detector.")

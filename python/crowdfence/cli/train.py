@@ -71,7 +71,9 @@ def train(
     paths, held_out = options.recordings_in(data), options.recordings_in(validation)
     twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
     if twice:
-        raise ValueError(f"{min(twice)} is given for training and for validation; it can serve one only")
+        raise ValueError(
+            f"{min(twice)} is given for training and for validation; it can serve only one of them"
+        )
     if not output.absolute().parent.is_dir():
         raise FileNotFoundError(
             f"cannot write {output}: the folder {output.absolute().parent} does not exist"

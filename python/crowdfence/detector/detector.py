@@ -41,7 +41,7 @@ class Detector:
         detector = Detector()                                # the shipped model
         heatmap = detector(image)                            # uint8 [H, W, 3] RGB -> float32 [h, w] in [0, 1]
 
-    h = ceil(H / stride), w = ceil(W / stride); cell (i, j) tells of the pixels from row i * stride and column
+    h = ceil(H / stride), w = ceil(W / stride); cell (i, j) covers the pixels from row i * stride and column
     j * stride on. Images of any size work: they are padded, resized or cut into tiles as the contract says.
     One detector holds one session with its own threads: make one per camera stream.
     """

@@ -1,7 +1,7 @@
 """A flight against what a detector states about itself: where it was tested, its rates, its calibration.
 
 A detector that flies higher, or looks flatter, than it was tested sees crowds that nobody has measured it on.
-Nothing is refused for that: it is said, with the share of the ground that it concerns.
+Nothing is refused for that: a warning states the share of the ground that it concerns.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from crowdfence.sources.recording import Frame
 MOST_FRAMES = 120
 """Frames that are looked at, evenly over the flight."""
 TOLERATED_SHARE = 0.01
-"""So much of the ground may lie outside without a word."""
+"""This share of the ground may lie outside without a warning."""
 QUANTILES = (0.05, 0.5, 0.95)
 MOST_VOXEL_RATIO = 1.5
 
@@ -136,8 +136,8 @@ def statement_warnings(
     rates = contract.rates or {}
     if "true_positive" not in rates or "false_positive" not in rates:
         warnings.append(
-            f"the detector {name} states no rates per voxel observation: the paper's stand in; measure yours "
-            "or give --tpr and --fpr"
+            f"the detector {name} states no rates per voxel observation: the run uses its defaults; "
+            "measure yours or give --tpr and --fpr"
         )
         return warnings
     measured = rates.get("voxel_size_m")

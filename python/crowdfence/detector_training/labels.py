@@ -1,4 +1,4 @@
-"""What the network is to mark in an image, finer than it can: crops move, turn and scale the labels."""
+"""What the network should mark in an image, finer than its output: crops move, turn and scale the labels."""
 
 from __future__ import annotations
 

@@ -157,16 +157,16 @@ class _Run:
         for name in ("targets", "width"):
             if state["plan"][name] != getattr(self._plan, name):
                 raise ValueError(
-                    f"{path} was trained with {name} {state['plan'][name]}, wanted is "
-                    f"{getattr(self._plan, name)}"
+                    f"{path} was trained with {name} {state['plan'][name]}, this training "
+                    f"has {getattr(self._plan, name)}"
                 )
         self.network.load_state_dict(state["best"])
         self.average.network.load_state_dict(state["best"])
 
     @property
     def best(self) -> Checkup:
-        """The largest IoU; once there are calm steps the last of them: averaged weights need time to become
-        calm, and what is equally good but sure of too much does not count."""
+        """The validation with the largest IoU; once the calm steps have begun, the last one: averaged weights
+        need time to lose the certainty that Dice gave them, which the IoU does not show."""
         if self.history[-1].step > self._plan.calm_from:
             return self.history[-1]
         return max(self.history, key=lambda one: one.score.mean_iou)
@@ -225,7 +225,7 @@ class _Run:
         if state["plan"] != asdict(self._plan):
             differs = [name for name, value in asdict(self._plan).items() if state["plan"].get(name) != value]
             raise ValueError(
-                f"{path} is of another training: {', '.join(differs)} differ; remove it to start anew"
+                f"{path} belongs to another training: {', '.join(differs)} differ; remove it to start anew"
             )
         self.step = state["step"]
         self.network.load_state_dict(state["network"])

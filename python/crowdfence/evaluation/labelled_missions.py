@@ -25,7 +25,7 @@ class MeasurementPlan:
     """What is measured, and how."""
 
     target: Target = "silhouettes"
-    """What the heatmap is to mark."""
+    """What the heatmap should mark."""
     target_height_m: float = TARGET_HEIGHT_M["silhouettes"]
     """Height above ground at which it is projected."""
     max_range_m: float = 300.0

@@ -43,8 +43,8 @@ def measure(
 ) -> PassResult:
     """Judge the heatmaps of every frame, always equally many: such as raw and corrected.
 
-    `on_heatmap` is told the last heatmap of every frame that could be judged. ValueError when maps differ in
-    voxel size, or nothing could be used.
+    `on_heatmap` is called with the last heatmap of every frame that could be judged. ValueError when maps
+    differ in voxel size, or nothing could be used.
     """
     plan, collected = missions.plan, DetectorQuality()
     counters: list[VoxelRateCounter] = []

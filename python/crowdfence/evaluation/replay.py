@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from crowdfence._core import CrowdMap, Terrain, View
+from crowdfence._core import Terrain
 from crowdfence.config import RunConfig
 from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
-from crowdfence.heatmap_source import RECORDED, HeatmapSource
-from crowdfence.pipeline import check_overlap
-from crowdfence.sources.recording import Instant, Recording
+from crowdfence.pipeline.detect import RECORDED, HeatmapSource
+from crowdfence.pipeline.frame_loop import FrameLoop
+from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
 
 TruthKind = Literal["projected", "world"]
-OnViews = Callable[[Instant, Sequence[View]], None]
+OnInstant = Callable[[Instant, InstantViews], None]
 
 THRESHOLDS = np.arange(0.01, 1.0, 0.01)
 
@@ -30,11 +31,19 @@ class Score:
     """How well one configuration found the crowd."""
 
     config: RunConfig
-    crowd_map: CrowdMap
     threshold: float
     iou: MeanIou
     """Equation 4 at `threshold`."""
     sweep: SweepResult
+
+
+class Scores(NamedTuple):
+    """What a replay found: `rows, refused = score(...)`."""
+
+    rows: list[Score]
+    """One per configuration, in their order."""
+    refused: tuple[RefusedFrame, ...]
+    """Frames that took no part."""
 
 
 class CellCounter:
@@ -43,10 +52,10 @@ class CellCounter:
     def __init__(self) -> None:
         self.counts = Confusion(0, 0, 0, 0)
 
-    def add(self, instant: Instant, views: Sequence[View]) -> None:
+    def add(self, instant: Instant, found: InstantViews) -> None:
         """The views of an instant; those of frames without a label do not count."""
         labelled = {frame.drone: frame for frame in instant.frames if has_crowd_mask(frame)}
-        judged = [view for view in views if view.drone in labelled]
+        judged = [view for view in found.views if view.drone in labelled]
         if judged:
             masks = (crowd_mask(labelled[view.drone]) for view in judged)
             self.counts += confusion((view.heatmap for view in judged), masks)
@@ -59,20 +68,17 @@ class CellCounter:
 
 
 def measured_rates(
-    recording: Recording,
-    heatmaps: HeatmapSource = RECORDED,
-    *,
-    on_instant: OnViews | None = None,
+    recording: Recording, heatmaps: HeatmapSource = RECORDED, *, on_instant: OnInstant | None = None
 ) -> Confusion:
     """Heatmap cells of all labelled frames, counted at threshold 0.5. ValueError when there are none."""
     require_crowd_masks(recording)
     cells = CellCounter()
-    with heatmaps.viewing(len(recording.drones)) as views_of:
+    with heatmaps.detecting(len(recording.drones)) as detect:
         for instant in recording.instants():
-            views = views_of(instant)
-            cells.add(instant, views)
+            found = detect(instant)
+            cells.add(instant, found)
             if on_instant is not None:
-                on_instant(instant, views)
+                on_instant(instant, found)
     return cells.counted()
 
 
@@ -83,8 +89,8 @@ def score(
     heatmaps: HeatmapSource = RECORDED,
     *,
     truth: TruthKind = "projected",
-    on_instant: OnViews | None = None,
-) -> list[Score]:
+    on_instant: OnInstant | None = None,
+) -> Scores:
     """Replay the recording once, feeding every configuration the same views, and score each.
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
@@ -93,46 +99,45 @@ def score(
     """
     configs = [config.with_detector(heatmaps.contract) for config in configs]
     first = configs[0]
-    if any(_projection(config) != _projection(first) for config in configs):
+    if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in configs):
         raise ValueError("configurations that are scored together must project and group views alike")
-    crowds: TruthOverTime = (
-        CrowdsOfTheWorld(recording, terrain)
-        if truth == "world"
-        else ProjectedLabels(
-            recording,
-            terrain,
-            max_range_m=first.max_range_m,
-            target_height_m=first.used("target_height_m"),
-            coverage=first.coverage,
-        )
-    )
-    check_overlap(recording, terrain, first.max_range_m)
-    maps = [config.crowd_map(terrain, len(recording.drones)) for config in configs]
-    chosen = [
-        crowd_map.default_threshold() if config.threshold is None else config.threshold
-        for crowd_map, config in zip(maps, configs, strict=True)
-    ]
-    sweeps = [ThresholdSweep([*THRESHOLDS, threshold]) for threshold in chosen]
-    with heatmaps.viewing(len(recording.drones)) as views_of:
-        for instant in recording.instants(first.tolerance_ms):
-            views = views_of(instant)
-            update = maps[0].integrate(views, instant.stamp_ns)
-            for crowd_map in maps[1:]:
-                drones = [view.drone for view in views]
-                crowd_map.integrate_observations(drones, update.observations, instant.stamp_ns)
-            seen_ids = maps[0].seen_ids()
-            crowd = crowds.at(instant)[seen_ids]
-            for crowd_map, sweep in zip(maps, sweeps, strict=True):
-                sweep.update(crowd_map.probability(instant.stamp_ns, seen_ids), crowd)
+    crowds = _truth(truth, recording, terrain, first)
+    check_overlap(recording, terrain, first.projection.max_range_m)
+    drones = len(recording.drones)
+    loops = [FrameLoop(config.crowd_map(terrain, drones), config.zones) for config in configs]
+    sweeps = [ThresholdSweep([*THRESHOLDS, loop.threshold]) for loop in loops]
+    refused = list(recording.refused)
+    with heatmaps.detecting(drones) as detect:
+        for instant in recording.instants(first.grouping.tolerance_ms):
+            found = detect(instant)
+            # Views are projected once; the other maps take the observations.
+            step = loops[0].step(found.views, instant.stamp_ns, found.refused)
+            observations = step.update.observations
+            others = (loop.step_observed(observations, instant.stamp_ns) for loop in loops[1:])
+            crowd = crowds.at(instant)[step.seen_ids]
+            for sweep, probability in zip(sweeps, (one.probability for one in (step, *others)), strict=True):
+                sweep.update(probability, crowd)
+            refused += step.refused
             if on_instant is not None:
-                on_instant(instant, views)
-    return [_score(*parts) for parts in zip(configs, maps, chosen, sweeps, strict=True)]
+                on_instant(instant, found)
+    rows = [_score(*parts) for parts in zip(configs, loops, sweeps, strict=True)]
+    return Scores(rows, tuple(refused))
 
 
-def _score(config: RunConfig, crowd_map: CrowdMap, threshold: float, sweep: ThresholdSweep) -> Score:
+def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:
+    if kind == "world":
+        return CrowdsOfTheWorld(recording, terrain)
+    projection = config.projection.with_detector(None)
+    assert projection.target_height_m is not None
+    return ProjectedLabels(
+        recording,
+        terrain,
+        max_range_m=projection.max_range_m,
+        target_height_m=projection.target_height_m,
+        coverage=projection.coverage,
+    )
+
+
+def _score(config: RunConfig, loop: FrameLoop, sweep: ThresholdSweep) -> Score:
     result = sweep.result()
-    return Score(config, crowd_map, threshold, result.at(threshold), result)
-
-
-def _projection(config: RunConfig) -> tuple[float, float, str, float]:
-    return (config.max_range_m, config.used("target_height_m"), config.coverage, config.tolerance_ms)
+    return Score(config, loop.threshold, result.at(loop.threshold), result)

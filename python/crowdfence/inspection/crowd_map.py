@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crowdfence._core import CrowdMap, Terrain
+from crowdfence._core import CrowdMap, Paper, Terrain
 from crowdfence.inspection.terrain import open_map
 from crowdfence.iso_time import iso_utc
 from crowdfence.voxel_state import VoxelState
@@ -28,7 +28,10 @@ class CrowdMapContent:
     """State at the last instant, with the method's own threshold."""
 
     method: str
-    fleet_size: int
+    fleet_size: int | None
+    """None for a method that takes any number of drones."""
+    drones: tuple[str, ...]
+    """Every drone that ever gave a view."""
     instants: int
     first_instant: str | None
     """ISO 8601 UTC; None before the first instant."""
@@ -88,16 +91,18 @@ def _load(path: Path, terrain: Terrain, terrain_path: Path) -> CrowdMap:
 
 
 def _content(crowd_map: CrowdMap) -> CrowdMapContent:
-    stamps_ns = crowd_map.stamps_ns
-    first_ns, last_ns = (int(stamps_ns[0]), int(stamps_ns[-1])) if len(stamps_ns) else (0, 0)
+    method = crowd_map.method
+    span_ns = crowd_map.span_ns
+    first_ns, last_ns = (0, 0) if span_ns is None else span_ns
     states = np.bincount(crowd_map.state(last_ns), minlength=len(VoxelState))
     seen_ids = crowd_map.seen_ids()
     return CrowdMapContent(
-        method=repr(crowd_map.method),
-        fleet_size=crowd_map.method.fleet_size,
-        instants=len(stamps_ns),
-        first_instant=iso_utc(first_ns) if len(stamps_ns) else None,
-        last_instant=iso_utc(last_ns) if len(stamps_ns) else None,
+        method=repr(method),
+        fleet_size=method.fleet_size if isinstance(method, Paper) else None,
+        drones=tuple(crowd_map.drones),
+        instants=crowd_map.instant_count,
+        first_instant=None if span_ns is None else iso_utc(first_ns),
+        last_instant=None if span_ns is None else iso_utc(last_ns),
         duration_s=(last_ns - first_ns) / 1e9,
         threshold=crowd_map.default_threshold(),
         states={state.name.lower(): int(states[state]) for state in VoxelState},

@@ -27,7 +27,7 @@ def open_terrain(
 ) -> Terrain:
     """Read a map file as a terrain in local ENU metres.
 
-    `georeference` is the anchor of the local frame, as a rule that of the recording. Maps with a coordinate
+    `georeference` is the anchor of the local frame, usually that of the recording. Maps with a coordinate
     reference system are brought into its tangent plane; without an anchor they get one in their middle, and
     `terrain.georeference` says where. `voxel_size_m` None lets the file decide.
 

@@ -54,8 +54,8 @@ def open_geotiff(
     - `band`: which one holds heights (1 = first); must be given when there are several.
     - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are
       holes, never height zero, and nothing is interpolated across them.
-    - `crs`: stands above the one in the file. `assume_local=True`: for files without one; pixels then lie in
-      local metres as their transform says.
+    - `crs`: takes precedence over the one in the file. `assume_local=True`: for files without one; pixels
+      then lie in local metres as their transform says.
     - `height_unit`: "m", "ft", "us-ft", or "auto" (see `maps.source_frame.HeightRules`).
     - `height_offset_m`: added to all heights. Heights count from the WGS84 ellipsoid, unless the reference
       system has a vertical part whose geoid grid PROJ has installed. Most height models count from a geoid

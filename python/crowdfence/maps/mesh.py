@@ -98,7 +98,7 @@ def _parse(path: Path) -> Any:
 
 
 def _check_obj_faces(path: Path, data: bytes) -> None:
-    """A face of less than three corners is what a cut file ends with; the parser would leave it out."""
+    """A file that was cut off ends with a face of fewer than three corners; the parser would leave it out."""
     for number, line in enumerate(data.splitlines(), start=1):
         if line.startswith(b"f ") and not line.endswith(b"\\") and len(line.split()) < 4:
             raise MapError(
@@ -107,7 +107,7 @@ def _check_obj_faces(path: Path, data: bytes) -> None:
 
 
 def _check_ply_lines(path: Path, data: bytes) -> None:
-    """An ASCII .ply has one line per element; the parser would take what is there without a word."""
+    """An ASCII .ply has one line per element; the parser would accept a shorter file silently."""
     head, _, body = data.partition(b"end_header")
     words = [line.split() for line in head.splitlines()]
     if [b"format", b"ascii"] not in [line[:2] for line in words]:

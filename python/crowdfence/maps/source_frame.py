@@ -29,7 +29,7 @@ class HeightRules:
     `unit`: "m", "ft" (international foot), "us-ft" (survey foot), or "auto": the unit of the vertical
     reference system, else of the file's own label, else of the horizontal axes where those are lengths, else
     metres. `offset_m` is added to every height, for instance the height of the geoid above the ellipsoid;
-    when given, it stands for the vertical datum, and a vertical axis in the file tells only the unit.
+    when given, it replaces the vertical datum, and a vertical axis in the file gives only the unit.
     """
 
     unit: HeightUnit = "auto"
@@ -124,7 +124,8 @@ def source_frame(
 def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_local: bool) -> CRS | None:
     """The reference system to use, None for local metres; ValueError when there is none or one too many.
 
-    `stated` is the caller's word and stands above the file's; `assume_local` is for files without any.
+    `stated` comes from the caller and takes precedence over the file's; `assume_local` is for files without
+    any.
     """
     from pyproj import CRS
 

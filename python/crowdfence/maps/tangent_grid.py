@@ -1,9 +1,9 @@
 """A height surface given in any reference system -> heights on a regular grid in the local tangent plane.
 
 "Above (east, north)" means along the local z axis, which is the plumb line only at the anchor. The surface
-is therefore searched along that axis: from a guess of the height follows the place in the source, from its
-height a better guess. Each step shrinks the error by the lean of the plumb line (1.6e-4 at 1 km) times the
-slope of the surface.
+is therefore searched along that axis: a guess of the height gives the place in the source, and the height
+there gives a better guess. Each step shrinks the error by the lean of the plumb line (1.6e-4 at 1 km) times
+the slope of the surface.
 
 The map from local to source coordinates is smooth, so PROJ is asked on a lattice of nodes at most 100 m apart
 and at two heights, and what lies between is interpolated: off by less than 1 mm up to 100 km from the anchor.

@@ -1,4 +1,4 @@
-"""Colours drawn at random, for worlds that are to differ in colour."""
+"""Colours drawn at random, for worlds that should differ in colour."""
 
 from __future__ import annotations
 

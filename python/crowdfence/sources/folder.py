@@ -1,4 +1,4 @@
-"""A plain folder of heatmaps and a table of camera poses: the form to produce from one's own logs.
+"""A plain folder of heatmaps and a table of camera poses: the form to produce from your own logs.
 
     poses.csv                          drone, stamp_ns, x, y, z, qw, qx, qy, qz
     recording.json                     cameras, and optionally georeference and terrain
@@ -64,7 +64,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
         frames=frames,
         georeference=_georeference(description, folder / DESCRIPTION_NAME),
         terrain=_terrain(folder, description, warnings),
-        refused=refused,
+        refused=tuple(refused),
         warnings=tuple(warnings),
         manifest={"kind": "folder", "path": str(folder)},
         pose_tracks=tracks,

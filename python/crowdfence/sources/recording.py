@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,15 @@ class Frame:
         return FrameError(self.drone, self.stamp_ns, reason)
 
 
+class InstantViews(NamedTuple):
+    """The frames of an instant for the core: `views, refused = instant.views()`."""
+
+    views: list[View]
+    """In the order of the frames."""
+    refused: list[RefusedFrame]
+    """Frames that turned out to be unusable; the others are not affected."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
     """Frames of different drones that count as simultaneous."""
@@ -156,27 +165,23 @@ class Instant:
     stamp_ns: int
     """The newest stamp of the group."""
     frames: tuple[Frame, ...]
-    refuse: Callable[[RefusedFrame], None] = field(repr=False)
-    """Told of every frame that turns out to be unusable."""
 
     def views(
         self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap, *, executor: Executor | None = None
-    ) -> list[View]:
-        """The frames as views for the core, with the recorded heatmaps or those of a detector. A frame that
-        cannot be loaded is left out and becomes part of the recording's `refused`; the others are not
-        affected.
+    ) -> InstantViews:
+        """The frames as views for the core, with the recorded heatmaps or those of a detector.
 
         `heatmap_of` raises FrameError for a frame without a usable heatmap. With an `executor` it is called
-        for several frames at once; the views come in the order of the frames all the same.
+        for several frames at once; the views still come in the order of the frames.
         """
         over = map if executor is None else executor.map
-        views = []
+        views, refused = list[View](), list[RefusedFrame]()
         for result in over(partial(_view_or_refusal, heatmap_of), self.frames):
             if isinstance(result, RefusedFrame):
-                self.refuse(result)
+                refused.append(result)
             else:
                 views.append(result)
-        return views
+        return InstantViews(views, refused)
 
 
 def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> View | RefusedFrame:
@@ -198,8 +203,8 @@ class Recording:
     georeference: Georeference | None
     terrain: Path | None
     """A map file that came with the recording."""
-    refused: list[RefusedFrame]
-    """Frames that do not take part. Grows when `Instant.views` meets pixels that cannot be read."""
+    refused: tuple[RefusedFrame, ...]
+    """Frames that do not take part. Pixels are read later: `Instant.views` says which of those cannot be."""
     warnings: tuple[str, ...]
     """What the reader had to assume or could not read, one sentence each."""
     manifest: dict[str, Any]
@@ -244,7 +249,7 @@ class Recording:
         self._check_drones(fleet)
         frames = (frame for frame in self.frames if frame.drone in fleet)
         return (
-            Instant(group[-1].stamp_ns, tuple(group), self._refuse)
+            Instant(group[-1].stamp_ns, tuple(group))
             for group in group_instants(frames, int(tolerance_ms * 1e6))
         )
 
@@ -254,8 +259,3 @@ class Recording:
             raise ValueError(
                 f"no drone {unknown[0]!r} in {self.name}: it holds {', '.join(self.drones) or 'none'}"
             )
-
-    def _refuse(self, refused: RefusedFrame) -> None:
-        # Looking at an instant twice must not refuse its frames twice.
-        if refused not in self.refused:
-            self.refused.append(refused)

@@ -1,4 +1,4 @@
-"""Which pixels of a frame a detector is to mark: the label that it is judged and calibrated by."""
+"""Which pixels of a frame a detector should mark: the label that it is judged and calibrated by."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
 
 class TruthOverTime(Protocol):
-    """Asked for the instants of a recording in their order."""
+    """Called with the instants of a recording in their order."""
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
         """Crowd voxels [V]. FrameError when the truth of the instant is damaged."""

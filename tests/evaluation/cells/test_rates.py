@@ -23,8 +23,8 @@ MASK = np.array([[1, 1], [0, 0]], np.uint8)
 def test_two_by_two() -> None:
     heatmap = np.array([[0.9, 0.2], [0.8, 0.1]])
     assert confusion([heatmap], [MASK]) == Confusion(1, 1, 1, 1)
-    rates = detector_rates([heatmap], [MASK], 0.5)
-    assert (rates.true_positive, rates.false_positive) == (0.5, 0.5)
+    with pytest.raises(ValueError, match="must call crowd more often where there is one"):
+        detector_rates([heatmap], [MASK], 0.5)  # half of either kind: it tells nothing
 
 
 def test_frames_add_up_and_the_threshold_itself_is_not_crowd() -> None:
@@ -34,6 +34,8 @@ def test_frames_add_up_and_the_threshold_itself_is_not_crowd() -> None:
     ]
     counts = confusion(heatmaps, [MASK, MASK], 0.5)
     assert counts == Confusion(true_positives=3, false_positives=1, true_negatives=3, false_negatives=1)
+    rates = detector_rates(heatmaps, [MASK, MASK], 0.5)
+    assert (rates.true_positive, rates.false_positive) == (0.75, 0.25)
     assert counts.true_positive_rate().rate == 0.75
     assert counts.false_positive_rate().rate == 0.25
     assert counts.true_negative_rate().rate == 0.75

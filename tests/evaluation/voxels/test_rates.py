@@ -223,7 +223,7 @@ def recording(frame: Frame, feet: NDArray[np.float64] | None = None) -> Recordin
             np.zeros(count, np.uint32),
         )
         people = PeopleLog([1000], lambda _: world)
-    return Recording("plane", ("a",), (frame,), None, None, [], (), {}, {}, people)
+    return Recording("plane", ("a",), (frame,), None, None, (), (), {}, {}, people)
 
 
 def on_the_plane(values: NDArray[np.float64]) -> NDArray[np.float64]:

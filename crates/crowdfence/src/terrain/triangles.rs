@@ -38,7 +38,7 @@ pub enum TrianglesError {
 /// `vertices` are in voxels from the origin of the terrain, so voxel (i, j, k) is the half-open box from
 /// (i, j, k) to (i + 1, j + 1, k + 1); a triangle that ends exactly on the upper face of a voxel may count as
 /// touching it, never the reverse (up to the rounding of f64). Triangles without area are lines or points and
-/// touch voxels all the same. No triangles give no voxels.
+/// still touch voxels. No triangles give no voxels.
 pub fn voxelize_triangles(
     vertices: &[DVec3],
     triangles: &[[u32; 3]],

@@ -38,7 +38,7 @@ def applies(face: ModelFace) -> bool:
 
 
 def document(face: ModelFace) -> dict[str, Any]:
-    """The contract as JSON. DetectorError when the metadata leave a doubt."""
+    """The contract as JSON. DetectorError when the metadata are incomplete or ambiguous."""
     outputs = {"segmentor": _segmentor, "detector": _detector}
     kind = literal(face.metadata, "model_type")
     if not isinstance(kind, str) or kind.lower() not in outputs:

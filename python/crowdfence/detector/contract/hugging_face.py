@@ -26,7 +26,7 @@ def config_path(face: ModelFace) -> Path:
 
 
 def document(face: ModelFace, output: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The contract as JSON. DetectorError when the file leaves a doubt or the output is not stated."""
+    """The contract as JSON. DetectorError when the file is ambiguous or the output is not stated."""
     if output is None:
         raise DetectorError(
             "it describes the input only, and what the output means is not stated: give output={...}"

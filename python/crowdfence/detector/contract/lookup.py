@@ -38,7 +38,7 @@ def sidecar_path(model: Path) -> Path:
 def load_contract(path: str | PathLike[str]) -> Contract:
     """Contract of a model (`.onnx`) or in a JSON file (any other name).
 
-    DetectorError when there is none or it does not hold, OSError when the file cannot be read.
+    DetectorError when there is none or it is not valid, OSError when the file cannot be read.
     """
     path = Path(path)
     if path.suffix.lower() != ".onnx":

@@ -38,7 +38,7 @@ def applies(face: ModelFace) -> bool:
 
 
 def document(face: ModelFace) -> dict[str, Any]:
-    """The contract as JSON. DetectorError when the metadata leave a doubt."""
+    """The contract as JSON. DetectorError when the metadata are incomplete or ambiguous."""
     task = face.metadata["task"]
     if task not in _TASKS:
         raise DetectorError(f"task is {shown(task)}; allowed: {', '.join(_TASKS)}")

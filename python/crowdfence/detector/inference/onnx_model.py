@@ -110,7 +110,7 @@ class OnnxModel:
         return np.ascontiguousarray(own)
 
     def _people(self, image: Image) -> People:
-        """Everybody in the image, in its pixels; of two tiles, the one where the feet are counts."""
+        """Everybody in the image, in its pixels; where tiles overlap, the one that holds the feet decides."""
         height, width = image.shape[:2]
         parts = []
         for patch in patches(height, width, self._contract.input, self._contract.output.stride):

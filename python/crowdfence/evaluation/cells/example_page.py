@@ -1,4 +1,4 @@
-"""Frames of labelled missions on one page, with what a model says and what is so."""
+"""Frames of labelled missions on one page, with what a model says and what is true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shares forced to increase, where order is known to and counting noise does not show it."""
+"""Shares forced to increase where they are known to, although counting noise hides it."""
 
 from __future__ import annotations
 

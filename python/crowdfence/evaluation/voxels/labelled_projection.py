@@ -1,4 +1,4 @@
-"""One frame on the terrain beside the truth: what a detector says about each voxel, and what is so."""
+"""One frame on the terrain beside the truth: what a detector says about each voxel, and what is true."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class LabelledProjection:
 
     The truth comes from the world where the recording holds everybody's positions: the ground of every crowd
     (`truth_from_positions`) as it stood at the exposure, by the definition of a crowd in the recording's
-    manifest (else three people within 2 m). Crowds that trees or other people hide are crowds all the same.
+    manifest (else three people within 2 m). Crowds that are hidden by trees or other people count too.
     Without positions the truth is the frame's own label, projected like the heatmap (`truth="labels"`): it
     knows only what the frame shows, and voxels that an ignored pixel shows are left out.
     """

@@ -76,7 +76,7 @@ def _chosen(recording: Recording, drones: Sequence[str], tolerance_ms: float) ->
 
 
 def _spread(items: Sequence[_T], count: int) -> list[_T]:
-    """At most `count` of them; the ends are left to those who have nothing in between."""
+    """At most `count` of them: the middle ones of as many equal parts."""
     if len(items) <= count:
         return list(items)
     return [items[int((number + 0.5) * len(items) / count)] for number in range(count)]

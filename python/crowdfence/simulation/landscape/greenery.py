@@ -59,7 +59,7 @@ def strew_rocks(things: Furnishing, count: int, extent: Extent, where: Acceptanc
 def stand_look_alikes(
     things: Furnishing, sculptures: int, animals: int, extent: Extent, where: Acceptance
 ) -> None:
-    """Statues, scarecrows and cows: the size of people, and none."""
+    """Statues, scarecrows and cows: as large as people, but not people."""
     rng = things.rng
     x, y = scatter(sculptures, extent, rng, where)
     good = things.free(x, y, 1.5)

@@ -70,8 +70,8 @@ def place_walkers(
         row = _free_walk(plan, landscape, crowd_ways, avoid, rows, rng)
         if row is None:
             raise ScenarioError(
-                f"walkers.count {plan.count}: room for {len(rows)} walkers only that keep {APART_M:g} m from "
-                "crowds and each other; use fewer walkers or a larger landscape"
+                f"walkers.count {plan.count}: only {len(rows)} walkers have room {APART_M:g} m from crowds "
+                "and each other; use fewer walkers or a larger landscape"
             )
         rows.append(row)
     table = np.array(rows).reshape(-1, 7)

@@ -99,7 +99,7 @@ class People:
         return np.concatenate([*(crowd.positions(t_s) for crowd in self.crowds), self.walkers.positions(t_s)])
 
     def in_crowd(self, position: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Who of the people at `position` [P, 3] is in a crowd by the scenario's definition."""
+        """Which of the people at `position` [P, 3] is in a crowd by the scenario's definition."""
         return crowds_of(position, self.definition.radius_m, self.definition.min_people) >= 0
 
     def _on_ground(self, ground: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -69,14 +69,14 @@ def record_airsim(
 ) -> Recorded:
     """Simulate `scene` into the AirSim recording folder `path`; arguments and errors as `record_mission`.
 
-    Pictures are PNG. ScenarioError for a lens distortion, which AirSim's settings cannot tell. An interrupt
-    or a kill leaves a folder that can be read, as far as it goes, and resumed.
+    Pictures are PNG. ScenarioError for a lens distortion, which AirSim's settings cannot express. An
+    interrupt or a kill leaves a folder that can be read, as far as it goes, and resumed.
     """
     given = options or FrameOptions()
     options = FrameOptions(given.rgb, given.heatmaps, "PNG", given.jpeg_quality, given.supersample)
     if scene.scenario.trouble.lens_distortion:
         raise ScenarioError(
-            "trouble.lens_distortion cannot be told in an AirSim recording; set it to [] or record a mission"
+            "trouble.lens_distortion has no place in an AirSim recording; set it to [] or record a mission"
         )
     require_folder(path)
     if not (resume or overwrite):

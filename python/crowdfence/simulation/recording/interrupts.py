@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish that is granted between two frames, so that a recording ends where it can go on.
+"""Ctrl-C as a request that is granted between two frames, so that a recording ends where it can be resumed.
 
 A terminal sends it to all processes at once: those that only help ignore it and end with their parent.
 """

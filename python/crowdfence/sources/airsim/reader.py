@@ -55,7 +55,7 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         frames=frames,
         georeference=settings.georeference(),
         terrain=find_terrain(folder),
-        refused=[RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty] + refused,
+        refused=(*(RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty), *refused),
         warnings=tuple(reader.warnings),
         manifest={
             "kind": "airsim",

@@ -77,7 +77,7 @@ class AirSimSettings:
         """Where the vehicle's own coordinates begin, NED metres from the world origin.
 
         AirSim turns no axes there: the start's Yaw is the vehicle's first heading and nothing else. A single
-        vehicle may do without; of several, each must be in the settings, or they would be stacked.
+        vehicle may do without; of several, each must be in the settings, or all would start at one place.
         """
         if vehicle not in self.vehicles and fleet > 1:
             raise ValueError(

@@ -12,7 +12,7 @@ from crowdfence.sources.airsim.table import ImageName
 from crowdfence.sources.pictures.decoding import read_depth_cm, read_pfm
 
 DEPTH_PLANAR, DEPTH_PERSPECTIVE, DEPTH_VIS, SEGMENTATION = 1, 2, 3, 5
-"""AirSim's ImageType numbers. DepthVis is 8-bit and clipped at 100 m, a picture and no truth."""
+"""AirSim's ImageType numbers. DepthVis is 8-bit and clipped at 100 m: a picture, not truth."""
 
 TRUTH_TYPES = {
     DEPTH_PLANAR: "planar depth",
@@ -26,7 +26,7 @@ def pair_truth(
 ) -> tuple[dict[int, ImageName], int]:
     """The truth pictures of one line that belong to its `number`-th colour picture, and how many to none.
 
-    Equal nanoseconds decide. AirSim itself takes the clock anew for every file; its pictures then pair by
+    Equal nanoseconds decide. AirSim itself reads the clock anew for every file; its pictures then pair by
     order, provided that the line lists as many of them (issues 2110 and 3177: it does not always).
     """
     truth: dict[int, ImageName] = {}

@@ -36,7 +36,7 @@ drone: its name and its topic prefix, written before its first message), `crowdf
 a conversion had to leave out), and of a simulated mission `crowdfence.simulation` (scenario, seed and
 renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last three hold JSON.
 
-Readers pass over topics that they do not know, so everything that was added since version 1 began is of
+Readers skip topics that they do not know, so everything that was added since version 1 began is of
 version 1 too.
 """
 

@@ -220,7 +220,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         frames=frames,
         georeference=_georeference(description, warnings),
         terrain=_terrain(mcap.path, description, warnings),
-        refused=content.refused + refused,
+        refused=(*content.refused, *refused),
         warnings=tuple(warnings),
         manifest={"kind": "mission", "path": str(mcap.path), **description, **content.simulation},
         pose_tracks=tracks,

@@ -188,7 +188,7 @@ class MissionWriter:
 
     def discard(self) -> None:
         """Stop writing and remove the partial file."""
-        # Closing flushes, which fails again on a full disk; the file goes away all the same.
+        # Closing flushes, which fails again on a full disk; the file is removed anyway.
         self.abandon()
         self._part_path.unlink(missing_ok=True)
 

@@ -29,7 +29,7 @@ def picture_files(path: Path) -> list[Path]:
 
 
 def read_pictures(files: Sequence[Path], *, every: int = 1) -> PictureStream:
-    """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped, and said so."""
+    """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped and reported."""
     from crowdfence.sources.pictures.decoding import read_rgb
 
     check_every(every)

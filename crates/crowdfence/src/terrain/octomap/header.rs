@@ -10,7 +10,7 @@ pub(super) const FULL_FIRST_LINE: &str = "# Octomap OcTree file";
 /// Hostile files can hold megabytes without a space; messages quote at most this much of them.
 const MAX_QUOTED_BYTES: usize = 60;
 
-/// What an OctoMap file says of itself.
+/// What an OctoMap file says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OctomapHeader {
     /// Type of the tree, e.g. `OcTree` or `ColorOcTree`.

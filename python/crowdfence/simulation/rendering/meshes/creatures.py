@@ -1,4 +1,4 @@
-"""Animals and statues: shapes of the size of people that are none."""
+"""Animals and statues: as large as people, but not people."""
 
 from crowdfence.simulation.rendering.meshes.figures import FigureStyle, figure
 from crowdfence.simulation.rendering.meshes.shape import Shape, ball, box, joined, loft, tube

@@ -17,16 +17,17 @@ from typer.testing import CliRunner
 
 from crowdfence import Terrain, _core, open_recording, pipeline
 from crowdfence.cli.app import app
-from crowdfence.config import UNSTATED, RunConfig
+from crowdfence.config import OrConfig, PaperConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.detector import Detector
 from crowdfence.evaluation.replay import measured_rates
 from crowdfence.heatmap_files import detect_recording
-from crowdfence.heatmap_source import choose_detector, heatmap_source
+from crowdfence.pipeline import choose_detector, heatmap_source
 from crowdfence.sources.recording import Frame, FrameError
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
 
-CONFIG = RunConfig(prior=0.2)
+CONFIG = RunConfig(PaperConfig(prior=0.2))
+DEFAULTS = {"true_positive_rate": 0.9, "false_positive_rate": 0.02, "target_height_m": 0.0}
 RATES = {
     "true_positive": {"rate": 0.8, "low": 0.7, "high": 0.9},
     "false_positive": {"rate": 0.01, "low": 0.0, "high": 0.02},
@@ -72,10 +73,13 @@ def test_a_detector_and_its_copy_of_the_recording_give_the_same_map(
     """The drones are detected side by side, one after the other by a function, or beforehand."""
     detector = Detector(model)
     # Everything that the contract would say otherwise.
-    config = RunConfig(prior=0.2, true_positive_rate=0.9, false_positive_rate=0.1, target_height_m=0.0)
+    config = RunConfig(
+        PaperConfig(prior=0.2, true_positive_rate=0.9, false_positive_rate=0.1),
+        ProjectionConfig(target_height_m=0.0),
+    )
     recording = open_recording(recorded)
     side_by_side = pipeline.run(recording, terrain, config, detector=detector)
-    assert not recording.refused
+    assert not side_by_side.refused
     in_a_row = pipeline.run(
         open_recording(recorded), terrain, config, detector=lambda frame: detector(frame.image())
     )
@@ -88,10 +92,10 @@ def test_a_detector_and_its_copy_of_the_recording_give_the_same_map(
 
 
 def test_the_pictures_decide_not_the_recorded_heatmaps(recorded: Path, model: Path, terrain: Terrain) -> None:
-    steps: list[pipeline.Step] = []
-    pipeline.run(open_recording(recorded), terrain, CONFIG, detector=Detector(model), on_step=steps.append)
-    frames = {(frame.drone, frame.stamp_ns): frame for step in steps for frame in step.instant.frames}
-    views = [view for step in steps for view in step.views]
+    recording = open_recording(recorded)
+    frames = {(frame.drone, frame.stamp_ns): frame for frame in recording.frames}
+    with heatmap_source(Detector(model), terrain, 300.0).detecting(3) as detect:
+        views = [view for instant in recording.instants() for view in detect(instant).views]
     assert len(views) == 18
     for view in views:
         assert view.heatmap == pytest.approx(red(frames[view.drone, view.stamp_ns]), abs=1e-6)
@@ -102,16 +106,21 @@ def test_a_contract_fills_in_what_the_configuration_leaves_open(
 ) -> None:
     def used(config: RunConfig, detector: Any) -> dict[str, Any]:
         run = pipeline.run(open_recording(recorded), terrain, config, detector=detector)
-        return {name: run.config.parameters(run.crowd_map)[name] for name in UNSTATED}
+        return {name: run.config.parameters(run.crowd_map)[name] for name in DEFAULTS}
 
     stated = {"true_positive_rate": 0.8, "false_positive_rate": 0.01, "target_height_m": 1.5}
     assert used(CONFIG, Detector(model)) == stated
-    assert used(CONFIG, None) == used(CONFIG, red) == UNSTATED
-    own = RunConfig(prior=0.2, true_positive_rate=0.7, target_height_m=0.0)
+    assert used(CONFIG, None) == used(CONFIG, red) == DEFAULTS
+    own = RunConfig(PaperConfig(prior=0.2, true_positive_rate=0.7), ProjectionConfig(target_height_m=0.0))
     assert used(own, Detector(model)) == {**stated, "true_positive_rate": 0.7, "target_height_m": 0.0}
-    assert "true_positive_rate" not in pipeline.run(
-        open_recording(recorded), terrain, RunConfig(method="or"), detector=Detector(model)
-    ).config.parameters(RunConfig(method="or").crowd_map(terrain, 3))
+    run = pipeline.run(open_recording(recorded), terrain, RunConfig(OrConfig()), detector=Detector(model))
+    assert run.config.parameters(run.crowd_map) == {
+        "b_threshold": 0.5,
+        "max_range_m": 300.0,
+        "target_height_m": 1.5,
+        "coverage": "rays",
+        "tolerance_ms": 100.0,
+    }
 
 
 def test_a_stated_rate_that_equation_1_cannot_use(model: Path) -> None:
@@ -119,8 +128,8 @@ def test_a_stated_rate_that_equation_1_cannot_use(model: Path) -> None:
     stated = Detector(model, contract=contract(rates=sure)).contract
     with pytest.raises(ValueError, match="states a false_positive_rate of 0; equation 1"):
         CONFIG.with_detector(stated)
-    assert RunConfig(false_positive_rate=0.02).with_detector(stated).used("false_positive_rate") == 0.02
-    assert RunConfig(method="or").with_detector(stated).method == "or"
+    assert PaperConfig(false_positive_rate=0.02).with_detector(stated).false_positive_rate == 0.02
+    assert RunConfig(OrConfig()).with_detector(stated).method == OrConfig()
 
 
 def test_frames_that_fail_are_refused_and_the_rest_is_fused(
@@ -132,7 +141,8 @@ def test_frames_that_fail_are_refused_and_the_rest_is_fused(
     victim.write_bytes(victim.read_bytes()[:60])
     recording = open_recording(damaged)
     run = pipeline.run(recording, terrain, CONFIG, detector=Detector(model))
-    (refused,) = recording.refused
+    (refused,) = run.refused
+    assert recording.refused == ()  # its pixels were not read when it was opened
     assert refused.drone == "uav1" and "image cannot be read" in refused.reason
     assert sum(len(row.drones) for row in run.rows) == 17
 
@@ -141,10 +151,9 @@ def test_frames_that_fail_are_refused_and_the_rest_is_fused(
             raise RuntimeError("out of memory")
         return np.full((6, 8), np.nan if frame.drone == "uav_2" else 0.5, np.float32)
 
-    recording = open_recording(recorded)
-    pipeline.run(recording, terrain, CONFIG, detector=fails_for_uav3)
-    reasons = {refused.drone: refused.reason for refused in recording.refused}
-    assert set(reasons) == {"uav_2", "uav3"} and len(recording.refused) == 12
+    refused_frames = pipeline.run(open_recording(recorded), terrain, CONFIG, detector=fails_for_uav3).refused
+    reasons = {refused.drone: refused.reason for refused in refused_frames}
+    assert set(reasons) == {"uav_2", "uav3"} and len(refused_frames) == 12
     assert reasons["uav3"] == "the detector failed: out of memory"
     assert "nan" in reasons["uav_2"].lower()
 
@@ -189,7 +198,7 @@ def test_people_are_brought_to_scale_by_pose_and_map(
         heatmap_source(detector, None, 300.0)
     recording = open_recording(recorded)
     run = pipeline.run(recording, terrain, CONFIG, detector=detector)
-    assert not recording.refused
+    assert not run.refused
     # Nothing in these pictures is as red as a person.
     assert all(view.heatmap.max() < 0.1 for view in run.last_views.values())
     out_of_range = heatmap_source(detector, terrain, 5.0)

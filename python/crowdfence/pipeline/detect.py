@@ -1,4 +1,4 @@
-"""Where the heatmaps of a run come from: as recorded, a detector on the pictures, or a function."""
+"""The detect step: frames -> heatmaps, as recorded, by a detector on the pictures, or by a function."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from crowdfence._core import Terrain, View
-from crowdfence.sources.recording import Frame, FrameError, Instant, Pixels, Recording
+from crowdfence._core import Terrain
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -34,10 +35,10 @@ class HeatmapSource:
     """The file of a model."""
 
     @contextmanager
-    def viewing(self, drones: int) -> Iterator[Callable[[Instant], list[View]]]:
-        """A function instant -> views. An ONNX model looks at the drones of an instant side by side, one
-        thread each, which share its session; which of them is first changes nothing. Of other functions
-        nobody knows whether they may be called so."""
+    def detecting(self, drones: int) -> Iterator[Callable[[Instant], InstantViews]]:
+        """The step as a function, instant -> views and refused frames. An ONNX model looks at the drones of
+        an instant side by side, one thread each, which share its session. Of other functions nobody knows
+        whether they may be called so."""
         if self.model is None or drones < 2:
             yield lambda instant: instant.views(self.heatmap_of)
             return

@@ -1,0 +1,17 @@
+"""What a run is told: one typed configuration in its natural parts, complete by default."""
+
+from crowdfence.config.grouping import GroupingConfig
+from crowdfence.config.method import MethodConfig, OrConfig, PaperConfig
+from crowdfence.config.projection import ProjectionConfig
+from crowdfence.config.run import RunConfig
+from crowdfence.config.zones import ZoneConfig
+
+__all__ = [
+    "GroupingConfig",
+    "MethodConfig",
+    "OrConfig",
+    "PaperConfig",
+    "ProjectionConfig",
+    "RunConfig",
+    "ZoneConfig",
+]

@@ -1,0 +1,130 @@
+"""How what the views say is fused: a fusion method with its parameters, or with what they are taken from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from crowdfence._core import Or, Paper, Rates, Terrain
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
+
+DEFAULT_TRUE_POSITIVE_RATE = 0.9
+DEFAULT_FALSE_POSITIVE_RATE = 0.02
+"""What a run uses where neither its configuration nor its detector says anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperConfig:
+    """Method `paper`; the defaults follow the paper. The core checks the values when it takes them."""
+
+    name: ClassVar[Literal["paper"]] = "paper"
+
+    true_positive_rate: float | None = None
+    """P(B = 1 | A = 1) of the detector, inside (0, 1); None: what the detector states, or 0.9."""
+    false_positive_rate: float | None = None
+    """P(B = 1 | A = 0), inside (0, 1) and below the other; None: what the detector states, or 0.02."""
+    prior: float | None = None
+    """P(A = 1), inside (0, 1); None: the share of the terrain that is suitable for landing."""
+    b_threshold: float = 0.5
+    """A view calls a voxel crowd when its mean heatmap value is above this."""
+    fleet_size: int | None = None
+    """N of equation 1; None: the drones of the recording."""
+    unseen: Literal["fleet", "visible"] = "fleet"
+    """What drones that do not see a voxel say: m = 0 with full weight as printed, or nothing."""
+    normalise: bool = False
+    """Divide the weights of equation 2 by their sum."""
+    alpha: float = 0.1
+    """Weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1."""
+    decay: float = 0.0005
+    """lambda of equation 3, >= 0, per `decay_unit`."""
+    decay_unit: Literal["second", "frame"] = "second"
+    """What lambda counts: seconds, or instants."""
+    initial: Literal["zero", "prior", "first"] = "zero"
+    """P~ before the first look; "first" takes the first look whole."""
+
+    @property
+    def rates_given(self) -> bool:
+        """Whether the detector's own rates are overruled."""
+        return self.true_positive_rate is not None and self.false_positive_rate is not None
+
+    def with_detector(self, contract: Contract | None) -> PaperConfig:
+        """The same with rates: the given ones, else those of the contract, else the defaults.
+
+        ValueError when the contract states a rate that equation 1 cannot use.
+        """
+        true_positive, false_positive = self.true_positive_rate, self.false_positive_rate
+        if true_positive is None:
+            true_positive = _stated(contract, "true_positive", DEFAULT_TRUE_POSITIVE_RATE)
+        if false_positive is None:
+            false_positive = _stated(contract, "false_positive", DEFAULT_FALSE_POSITIVE_RATE)
+        return replace(self, true_positive_rate=true_positive, false_positive_rate=false_positive)
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> Paper:
+        """The method for a fleet of `drones`. What is left to the detector has its default; call
+        `with_detector` before where there is one. ValueError for values out of bounds."""
+        complete = self.with_detector(None)
+        assert complete.true_positive_rate is not None and complete.false_positive_rate is not None
+        return Paper(
+            Rates(complete.true_positive_rate, complete.false_positive_rate),
+            _landing_prior(terrain) if self.prior is None else self.prior,
+            alpha=self.alpha,
+            decay=self.decay,
+            fleet_size=drones if self.fleet_size is None else self.fleet_size,
+            b_threshold=self.b_threshold,
+            unseen=self.unseen,
+            normalise=self.normalise,
+            initial=self.initial,
+            decay_unit=self.decay_unit,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OrConfig:
+    """Baseline `or`."""
+
+    name: ClassVar[Literal["or"]] = "or"
+
+    b_threshold: float = 0.5
+    """A view calls a voxel crowd when its mean heatmap value is above this."""
+
+    @property
+    def rates_given(self) -> bool:
+        """`or` needs no rates."""
+        return True
+
+    def with_detector(self, contract: Contract | None) -> OrConfig:
+        """The same: nothing is left to a detector."""
+        return self
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> Or:
+        """The method. ValueError for a threshold out of bounds."""
+        return Or(b_threshold=self.b_threshold)
+
+
+MethodConfig = PaperConfig | OrConfig
+
+
+def _stated(
+    contract: Contract | None, name: Literal["true_positive", "false_positive"], default: float
+) -> float:
+    estimate = None if contract is None else (contract.rates or {}).get(name)
+    if estimate is None:
+        return default
+    rate = float(estimate["rate"])
+    if not 0.0 < rate < 1.0:
+        raise ValueError(
+            f"the detector states a {name}_rate of {rate:g}; equation 1 needs one strictly between 0 and 1: "
+            "give your own (--tpr, --fpr)"
+        )
+    return rate
+
+
+def _landing_prior(terrain: Terrain) -> float:
+    from crowdfence.landing_area import landing_prior
+
+    try:
+        return landing_prior(terrain)
+    except ValueError as error:
+        raise ValueError(f"no prior can be taken from this terrain: {error}") from error

@@ -1,0 +1,28 @@
+"""How views are projected onto the terrain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectionConfig:
+    """The core checks the values when it takes them."""
+
+    max_range_m: float = 300.0
+    """Rays end here; > 0."""
+    target_height_m: float | None = None
+    """Height above ground at which people are marked, >= 0; None: the detector's own, or 0 (the paper)."""
+    coverage: Literal["rays", "full"] = "rays"
+    """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
+
+    def with_detector(self, contract: Contract | None) -> ProjectionConfig:
+        """The same with what is left to the detector filled in."""
+        if self.target_height_m is not None:
+            return self
+        stated = None if contract is None else contract.target_height_m
+        return replace(self, target_height_m=0.0 if stated is None else stated)

@@ -1,0 +1,66 @@
+"""The whole configuration of a run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from crowdfence._core import CrowdMap, Terrain
+from crowdfence.config.grouping import GroupingConfig
+from crowdfence.config.method import MethodConfig, PaperConfig
+from crowdfence.config.projection import ProjectionConfig
+from crowdfence.config.zones import ZoneConfig
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """How a recording is fused. The defaults follow the paper."""
+
+    method: MethodConfig = field(default_factory=PaperConfig)
+    projection: ProjectionConfig = field(default_factory=ProjectionConfig)
+    grouping: GroupingConfig = field(default_factory=GroupingConfig)
+    zones: ZoneConfig = field(default_factory=ZoneConfig)
+
+    def with_detector(self, contract: Contract | None) -> RunConfig:
+        """The same with what is left to the detector filled in: from its contract, else by default.
+
+        ValueError when the contract states a rate that equation 1 cannot use.
+        """
+        return replace(
+            self,
+            method=self.method.with_detector(contract),
+            projection=self.projection.with_detector(contract),
+        )
+
+    def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
+        """An empty crowd map on a terrain for a fleet of `drones`. What is left to the detector has its
+        default; call `with_detector` before where there is one. ValueError for values out of bounds."""
+        projection = self.projection.with_detector(None)
+        assert projection.target_height_m is not None
+        return CrowdMap(
+            terrain,
+            self.method.fusion_method(terrain, drones),
+            max_range_m=projection.max_range_m,
+            target_height_m=projection.target_height_m,
+            coverage=projection.coverage,
+        )
+
+    def parameters(self, crowd_map: CrowdMap) -> dict[str, str | int | float | bool]:
+        """What the run really used, for files that explain themselves: the method's own parameters, then how
+        views were projected and grouped."""
+        return {
+            **crowd_map.method.parameters,
+            "max_range_m": crowd_map.max_range_m,
+            "target_height_m": crowd_map.target_height_m,
+            "coverage": crowd_map.coverage,
+            "tolerance_ms": self.grouping.tolerance_ms,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Every field by its name, ready for JSON."""
+        parts = (self.method, self.projection, self.grouping, self.zones)
+        fields = {name: value for part in parts for name, value in asdict(part).items()}
+        return {"method": self.method.name, **fields}

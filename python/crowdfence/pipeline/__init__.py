@@ -1,0 +1,36 @@
+"""From a recording to a crowd map and zones, one step per file:
+
+- `terrain`          the map to project onto
+- `detect`           frames -> heatmaps -> views
+- `frame_loop`       the views of one instant -> what happened, zones included
+- `detector_review`  what a model states about itself beside the flight
+- `run`              a whole recording through these
+"""
+
+from crowdfence.pipeline.detect import (
+    HeatmapFunction,
+    HeatmapSource,
+    choose_detector,
+    describe_model,
+    heatmap_source,
+)
+from crowdfence.pipeline.detector_review import DetectorReview, review_detector
+from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.run import Run, run
+from crowdfence.pipeline.terrain import check_overlap, open_terrain
+
+__all__ = [
+    "DetectorReview",
+    "FrameLoop",
+    "HeatmapFunction",
+    "HeatmapSource",
+    "Run",
+    "Step",
+    "check_overlap",
+    "choose_detector",
+    "describe_model",
+    "heatmap_source",
+    "open_terrain",
+    "review_detector",
+    "run",
+]

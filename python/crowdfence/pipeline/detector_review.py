@@ -1,0 +1,46 @@
+"""What a model states about itself beside this flight, looked at before the first frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from crowdfence._core import Terrain
+from crowdfence.config import RunConfig
+from crowdfence.pipeline.detect import HeatmapSource
+from crowdfence.sources.recording import Recording
+
+if TYPE_CHECKING:
+    from crowdfence.detector.validity import RangeCheck
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorReview:
+    """The outcome of `review_detector`."""
+
+    ranges: list[RangeCheck]
+    """Empty when the flight sees no ground."""
+    warnings: list[str]
+
+
+def review_detector(
+    heatmaps: HeatmapSource, recording: Recording, terrain: Terrain, config: RunConfig
+) -> DetectorReview | None:
+    """The contract of the model against the flight and `config`, before what it leaves open is filled in.
+    None where no model makes the heatmaps."""
+    if heatmaps.contract is None:
+        return None
+    from crowdfence.detector.validity import check_ranges, sample_flight, statement_warnings
+
+    flight = sample_flight(recording.frames, terrain, max_range_m=config.projection.max_range_m)
+    ranges = check_ranges(heatmaps.contract, flight)
+    warnings = statement_warnings(
+        heatmaps.contract,
+        voxel_size_m=terrain.voxel_size_m,
+        b_threshold=config.method.b_threshold,
+        coverage=config.projection.coverage,
+        rates_given=config.method.rates_given,
+    )
+    for check in ranges:
+        warnings += check.warnings(heatmaps.contract.name)
+    return DetectorReview(ranges, warnings)

@@ -1,0 +1,146 @@
+"""A whole recording: frames -> heatmaps -> views of each instant -> crowd map and zones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from crowdfence._core import CrowdMap, Terrain, View
+from crowdfence.config import RunConfig
+from crowdfence.exports.frames_csv import FrameRow
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.georeference import Georeference
+from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
+from crowdfence.pipeline.detector_review import DetectorReview, review_detector
+from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.sources.recording import Instant, Recording, RefusedFrame
+from crowdfence.zones import ZoneSet
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
+
+OnStep = Callable[[Instant, Step], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A recording fused to the end."""
+
+    recording: Recording
+    terrain: Terrain
+    config: RunConfig
+    """Complete: what was left to the detector is filled in."""
+    heatmaps: HeatmapSource
+    review: DetectorReview | None
+    """None where no model made the heatmaps."""
+    crowd_map: CrowdMap
+    threshold: float
+    rows: list[FrameRow]
+    zones: ZoneSet
+    """As of the last instant."""
+    refused: tuple[RefusedFrame, ...]
+    """Every frame that took no part: those of the recording, then those met on the way."""
+    last_views: dict[str, View]
+    """Newest view of each drone."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The last instant."""
+        return self.rows[-1].stamp_ns
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where on Earth the local frame lies, where the recording or the map knows."""
+        return self.recording.georeference or self.terrain.georeference
+
+    @property
+    def description(self) -> MapDescription:
+        """Where its numbers come from, for the files made from it."""
+        return MapDescription(
+            stamp_ns=self.stamp_ns,
+            threshold=self.threshold,
+            method=self.crowd_map.method.name,
+            parameters=self.config.parameters(self.crowd_map),
+            first_stamp_ns=self.rows[0].stamp_ns,
+            drones=self.recording.drones,
+            mission=self.recording.name,
+        )
+
+
+def run(
+    recording: Recording,
+    terrain: Terrain,
+    config: RunConfig | None = None,
+    *,
+    detector: Detector | HeatmapFunction | None = None,
+    on_step: OnStep | None = None,
+) -> Run:
+    """Fuse a whole recording (`open_recording`) onto a terrain (`Terrain.open`). `on_step` is called after
+    every instant, for progress or scores.
+
+    `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
+    None takes the recorded ones. What `config` leaves open is filled in from a model's contract.
+
+    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
+    saw any of it. Frames that cannot be used are in `Run.refused`.
+    """
+    config = RunConfig() if config is None else config
+    max_range_m = config.projection.max_range_m
+    check_overlap(recording, terrain, max_range_m)
+    heatmaps = heatmap_source(detector, terrain, max_range_m)
+    review = review_detector(heatmaps, recording, terrain, config)
+    config = config.with_detector(heatmaps.contract)
+    loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones)
+    rows: list[FrameRow] = []
+    refused = list(recording.refused)
+    last_views: dict[str, View] = {}
+    last: Step | None = None
+    with heatmaps.detecting(len(recording.drones)) as detect:
+        for instant in recording.instants(config.grouping.tolerance_ms):
+            found = detect(instant)
+            last = loop.step(found.views, instant.stamp_ns, found.refused)
+            rows.append(frame_row(last, terrain.voxel_size_m))
+            refused += last.refused
+            last_views.update({view.drone: view for view in found.views})
+            if on_step is not None:
+                on_step(instant, last)
+    if last is None:
+        raise ValueError(f"no frame of {recording.name} can be used{_first_reason(refused)}")
+    if last.seen_ids.size == 0:
+        raise ValueError(
+            f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
+            "do map and poses share one frame?"
+        )
+    return Run(
+        recording,
+        terrain,
+        config,
+        heatmaps,
+        review,
+        loop.crowd_map,
+        loop.threshold,
+        rows,
+        last.zones,
+        tuple(refused),
+        last_views,
+    )
+
+
+def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
+    """The figures of a step."""
+    return FrameRow(
+        stamp_ns=step.stamp_ns,
+        drones=step.drones,
+        frames_refused=len(step.refused),
+        voxels_seen=len(step.update.voxel_ids),
+        voxels_seen_so_far=len(step.seen_ids),
+        crowd_voxels=len(step.crowd_ids),
+        crowd_area_m2=step.zones.area_m2 + step.zones.dropped_area_m2,
+        zones=len(step.zones),
+    )
+
+
+def _first_reason(refused: list[RefusedFrame]) -> str:
+    return f"; the first of {len(refused)} refusals: {refused[0]}" if refused else ""

@@ -1,0 +1,72 @@
+"""The configuration: bounds, what is left to a detector, and what reports show."""
+
+import re
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from crowdfence import Terrain
+from crowdfence.config import GroupingConfig, OrConfig, PaperConfig, ProjectionConfig, RunConfig, ZoneConfig
+
+FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ZoneConfig(threshold=0.0), "threshold is 0; it must be in (0, 1]"),
+        (lambda: ZoneConfig(threshold=1.1), "threshold is 1.1; it must be in (0, 1]"),
+        (lambda: ZoneConfig(min_area_m2=-1.0), "min_area_m2 is -1; it must be finite and >= 0"),
+        (lambda: ZoneConfig(min_area_m2=float("nan")), "min_area_m2 is nan; it must be finite and >= 0"),
+        (lambda: ZoneConfig(stale_after_s=-1.0), "stale_after_s is -1; it must be >= 0"),
+        (lambda: GroupingConfig(tolerance_ms=-1.0), "tolerance_ms is -1; it must be finite and not negative"),
+    ],
+)
+def test_what_is_used_late_is_checked_early(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+def test_what_the_core_uses_is_checked_by_the_core() -> None:
+    for config, message in (
+        (RunConfig(PaperConfig(prior=0.2, alpha=2.0)), "alpha is 2; it must be in (0, 1]"),
+        (RunConfig(PaperConfig(prior=0.2, decay=-1.0)), "decay is -1; it must be finite and >= 0"),
+        (RunConfig(OrConfig(), ProjectionConfig(max_range_m=0.0)), "max_range_m is 0"),
+        (
+            RunConfig(PaperConfig(prior=0.2, true_positive_rate=0.01)),
+            "true_positive is 0.01 and false_positive 0.02",
+        ),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            config.crowd_map(FLOOR, 3)
+
+
+def test_reports_show_what_the_map_was_told() -> None:
+    config = RunConfig(PaperConfig(prior=0.2, decay=0.25, decay_unit="frame"), ProjectionConfig(150.0))
+    assert config.parameters(config.crowd_map(FLOOR, 3)) == {
+        "true_positive_rate": 0.9,
+        "false_positive_rate": 0.02,
+        "prior": 0.2,
+        "b_threshold": 0.5,
+        "fleet_size": 3,
+        "unseen": "fleet",
+        "normalise": False,
+        "alpha": 0.1,
+        "decay": 0.25,
+        "decay_unit": "frame",
+        "initial": "zero",
+        "max_range_m": 150.0,
+        "target_height_m": 0.0,
+        "coverage": "rays",
+        "tolerance_ms": 100.0,
+    }
+
+
+def test_no_field_of_one_part_hides_that_of_another() -> None:
+    for method in (PaperConfig, OrConfig):
+        parts = (method, ProjectionConfig, GroupingConfig, ZoneConfig)
+        names = [field.name for part in parts for field in fields(part)]
+        assert len(names) == len(set(names))
+        assert set(RunConfig(method()).to_json()) == {"method", *names}

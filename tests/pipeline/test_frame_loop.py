@@ -1,0 +1,87 @@
+"""The frame loop by itself: views in, what happened out."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from crowdfence import Camera, CrowdMap, Or, Paper, Rates, StampError, Terrain, View
+from crowdfence.config import ZoneConfig
+from crowdfence.pipeline import FrameLoop
+from crowdfence.sources.recording import RefusedFrame
+
+SECOND_NS = 1_000_000_000
+START_NS = 1_760_000_000 * SECOND_NS
+CAMERA = Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0)
+FLOOR = Terrain.from_occupancy(np.ones((40, 20, 1), bool), 1.0)
+
+
+def view(drone: str, x: float, crowd: NDArray[np.float32], stamp_ns: int = START_NS) -> View:
+    """8 m above the floor, straight down: 8 x 6 voxels, a pixel each, north up."""
+    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_camera[:3, 3] = (x, 10.0, 9.0)
+    return View(drone, stamp_ns, CAMERA, world_from_camera, crowd)
+
+
+def crowd_in(rows: slice, columns: slice) -> NDArray[np.float32]:
+    heatmap = np.zeros((6, 8), np.float32)
+    heatmap[rows, columns] = 1.0
+    return heatmap
+
+
+NONE = crowd_in(slice(0), slice(0))
+
+
+def test_a_step_says_what_was_seen_what_is_crowd_and_where_the_fence_stands() -> None:
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig(min_area_m2=2.0))
+    lost = RefusedFrame("c", START_NS, "its picture is damaged")
+    # a sees x 4 to 12 and y 7 to 13, b sees x 24 to 32. a: 2 x 3 m of crowd in its corner, b: one cell.
+    views = [
+        view("a", 8.0, crowd_in(slice(0, 2), slice(0, 3))),
+        view("b", 28.0, crowd_in(slice(5, 6), slice(7, 8))),
+    ]
+    step = loop.step(views, START_NS, [lost])
+    assert (step.stamp_ns, step.drones, step.refused) == (START_NS, ("a", "b"), (lost,))
+    assert len(step.seen_ids) == len(step.update.voxel_ids) == 2 * 48
+    x, y, _ = FLOOR.voxel_indices(step.crowd_ids).T
+    assert set(zip(x.tolist(), y.tolist(), strict=True)) == {
+        *((i, j) for i in (4, 5, 6) for j in (11, 12)),
+        (31, 7),
+    }
+    (zone,) = step.zones
+    assert zone.polygon.bounds == (4.0, 11.0, 7.0, 13.0) and zone.area_m2 == 6.0
+    assert zone.seen_by == ("a",)
+    assert (step.zones.dropped_count, step.zones.dropped_area_m2) == (1, 1.0)
+
+
+def test_zones_follow_the_map_from_step_to_step() -> None:
+    method = Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, decay=0.0, fleet_size=1)
+    loop = FrameLoop(CrowdMap(FLOOR, method), ZoneConfig(threshold=0.5))
+    crowd = view("a", 8.0, crowd_in(slice(0, 2), slice(0, 3)))
+    first = loop.step([crowd], START_NS)
+    away = loop.step([view("a", 28.0, NONE, START_NS + SECOND_NS)], START_NS + SECOND_NS)
+    back = loop.step([view("a", 8.0, NONE, START_NS + 2 * SECOND_NS)], START_NS + 2 * SECOND_NS)
+    assert [len(step.zones) for step in (first, away, back)] == [1, 1, 0]
+    assert [len(step.seen_ids) for step in (first, away, back)] == [48, 96, 96]
+
+
+def test_a_loop_that_is_given_observations_is_where_the_other_is() -> None:
+    loops = [FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig()) for _ in range(2)]
+    step = loops[0].step([view("a", 8.0, crowd_in(slice(2, 4), slice(2, 4)))], START_NS)
+    same = loops[1].step_observed(step.update.observations, START_NS)
+    assert same.update == step.update and same.zones == step.zones
+    assert loops[0].crowd_map.to_bytes() == loops[1].crowd_map.to_bytes()
+
+
+def test_an_instant_that_cannot_be_integrated_changes_nothing() -> None:
+    method = Paper(Rates(0.9, 0.05), 0.2, fleet_size=1)
+    loop = FrameLoop(CrowdMap(FLOOR, method), ZoneConfig())
+    loop.step([view("a", 8.0, NONE)], START_NS)
+    before = loop.crowd_map.to_bytes()
+    with pytest.raises(StampError, match="not after the last instant"):
+        loop.step([view("a", 8.0, NONE)], START_NS)
+    assert loop.crowd_map.to_bytes() == before
+
+
+def test_the_threshold_is_the_methods_own_unless_told() -> None:
+    assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig()).threshold == 0.5
+    assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig(threshold=0.9)).threshold == 0.9
