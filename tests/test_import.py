@@ -102,7 +102,18 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         crowdfence.Crowdmap  # noqa: B018
 
 
-CORE_CLASSES = ["Camera", "CrowdMap", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
+CORE_CLASSES = [
+    "Camera",
+    "CrowdColumns",
+    "CrowdMap",
+    "Observation",
+    "Or",
+    "Paper",
+    "Rates",
+    "Terrain",
+    "Update",
+    "View",
+]
 CORE_EXCEPTIONS = ["CrowdfenceError", "MapFileError", "StampError", "ViewError"]
 
 

@@ -61,9 +61,10 @@ def _zones(
     voxels_of = _members(np.repeat(column_region, crowd.crowd_count), count)
     bottom_index, top_index = crowd.bottom_index, crowd.top_index
     probability, last_seen_ns, voxel_ids = crowd.probability, crowd.last_seen_ns, crowd.voxel_ids
-    for number, (polygon, columns, voxels) in enumerate(zip(polygons, columns_of, voxels_of), start=1):
+    for number, polygon in enumerate(polygons):
+        columns, voxels = columns_of[number], voxels_of[number]
         yield Zone(
-            id=_zone_id(number),
+            id=_zone_id(number + 1),
             polygon=polygon,
             cell_count=len(columns),
             area_m2=len(columns) * terrain.voxel_size_m**2,
