@@ -42,6 +42,14 @@ def test_an_l_shape_has_the_six_corners_of_an_l() -> None:
     assert (zone.lower_m, zone.upper_m) == (5.0, 7.0)
 
 
+def test_a_straight_edge_far_from_the_origin_has_no_vertex_between_its_ends() -> None:
+    # Simplifying the union of the cells left one here: it measures a distance, which rounding makes positive.
+    columns = [(2, -1, 0), (3, -4, 0), (3, -3, 0), (3, -2, 0), (3, -1, 0), (4, -2, 0)]
+    crowd_map = crowd_map_of(columns, np.ones(6), voxel_size_m=0.3, origin=(0.1, 5_334_760.3, 0.0))
+    (zone,) = find_zones(crowd_map, 0, threshold=0.5)
+    assert len(zone.polygon.exterior.coords) == 11
+
+
 def test_ground_inside_a_ring_of_crowd_is_a_hole() -> None:
     (zone,) = zones_of(
         """
