@@ -53,6 +53,7 @@ REFUSALS = {
     "CrowdMap.integrate_observations": ["MapFileError"],
     "CrowdMap.probability": ["StampError", "CrowdfenceError"],
     "CrowdMap.state": ["StampError", "CrowdfenceError"],
+    "CrowdMap.crowd_columns": ["StampError", "CrowdfenceError"],
     "CrowdMap.last_seen_ns": ["CrowdfenceError"],
     "CrowdMap.seen_by": ["CrowdfenceError"],
     "CrowdMap.from_bytes": ["MapFileError"],

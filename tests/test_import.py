@@ -12,6 +12,7 @@ import crowdfence
 PUBLIC_NAMES = [
     "Camera",
     "Contract",
+    "CrowdColumns",
     "CrowdMap",
     "CrowdfenceError",
     "Detector",

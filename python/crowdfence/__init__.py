@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import (
     Camera,
+    CrowdColumns,
     CrowdMap,
     Observation,
     Or,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Camera",
     "Contract",
+    "CrowdColumns",
     "CrowdMap",
     "CrowdfenceError",
     "Detector",

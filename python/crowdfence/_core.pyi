@@ -20,6 +20,7 @@ from crowdfence.georeference import Georeference
 
 __all__ = [
     "Camera",
+    "CrowdColumns",
     "CrowdMap",
     "CrowdfenceError",
     "MapFileError",
@@ -620,6 +621,32 @@ class Update:
         """What each view says about the terrain, in the order of the views."""
 
 @final
+class CrowdColumns:
+    """The columns of the terrain that hold crowd, sorted by i, then j; `CrowdMap.crowd_columns` makes it."""
+    @property
+    def indices(self) -> NDArray[np.int64]:
+        """Grid indices (i, j) [C, 2] int64."""
+    @property
+    def bottom_index(self) -> NDArray[np.int64]:
+        """Grid index k of the lowest voxel of the terrain in each column [C] int64."""
+    @property
+    def top_index(self) -> NDArray[np.int64]:
+        """Grid index k of the highest voxel of the terrain in each column [C] int64."""
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """Largest probability over the voxels of each column that were ever seen [C] float64."""
+    @property
+    def last_seen_ns(self) -> NDArray[np.int64]:
+        """Stamp of the newest look at any voxel of each column, crowd or not [C] int64."""
+    @property
+    def crowd_count(self) -> NDArray[np.int64]:
+        """How many voxels of each column are crowd [C] int64, at least 1."""
+    @property
+    def voxel_ids(self) -> NDArray[np.int64]:
+        """Those voxels [sum of `crowd_count`] int64, column by column."""
+    def __len__(self) -> int: ...
+
+@final
 class CrowdMap:
     """Probability of crowd per terrain voxel over time.
 
@@ -705,6 +732,14 @@ class CrowdMap:
         stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
 
         StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
+        """
+    def crowd_columns(self, stamp_ns: int, *, threshold: float | None = None) -> CrowdColumns:
+        """The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones
+        are drawn on. Costs what was seen, not the map.
+
+        threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+
+        StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
         """
     def seen(self) -> NDArray[np.bool_]:
         """Union of the fields of view so far (equation 4): [V] bool per voxel."""

@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arrays::{id_array, refuse};
+use crate::crowd_columns::PyCrowdColumns;
 use crate::errors::MapFileError;
 use crate::method::{MethodArgument, method_object};
 use crate::observation::{PyObservation, projection};
@@ -286,6 +287,25 @@ impl PyCrowdMap {
             Ok(states.into_iter().map(|state| state as u8).collect())
         })?;
         Ok(codes.into_pyarray(py))
+    }
+
+    /// The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones
+    /// are drawn on. Costs what was seen, not the map.
+    ///
+    /// threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+    ///
+    /// StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+    #[pyo3(signature = (stamp_ns, *, threshold=None))]
+    fn crowd_columns(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+    ) -> PyResult<PyCrowdColumns> {
+        let columns = self.read(py, |map| {
+            map.crowd_columns(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
+        })?;
+        Ok(PyCrowdColumns(columns))
     }
 
     /// Union of the fields of view so far (equation 4): [V] bool per voxel.

@@ -4,6 +4,7 @@
 
 mod arrays;
 mod camera;
+mod crowd_columns;
 mod crowd_map;
 mod errors;
 mod method;
@@ -36,6 +37,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<method::PyPaper>()?;
     module.add_class::<method::PyOr>()?;
     module.add_class::<crowd_map::PyUpdate>()?;
+    module.add_class::<crowd_columns::PyCrowdColumns>()?;
     module.add_class::<crowd_map::PyCrowdMap>()?;
     module.add_function(wrap_pyfunction!(observation::project, module)?)?;
     module.add_function(wrap_pyfunction!(opinion_pool::pool, module)?)?;

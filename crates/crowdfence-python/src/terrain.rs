@@ -304,7 +304,7 @@ impl PyTerrain {
     ) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let ids = self.checked_ids(ids)?;
         let indices =
-            py.detach(|| ids.iter().flat_map(|&id| self.terrain.index(id).map(i64::from)).collect());
+            py.detach(|| self.terrain.indices_of(&ids).into_iter().flatten().map(i64::from).collect());
         rows(py, indices, 3)
     }
 
@@ -331,8 +331,8 @@ impl PyTerrain {
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
         let (py, terrain) = (slf.py(), &slf.get().terrain);
-        let indices =
-            py.detach(|| (0..terrain.voxel_count()).flat_map(|id| terrain.index(id as u32)).collect());
+        let ids: Vec<u32> = (0..terrain.voxel_count() as u32).collect();
+        let indices = py.detach(|| terrain.indices_of(&ids).into_iter().flatten().collect());
         let arguments = (rows(py, indices, 3)?, terrain.voxel_size_m(), slf.get().origin());
         Ok((slf.get_type().getattr("from_indices")?, arguments, slf.get().georeference(py)))
     }
@@ -397,6 +397,5 @@ pub fn write_octomap_color<'py>(
 }
 
 fn voxels(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<[i32; 3]>> {
-    let ids = checked_ids(terrain, ids)?;
-    Ok(ids.into_iter().map(|id| terrain.index(id)).collect())
+    Ok(terrain.indices_of(&checked_ids(terrain, ids)?))
 }

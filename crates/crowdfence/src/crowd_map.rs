@@ -4,6 +4,7 @@
 //! seen, never the map, and reading at any later stamp is exact.
 
 mod beliefs;
+mod columns;
 mod file;
 mod history;
 mod instants;
@@ -23,6 +24,7 @@ use crate::stamp::{check_stamp, check_unit, seconds_between};
 use crate::terrain::Terrain;
 use crate::view::View;
 
+pub use columns::{CrowdColumn, CrowdColumns};
 pub use voxel_state::VoxelState;
 
 use beliefs::Beliefs;
@@ -160,7 +162,7 @@ impl CrowdMap {
     /// look is more than `stale_after_s` old.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
         let now = self.reading(stamp_ns)?;
-        require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")?;
+        check_threshold(threshold)?;
         require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
         let state = |id: u32| match self.history.look(id) {
             Look::Never => VoxelState::NeverSeen,
@@ -289,6 +291,11 @@ impl CrowdMap {
             _ => Ok(Instant { stamp_ns, number: self.history.instants.integrated.saturating_sub(1) }),
         }
     }
+}
+
+/// A probability from which a voxel is called crowd.
+fn check_threshold(threshold: f64) -> Result<()> {
+    require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")
 }
 
 fn order_of<M: FusionMethod>(_: &M) -> InstantOrder {

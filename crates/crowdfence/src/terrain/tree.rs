@@ -13,8 +13,8 @@ pub(crate) use descent::{Descent, Place};
 
 /// Bits of a coordinate that one level takes: a node has 4 cells along each side.
 const SIDE_BITS: u32 = 2;
-const SIDE: usize = 1 << SIDE_BITS;
-const SIDE_MASK: u32 = SIDE as u32 - 1;
+const SIDE: u32 = 1 << SIDE_BITS;
+const SIDE_MASK: u32 = SIDE - 1;
 /// Bits of a voxel key that one level takes: x, y and z, two each.
 const KEY_BITS: u32 = 3 * SIDE_BITS;
 const KEY_MASK: u64 = (1 << KEY_BITS) - 1;

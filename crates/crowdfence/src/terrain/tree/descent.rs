@@ -74,7 +74,7 @@ mod tests {
                     Place::Empty(cell) => {
                         prop_assert!(holds(cell, probe));
                         prop_assert!(!voxels.iter().any(|&voxel| holds(cell, voxel)));
-                        let side = cell.side * SIDE as u32;
+                        let side = cell.side * SIDE;
                         let larger = Cell { low: cell.low.map(|c| c - c % side), side };
                         prop_assert!(voxels.iter().any(|&voxel| holds(larger, voxel)));
                     }

@@ -1,0 +1,92 @@
+"""A crowd map at one stamp -> its zones, at the cost of what was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdColumns, CrowdMap, Terrain
+from crowdfence.zones.outline import outlines
+from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.zone import MAX_ID_LENGTH, Zone, ZoneSet
+
+
+def find_zones(
+    crowd_map: CrowdMap, stamp_ns: int, *, threshold: float | None = None, min_area_m2: float = 0.0
+) -> ZoneSet:
+    """Connected regions of the terrain's columns that hold crowd, at a stamp not before the newest instant.
+
+    threshold    in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+    min_area_m2  >= 0: smaller regions are left out and counted in the result
+
+    Columns that touch at an edge or a corner belong to the same region. A column that was never seen is in no
+    zone: a zone says where crowd is believed to be, its absence does not say that ground is clear (see
+    `CrowdMap.state`).
+
+    Raises StampError for an earlier stamp, ValueError for a parameter out of bounds and for more zones than
+    there are ids.
+    """
+    if not 0.0 <= min_area_m2 < np.inf:
+        raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
+    if threshold is None:
+        threshold = crowd_map.default_threshold()
+    crowd = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
+    runs = Runs.of(crowd.indices)
+    region = largest_first(runs)
+    column_count = np.bincount(region, weights=runs.length).astype(np.int64)
+    column_area_m2 = crowd_map.terrain.voxel_size_m**2
+    kept = int(np.count_nonzero(column_count * column_area_m2 >= min_area_m2))
+    return ZoneSet(
+        zones=tuple(_zones(crowd_map, crowd, runs, region, kept)),
+        threshold=threshold,
+        min_area_m2=min_area_m2,
+        dropped_count=len(column_count) - kept,
+        dropped_area_m2=float(column_count[kept:].sum() * column_area_m2),
+    )
+
+
+def _zones(
+    crowd_map: CrowdMap, crowd: CrowdColumns, runs: Runs, region: NDArray[np.int64], count: int
+) -> Iterator[Zone]:
+    """Zones of the regions below `count`; `region` [R] is that of each run."""
+    if len(_zone_id(count)) > MAX_ID_LENGTH:
+        raise ValueError(f"{count} zones are more than there are ids; raise min_area_m2 or the threshold")
+    terrain = crowd_map.terrain
+    is_kept = region < count
+    polygons = outlines(runs[is_kept], region[is_kept], terrain)
+    column_region = np.repeat(region, runs.length)
+    columns_of = _members(column_region, count)
+    voxels_of = _members(np.repeat(column_region, crowd.crowd_count), count)
+    bottom_index, top_index = crowd.bottom_index, crowd.top_index
+    probability, last_seen_ns, voxel_ids = crowd.probability, crowd.last_seen_ns, crowd.voxel_ids
+    for number, (polygon, columns, voxels) in enumerate(zip(polygons, columns_of, voxels_of), start=1):
+        yield Zone(
+            id=_zone_id(number),
+            polygon=polygon,
+            cell_count=len(columns),
+            area_m2=len(columns) * terrain.voxel_size_m**2,
+            probability_max=float(probability[columns].max()),
+            probability_mean=float(probability[columns].mean()),
+            lower_m=_height_m(bottom_index[columns].min(), terrain),
+            upper_m=_height_m(top_index[columns].max() + 1, terrain),
+            last_seen_ns=int(last_seen_ns[columns].max()),
+            oldest_look_ns=int(last_seen_ns[columns].min()),
+            seen_by=tuple(crowd_map.seen_by(voxel_ids[voxels])),
+        )
+
+
+def _zone_id(number: int) -> str:
+    return f"Z{number}"
+
+
+def _members(region: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    """Positions in `region` of each number below `count`, sorted."""
+    order = np.argsort(region, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(region, minlength=count)))[:count]
+
+
+def _height_m(index: np.int64, terrain: Terrain) -> float:
+    """Local height of the lower face of the voxels with grid index k = `index`."""
+    return float(terrain.origin[2] + float(index) * terrain.voxel_size_m)

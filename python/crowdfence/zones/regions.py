@@ -1,0 +1,84 @@
+"""Which columns belong together: on runs of columns and not on a raster, so that it costs what is crowd and not
+what lies between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Runs:
+    """Unbroken runs of columns from south to north, arrays [R]; sorted by i, then from south to north."""
+
+    i: NDArray[np.int64]
+    south: NDArray[np.int64]
+    """First j."""
+    north: NDArray[np.int64]
+    """One past the last j."""
+
+    @staticmethod
+    def of(columns: NDArray[np.int64]) -> Runs:
+        """`columns`: distinct (i, j) [C, 2], sorted by i then j."""
+        i, j = columns.T
+        begins = np.ones(len(columns), dtype=np.bool_)
+        begins[1:] = (np.diff(i) != 0) | (np.diff(j) != 1)
+        ends = np.append(begins[1:], True)[: len(columns)]
+        return Runs(i[begins], j[begins], j[ends] + 1)
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    def __getitem__(self, kept: NDArray[np.bool_]) -> Runs:
+        return Runs(self.i[kept], self.south[kept], self.north[kept])
+
+    @property
+    def length(self) -> NDArray[np.int64]:
+        return self.north - self.south
+
+    def key(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Places sorted as the runs are, with room for the corner north of the last column of a row."""
+        low, high = self.south.min(initial=0), self.north.max(initial=0)
+        return np.asarray(i * (high - low + 1) + (j - low))
+
+    def holding(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Position of the run that holds each column [N], -1 = none; the columns lie within the runs' bounds."""
+        run = np.searchsorted(self.key(self.i, self.south), self.key(i, j), "right") - 1
+        return np.where((run >= 0) & (self.i[run] == i) & (j < self.north[run]), run, -1)
+
+
+def largest_first(runs: Runs) -> NDArray[np.int64]:
+    """Number of the region of each run, from 0. Columns that touch at an edge or a corner belong to the same
+    region. The largest region comes first, of equal ones that with the westernmost, then southernmost column."""
+    region = connected(runs, corners=True)
+    _, first = np.unique(region, return_index=True)
+    columns = np.zeros(len(first), dtype=np.int64)
+    np.add.at(columns, region, runs.length)
+    number = np.empty(len(first), dtype=np.int64)
+    number[np.lexsort((first, -columns))] = np.arange(len(first))
+    return number[region]
+
+
+def connected(runs: Runs, *, corners: bool) -> NDArray[np.int64]:
+    """Number of the connected part of each run, from 0: connected by edges, or by corners too."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if len(runs) == 0:
+        return np.empty(0, dtype=np.int64)
+    first, second = _touching(runs, corners=corners)
+    links = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(len(runs), len(runs)))
+    return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def _touching(runs: Runs, *, corners: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Positions of every run and of the runs of the next i that touch it."""
+    south, north = runs.key(runs.i, runs.south), runs.key(runs.i, runs.north)
+    next_south, next_north = runs.key(runs.i + 1, runs.south), runs.key(runs.i + 1, runs.north)
+    begin = np.searchsorted(north, next_south, "left" if corners else "right")
+    end = np.searchsorted(south, next_north, "right" if corners else "left")
+    count = end - begin
+    first = np.repeat(np.arange(len(runs)), count)
+    return first, np.arange(len(first)) - np.repeat(np.cumsum(count) - count - begin, count)
