@@ -83,7 +83,7 @@ def _crowd_map_seen_everywhere(terrain: Terrain, ground_m: np.ndarray, side_m: f
     world_from_camera[:3, 3] = (side_m / 2, side_m / 2, float(ground_m.mean()) + height_m)
     view = View("high", 0, camera, world_from_camera, np.full((512, 512), 0.25, np.float32))
     observation = project(view, terrain, max_range_m=2 * height_m, coverage="full")
-    crowd_map.integrate_observations(["high"], [observation], 0)
+    crowd_map.integrate_observations([observation], 0)
     return crowd_map
 
 
@@ -94,13 +94,13 @@ def _integrate(area: Area, stamp_ns: int) -> None:
     update = area.crowd_map.integrate([view], stamp_ns)
     area.integrate_s.append(time.perf_counter() - start)
     start = time.perf_counter()
-    area.crowd_map.integrate_observations(["drone"], update.observations, stamp_ns + SECOND_NS)
+    area.crowd_map.integrate_observations(update.observations, stamp_ns + SECOND_NS)
     area.fuse_s.append(time.perf_counter() - start)
     area.seen_by_view = len(update.voxel_ids)
 
 
 def _read(area: Area) -> None:
-    stamp_ns = int(area.crowd_map.stamps_ns[-1]) + SECOND_NS
+    stamp_ns = area.crowd_map.span_ns[1] + SECOND_NS
     start = time.perf_counter()
     area.crowd_map.probability(stamp_ns)
     area.read_s.append(time.perf_counter() - start)

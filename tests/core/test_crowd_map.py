@@ -447,3 +447,42 @@ def test_stamps_are_whole_nanoseconds() -> None:
         View("a", 1.5, CAMERA, _pose(), FINE)  # type: ignore[arg-type]
     with pytest.raises(StampError, match="must fit in 64 bits"):
         View("a", 2**63, CAMERA, _pose(), FINE)
+
+
+# --- clocks
+
+
+@pytest.mark.parametrize(("unit", "per_second", "step"), [("seconds", 1, 1), ("milliseconds", 1000, 100)])
+def test_stamps_in_another_unit_are_refused_by_name(unit: str, per_second: int, step: int) -> None:
+    crowd_map = CrowdMap(_floor(), Paper(RATES, 0.2, fleet_size=1))
+    now = 1_763_780_000 * per_second
+    crowd_map.integrate([], now)
+    with pytest.raises(StampError, match=f"look like {unit}"):
+        crowd_map.integrate([], now + step)
+
+
+def test_a_stamp_before_the_epoch_is_refused() -> None:
+    with pytest.raises(StampError, match="stamp -1 ns is negative"):
+        View("a", -1, CAMERA, _pose(), FINE)
+    with pytest.raises(StampError, match="stamp -5 ns is negative"):
+        CrowdMap(_floor(), Or()).integrate([], -5)
+
+
+def test_an_old_view_counts_at_its_own_age() -> None:
+    crowd_map = CrowdMap(_floor(), Paper(RATES, 0.2, alpha=1.0, decay=0.0, fleet_size=1))
+    crowd_map.integrate([_view("a", 0.0, np.zeros((6, 8), np.uint8))], _at(1000.0))
+    seen = crowd_map.seen()
+    assert (crowd_map.last_seen_ns()[seen] == _at(0.0)).all()
+    assert (crowd_map.state(_at(1000.0), threshold=0.5)[seen] == VoxelState.STALE).all()
+
+
+def test_or_takes_a_late_instant_and_paper_does_not() -> None:
+    late = [_view("a", 0.0)]
+    anyhow = CrowdMap(_floor(), Or())
+    anyhow.integrate([], _at(5.0))
+    update = anyhow.integrate(late, _at(0.0))
+    assert (update.probability == 1.0).all() and anyhow.span_ns == (_at(0.0), _at(5.0))
+    in_order = CrowdMap(_floor(), Paper(RATES, 0.2, fleet_size=1))
+    in_order.integrate([], _at(5.0))
+    with pytest.raises(StampError, match="not after the last instant"):
+        in_order.integrate(late, _at(0.0))

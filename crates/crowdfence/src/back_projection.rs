@@ -71,7 +71,7 @@ fn merged(mut some: Vec<Sighting>, others: Vec<Sighting>) -> Vec<Sighting> {
 fn observation(view: &View, terrain: &Terrain, rows: &[Sighting], occluded_ids: Vec<u32>) -> Observation {
     let camera_world = view.world_from_camera.translation;
     let ids: Vec<u32> = rows.iter().map(|sighting| sighting.voxel_id).collect();
-    let lines: Vec<DVec3> = terrain.centers(&ids).map(|center| center - camera_world).collect();
+    let lines: Vec<DVec3> = terrain.centers(&ids).into_iter().map(|center| center - camera_world).collect();
     let seen = SeenVoxels {
         ids,
         mean: rows.iter().map(|sighting| sighting.mean).collect(),

@@ -183,13 +183,16 @@ impl Terrain {
 
     /// Centre of voxel `id`, world metres.
     pub fn center(&self, id: u32) -> DVec3 {
-        let index = DVec3::from(self.index(id).map(f64::from));
-        self.origin + (index + 0.5) * self.voxel_size_m
+        self.center_of(self.index(id))
     }
 
-    /// Centres of some voxels.
-    pub fn centers(&self, ids: &[u32]) -> impl Iterator<Item = DVec3> {
-        ids.iter().map(|&id| self.center(id))
+    fn center_of(&self, index: [i32; 3]) -> DVec3 {
+        self.origin + (DVec3::from(index.map(f64::from)) + 0.5) * self.voxel_size_m
+    }
+
+    /// Centres of some voxels, fastest for sorted ids.
+    pub fn centers(&self, ids: &[u32]) -> Vec<DVec3> {
+        self.indices_of(ids).into_iter().map(|index| self.center_of(index)).collect()
     }
 
     /// Checks an id that came from outside.
