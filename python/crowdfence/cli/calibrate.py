@@ -52,6 +52,8 @@ def calibrate(
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     as_json: options.Json = False,
 ) -> None:
     """Fit a model's probabilities to labelled missions and write the measured rates into it.
@@ -77,6 +79,7 @@ def calibrate(
         b_threshold=b_threshold,
         truth=truth.value,
         every=every,
+        terrain_options=options.terrain_options(origin=origin, assume_local=assume_local),
         **given,
     )
     detector = Detector(model)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -49,6 +49,8 @@ def detect(
         ),
     ] = None,
     terrain: options.TerrainPath = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -60,7 +62,10 @@ def detect(
     if recording is not None:
         if gsd_m is not None:
             raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
-        _detect_recording(recording, source, detector, terrain, output, every, bool(video), force, as_json)
+        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+        _detect_recording(
+            recording, source, detector, terrain, map_options, output, every, bool(video), force, as_json
+        )
     else:
         _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
 
@@ -121,6 +126,7 @@ def _detect_recording(
     source: Path,
     detector: Detector,
     terrain: Path | None,
+    map_options: dict[str, Any],
     output: Path,
     every: int,
     video: bool,
@@ -138,7 +144,7 @@ def _detect_recording(
     if output.exists() and (output.samefile(source) or not force):
         same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
         raise FileExistsError(f"{output} exists{same}")
-    ground = open_terrain(recording, terrain) if detector.contract.needs_gsd else None
+    ground = open_terrain(recording, terrain, **map_options) if detector.contract.needs_gsd else None
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(

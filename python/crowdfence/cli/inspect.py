@@ -33,6 +33,8 @@ def inspect(
     ] = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[
@@ -57,6 +59,9 @@ def inspect(
     from crowdfence.inspection.crowd_map import CrowdMapReport
     from crowdfence.inspection.terrain import MapReport
 
+    map_options = options.terrain_options(
+        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    )
     with console.working() as tell:
         report = inspect_file(
             file,
@@ -67,13 +72,12 @@ def inspect(
                 sampled_instants=samples,
                 quick=quick,
                 check_pixels=check_pixels,
-                terrain_options=options.terrain_options(voxel_size_m, terrain_option),
+                terrain_options=map_options,
             ),
             tell=tell,
         )
         if picture is not None:
             tell("drawing the contact sheet")
-            map_options = options.terrain_options(voxel_size_m, terrain_option)
             _write_picture(picture, report, terrain, map_options, tolerance_ms)
     if as_json:
         console.print_json(asdict(report))

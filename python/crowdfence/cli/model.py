@@ -100,6 +100,8 @@ def evaluate(
     target_height_m: options.TargetHeightM = None,
     max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     examples: Annotated[
         Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")
     ] = None,
@@ -118,7 +120,8 @@ def evaluate(
 
     _require_png("--examples", examples)
     detector = Detector(model, contract)
-    plan = MeasurementPlan(max_range_m=max_range_m, every=every)
+    map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+    plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
     if target_height_m is not None:
         given["target_height_m"] = target_height_m

@@ -28,6 +28,8 @@ def run(
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     detector: options.DetectorChoice = "auto",
     contract: options.ContractPath = None,
     method: options.Method = options.MethodName.paper,
@@ -64,7 +66,10 @@ def run(
 
     source = open_recording(recording)
     chosen = choose_detector(source, detector, contract=contract)
-    ground = open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    map_options = options.terrain_options(
+        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    )
+    ground = open_terrain(source, terrain, **map_options)
     fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 

@@ -50,6 +50,8 @@ def train(
     licence: Annotated[
         str | None, typer.Option("--licence", help="Licence of the weights, written into the model.")
     ] = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -78,12 +80,18 @@ def train(
         raise FileNotFoundError(
             f"cannot write {output}: the folder {output.absolute().parent} does not exist"
         )
+    map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     folder = store or output.with_suffix(".frames")
     stored: list[StoredMission] = []
     with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
         for some in (paths, held_out):
             stored += store_missions(
-                some, plan.targets, folder, workers=workers, on_mission=lambda mission: advance()
+                some,
+                plan.targets,
+                folder,
+                workers=workers,
+                terrain_options=map_options,
+                on_mission=lambda mission: advance(),
             )
     for why in (why for mission in stored for why in mission.skipped):
         console.warn(f"skipped {why}")
