@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.evaluation.text_table import aligned, interval, number
@@ -84,10 +85,11 @@ def calibrate(
     )
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    paths = options.recordings_in(data)
-    frames = sum(len(open_recording(path).frames[::every]) for path in paths)
-    with console.progress("calibrating", 2 * frames, "frames") as advance:
-        result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
+    with writable_file(output):
+        paths = options.recordings_in(data)
+        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        with console.progress("calibrating", 2 * frames, "frames") as advance:
+            result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
     for warning in result.warnings:
         console.warn(warning)
     if result.refused:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 from crowdfence.inspection import InspectionOptions
 
@@ -62,7 +64,10 @@ def inspect(
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
-    with console.working() as tell:
+    with ExitStack() as stack:
+        if picture is not None:
+            stack.enter_context(writable_file(picture))
+        tell = stack.enter_context(console.working())
         report = inspect_file(
             file,
             terrain=terrain,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from crowdfence.atomic_file import atomic_path, writable_file
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -127,13 +129,16 @@ def evaluate(
         given["target_height_m"] = target_height_m
     plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
     paths = options.recordings_in(data)
-    frames = sum(len(open_recording(path).frames[::every]) for path in paths)
-    with console.progress("evaluating", frames, "frames") as advance:
+    with ExitStack() as stack:
+        if examples is not None:
+            stack.enter_context(writable_file(examples))
+        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
+        if examples is not None:
+            _write_picture(examples, result.examples)
     if result.refused:
         console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
-    if examples is not None:
-        _write_picture(examples, result.examples)
     if as_json:
         console.print_json({"contract": detector.contract.name, **result.to_json()})
     else:
@@ -243,8 +248,6 @@ def _write_overlay(path: Path, report: ModelCheck) -> None:
 
 def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from PIL import Image
-
-    from crowdfence.atomic_file import atomic_path
 
     with atomic_path(path) as temporary:
         Image.fromarray(picture).save(temporary, "PNG")

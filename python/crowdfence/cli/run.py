@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_folder
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
@@ -61,16 +62,17 @@ def run(
         else options.part(PaperConfig, context.params)
     )
     config = options.run_config(context.params, chosen_method)
-    from crowdfence.pipeline import choose_detector, open_terrain
-    from crowdfence.sources import open_recording
-
-    source = open_recording(recording)
-    chosen = choose_detector(source, detector, contract=contract)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
-    ground = open_terrain(source, terrain, **map_options)
-    fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
+    from crowdfence.pipeline import choose_detector, open_terrain
+    from crowdfence.sources import open_recording
+
+    with writable_folder(output, parents=True):
+        source = open_recording(recording)
+        chosen = choose_detector(source, detector, contract=contract)
+        ground = open_terrain(source, terrain, **map_options)
+        fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 
 def fuse_and_report(
