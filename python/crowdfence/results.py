@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
             "voxels": run.terrain.voxel_count,
             "voxel_size_m": run.terrain.voxel_size_m,
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
+            "holes": None if run.holes is None else asdict(run.holes),
         },
         "method": run.description.method,
         "parameters": run.description.parameters,

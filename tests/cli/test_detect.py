@@ -87,7 +87,7 @@ def test_a_video_without_a_single_frame_is_an_error_and_leaves_nothing(model: Pa
     film = damage(write_video(tmp_path / "film.mp4", 4), [0, 1, 2, 3])
     line = error_line(detect(film, "--model", model, "-o", tmp_path / "out"))
     assert "film.mp4" in line and "no picture could be used: frame 0 at 0.000 s" in line
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()
 
 
 def test_every_second_frame_of_a_video(model: Path, tmp_path: Path) -> None:

@@ -177,14 +177,15 @@ def heights_by_column(terrain):
 def test_missing_data_is_a_hole_of_its_own_size_and_never_height_zero(tmp_path, missing):
     heights = np.full((5, 6), 50.0)
     heights[1, 2] = heights[4, 5] = missing
-    columns = heights_by_column(open_terrain(local_map(tmp_path, heights), assume_local=True))
+    path = local_map(tmp_path, heights)
+    columns = heights_by_column(open_terrain(path, assume_local=True, max_hole_m2=0))
     # Row 1 from the top is north 23, row 4 north 20; column 2 is east 12, column 5 east 15.
     everywhere = {(10 + i, 20 + j) for i in range(6) for j in range(5)}
     assert columns.keys() == everywhere - {(12, 23), (15, 20)}
     assert set(columns.values()) == {50.5}
 
 
-def test_nothing_is_interpolated_across_a_hole(tmp_path):
+def test_nothing_is_interpolated_across_what_splits_the_map(tmp_path):
     heights = np.array([[10.0, 10.0, -9999.0, 90.0, 90.0]] * 3)
     terrain = open_terrain(local_map(tmp_path, heights), assume_local=True, voxel_size_m=0.25)
     plan, z = columns_of(terrain)
@@ -199,7 +200,8 @@ def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path):
     path = local_map(tmp_path, heights, nodata=None)
     with pytest.raises(MapError, match=r"height -32768\.0 at row 3, column 1 .*pass nodata=-32768\.0"):
         open_terrain(path, assume_local=True)
-    assert len(heights_by_column(open_terrain(path, assume_local=True, nodata=-32768))) == 29
+    terrain = open_terrain(path, assume_local=True, nodata=-32768, max_hole_m2=0)
+    assert len(heights_by_column(terrain)) == 29
 
 
 def test_integer_heights_with_scale_and_offset(tmp_path):

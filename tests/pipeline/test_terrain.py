@@ -5,6 +5,9 @@ One camera looks straight down from 10 m above level voxels of 1 m. Of its 10 x 
 """
 
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,6 @@ from typer.testing import CliRunner
 
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.app import app
-from crowdfence.detector_training.frame_store import store_missions
 from crowdfence.georeference import Georeference
 from crowdfence.octomap_frame import annotated, described
 from crowdfence.pipeline import open_terrain
@@ -115,14 +117,11 @@ COMMANDS = {
         "ground",
     ],
     "model evaluate": ["model", "evaluate", "{heatmap}", "--data", "{recording}", "--target", "ground"],
-    "train": ["train", "--data", "{recording}", "--validation", "{heatmap}", "-o", "{out}.onnx"],
 }
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_refuses_to_guess(recording: Path, tmp_path: Path, command: str) -> None:
-    if command == "train":
-        pytest.importorskip("torch")
     places = {
         "recording": recording,
         "out": tmp_path / "out",
@@ -140,11 +139,16 @@ def test_every_command_refuses_to_guess(recording: Path, tmp_path: Path, command
 
 
 def test_training_refuses_to_guess_before_it_decodes(recording: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=REFUSAL):
-        store_missions([recording], ["ground"], tmp_path / "store")
-    local = {"assume_local": True}
-    with pytest.raises(ValueError, match="no frame of .* can be used"):  # it has no pictures
-        store_missions([recording], ["ground"], tmp_path / "store", terrain_options=local)
+    """In a process of its own, because decoding forks and this one has threads."""
+    for options, reason in (("{}", REFUSAL), ("{'assume_local': True}", "no frame of .* can be used")):
+        code = (
+            "import sys; from pathlib import Path\n"
+            "from crowdfence.detector_training.frame_store import store_missions\n"
+            f"store_missions([Path(sys.argv[1])], ['ground'], Path(sys.argv[2]), terrain_options={options})"
+        )
+        command = [sys.executable, "-c", code, recording, tmp_path / "store"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert re.search(reason, done.stderr), done.stderr
 
 
 def test_inspect_shows_why_the_recordings_own_map_cannot_be_used(recording: Path) -> None:
@@ -155,6 +159,31 @@ def test_inspect_shows_why_the_recordings_own_map_cannot_be_used(recording: Path
     assert alone.exit_code == 0
     there = json.loads(alone.stdout)["terrain"]["georeference"]
     assert (there["latitude_deg"], there["longitude_deg"]) == pytest.approx(MIDDLE[:2], abs=1e-12)
+
+
+def test_a_crowd_over_a_bridged_hole_is_on_the_map(tmp_path: Path) -> None:
+    """The height model has no height right below the crowd, 16 m2; 400 m2 of it elsewhere are a lake."""
+    recording, dem = write_recording(tmp_path / "recording"), write_dem(tmp_path / "dem.tif", None)
+    with rasterio.open(dem, "r+") as raster:
+        heights = raster.read(1)
+        heights[18:22, 38:42] = heights[38:58, 2:22] = np.nan
+        raster.write(heights, 1)
+    arguments = ["run", str(recording), "-t", str(dem), "--assume-local", "--method", "or"]
+    arguments += ["--min-area-m2", "1", "--detector", "recorded", "-o", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.exception
+    assert "1 bridged (16.0 m2), 1 left open (400.0 m2), limit 25 m2" in done.stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["area_m2"]["crowd"] == 16.0
+    assert summary["terrain"]["holes"] == {
+        "max_hole_m2": 25.0,
+        "bridged": 1,
+        "bridged_m2": 16.0,
+        "open": 1,
+        "open_m2": 400.0,
+    }
+    done = CliRunner().invoke(app, [*arguments, "--terrain-option", "max_hole_m2=0", "--json"])
+    assert json.loads(done.stdout)["area_m2"]["crowd"] == 0.0
 
 
 def write_las(path: Path, crs: int | None) -> Path:

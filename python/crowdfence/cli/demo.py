@@ -23,11 +23,11 @@ def demo(
     as_json: options.Json = False,
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
-    from crowdfence.pipeline import choose_detector, open_terrain
+    from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.sources import open_recording
 
     with writable_folder(output, parents=True):
         recording = open_recording(RECORDING)
-        terrain = open_terrain(recording)
+        ground = read_map(recording)
         detector = choose_detector(recording, "auto")
-        fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)
+        fuse_and_report(recording, ground, CONFIG, output, detector=detector, as_json=as_json)

@@ -150,6 +150,8 @@ def _map_facts(report: MapReport) -> tuple[RenderableType, RenderableType]:
         rows["landing prior"] = f"none: {report.no_landing_prior}"
     else:
         rows["landing prior"] = f"{report.landing_prior:.3f} (share of the columns suitable for landing)"
+    if report.holes is not None:
+        rows["holes"] = str(report.holes)
     rows["fingerprint"] = report.terrain.fingerprint
     title = f"{report.path}: {report.kind}, {_megabytes(report.bytes)}"
     return console.facts(title, header), console.facts("As a terrain", rows)

@@ -87,7 +87,7 @@ TerrainOption = Annotated[
     typer.Option(
         "--terrain-option",
         metavar="NAME=VALUE",
-        help="Option of the map reader, such as surface=ground, height_unit=ft, up=y; may be repeated.",
+        help="Option of the map reader, such as surface=ground, max_hole_m2=0, up=y; may be repeated.",
     ),
 ]
 Origin = Annotated[

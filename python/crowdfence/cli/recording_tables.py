@@ -185,7 +185,8 @@ def _terrain(below: TerrainBelow | None) -> str:
     if below.report is None:
         return f"{below.path} ({whose}), cannot be used"
     report = below.report
-    return f"{below.path} ({whose}), {report.voxels:,} voxels of {report.voxel_size_m:g} m"
+    holes = "" if below.holes is None else f", holes: {below.holes}"
+    return f"{below.path} ({whose}), {report.voxels:,} voxels of {report.voxel_size_m:g} m{holes}"
 
 
 def _trouble(trouble: Trouble) -> str:

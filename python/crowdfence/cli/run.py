@@ -14,8 +14,8 @@ from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
 
 if TYPE_CHECKING:
-    from crowdfence._core import Terrain
     from crowdfence.detector.detector import Detector
+    from crowdfence.maps import MapReading
     from crowdfence.pipeline import Run
     from crowdfence.sources.recording import Recording
 
@@ -65,19 +65,19 @@ def run(
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
-    from crowdfence.pipeline import choose_detector, open_terrain
+    from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.sources import open_recording
 
     with writable_folder(output, parents=True):
         source = open_recording(recording)
         chosen = choose_detector(source, detector, contract=contract)
-        ground = open_terrain(source, terrain, **map_options)
+        ground = read_map(source, terrain, **map_options)
         fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 
 def fuse_and_report(
     recording: Recording,
-    terrain: Terrain,
+    ground: MapReading,
     config: RunConfig,
     output: Path,
     *,
@@ -92,9 +92,10 @@ def fuse_and_report(
     with console.progress("fusing", len(recording.frames), "frames") as advance:
         finished = pipeline.run(
             recording,
-            terrain,
+            ground.terrain,
             config,
             detector=detector,
+            holes=ground.holes,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
@@ -118,6 +119,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 f"{len(summary['refused'])} refused",
                 "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
                 f"{summary['terrain']['seen_voxels']:,} of them seen",
+                **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import CrowdMap, Paper, Terrain
-from crowdfence.inspection.terrain import open_map
+from crowdfence.inspection.terrain import read_map_file
 from crowdfence.iso_time import iso_utc
 from crowdfence.voxel_state import VoxelState
 
@@ -70,7 +70,7 @@ def inspect_crowd_map(
     content = None
     if terrain_path is not None:
         tell(f"reading {terrain_path.name}")
-        terrain = open_map(terrain_path, options)
+        terrain = read_map_file(terrain_path, options).terrain
         tell(f"reading {path.name}")
         content = _content(_load(path, terrain, terrain_path))
     return CrowdMapReport(

@@ -19,6 +19,7 @@ from crowdfence.inspection.terrain import TerrainReport
 from crowdfence.inspection.timing import InstantSummary, Timing
 from crowdfence.inspection.view_overlap import ViewOverlap, evenly_spread, measure_overlap
 from crowdfence.iso_time import iso_utc
+from crowdfence.maps import MapHoles
 from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
 
 if TYPE_CHECKING:
@@ -86,6 +87,8 @@ class TerrainBelow:
     report: TerrainReport | None
     problem: str | None
     """Why it cannot be used."""
+    holes: MapHoles | None = None
+    """None for a map that is no height model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +199,7 @@ def group_trouble(refused: Iterable[RefusedFrame]) -> list[Trouble]:
 def _open_terrain(
     recording: Recording, chosen: Path | None, options: InspectionOptions, tell: Tell
 ) -> tuple[Terrain | None, TerrainBelow | None]:
-    from crowdfence.pipeline import check_overlap, open_terrain
+    from crowdfence.pipeline import check_overlap, read_map
 
     path = chosen or recording.terrain
     if path is None:
@@ -204,17 +207,18 @@ def _open_terrain(
     tell(f"reading {path.name}")
     given = chosen is not None
     try:
-        terrain = open_terrain(recording, path, **options.terrain_options)
+        reading = read_map(recording, path, **options.terrain_options)
     except ValueError as error:
         if given:
             raise
         return None, TerrainBelow(str(path), given, None, str(error))
+    terrain, problem = reading.terrain, None
     try:
         check_overlap(recording, terrain, options.max_range_m)
     except ValueError as error:
         # Not fatal here: the figures show what is wrong (heights, frames beside the terrain).
-        return terrain, TerrainBelow(str(path), given, TerrainReport.of(terrain), str(error))
-    return terrain, TerrainBelow(str(path), given, TerrainReport.of(terrain), None)
+        problem = str(error)
+    return terrain, TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes)
 
 
 def _drone(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
+from crowdfence.maps import MapHoles, MapReading, read_map
 from crowdfence.surface_grid import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -81,12 +82,15 @@ class MapReport:
     """Share of the columns that is suitable for landing, the paper's prior; None when it was not taken."""
     no_landing_prior: str | None
     """Why there is none."""
+    holes: MapHoles | None
+    """None for a map that is no height model."""
 
 
 def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], None]) -> MapReport:
     """MapError (a ValueError) for a file that cannot become a terrain."""
     tell(f"reading {path.name}")
-    terrain = open_map(path, options)
+    reading = read_map_file(path, options)
+    terrain = reading.terrain
     tell("counting columns")
     columns = count_columns(terrain)
     prior, reason = (None, "left out") if options.quick else _landing_prior(terrain, tell)
@@ -101,13 +105,14 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
         columns=columns,
         landing_prior=prior,
         no_landing_prior=reason,
+        holes=reading.holes,
     )
 
 
-def open_map(path: Path, options: InspectionOptions) -> Terrain:
+def read_map_file(path: Path, options: InspectionOptions) -> MapReading:
     """ValueError for an option that this kind of map does not have."""
     try:
-        return Terrain.open(path, **options.terrain_options)
+        return read_map(path, **options.terrain_options)
     except TypeError as error:
         raise ValueError(f"{path}: {error}") from error
 

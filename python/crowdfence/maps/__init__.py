@@ -8,7 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from crowdfence.maps.holes import MapHoles
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.map_reading import MapReading
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from crowdfence._core import Terrain
     from crowdfence.georeference import Georeference
 
-__all__ = ["MapError", "open_terrain", "stated_place"]
+__all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "stated_place"]
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
 
@@ -30,7 +32,18 @@ def open_terrain(
     georeference: Georeference | None = None,
     **options: Any,
 ) -> Terrain:
-    """Read a map file as a terrain in local ENU metres.
+    """The terrain of `read_map`, which has the arguments and errors."""
+    return read_map(path, voxel_size_m=voxel_size_m, georeference=georeference, **options).terrain
+
+
+def read_map(
+    path: str | PathLike[str],
+    *,
+    voxel_size_m: float | None = None,
+    georeference: Georeference | None = None,
+    **options: Any,
+) -> MapReading:
+    """Read a map file as a terrain in local ENU metres, and say what was found on the way.
 
     `georeference` is the anchor of the local frame, usually that of the recording. Maps with a coordinate
     reference system are brought into its tangent plane; without an anchor they get one in their middle, and
@@ -39,7 +52,7 @@ def open_terrain(
     | suffix | kind | options |
     |---|---|---|
     | .bt .ot | OctoMap, see `maps.octomap` | origin |
-    | .tif .tiff | height model, see `maps.geotiff` | band, nodata and those below |
+    | .tif .tiff | height model, see `maps.geotiff` | band, nodata, max_hole_m2 and those below |
     | .las .laz (also .copc.laz) | lidar points, see `maps.lidar` | surface, max_hole_m and those below |
     | both of these | | crs, height_unit, height_offset_m, assume_local |
     | .ply .obj | mesh, see `maps.mesh` | up, unit_m, origin |
@@ -61,7 +74,7 @@ def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = Non
     - "local": metres in a frame that no one has placed: meshes and other OctoMaps.
     - "unstated": a height model or point cloud without reference system.
 
-    MapError as for `open_terrain`.
+    MapError as for `read_map`.
     """
     path = Path(path)
     suffix = _suffix(path)
@@ -111,7 +124,7 @@ def _suffix(path: Path) -> str:
     return suffix
 
 
-def _reader(suffix: str) -> Callable[..., Terrain]:
+def _reader(suffix: str) -> Callable[..., MapReading]:
     if suffix in (".bt", ".ot"):
         from crowdfence.maps.octomap import open_octomap
 

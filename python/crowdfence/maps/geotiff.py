@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ import numpy as np
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.height_raster import HeightRaster
+from crowdfence.maps.holes import MAX_HOLE_M2, bridge_holes
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.raster_projection import RasterProjection
 from crowdfence.maps.source_frame import HeightRules, HeightUnit, chosen_crs
 from crowdfence.maps.tangent_grid import NODE_SPACING_M, LocalGrid, resample
@@ -43,7 +46,8 @@ def open_geotiff(
     height_unit: HeightUnit = "auto",
     height_offset_m: float | None = None,
     assume_local: bool = False,
-) -> Terrain:
+    max_hole_m2: float = MAX_HOLE_M2,
+) -> MapReading:
     """Height model -> closed voxel surface in the local frame, sampled at the middle of every voxel column.
 
     Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
@@ -53,7 +57,9 @@ def open_geotiff(
 
     - `band`: which one holds heights (1 = first); must be given when there are several.
     - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are
-      holes, never height zero, and nothing is interpolated across them.
+      holes, never height zero.
+    - `max_hole_m2`: holes up to this size with heights all around are bridged (see `maps.holes`), 0 for none;
+      across larger ones and at the edge of the data nothing is interpolated.
     - `crs`: takes precedence over the one in the file. `assume_local=True`: for files without one; pixels
       then lie in local metres as their transform says.
     - `height_unit`: "m", "ft", "us-ft", or "auto" (see `maps.source_frame.HeightRules`).
@@ -66,15 +72,19 @@ def open_geotiff(
     """
     if voxel_size_m is not None and not (math.isfinite(voxel_size_m) and voxel_size_m > 0):
         raise MapError(path, f"voxel_size_m is {voxel_size_m}, must be finite and > 0")
+    if not (math.isfinite(max_hole_m2) and max_hole_m2 >= 0):
+        raise MapError(path, f"max_hole_m2 is {max_hole_m2}, must be finite and >= 0")
     rules = HeightRules(height_unit, height_offset_m)
     with _dataset(path) as dataset:
         raster = HeightRaster(path, dataset, _height_band(path, dataset, band), nodata)
         in_file = _crs(path, dataset) if crs is None else None
         known_crs = chosen_crs(in_file, crs, assume_local=assume_local)
         projection = RasterProjection.of(raster, known_crs, georeference, rules)
-        terrain = _terrain(path, projection, voxel_size_m)
+        bridges, holes = bridge_holes(raster, projection.pixel_area_m2(), max_hole_m2)
+        bridged = replace(projection, raster=replace(raster, bridges=bridges))
+        terrain = _terrain(path, bridged, voxel_size_m)
     terrain.georeference = projection.frame.georeference
-    return terrain
+    return MapReading(terrain, holes)
 
 
 def stated_crs(path: Path) -> CRS | None:

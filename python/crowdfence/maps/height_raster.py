@@ -20,6 +20,22 @@ HIGHEST_PLAUSIBLE_M = 10_000.0
 _STRIP_PIXELS = 1 << 24
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Bridges:
+    """Heights for pixels without one, by rising row and column."""
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    height: NDArray[np.float64]
+
+    def into(self, heights: NDArray[np.float64], rows: slice, columns: slice) -> None:
+        """Fill those that lie in a window of the raster."""
+        inside = slice(*np.searchsorted(self.row, [rows.start, rows.stop]))
+        row, column = self.row[inside], self.column[inside]
+        wanted = (column >= columns.start) & (column < columns.stop)
+        heights[row[wanted] - rows.start, column[wanted] - columns.start] = self.height[inside][wanted]
+
+
 @dataclass(frozen=True, slots=True)
 class HeightRaster:
     """Open raster band. In continuous pixel coordinates the pixel (row, column) covers [column, column + 1) x
@@ -29,6 +45,8 @@ class HeightRaster:
     dataset: Any
     band: int
     nodata: float | None
+    bridges: Bridges | None = None
+    """Heights for small holes."""
 
     @property
     def width(self) -> int:
@@ -59,6 +77,8 @@ class HeightRaster:
         values *= self.dataset.scales[self.band - 1]
         values += self.dataset.offsets[self.band - 1]
         values[missing] = np.nan
+        if self.bridges is not None:
+            self.bridges.into(values, rows, columns)
         return values
 
     def range(self, unit_m: float) -> tuple[float, float]:
@@ -68,7 +88,7 @@ class HeightRaster:
         how missing data looks that the file does not declare.
         """
         lowest, highest = math.inf, -math.inf
-        for first_row, strip in self._strips():
+        for first_row, strip in self.strips():
             if np.isnan(strip).all():
                 continue
             lowest, highest = min(lowest, float(np.nanmin(strip))), max(highest, float(np.nanmax(strip)))
@@ -86,10 +106,12 @@ class HeightRaster:
             raise MapError(self.path, "no pixel has a height: all are marked as missing")
         return lowest, highest
 
-    def _strips(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    def strips(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """Whole rows from `first` to before `stop`, some at a time: the number of their first and heights."""
+        stop = self.height if stop is None else stop
         rows = max(1, _STRIP_PIXELS // self.width)
-        for first in range(0, self.height, rows):
-            yield first, self.read(slice(first, min(first + rows, self.height)), slice(0, self.width))
+        for row in range(first, stop, rows):
+            yield row, self.read(slice(row, min(row + rows, stop)), slice(0, self.width))
 
     def sample(self, column: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights at continuous pixel coordinates, NaN outside of all pixels that have one.

@@ -17,6 +17,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.maps.ground_surface import triangulate
 from crowdfence.maps.las_header import check_las_header
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
 from crowdfence.maps.source_frame import (
     MAX_DISTANCE_M,
@@ -58,7 +59,7 @@ def open_lidar(
     height_unit: HeightUnit = "auto",
     height_offset_m: float | None = None,
     assume_local: bool = False,
-) -> Terrain:
+) -> MapReading:
     """Lidar points -> voxel surface in the local frame.
 
     - `surface="ground"`: the points of class 2, averaged per voxel column and joined by triangles, so that no
@@ -94,7 +95,7 @@ def open_lidar(
         survey = _Survey.of(_chunks(path, reader, frame), keys, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
-    return terrain
+    return MapReading(terrain)
 
 
 def stated_crs(path: Path) -> CRS | None:

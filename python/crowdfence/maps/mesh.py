@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.voxel_size import round_voxel_size_m
 
 
@@ -25,7 +26,7 @@ def open_mesh(
     up: Literal["z", "y"] = "z",
     unit_m: float = 1.0,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
-) -> Terrain:
+) -> MapReading:
     """Every voxel that a triangle touches.
 
     Vertices are local: x east, y north, z up, in units of `unit_m` metres.
@@ -47,7 +48,7 @@ def open_mesh(
         voxel_size_m = round_voxel_size_m(float(np.ptp(vertices, axis=0).max()) / 1000)
     terrain = Terrain.from_triangles(vertices, triangles, voxel_size_m)
     terrain.georeference = georeference
-    return terrain
+    return MapReading(terrain)
 
 
 def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

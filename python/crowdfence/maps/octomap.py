@@ -9,6 +9,7 @@ from pathlib import Path
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.map_reading import MapReading
 from crowdfence.octomap_frame import LONGEST_HEADER, read_frame
 
 
@@ -18,7 +19,7 @@ def open_octomap(
     voxel_size_m: float | None = None,
     georeference: Georeference | None = None,
     origin: Sequence[float] | None = None,
-) -> Terrain:
+) -> MapReading:
     """Occupied leaves of an OctoMap, whose coordinates are local ENU metres; `origin` is added to them.
 
     The file decides the voxel size; another `voxel_size_m` is refused, since resampled voxels have gaps.
@@ -38,7 +39,7 @@ def open_octomap(
             "not resampled, so leave voxel_size_m out",
         )
     terrain.georeference = _anchor(path, georeference, None if frame is None else frame.georeference)
-    return terrain
+    return MapReading(terrain)
 
 
 def stated_anchor(path: Path) -> Georeference | None:

@@ -71,11 +71,19 @@ class RasterProjection:
 
     def pixel_size_m(self) -> float:
         """Shorter side of the middle pixel."""
+        return float(np.linalg.norm(self._middle_pixel(), axis=1).min())
+
+    def pixel_area_m2(self) -> float:
+        """Area of the middle pixel."""
+        return float(np.linalg.norm(np.cross(*self._middle_pixel())))
+
+    def _middle_pixel(self) -> NDArray[np.float64]:
+        """Sides of the middle pixel [2, 3], local metres."""
         column, row = self.raster.width / 2, self.raster.height / 2
         corners = self._local_from_pixel(
             np.array([column, column + 1, column]), np.array([row, row, row + 1]), self.height_range[0]
         )
-        return float(np.linalg.norm(corners[1:] - corners[0], axis=1).min())
+        return np.asarray(corners[1:] - corners[0])
 
     def local_bounds(self) -> NDArray[np.float64]:
         """[2, 3]: box around outline and middle of the raster at its lowest and its highest height."""

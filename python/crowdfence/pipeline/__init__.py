@@ -17,7 +17,7 @@ from crowdfence.pipeline.detect import (
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.run import Run, run
-from crowdfence.pipeline.terrain import check_overlap, open_terrain
+from crowdfence.pipeline.terrain import check_overlap, open_terrain, read_map
 
 __all__ = [
     "DetectorReview",
@@ -31,6 +31,7 @@ __all__ = [
     "describe_model",
     "heatmap_source",
     "open_terrain",
+    "read_map",
     "review_detector",
     "run",
 ]

@@ -11,6 +11,7 @@ from crowdfence.config import RunConfig
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
+from crowdfence.maps import MapHoles
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -44,6 +45,8 @@ class Run:
     """Every frame that took no part: those of the recording, then those met on the way."""
     last_views: dict[str, View]
     """Newest view of each drone."""
+    holes: MapHoles | None
+    """Holes of the map, where its reader counted them."""
 
     @property
     def stamp_ns(self) -> int:
@@ -75,13 +78,15 @@ def run(
     config: RunConfig | None = None,
     *,
     detector: Detector | HeatmapFunction | None = None,
+    holes: MapHoles | None = None,
     on_step: OnStep | None = None,
 ) -> Run:
     """Fuse a whole recording (`open_recording`) onto a terrain (`Terrain.open`). `on_step` is called after
     every instant, for progress or scores.
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
-    None takes the recorded ones. What `config` leaves open is filled in from a model's contract.
+    None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
+    those of the map (`read_map`), for the summary.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
     saw any of it. Frames that cannot be used are in `Run.refused`.
@@ -125,6 +130,7 @@ def run(
         last.zones,
         tuple(refused),
         last_views,
+        holes,
     )
 
 

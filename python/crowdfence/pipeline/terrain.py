@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, stated_place
+from crowdfence.maps import MapError, MapReading, stated_place
+from crowdfence.maps import read_map as read_map_file
 from crowdfence.sources.recording import Recording
 
 
@@ -23,6 +24,18 @@ def open_terrain(
     assume_local: bool = False,
     **options: Any,
 ) -> Terrain:
+    """The terrain of `read_map`, which has the arguments and errors."""
+    return read_map(recording, path, georeference=georeference, assume_local=assume_local, **options).terrain
+
+
+def read_map(
+    recording: Recording,
+    path: str | PathLike[str] | None = None,
+    *,
+    georeference: Georeference | None = None,
+    assume_local: bool = False,
+    **options: Any,
+) -> MapReading:
     """The map to project onto: `path`, or else the one that came with the recording.
 
     Georeferenced maps are brought into the recording's local frame. Where nothing says how the two relate,
@@ -35,7 +48,7 @@ def open_terrain(
       at its lowest height, rounded down to whole metres (an OctoMap of ours names its own). A height model or
       point cloud without reference system holds the recording's coordinates as they are.
 
-    `options` are those of `maps.open_terrain`. ValueError when there is no map, a georeferenced map meets a
+    `options` are those of `maps.read_map`. ValueError when there is no map, a georeferenced map meets a
     recording without georeference and neither of the two is given, one contradicts what the files say, or an
     option does not belong to the map's kind.
     """
@@ -49,7 +62,7 @@ def open_terrain(
     elif place == "unstated":
         options["assume_local"] = assume_local
     try:
-        return Terrain.open(chosen, georeference=anchor, **options)
+        return read_map_file(chosen, georeference=anchor, **options)
     except TypeError as error:
         raise ValueError(f"{chosen}: {error}") from error
 

@@ -1,0 +1,17 @@
+"""What comes out of a map file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crowdfence._core import Terrain
+from crowdfence.maps.holes import MapHoles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapReading:
+    """A terrain, and what its reader found on the way."""
+
+    terrain: Terrain
+    holes: MapHoles | None = None
+    """None for kinds of maps that are no height models."""
