@@ -14,6 +14,7 @@ PUBLIC_NAMES = [
     "Contract",
     "CrowdColumns",
     "CrowdMap",
+    "CrowdMass",
     "CrowdfenceError",
     "Detector",
     "DetectorError",
@@ -102,7 +103,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         crowdfence.Crowdmap  # noqa: B018
 
 
-CORE_CLASSES = ["Camera", "CrowdMap", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
+CORE_CLASSES = ["Camera", "CrowdMap", "CrowdMass", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
 CORE_EXCEPTIONS = ["CrowdfenceError", "MapFileError", "StampError", "ViewError"]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from crowdfence._core import CrowdMap, Terrain, View
+from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
@@ -14,6 +14,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import ZoneSet
@@ -44,11 +45,19 @@ class Run:
     """Every frame that took no part: those of the recording, then those met on the way."""
     last_views: dict[str, View]
     """Newest view of each drone."""
+    crowd_mass: dict[str, CrowdMass]
+    """Where the crowd in the pictures of each drone went."""
 
     @property
     def stamp_ns(self) -> int:
         """The last instant."""
         return self.rows[-1].stamp_ns
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the recording, about the detector on this flight, and about the map under it."""
+        of_detector = [] if self.review is None else self.review.warnings
+        return [*self.recording.warnings, *of_detector, *lost_crowd_warnings(self.crowd_mass)]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -125,11 +134,13 @@ def run(
         last.zones,
         tuple(refused),
         last_views,
+        {drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
     )
 
 
 def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
     """The figures of a step."""
+    lost = {f"crowd_{fate}": share for fate, share in shares(step.crowd_mass).items() if fate in LOST}
     return FrameRow(
         stamp_ns=step.stamp_ns,
         drones=step.drones,
@@ -139,6 +150,7 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
         crowd_voxels=len(step.crowd_ids),
         crowd_area_m2=step.zones.area_m2 + step.zones.dropped_area_m2,
         zones=len(step.zones),
+        **lost,
     )
 
 
