@@ -103,7 +103,18 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         crowdfence.Crowdmap  # noqa: B018
 
 
-CORE_CLASSES = ["Camera", "CrowdMap", "CrowdMass", "Observation", "Or", "Paper", "Rates", "Terrain", "Update", "View"]
+CORE_CLASSES = [
+    "Camera",
+    "CrowdMap",
+    "CrowdMass",
+    "Observation",
+    "Or",
+    "Paper",
+    "Rates",
+    "Terrain",
+    "Update",
+    "View",
+]
 CORE_EXCEPTIONS = ["CrowdfenceError", "MapFileError", "StampError", "ViewError"]
 
 

@@ -332,9 +332,9 @@ class Terrain:
 
 @final
 class CrowdMass:
-    """Where the crowd in a picture went: heatmap value summed over the pixels that show crowd (those above the
-    crowd threshold), by what their rays met. Every such pixel counts in exactly one of the six; only what
-    met ground is on the map.
+    """Where the crowd in a picture went: heatmap value summed over the pixels that show crowd (those above
+    the crowd threshold), by what their rays met. Every such pixel counts in exactly one of the six; only
+    what met ground is on the map.
 
     ground        a voxel in range
     out_of_range  a voxel, but beyond `max_range_m`
@@ -383,7 +383,9 @@ class CrowdMass:
         """All that met no ground in range."""
     def by_fate(self) -> dict[str, float]:
         """The six by name, ground first."""
-    def __add__(self, other: CrowdMass, /) -> CrowdMass: ...
+    def __add__(self, value: CrowdMass, /) -> CrowdMass: ...
+    def __radd__(self, value: CrowdMass, /) -> CrowdMass: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, float]]: ...
 
 @final
 class Observation:
@@ -479,8 +481,8 @@ def project(
     target_height_m  >= 0, height above the ground at which people are marked
     coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
                      also those between the pixels of which a face is in view, and which are occluded
-    crowd_threshold  in [0, 1]; pixels with a larger heatmap value show crowd, and `Observation.crowd_mass` says
-                     where it went
+    crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
+                     crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 
     A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
     CrowdfenceError for a parameter out of bounds.

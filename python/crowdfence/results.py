@@ -109,7 +109,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
 
 
 def _crowd_mass(run: Run) -> dict[str, Any]:
-    """Heatmap value of all pixels that show crowd, and which share of it met what, together and of each drone."""
+    """Heatmap value of all pixels that show crowd, and which share of it met what: of all drones, of each."""
 
     def told(mass: CrowdMass) -> dict[str, Any]:
         return {"total": mass.total, "shares": shares(mass)}

@@ -4,9 +4,9 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::arrays::refuse;
 
-/// Where the crowd in a picture went: heatmap value summed over the pixels that show crowd (those above the
-/// crowd threshold), by what their rays met. Every such pixel counts in exactly one of the six; only what
-/// met ground is on the map.
+/// Where the crowd in a picture went: heatmap value summed over the pixels that show crowd (those above
+/// the crowd threshold), by what their rays met. Every such pixel counts in exactly one of the six; only
+/// what met ground is on the map.
 ///
 /// ground        a voxel in range
 /// out_of_range  a voxel, but beyond `max_range_m`

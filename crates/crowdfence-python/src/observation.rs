@@ -192,8 +192,8 @@ pub fn projection(max_range_m: f64, target_height_m: f64, coverage: &str) -> PyR
 /// target_height_m  >= 0, height above the ground at which people are marked
 /// coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
 ///                  also those between the pixels of which a face is in view, and which are occluded
-/// crowd_threshold  in [0, 1]; pixels with a larger heatmap value show crowd, and `Observation.crowd_mass` says
-///                  where it went
+/// crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
+///                  crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 ///
 /// A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
 /// CrowdfenceError for a parameter out of bounds.

@@ -30,8 +30,8 @@ class FrameRow:
     iou: float | None = None
     """Intersection over union with the truth (equation 4), where there is truth."""
     crowd_out_of_range: float | None = None
-    """Share of the heatmap's crowd that met ground beyond the range. Here and below: see `CrowdMass`; None where
-    no picture shows crowd."""
+    """Share of the crowd in the heatmaps that met ground beyond the range. Here and below: see `CrowdMass`;
+    None where no heatmap shows crowd."""
     crowd_hole: float | None = None
     """That went through a hole of the map."""
     crowd_off_map: float | None = None

@@ -9,6 +9,9 @@ from crowdfence._core import CrowdMass
 MAX_LOST_SHARE = 0.01
 """A drone that loses more of its crowd than this is warned of."""
 
+LEAST_NAMED_SHARE = 0.0005
+"""What rounds to 0.0 % is not worth a word."""
+
 LOST = {
     "out_of_range": ("meets ground beyond the range", "raise --max-range-m"),
     "hole": ("falls through holes of the map", "fill them or take a map without"),
@@ -32,16 +35,18 @@ def shares(mass: CrowdMass) -> dict[str, float | None]:
 
 
 def lost_crowd_warnings(masses: Mapping[str, CrowdMass]) -> list[str]:
-    """One sentence for each drone of which more than `MAX_LOST_SHARE` of the crowd met no ground. Where no drone
-    is above that, all of them together are not."""
-    return [_warning(drone, mass) for drone, mass in masses.items() if mass.lost > MAX_LOST_SHARE * mass.total]
+    """One sentence for each drone of which more than `MAX_LOST_SHARE` of the crowd met no ground. Where no
+    drone is above that, all of them together are not."""
+    warned = ((drone, mass) for drone, mass in masses.items() if mass.lost > MAX_LOST_SHARE * mass.total)
+    return [_warning(drone, mass) for drone, mass in warned]
 
 
 def _warning(drone: str, mass: CrowdMass) -> str:
-    lost = {fate: part / mass.total for fate, part in mass.by_fate().items() if fate in LOST and part > 0.0}
+    lost = {fate: part / mass.total for fate, part in mass.by_fate().items() if fate in LOST}
     parts = (
-        f"{lost[fate]:.1%} {LOST[fate][0]} ({LOST[fate][1]})"
-        for fate in sorted(lost, key=lambda fate: -lost[fate])
-        if lost[fate] >= 0.0005
+        f"{lost[fate]:.1%} {what} ({advice})"
+        for fate, (what, advice) in sorted(LOST.items(), key=lambda entry: -lost[entry[0]])
+        if lost[fate] >= LEAST_NAMED_SHARE
     )
-    return f"{drone}: {mass.lost / mass.total:.1%} of the crowd it shows is not on the map: {', '.join(parts)}"
+    everything = mass.lost / mass.total
+    return f"{drone}: {everything:.1%} of the crowd it shows is not on the map: {', '.join(parts)}"

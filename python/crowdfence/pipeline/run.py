@@ -55,7 +55,7 @@ class Run:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the recording, about the detector on this flight, and about the map under it."""
+        """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         return [*self.recording.warnings, *of_detector, *lost_crowd_warnings(self.crowd_mass)]
 

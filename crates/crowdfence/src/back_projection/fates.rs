@@ -13,6 +13,9 @@
 //!               to ground that the map does not reach
 //! ```
 //!
+//! A ray that falls through a hole and meets the ground further on from below has met ground, here as in the
+//! observation: the map has a surface there and no inside.
+//!
 //! The reference says already which pixels met ground; only those that show crowd and met none are cast again,
 //! without a range. A view whose crowd is all on the map costs a look at its pixels, one without crowd less.
 
