@@ -88,6 +88,7 @@ demo-recording: setup opengl ## the bundled recording, from the simulator
 bench: setup ## the figures of benchmarks/README.md
 	$(BIN)/python benchmarks/terrain_scale.py
 	$(BIN)/python benchmarks/lazy_decay.py
+	$(BIN)/python benchmarks/zones.py
 
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \

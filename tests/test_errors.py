@@ -14,6 +14,7 @@ from crowdfence import errors
 from crowdfence.detector import errors as detector_errors
 from crowdfence.maps import MapError
 from crowdfence.sources import recording
+from crowdfence.sources.recording import Frame
 
 CAMERA = cf.Camera.pinhole(64, 48, 40, 40, 32, 24)
 FISHEYE = cf.Camera.fisheye(64, 48, 20, 20, 32, 24, [0.0, 0.0, -0.1, 0.0])
@@ -153,13 +154,10 @@ def test_a_frame_error_says_which_frame() -> None:
     assert (error.drone, error.stamp_ns, error.reason) == ("uav1", 12, "has no pose")
 
 
-def _refuse_frame() -> None:
-    raise cf.FrameError("uav1", 12, "has no pose")
-
-
 def test_exceptions_leave_another_process() -> None:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as other_process:
         with pytest.raises(cf.ViewError, match="focal length fx is 0 pixels"):
             other_process.submit(cf.Camera.pinhole, 64, 48, 0.0, 40, 32, 24).result()
-        with pytest.raises(cf.FrameError, match="frame of uav1 at 12: has no pose"):
-            other_process.submit(_refuse_frame).result()
+        frame = Frame("uav1", 12, cf.Camera.pinhole(4, 4, 4, 4, 2, 2), np.eye(4))
+        with pytest.raises(cf.FrameError, match="frame of uav1 at 12: has no heatmap"):
+            other_process.submit(Frame.heatmap, frame).result()

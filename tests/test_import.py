@@ -105,6 +105,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 CORE_CLASSES = [
     "Camera",
+    "CrowdColumns",
     "CrowdMap",
     "CrowdMass",
     "Observation",

@@ -1,11 +1,14 @@
-"""Write a file completely or not at all."""
+"""Write a file completely or not at all, and know before long work that it can be written."""
 
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
+
+_PROOF_BYTES = 4096
+"""One block of common file systems, so that a full disk is noticed."""
 
 
 @contextmanager
@@ -35,6 +38,74 @@ def write_bytes(path: str | PathLike[str], data: bytes) -> None:
     """Write `data` to `path` atomically; see `atomic_path` for the errors."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+@contextmanager
+def writable_folder(folder: str | PathLike[str], *, parents: bool = False) -> Iterator[None]:
+    """Prove before the block, which makes files for `folder`, that they can be written there.
+
+    The folder is made when it is missing; its parents only with `parents`, so that a mistyped path is
+    noticed. A block of data is written into it and removed. Folders made here that are still empty after the
+    block are removed again: a command that fails leaves none behind.
+
+    Raises OSError that names the folder.
+    """
+    place = Path(folder)
+    made: list[Path] = []
+    try:
+        _make_folders(place, made, parents=parents)
+        _write_proof(place)
+        yield
+    finally:
+        _remove_empty(made)
+
+
+@contextmanager
+def writable_file(path: str | PathLike[str]) -> Iterator[None]:
+    """The same for one file, which may be there already."""
+    target = Path(path)
+    if target.is_dir():
+        raise IsADirectoryError(f"{target} is a folder; name the file to write inside it")
+    with writable_folder(target.parent):
+        yield
+
+
+def _make_folders(folder: Path, made: list[Path], *, parents: bool) -> None:
+    """Make a folder; `made` receives what was missing, the outermost first."""
+    try:
+        missing = [place for place in (folder, *folder.parents) if not place.exists()]
+        if len(missing) > 1 and not parents:
+            raise FileNotFoundError(
+                f"cannot write into {folder}: {folder.parent} does not exist; create it or choose another "
+                "folder"
+            )
+        for place in reversed(missing):
+            place.mkdir()
+            made.append(place)
+    except OSError as error:
+        if error.strerror is None:
+            raise
+        raise OSError(error.errno, f"cannot make the output folder {folder}: {error.strerror}") from error
+    if not folder.is_dir():
+        raise NotADirectoryError(f"cannot write into {folder}: it is a file, not a folder")
+
+
+def _write_proof(folder: Path) -> None:
+    try:
+        with tempfile.NamedTemporaryFile(prefix=".crowdfence-", dir=folder, buffering=0) as file:
+            file.write(bytes(_PROOF_BYTES))
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise OSError(
+            error.errno,
+            f"cannot write into {folder}: {error.strerror}; check the permissions and the free space",
+        ) from error
+
+
+def _remove_empty(made: list[Path]) -> None:
+    with suppress(OSError):  # the first that holds something keeps those around it
+        for place in reversed(made):
+            place.rmdir()
 
 
 def _make_output_folder(target: Path) -> None:

@@ -13,7 +13,7 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 
 _MARK = b"# crowdfence "
-_LONGEST_HEADER = 1 << 16
+LONGEST_HEADER = 1 << 16
 """Bytes of a file that are searched for the comment; it stands on the second line."""
 
 
@@ -44,7 +44,7 @@ def annotated(data: bytes, content: dict[str, Any]) -> bytes:
 
 def read_frame(data: bytes) -> OctomapFrame | None:
     """The frame in the comment of a file; None where there is no comment. ValueError when it is broken."""
-    for line in data[:_LONGEST_HEADER].split(b"\n"):
+    for line in data[:LONGEST_HEADER].split(b"\n"):
         if line.startswith(_MARK):
             return _parsed(line.removeprefix(_MARK))
         if line.strip() == b"data":

@@ -106,8 +106,9 @@ class SurfaceGrid:
         crop: Crop = "seen",
         margin_m: float = 20.0,
     ) -> SurfaceGrid:
-        """Grid of a crowd map at `stamp_ns` (not before its last instant).
+        """Grid of a crowd map at `stamp_ns` (not before its last instant), for rasters and pictures.
 
+        It costs the map, whatever was seen: every voxel is looked at, 0.15 s a million. Zones do without it.
         The voxels are read in blocks, so that memory follows the columns kept and not the terrain's voxels.
         Raises ValueError as `from_voxels` does.
         """

@@ -83,6 +83,10 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     assert int(rows[-1]["voxels_seen_so_far"]) == summary["terrain"]["seen_voxels"]
     zones = json.loads((output / "zones.geojson").read_text())
     assert len(zones["features"]) == len(summary["zones"]) == int(rows[-1]["zones"])
+    # Who saw the crowd is written with each zone, by name.
+    seen_by = [zone["properties"]["seen_by"] for zone in zones["features"]]
+    assert all(drones == sorted(drones) and drones for drones in seen_by)
+    assert {drone for drones in seen_by for drone in drones} <= set(STARTS)
     # Crowd area in the table, the raster and the zones is one and the same.
     with rasterio.open(output / "crowd_map.tif") as raster:
         crowd_cells = int((raster.read(2) == VoxelState.CROWD).sum())

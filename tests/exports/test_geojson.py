@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from crowdfence import CrowdMap
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
-from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.zones import find_zones
-from support.small_grids import flat_grid
+from support.small_crowd_maps import flat_crowd_map
 from support.wgs84_by_hand import ground_point
 
 STAMP_NS = 1_760_000_009_500_000_001
@@ -27,10 +27,11 @@ DESCRIPTION = MapDescription(
 
 
 def written(
-    tmp_path: Path, grid: SurfaceGrid, anchor: Georeference | None, min_area_m2: float = 0.0
+    tmp_path: Path, crowd_map: CrowdMap, anchor: Georeference | None, min_area_m2: float = 0.0
 ) -> dict[str, Any]:
     path = tmp_path / "zones.geojson"
-    write_geojson(path, find_zones(grid, 0.5, min_area_m2=min_area_m2), DESCRIPTION, anchor)
+    zones = find_zones(crowd_map, STAMP_NS, threshold=0.5, min_area_m2=min_area_m2)
+    write_geojson(path, zones, DESCRIPTION, anchor)
     document = json.loads(path.read_text(encoding="utf-8"))
     assert isinstance(document, dict)
     return document
@@ -49,8 +50,8 @@ def polygons(geometry: dict[str, Any]) -> list[list[list[list[float]]]]:
 def test_corners_lie_within_a_centimetre_of_the_closed_form(tmp_path: Path) -> None:
     anchor = (46.5, 8.0, 1200.0)
     # One 2 m cell, 1 km east and 500 m north of the anchor, ground between 30 and 32 m local height.
-    grid = flat_grid(np.array([[0.9]]), 2.0, (1000.0, 500.0, 30.0))
-    (feature,) = written(tmp_path, grid, Georeference(*anchor))["features"]
+    crowd_map = flat_crowd_map(np.array([[0.9]]), 2.0, (1000.0, 500.0, 30.0))
+    (feature,) = written(tmp_path, crowd_map, Georeference(*anchor))["features"]
     (ring,) = feature["geometry"]["coordinates"]
     corners = [ground_point(anchor, latitude, longitude, 31.0) for longitude, latitude in ring]
     expected = np.array([(1000, 500), (1002, 500), (1002, 502), (1000, 502)])
@@ -73,8 +74,8 @@ def test_no_part_of_a_crowd_cell_is_cut_away(
     cell_size_m: float,
     corner: tuple[float, float, float],
 ) -> None:
-    grid = flat_grid(crowd.astype(float), cell_size_m, corner)
-    document = written(tmp_path_factory.mktemp("zones"), grid, Georeference(*anchor))
+    crowd_map = flat_crowd_map(crowd.astype(float), cell_size_m, corner)
+    document = written(tmp_path_factory.mktemp("zones"), crowd_map, Georeference(*anchor))
     # Back to local metres at the lowest and highest ground, edges cut fine because they bow.
     for up_m in (corner[2], corner[2] + cell_size_m):
         local = shapely.union_all(
@@ -85,8 +86,9 @@ def test_no_part_of_a_crowd_cell_is_cut_away(
             ]
         )
         for i, j in np.argwhere(crowd):
-            x, y = grid.east_edges_m[i : i + 2], grid.north_edges_m[j : j + 2]
-            assert shapely.box(x[0], y[0], x[1], y[1]).difference(local).area < 1e-6
+            west, east = corner[0] + np.array([i, i + 1]) * cell_size_m
+            south, north = corner[1] + np.array([j, j + 1]) * cell_size_m
+            assert shapely.box(west, south, east, north).difference(local).area < 1e-6
         assert local.area < crowd.sum() * (cell_size_m + 0.05) ** 2
 
 
@@ -104,14 +106,14 @@ def _to_local(
 def test_rings_follow_the_right_hand_rule(tmp_path: Path) -> None:
     crowd = np.ones((3, 3))
     crowd[1, 1] = 0.0
-    document = written(tmp_path, flat_grid(crowd), Georeference(46.5, 8.0, 0.0))
+    document = written(tmp_path, flat_crowd_map(crowd), Georeference(46.5, 8.0, 0.0))
     outer, hole = document["features"][0]["geometry"]["coordinates"]
     assert ring_area(outer) > 0 > ring_area(hole)
 
 
 def test_a_zone_across_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
-    grid = flat_grid(np.full((10, 4), 0.9), 1.0, (-5.0, 0.0, 0.0))
-    document = written(tmp_path, grid, Georeference(-17.0, 180.0, 0.0))
+    crowd_map = flat_crowd_map(np.full((10, 4), 0.9), 1.0, (-5.0, 0.0, 0.0))
+    document = written(tmp_path, crowd_map, Georeference(-17.0, 180.0, 0.0))
     geometry = document["features"][0]["geometry"]
     assert geometry["type"] == "MultiPolygon"
     spans = sorted((min(p[0]), max(p[0])) for p in (np.array(r[0]).T for r in geometry["coordinates"]))
@@ -124,8 +126,8 @@ def test_a_zone_across_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
 def test_a_feature_explains_itself(tmp_path: Path) -> None:
     probability = np.array([[0.6, 0.9, 0.0, 0.7]])
     stamps = STAMP_NS - np.array([[4_000_000_000, 500_000_000, 0, 0]])
-    grid = flat_grid(probability, 2.0, (0.0, 0.0, 10.0), stamps)
-    document = written(tmp_path, grid, Georeference(46.5, 8.0, 1200.0), min_area_m2=5.0)
+    crowd_map = flat_crowd_map(probability, 2.0, (0.0, 0.0, 10.0), stamps)
+    document = written(tmp_path, crowd_map, Georeference(46.5, 8.0, 1200.0), min_area_m2=5.0)
     assert document["type"] == "FeatureCollection" and "crs" not in document
     assert document["crowdfence"]["dropped_regions"] == 1
     assert document["crowdfence"]["dropped_area_m2"] == 4.0
@@ -136,7 +138,8 @@ def test_a_feature_explains_itself(tmp_path: Path) -> None:
     assert properties["stamp_utc"] == "2025-10-09T08:53:29.500000001Z"
     assert properties["stamp_ns"] == STAMP_NS
     assert properties["area_m2"] == 8.0
-    assert (properties["probability_max"], properties["probability_mean"]) == (0.9, 0.75)
+    assert (properties["probability_max"], properties["probability_mean"]) == pytest.approx((0.9, 0.75))
+    assert properties["seen_by"] == ["uav1"]
     assert (properties["last_seen_age_s"], properties["oldest_look_age_s"]) == (0.5, 4.0)
     assert (properties["ground_lower_m"], properties["ground_upper_m"]) == (10.0, 12.0)
     # Ten metres above the anchor's plane, at the anchor.
@@ -145,7 +148,7 @@ def test_a_feature_explains_itself(tmp_path: Path) -> None:
 
 
 def test_without_a_georeference_the_file_says_so_and_holds_exact_metres(tmp_path: Path) -> None:
-    document = written(tmp_path, flat_grid(np.array([[0.9]]), 0.3, (500.0, -7.0, 0.0)), None)
+    document = written(tmp_path, flat_crowd_map(np.array([[0.9]]), 0.3, (500.0, -7.0, 0.0)), None)
     assert document["crs"] is None
     assert document["coordinate_frame"]["georeferenced"] is False
     (ring,) = document["features"][0]["geometry"]["coordinates"]
@@ -154,7 +157,7 @@ def test_without_a_georeference_the_file_says_so_and_holds_exact_metres(tmp_path
 
 
 def test_no_zones_is_a_valid_file_that_warns(tmp_path: Path) -> None:
-    document = written(tmp_path, flat_grid(np.full((2, 2), np.nan)), Georeference(0.0, 0.0, 0.0))
+    document = written(tmp_path, flat_crowd_map(np.full((2, 2), np.nan)), Georeference(0.0, 0.0, 0.0))
     assert document["features"] == []
     assert "not known to be free" in document["crowdfence"]["outside"]
 
@@ -162,7 +165,7 @@ def test_no_zones_is_a_valid_file_that_warns(tmp_path: Path) -> None:
 def test_a_pole_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
     path = tmp_path / "zones.geojson"
     path.write_text("old")
-    zones = find_zones(flat_grid(np.array([[0.9]])), 0.5)
+    zones = find_zones(flat_crowd_map(np.array([[0.9]])), STAMP_NS, threshold=0.5)
     with pytest.raises(ValueError, match=r"zone Z1 reaches latitude 89\.99"):
         write_geojson(path, zones, DESCRIPTION, Georeference(89.995, 8.0, 0.0))
     assert path.read_text() == "old"

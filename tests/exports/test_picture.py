@@ -13,7 +13,8 @@ from crowdfence.exports.picture import DroneTrack, ground_footprint, interesting
 from crowdfence.exports.picture.relief import OFF_MAP, Extent, shaded_ground
 from crowdfence.exports.picture.scale_bar import emptiest_corner, scale_length_m
 from crowdfence.surface_grid import SurfaceGrid
-from crowdfence.zones import find_zones
+from crowdfence.zones import ZoneSet, find_zones
+from support.small_crowd_maps import flat_crowd_map
 from support.small_grids import flat_grid
 
 DESCRIPTION = MapDescription(
@@ -33,6 +34,10 @@ def crowd_grid(probability: NDArray[np.float64], cell_size_m: float = 1.0) -> Su
     grid = flat_grid(probability, cell_size_m)
     grid.state[grid.probability >= 0.5] = VoxelState.CROWD
     return grid
+
+
+def crowd_zones(probability: NDArray[np.float64]) -> ZoneSet:
+    return find_zones(flat_crowd_map(probability), 0, threshold=0.5)
 
 
 def is_crowd_red(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -98,7 +103,7 @@ def test_a_picture_decodes_and_shows_crowd_and_unseen_ground(tmp_path: Path) -> 
     write_picture(
         path,
         grid,
-        find_zones(grid, 0.5),
+        crowd_zones(seen_square()),
         DESCRIPTION,
         tracks=[track],
         georeference=Georeference(46.5, 8.0, 1200.0),
@@ -120,7 +125,7 @@ def test_a_picture_decodes_and_shows_crowd_and_unseen_ground(tmp_path: Path) -> 
 def test_unusual_maps_make_pictures_too(tmp_path: Path, probability: NDArray[np.float64]) -> None:
     grid = crowd_grid(probability)
     path = tmp_path / "map.png"
-    write_picture(path, grid, find_zones(grid, 0.5), DESCRIPTION, width_px=900)
+    write_picture(path, grid, crowd_zones(probability), DESCRIPTION, width_px=900)
     with Image.open(path) as picture:
         assert picture.width == 900
 
@@ -159,7 +164,7 @@ def test_scale_bar_length_and_place() -> None:
 def test_bad_arguments_are_refused(tmp_path: Path) -> None:
     grid = crowd_grid(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="width_px must be at least 900"):
-        write_picture(tmp_path / "map.png", grid, find_zones(grid, 0.5), DESCRIPTION, width_px=10)
+        write_picture(tmp_path / "map.png", grid, crowd_zones(np.zeros((2, 2))), DESCRIPTION, width_px=10)
     with pytest.raises(ValueError, match="the track of uav1 has no positions"):
         DroneTrack("uav1", np.empty((0, 3)))
     with pytest.raises(ValueError, match=r"positions of uav1 must be finite and of shape \[N, 3\]"):

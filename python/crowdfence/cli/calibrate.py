@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.evaluation.text_table import aligned, interval, number
@@ -52,6 +53,8 @@ def calibrate(
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.rays,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     as_json: options.Json = False,
 ) -> None:
     """Fit a model's probabilities to labelled missions and write the measured rates into it.
@@ -77,14 +80,16 @@ def calibrate(
         b_threshold=b_threshold,
         truth=truth.value,
         every=every,
+        terrain_options=options.terrain_options(origin=origin, assume_local=assume_local),
         **given,
     )
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    paths = options.recordings_in(data)
-    frames = sum(len(open_recording(path).frames[::every]) for path in paths)
-    with console.progress("calibrating", 2 * frames, "frames") as advance:
-        result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
+    with writable_file(output):
+        paths = options.recordings_in(data)
+        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        with console.progress("calibrating", 2 * frames, "frames") as advance:
+            result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
     for warning in result.warnings:
         console.warn(warning)
     if result.refused:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 
 
@@ -19,9 +20,10 @@ def convert(
     from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert as write_mission
 
-    source = open_recording(recording)
-    with console.progress("converting", len(source.frames), "frames") as advance:
-        conversion = write_mission(source, output, progress=lambda done, total: advance())
+    with writable_file(output):
+        source = open_recording(recording)
+        with console.progress("converting", len(source.frames), "frames") as advance:
+            conversion = write_mission(source, output, progress=lambda done, total: advance())
     if as_json:
         console.print_json(
             {

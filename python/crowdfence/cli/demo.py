@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from crowdfence.atomic_file import writable_folder
 from crowdfence.cli import options
 from crowdfence.cli.run import fuse_and_report
 from crowdfence.config import RunConfig, ZoneConfig
@@ -25,7 +26,8 @@ def demo(
     from crowdfence.pipeline import choose_detector, open_terrain
     from crowdfence.sources import open_recording
 
-    recording = open_recording(RECORDING)
-    terrain = open_terrain(recording)
-    detector = choose_detector(recording, "auto")
-    fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)
+    with writable_folder(output, parents=True):
+        recording = open_recording(RECORDING)
+        terrain = open_terrain(recording)
+        detector = choose_detector(recording, "auto")
+        fuse_and_report(recording, terrain, CONFIG, output, detector=detector, as_json=as_json)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -49,27 +50,39 @@ def detect(
         ),
     ] = None,
     terrain: options.TerrainPath = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
     from crowdfence.detector.detector import Detector
-
-    recording = _recording(source)
-    detector = Detector(model, contract=contract, threads=threads)
-    if recording is not None:
-        if gsd_m is not None:
-            raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
-        _detect_recording(recording, source, detector, terrain, output, every, bool(video), force, as_json)
-    else:
-        _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
-
-
-def _recording(source: Path) -> Recording | None:
-    """The recording that `source` is; None for pictures and videos."""
     from crowdfence.sources import is_recording, open_recording
 
-    return open_recording(source) if is_recording(source) else None
+    if not is_recording(source):
+        with writable_folder(output):
+            detector = Detector(model, contract=contract, threads=threads)
+            _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
+        return
+    if gsd_m is not None:
+        raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
+    _require_place(output, source, force)
+    with writable_file(output):
+        recording = open_recording(source)
+        detector = Detector(model, contract=contract, threads=threads)
+        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+        _detect_recording(recording, detector, terrain, map_options, output, every, bool(video), as_json)
+
+
+def _require_place(output: Path, source: Path, force: bool) -> None:
+    """The mission file is no folder, and nothing is replaced without being asked to."""
+    if output.is_dir():
+        raise ValueError(
+            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
+        )
+    if output.exists() and (output.samefile(source) or not force):
+        same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
+        raise FileExistsError(f"{output} exists{same}")
 
 
 def _detect_pictures(
@@ -118,27 +131,19 @@ def _detect_pictures(
 
 def _detect_recording(
     recording: Recording,
-    source: Path,
     detector: Detector,
     terrain: Path | None,
+    map_options: dict[str, Any],
     output: Path,
     every: int,
     video: bool,
-    force: bool,
     as_json: bool,
 ) -> None:
     from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
     from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
 
-    if output.is_dir():
-        raise ValueError(
-            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
-        )
-    if output.exists() and (output.samefile(source) or not force):
-        same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
-        raise FileExistsError(f"{output} exists{same}")
-    ground = open_terrain(recording, terrain) if detector.contract.needs_gsd else None
+    ground = open_terrain(recording, terrain, **map_options) if detector.contract.needs_gsd else None
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(

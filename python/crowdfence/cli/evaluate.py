@@ -25,6 +25,8 @@ def evaluate(
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     detector: options.DetectorChoice = "auto",
     contract: options.ContractPath = None,
     method: Annotated[
@@ -71,7 +73,10 @@ def evaluate(
 
     source = open_recording(recording)
     chosen = choose_detector(source, detector, contract=contract)
-    ground = open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
+    map_options = options.terrain_options(
+        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    )
+    ground = open_terrain(source, terrain, **map_options)
     heatmaps = heatmap_source(chosen, ground, max_range_m)
     cells = CellCounter()
     if measured_rates:

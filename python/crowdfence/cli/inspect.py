@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 from crowdfence.inspection import InspectionOptions
 
@@ -33,6 +35,8 @@ def inspect(
     ] = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[
@@ -57,7 +61,13 @@ def inspect(
     from crowdfence.inspection.crowd_map import CrowdMapReport
     from crowdfence.inspection.terrain import MapReport
 
-    with console.working() as tell:
+    map_options = options.terrain_options(
+        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    )
+    with ExitStack() as stack:
+        if picture is not None:
+            stack.enter_context(writable_file(picture))
+        tell = stack.enter_context(console.working())
         report = inspect_file(
             file,
             terrain=terrain,
@@ -67,13 +77,12 @@ def inspect(
                 sampled_instants=samples,
                 quick=quick,
                 check_pixels=check_pixels,
-                terrain_options=options.terrain_options(voxel_size_m, terrain_option),
+                terrain_options=map_options,
             ),
             tell=tell,
         )
         if picture is not None:
             tell("drawing the contact sheet")
-            map_options = options.terrain_options(voxel_size_m, terrain_option)
             _write_picture(picture, report, terrain, map_options, tolerance_ms)
     if as_json:
         console.print_json(asdict(report))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from crowdfence.atomic_file import atomic_path, writable_file
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -100,6 +102,8 @@ def evaluate(
     target_height_m: options.TargetHeightM = None,
     max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
     every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     examples: Annotated[
         Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")
     ] = None,
@@ -118,19 +122,23 @@ def evaluate(
 
     _require_png("--examples", examples)
     detector = Detector(model, contract)
-    plan = MeasurementPlan(max_range_m=max_range_m, every=every)
+    map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+    plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
     if target_height_m is not None:
         given["target_height_m"] = target_height_m
     plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
     paths = options.recordings_in(data)
-    frames = sum(len(open_recording(path).frames[::every]) for path in paths)
-    with console.progress("evaluating", frames, "frames") as advance:
+    with ExitStack() as stack:
+        if examples is not None:
+            stack.enter_context(writable_file(examples))
+        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
+        if examples is not None:
+            _write_picture(examples, result.examples)
     if result.refused:
         console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
-    if examples is not None:
-        _write_picture(examples, result.examples)
     if as_json:
         console.print_json({"contract": detector.contract.name, **result.to_json()})
     else:
@@ -240,8 +248,6 @@ def _write_overlay(path: Path, report: ModelCheck) -> None:
 
 def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from PIL import Image
-
-    from crowdfence.atomic_file import atomic_path
 
     with atomic_path(path) as temporary:
         Image.fromarray(picture).save(temporary, "PNG")

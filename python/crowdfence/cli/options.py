@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -20,6 +20,9 @@ from crowdfence.config import (
     RunConfig,
     ZoneConfig,
 )
+
+if TYPE_CHECKING:
+    from crowdfence.georeference import Georeference
 
 DEFAULT = RunConfig()
 PAPER = PaperConfig()
@@ -85,6 +88,23 @@ TerrainOption = Annotated[
         "--terrain-option",
         metavar="NAME=VALUE",
         help="Option of the map reader, such as surface=ground, height_unit=ft, up=y; may be repeated.",
+    ),
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="LAT,LON,HEIGHT",
+        help="Where on Earth the recording's (0, 0, 0) lies, if it does not say so: degrees (WGS84), metres "
+        "above the ellipsoid.",
+    ),
+]
+AssumeLocal = Annotated[
+    bool,
+    typer.Option(
+        "--assume-local",
+        help="The recording's coordinates are the map's own: (0, 0, 0) is the middle of a georeferenced map "
+        "at its lowest height in whole metres; a map without reference system holds local metres.",
     ),
 ]
 DetectorChoice = Annotated[
@@ -216,12 +236,23 @@ def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> Par
     return kind(**{**values, **chosen})
 
 
-def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict[str, Any]:
-    """Options of the map reader; values that read as JSON are numbers, booleans or lists, others are text.
+def terrain_options(
+    voxel_size_m: float | None = None,
+    pairs: list[str] | None = None,
+    *,
+    origin: str | None = None,
+    assume_local: bool = False,
+) -> dict[str, Any]:
+    """What `pipeline.open_terrain` and the map readers are told, as far as it was given. Values of pairs that
+    read as JSON are numbers, booleans or lists, others are text.
 
-    ValueError for a pair without "=".
+    ValueError for a pair without "=" and an origin that is no place on Earth.
     """
     options: dict[str, Any] = {} if voxel_size_m is None else {"voxel_size_m": voxel_size_m}
+    if origin is not None:
+        options["georeference"] = _georeference(origin)
+    if assume_local:
+        options["assume_local"] = True
     for pair in pairs or []:
         name, equals, value = pair.partition("=")
         if not (name and equals):
@@ -231,3 +262,13 @@ def terrain_options(voxel_size_m: float | None, pairs: list[str] | None) -> dict
         except json.JSONDecodeError:
             options[name] = value
     return options
+
+
+def _georeference(origin: str) -> Georeference:
+    from crowdfence.georeference import Georeference
+
+    try:
+        latitude_deg, longitude_deg, height_m = map(float, origin.split(","))
+    except ValueError:
+        raise ValueError(f"--origin {origin!r} must be LAT,LON,HEIGHT, such as 46.5,8.0,1200") from None
+    return Georeference(latitude_deg, longitude_deg, height_m)

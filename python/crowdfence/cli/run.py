@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_folder
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
@@ -28,6 +29,8 @@ def run(
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     detector: options.DetectorChoice = "auto",
     contract: options.ContractPath = None,
     method: options.Method = options.MethodName.paper,
@@ -59,13 +62,17 @@ def run(
         else options.part(PaperConfig, context.params)
     )
     config = options.run_config(context.params, chosen_method)
+    map_options = options.terrain_options(
+        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    )
     from crowdfence.pipeline import choose_detector, open_terrain
     from crowdfence.sources import open_recording
 
-    source = open_recording(recording)
-    chosen = choose_detector(source, detector, contract=contract)
-    ground = open_terrain(source, terrain, **options.terrain_options(voxel_size_m, terrain_option))
-    fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
+    with writable_folder(output, parents=True):
+        source = open_recording(recording)
+        chosen = choose_detector(source, detector, contract=contract)
+        ground = open_terrain(source, terrain, **map_options)
+        fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 
 
 def fuse_and_report(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -98,24 +100,25 @@ def simulate(
     )
     record = _recorder(kind)
     started = time.perf_counter()
-    with console.working() as tell:
-        tell("building the scene")
-        scene = build_scene(loaded, seed)
-        fates = capture_counts(build_schedule(scene)).values()
-    planned = sum(fate["delivered"] for fate in fates)
-    with console.progress("simulating", planned, "frames") as advance:
-        try:
-            recorded = record(
-                scene,
-                output,
-                options=FrameOptions(rgb=not no_rgb, heatmaps=not no_heatmaps),
-                workers=workers,
-                resume=resume,
-                overwrite=force,
-                progress=lambda done, of: advance(),
-            )
-        except NoOpenGL as error:
-            raise OSError(f"{error}: try --no-rgb") from error
+    with _writable(output, kind):
+        with console.working() as tell:
+            tell("building the scene")
+            scene = build_scene(loaded, seed)
+            fates = capture_counts(build_schedule(scene)).values()
+        planned = sum(fate["delivered"] for fate in fates)
+        with console.progress("simulating", planned, "frames") as advance:
+            try:
+                recorded = record(
+                    scene,
+                    output,
+                    options=FrameOptions(rgb=not no_rgb, heatmaps=not no_heatmaps),
+                    workers=workers,
+                    resume=resume,
+                    overwrite=force,
+                    progress=lambda done, of: advance(),
+                )
+            except NoOpenGL as error:
+                raise OSError(f"{error}: try --no-rgb") from error
     _report(recorded, time.perf_counter() - started, as_json=as_json)
     if not recorded.complete:
         console.fail(
@@ -133,6 +136,13 @@ def _size(size: str | None) -> tuple[int, int]:
     if not (by and width.isdecimal() and height.isdecimal() and int(width)):
         raise ValueError(f"--size is {size!r}, expected two numbers such as 640x480")
     return int(width), int(height)
+
+
+def _writable(output: Path, kind: RecordingFormat) -> AbstractContextManager[None]:
+    """An AirSim folder that is not there yet is left to the recorder, which takes one for an earlier run."""
+    if kind is RecordingFormat.mcap:
+        return writable_file(output)
+    return writable_folder(output if output.exists() else output.parent)
 
 
 def _recorder(kind: RecordingFormat) -> Any:

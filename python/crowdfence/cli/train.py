@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def train(
     licence: Annotated[
         str | None, typer.Option("--licence", help="Licence of the weights, written into the model.")
     ] = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -74,34 +77,37 @@ def train(
         raise ValueError(
             f"{min(twice)} is given for training and for validation; it can serve only one of them"
         )
-    if not output.absolute().parent.is_dir():
-        raise FileNotFoundError(
-            f"cannot write {output}: the folder {output.absolute().parent} does not exist"
-        )
+    map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     folder = store or output.with_suffix(".frames")
-    stored: list[StoredMission] = []
-    with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
-        for some in (paths, held_out):
-            stored += store_missions(
-                some, plan.targets, folder, workers=workers, on_mission=lambda mission: advance()
+    with writable_file(output), writable_folder(folder, parents=True):
+        stored: list[StoredMission] = []
+        with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
+            for some in (paths, held_out):
+                stored += store_missions(
+                    some,
+                    plan.targets,
+                    folder,
+                    workers=workers,
+                    terrain_options=map_options,
+                    on_mission=lambda mission: advance(),
+                )
+        for why in (why for mission in stored for why in mission.skipped):
+            console.warn(f"skipped {why}")
+        learned, judged = stored[: len(paths)], stored[len(paths) :]
+        with console.progress("training", plan.steps, "steps") as advance:
+            trained = train_network(
+                learned,
+                judged,
+                plan,
+                checkpoint=output.with_suffix(".checkpoint"),
+                resume=resume,
+                initial=initial,
+                on_step=lambda step: advance(),
+                on_checkup=None if as_json else _tell,
             )
-    for why in (why for mission in stored for why in mission.skipped):
-        console.warn(f"skipped {why}")
-    learned, judged = stored[: len(paths)], stored[len(paths) :]
-    with console.progress("training", plan.steps, "steps") as advance:
-        trained = train_network(
-            learned,
-            judged,
-            plan,
-            checkpoint=output.with_suffix(".checkpoint"),
-            resume=resume,
-            initial=initial,
-            on_step=lambda step: advance(),
-            on_checkup=None if as_json else _tell,
-        )
-    facts = training_facts(trained, plan, learned, judged)
-    export_onnx(trained.network, 0, _contract(output, plan, facts, licence), output)
-    write_report(output.with_suffix(".report"), trained, plan, learned, judged)
+        facts = training_facts(trained, plan, learned, judged)
+        export_onnx(trained.network, 0, _contract(output, plan, facts, licence), output)
+        write_report(output.with_suffix(".report"), trained, plan, learned, judged)
     if as_json:
         console.print_json(facts)
     else:

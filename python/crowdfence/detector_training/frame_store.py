@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,31 +42,35 @@ def store_missions(
     folder: Path,
     *,
     workers: int = 1,
+    terrain_options: Mapping[str, Any] | None = None,
     on_mission: Callable[[StoredMission], None] | None = None,
 ) -> list[StoredMission]:
     """Decode and label the frames of the recordings at `paths` into `folder`; what is there is reused.
 
     Sides that are no multiple of the stride are cut down to one. Frames that cannot be read are skipped and
-    named. ValueError for a recording without a usable frame, or with frames of several sizes.
+    named. `terrain_options` say how the maps are opened, see `pipeline.open_terrain`. ValueError for a
+    recording without a usable frame, or with frames of several sizes.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missions = []
     with ProcessPoolExecutor(workers) as pool:
-        parts = [folder / _key(path, targets) for path in paths]
-        for mission in pool.map(_stored, paths, [tuple(targets)] * len(paths), parts):
+        options = dict(terrain_options or {})
+        parts = [folder / _key(path, targets, options) for path in paths]
+        for mission in pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts):
             missions.append(_mapped(mission))
             if on_mission is not None:
                 on_mission(missions[-1])
     return missions
 
 
-def _key(path: Path, targets: Sequence[Target]) -> str:
+def _key(path: Path, targets: Sequence[Target], options: dict[str, Any]) -> str:
     stat = path.stat()
-    what = json.dumps([_FORMAT, str(path.resolve()), stat.st_size, stat.st_mtime_ns, list(targets)])
+    file = [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
+    what = json.dumps([_FORMAT, *file, list(targets), options], default=str)
     return f"{path.stem}-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
 
 
-def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
+def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], part: Path) -> Path:
     """Write one mission as arrays; the description comes last and says that the rest is whole."""
     description = part.with_suffix(".json")
     if description.exists():
@@ -78,7 +82,7 @@ def _stored(path: Path, targets: tuple[Target, ...], part: Path) -> Path:
     recording = open_recording(path)
     if not recording.frames:
         raise ValueError(f"{path} holds no usable frame")
-    terrain = open_terrain(recording, None) if "ground" in targets else None
+    terrain = open_terrain(recording, **options) if "ground" in targets else None
     sizes = {(frame.camera.height, frame.camera.width) for frame in recording.frames}
     if len(sizes) > 1:
         raise ValueError(f"{path} holds frames of several sizes: {sorted(sizes)}")

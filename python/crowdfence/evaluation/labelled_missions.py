@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ class MeasurementPlan:
     """Truth of the voxels, see `LabelledProjection`."""
     every: int = 1
     """Look at every n-th frame only."""
+    terrain_options: Mapping[str, Any] = field(default_factory=dict)
+    """How the maps are opened, see `pipeline.open_terrain`."""
 
     def __post_init__(self) -> None:
         if self.every < 1:
@@ -75,7 +77,7 @@ class LabelledMissions:
         for path, stem in zip(self.paths, stems, strict=True):
             recording = open_recording(path)
             with_map = with_maps or self.plan.target == "ground"
-            terrain = _terrain(recording) if with_map else None
+            terrain = _terrain(recording, self.plan) if with_map else None
             name = stem if stems.count(stem) == 1 else str(path)
             yield LabelledMission(
                 name, recording, terrain, *label_functions(self.plan.target, recording, terrain)
@@ -116,7 +118,7 @@ class LabelledMissions:
         raise ValueError(f"{self.paths[0]} holds no picture that can be read")
 
 
-def _terrain(recording: Recording) -> Terrain | None:
+def _terrain(recording: Recording, plan: MeasurementPlan) -> Terrain | None:
     from crowdfence.pipeline import open_terrain
 
-    return None if recording.terrain is None else open_terrain(recording, None)
+    return None if recording.terrain is None else open_terrain(recording, **plan.terrain_options)

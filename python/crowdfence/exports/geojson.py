@@ -144,8 +144,8 @@ def _evidence(zone: Zone, description: MapDescription) -> dict[str, Any]:
     }
 
 
-def _age_s(look_ns: int | None, stamp_ns: int) -> float | None:
-    return None if look_ns is None else (stamp_ns - look_ns) / 1e9
+def _age_s(look_ns: int, stamp_ns: int) -> float:
+    return (stamp_ns - look_ns) / 1e9
 
 
 def _ellipsoidal_heights(zone: Zone, georeference: Georeference) -> dict[str, float]:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from crowdfence.maps.map_error import MapError
 
 if TYPE_CHECKING:
+    from pyproj import CRS
+
     from crowdfence._core import Terrain
     from crowdfence.georeference import Georeference
 
-__all__ = ["MapError", "open_terrain"]
+__all__ = ["MapError", "open_terrain", "stated_place"]
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
+
+Place = Literal["earth", "local", "unstated"]
 
 
 def open_terrain(
@@ -43,17 +48,56 @@ def open_terrain(
     the kind of file does not have.
     """
     path = Path(path)
-    reader = _reader(path)
+    suffix = _suffix(path)
+    with _naming(path):
+        return _reader(suffix)(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+
+
+def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = None) -> Place:
+    """What a map file says about the place of its coordinates; only its header is read.
+
+    - "earth": on Earth, by a reference system (`crs` states a missing one) or the anchor in an OctoMap of
+      ours.
+    - "local": metres in a frame that no one has placed: meshes and other OctoMaps.
+    - "unstated": a height model or point cloud without reference system.
+
+    MapError as for `open_terrain`.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    with _naming(path):
+        if suffix in (".bt", ".ot"):
+            from crowdfence.maps.octomap import stated_anchor
+
+            return "local" if stated_anchor(path) is None else "earth"
+        if suffix in (".ply", ".obj"):
+            return "local"
+        return "earth" if crs is not None or _stated_crs(suffix, path) is not None else "unstated"
+
+
+def _stated_crs(suffix: str, path: Path) -> CRS | None:
+    if suffix in (".tif", ".tiff"):
+        from crowdfence.maps import geotiff
+
+        return geotiff.stated_crs(path)
+    from crowdfence.maps import lidar
+
+    return lidar.stated_crs(path)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Whatever a reader stumbles over names the file."""
     try:
-        terrain: Terrain = reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+        yield
     except MapError:
         raise
     except (ValueError, OSError, MemoryError) as error:
         raise MapError(path, str(error) or type(error).__name__) from error
-    return terrain
 
 
-def _reader(path: Path) -> Callable[..., Terrain]:
+def _suffix(path: Path) -> str:
+    """The kind of a file that is there and not empty."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         known = " ".join(SUFFIXES)
@@ -64,6 +108,10 @@ def _reader(path: Path) -> Callable[..., Terrain]:
         raise MapError(path, "no such file")
     if path.stat().st_size == 0:
         raise MapError(path, "the file is empty (0 bytes)")
+    return suffix
+
+
+def _reader(suffix: str) -> Callable[..., Terrain]:
     if suffix in (".bt", ".ot"):
         from crowdfence.maps.octomap import open_octomap
 

@@ -77,6 +77,12 @@ def open_geotiff(
     return terrain
 
 
+def stated_crs(path: Path) -> CRS | None:
+    """The reference system in the file's header."""
+    with _dataset(path) as dataset:
+        return _crs(path, dataset)
+
+
 @contextmanager
 def _dataset(path: Path) -> Iterator[Any]:
     import rasterio

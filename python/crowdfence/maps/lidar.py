@@ -97,6 +97,12 @@ def open_lidar(
     return terrain
 
 
+def stated_crs(path: Path) -> CRS | None:
+    """The reference system in the file's header."""
+    with _reader(path) as reader:
+        return _crs(path, reader.header)
+
+
 @dataclass(frozen=True, slots=True)
 class _Survey:
     """What is kept of a cloud: mean ground point and lowest point per column, voxels that hold a point."""

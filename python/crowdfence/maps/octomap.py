@@ -9,7 +9,7 @@ from pathlib import Path
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
-from crowdfence.octomap_frame import read_frame
+from crowdfence.octomap_frame import LONGEST_HEADER, read_frame
 
 
 def open_octomap(
@@ -39,6 +39,13 @@ def open_octomap(
         )
     terrain.georeference = _anchor(path, georeference, None if frame is None else frame.georeference)
     return terrain
+
+
+def stated_anchor(path: Path) -> Georeference | None:
+    """The anchor in the header of an OctoMap of ours."""
+    with path.open("rb") as file:
+        frame = read_frame(file.read(LONGEST_HEADER))
+    return None if frame is None else frame.georeference
 
 
 def _anchor(path: Path, wanted: Georeference | None, written: Georeference | None) -> Georeference | None:

@@ -3,28 +3,83 @@
 from __future__ import annotations
 
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.maps import MapError, stated_place
 from crowdfence.sources.recording import Recording
 
 
-def open_terrain(recording: Recording, path: str | PathLike[str] | None = None, **options: Any) -> Terrain:
+def open_terrain(
+    recording: Recording,
+    path: str | PathLike[str] | None = None,
+    *,
+    georeference: Georeference | None = None,
+    assume_local: bool = False,
+    **options: Any,
+) -> Terrain:
     """The map to project onto: `path`, or else the one that came with the recording.
 
-    Georeferenced maps are brought into the recording's local frame; `options` are those of
-    `maps.open_terrain`. ValueError when there is no map or an option does not belong to its kind.
+    Georeferenced maps are brought into the recording's local frame. Where nothing says how the two relate,
+    the caller does:
+
+    - `georeference`: where on Earth the (0, 0, 0) of a recording lies that does not say so itself; its axes
+      point east, north and up there.
+    - `assume_local=True`: the recording's coordinates are the map's local ones. With a map that has a place
+      on Earth, the recording's (0, 0, 0) is the anchor that the map has by itself: the middle of its extent
+      at its lowest height, rounded down to whole metres (an OctoMap of ours names its own). A height model or
+      point cloud without reference system holds the recording's coordinates as they are.
+
+    `options` are those of `maps.open_terrain`. ValueError when there is no map, a georeferenced map meets a
+    recording without georeference and neither of the two is given, one contradicts what the files say, or an
+    option does not belong to the map's kind.
     """
     chosen = path or recording.terrain
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
+    anchor = _anchor(recording, georeference)
+    place = stated_place(chosen, crs=options.get("crs"))
+    if place == "earth":
+        _require_relation(recording, Path(chosen), anchor, assume_local)
+    elif place == "unstated":
+        options["assume_local"] = assume_local
     try:
-        return Terrain.open(chosen, georeference=recording.georeference, **options)
+        return Terrain.open(chosen, georeference=anchor, **options)
     except TypeError as error:
         raise ValueError(f"{chosen}: {error}") from error
+
+
+def _anchor(recording: Recording, given: Georeference | None) -> Georeference | None:
+    if given is None or recording.georeference is None or given == recording.georeference:
+        return recording.georeference or given
+    raise ValueError(
+        f"{recording.name} says itself where its local frame lies, at {recording.georeference}; leave out "
+        "--origin (georeference)"
+    )
+
+
+def _require_relation(
+    recording: Recording, path: Path, anchor: Georeference | None, assume_local: bool
+) -> None:
+    """A map with a place on Earth and a recording must be related in one way: neither none nor two."""
+    if anchor is None and not assume_local:
+        raise MapError(
+            path,
+            f"has a place on Earth, but the recording {recording.name} does not say where its local frame "
+            "lies: give the frame's origin (--origin LAT,LON,HEIGHT, georeference=), or --assume-local "
+            "(assume_local=True) if its (0, 0, 0) is the middle of the map at the lowest height",
+        )
+    if anchor is not None and assume_local:
+        raise MapError(
+            path,
+            f"has a place on Earth, and so has the recording {recording.name}: assume_local contradicts "
+            "that; leave it out",
+        )
 
 
 def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) -> None:

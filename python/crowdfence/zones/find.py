@@ -51,29 +51,36 @@ def _zones(
     crowd_map: CrowdMap, crowd: CrowdColumns, runs: Runs, region: NDArray[np.int64], count: int
 ) -> Iterator[Zone]:
     """Zones of the regions below `count`; `region` [R] is that of each run."""
+    if count == 0:
+        return
     if len(_zone_id(count)) > MAX_ID_LENGTH:
         raise ValueError(f"{count} zones are more than there are ids; raise min_area_m2 or the threshold")
     terrain = crowd_map.terrain
     is_kept = region < count
     polygons = outlines(runs[is_kept], region[is_kept], terrain)
     column_region = np.repeat(region, runs.length)
-    columns_of = _members(column_region, count)
-    voxels_of = _members(np.repeat(column_region, crowd.crowd_count), count)
-    bottom_index, top_index = crowd.bottom_index, crowd.top_index
-    probability, last_seen_ns, voxel_ids = crowd.probability, crowd.last_seen_ns, crowd.voxel_ids
-    for number, (polygon, columns, voxels) in enumerate(zip(polygons, columns_of, voxels_of), start=1):
+    columns, first = _by_region(column_region, count)
+    voxels, first_voxel = _by_region(np.repeat(column_region, crowd.crowd_count), count)
+    lower_m = _height_m(np.minimum.reduceat(crowd.bottom_index[columns], first), terrain)
+    upper_m = _height_m(np.maximum.reduceat(crowd.top_index[columns], first) + 1, terrain)
+    last_seen_ns = crowd.last_seen_ns[columns]
+    newest_ns = np.maximum.reduceat(last_seen_ns, first)
+    oldest_ns = np.minimum.reduceat(last_seen_ns, first)
+    probability = np.split(crowd.probability[columns], first[1:])
+    crowd_ids = np.split(crowd.voxel_ids[voxels], first_voxel[1:])
+    for number, polygon in enumerate(polygons):
         yield Zone(
-            id=_zone_id(number),
+            id=_zone_id(number + 1),
             polygon=polygon,
-            cell_count=len(columns),
-            area_m2=len(columns) * terrain.voxel_size_m**2,
-            probability_max=float(probability[columns].max()),
-            probability_mean=float(probability[columns].mean()),
-            lower_m=_height_m(bottom_index[columns].min(), terrain),
-            upper_m=_height_m(top_index[columns].max() + 1, terrain),
-            last_seen_ns=int(last_seen_ns[columns].max()),
-            oldest_look_ns=int(last_seen_ns[columns].min()),
-            seen_by=tuple(crowd_map.seen_by(voxel_ids[voxels])),
+            cell_count=len(probability[number]),
+            area_m2=len(probability[number]) * terrain.voxel_size_m**2,
+            probability_max=float(probability[number].max()),
+            probability_mean=float(probability[number].mean()),
+            lower_m=float(lower_m[number]),
+            upper_m=float(upper_m[number]),
+            last_seen_ns=int(newest_ns[number]),
+            oldest_look_ns=int(oldest_ns[number]),
+            seen_by=tuple(crowd_map.seen_by(crowd_ids[number])),
         )
 
 
@@ -81,12 +88,14 @@ def _zone_id(number: int) -> str:
     return f"Z{number}"
 
 
-def _members(region: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    """Positions in `region` of each number below `count`, sorted."""
-    order = np.argsort(region, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(region, minlength=count)))[:count]
+def _by_region(region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Positions in `region` of the numbers below `count`, one region after the other and sorted within each;
+    where each begins [count]."""
+    size = np.bincount(region)[:count]
+    order = np.argsort(region, kind="stable")[: size.sum()]
+    return order, np.cumsum(size) - size
 
 
-def _height_m(index: np.int64, terrain: Terrain) -> float:
+def _height_m(index: NDArray[np.int64], terrain: Terrain) -> NDArray[np.float64]:
     """Local height of the lower face of the voxels with grid index k = `index`."""
-    return float(terrain.origin[2] + float(index) * terrain.voxel_size_m)
+    return terrain.origin[2] + index.astype(np.float64) * terrain.voxel_size_m

@@ -1,7 +1,7 @@
 """Columns of a terrain -> the polygons that they cover, exactly.
 
-An outline runs along grid lines and turns at corners, so its corners alone make it: on each line they are joined
-in pairs, from south to north or from west to east.
+An outline runs along grid lines and turns at corners, so its corners alone make it: on every line they are
+joined in pairs, from south to north or from west to east.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def outlines(runs: Runs, region: NDArray[np.int64], terrain: Terrain) -> list[Polygon | MultiPolygon]:
-    """Exact union of the columns of each region, in local metres: valid, and without a vertex in the middle of
-    a straight edge. Rings begin at their westernmost corner, shells run clockwise, holes counter-clockwise.
+    """Exact union of the columns of each region, in local metres: valid, with a vertex at every corner and
+    nowhere else. Rings begin at their westernmost corner; shells run clockwise, holes counter-clockwise.
 
     region  [R] number of each run's region, 0 .. Z - 1, each at least once; no two regions share a corner
     """
@@ -32,16 +32,15 @@ def outlines(runs: Runs, region: NDArray[np.int64], terrain: Terrain) -> list[Po
     part = connected(runs, corners=False)
     x, y, west_to_east = _corners(runs, part)
     corner, ring = _rings(west_to_east)
-    rings = shapely.linearrings(
-        np.column_stack([_edge_m(x[corner], terrain, 0), _edge_m(y[corner], terrain, 1)]), indices=ring
-    )
+    x, y = x[corner], y[corner]
+    rings = shapely.linearrings(_edge_m(x, terrain, 0), _edge_m(y, terrain, 1), indices=ring)
     first = np.searchsorted(ring, np.arange(len(rings)))
-    order = np.lexsort((-y[corner[first]], -x[corner[first]], -_size(x[corner], first)))
-    ring_part, is_hole = _bounded_part(runs, part, x[corner[first]], y[corner[first]])
+    bounded, is_hole = _bounded_part(runs, part, x[first], y[first])
     rings[is_hole] = shapely.reverse(rings[is_hole])
+    order = np.lexsort((-y[first], -x[first], -_vertex_count(x, ring)))
     part_region = np.empty(part.max() + 1, dtype=np.int64)
     part_region[part] = region
-    return _assembled(rings[order], ring_part[order], is_hole[order], part_region)
+    return _assembled(rings[order], bounded[order], is_hole[order], part_region)
 
 
 def _edge_m(index: NDArray[np.int64], terrain: Terrain, axis: int) -> NDArray[np.float64]:
@@ -52,11 +51,11 @@ def _edge_m(index: NDArray[np.int64], terrain: Terrain, axis: int) -> NDArray[np
 def _corners(
     runs: Runs, part: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Where outlines turn: x, y [K], sorted, and their order [K] from south to north and then west to east.
+    """Where outlines turn: x, y [K], sorted, and the order [K] in which west to east comes first.
 
     (x, y) is the south-west corner of column (x, y). Where two columns touch at this corner and nowhere else,
-    outlines turn twice, and it is there twice: as the end of the edge from the south, then as the beginning of
-    the edge to the north.
+    an outline turns twice, and the corner is there twice: as the end of the edge from the south, then as the
+    beginning of the edge to the north.
     """
     x = np.concatenate([runs.i, runs.i, runs.i + 1, runs.i + 1])
     y = np.concatenate([runs.south, runs.north, runs.south, runs.north])
@@ -93,8 +92,8 @@ def _turns_east(
 def _rings(west_to_east: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Corners of all rings [V], each ring closed and beginning at its first corner; number of the ring [V].
 
-    Corners 2n and 2n + 1 are joined by an edge from south to north, those at these places of `west_to_east` by
-    one from west to east.
+    Corners 2n and 2n + 1 are joined by an edge from south to north, those at places 2n and 2n + 1 of
+    `west_to_east` by one from west to east.
     """
     across = np.empty_like(west_to_east)
     across[west_to_east[0::2]] = west_to_east[1::2]
@@ -129,20 +128,20 @@ def _bounded_part(
     return part[np.where(is_hole, runs.holding(x - 1, y), inside)], is_hole
 
 
-def _size(x: NDArray[np.int64], first: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many vertices each ring would have if none were left out between two columns."""
-    is_first = np.zeros(len(x), dtype=np.bool_)
-    is_first[first] = True
-    steps = np.abs(np.diff(x, prepend=0))
-    steps[is_first] = 0
-    # An edge from south to north has no vertex between its ends, whatever its length.
-    return np.add.reduceat(np.where(is_first, 0, steps + (steps == 0)), first)
+def _vertex_count(x: NDArray[np.int64], ring: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many vertices each ring would have with one between every two columns on an edge from west to east,
+    as the union of their runs has them: holes and parts have always come in this order."""
+    steps = np.abs(np.diff(x))
+    # An edge from south to north counts 1, whatever its length; between two rings there is no edge.
+    vertices = np.where(np.diff(ring) == 0, np.maximum(steps, 1), 0)
+    return np.bincount(ring[1:], weights=vertices).astype(np.int64)
 
 
 def _assembled(
     rings: NDArray[Any], part: NDArray[np.int64], is_hole: NDArray[np.bool_], part_region: NDArray[np.int64]
 ) -> list[Polygon | MultiPolygon]:
-    """One polygon per region, or several where its columns touch only at corners; in the order of the rings."""
+    """One polygon per region, of several parts where its columns touch only at corners. Holes and parts come
+    in the order of the rings."""
     import shapely
 
     shell_first = np.lexsort((is_hole, part))

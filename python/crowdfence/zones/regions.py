@@ -1,5 +1,6 @@
-"""Which columns belong together: on runs of columns and not on a raster, so that it costs what is crowd and not
-what lies between."""
+"""Which columns belong together. Works on runs of columns and not on a raster, so that it costs what is crowd
+and not what lies between.
+"""
 
 from __future__ import annotations
 
@@ -39,19 +40,22 @@ class Runs:
         return self.north - self.south
 
     def key(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places sorted as the runs are, with room for the corner north of the last column of a row."""
-        low, high = self.south.min(initial=0), self.north.max(initial=0)
+        """Numbers that sort places (i, j) as the runs are sorted; j from the first to one past the last."""
+        low, high = self.south.min(), self.north.max()
         return np.asarray(i * (high - low + 1) + (j - low))
 
     def holding(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Position of the run that holds each column [N], -1 = none; the columns lie within the runs' bounds."""
+        """Position of the run that holds each column (i, j) [N], -1 = none; j as for `key`."""
         run = np.searchsorted(self.key(self.i, self.south), self.key(i, j), "right") - 1
         return np.where((run >= 0) & (self.i[run] == i) & (j < self.north[run]), run, -1)
 
 
 def largest_first(runs: Runs) -> NDArray[np.int64]:
-    """Number of the region of each run, from 0. Columns that touch at an edge or a corner belong to the same
-    region. The largest region comes first, of equal ones that with the westernmost, then southernmost column."""
+    """Number of the region of each run [R], from 0, the largest region first; of equal ones that with the
+    westernmost column, then the southernmost of these.
+
+    Columns that touch at an edge or a corner belong to the same region.
+    """
     region = connected(runs, corners=True)
     _, first = np.unique(region, return_index=True)
     columns = np.zeros(len(first), dtype=np.int64)
@@ -62,7 +66,7 @@ def largest_first(runs: Runs) -> NDArray[np.int64]:
 
 
 def connected(runs: Runs, *, corners: bool) -> NDArray[np.int64]:
-    """Number of the connected part of each run, from 0: connected by edges, or by corners too."""
+    """Number of the part of each run [R], from 0: parts are connected by edges, or by `corners` too."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -74,11 +78,12 @@ def connected(runs: Runs, *, corners: bool) -> NDArray[np.int64]:
 
 
 def _touching(runs: Runs, *, corners: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Positions of every run and of the runs of the next i that touch it."""
+    """Positions of every two runs that touch, the second one with the next i."""
     south, north = runs.key(runs.i, runs.south), runs.key(runs.i, runs.north)
     next_south, next_north = runs.key(runs.i + 1, runs.south), runs.key(runs.i + 1, runs.north)
     begin = np.searchsorted(north, next_south, "left" if corners else "right")
     end = np.searchsorted(south, next_north, "right" if corners else "left")
     count = end - begin
+    before = np.cumsum(count) - count
     first = np.repeat(np.arange(len(runs)), count)
-    return first, np.arange(len(first)) - np.repeat(np.cumsum(count) - count - begin, count)
+    return first, np.arange(len(first)) - np.repeat(before - begin, count)

@@ -173,7 +173,7 @@ def _zones(column: _Column, zones: ZoneSet, description: MapDescription) -> None
     shown = zones[: max(1, min(MOST_LABELS, column.rows_left - 5))]
     _zone_row(column, ("", "area", "max. P", "last seen"), color=_FAINT, fontsize=9.5)
     for zone in shown:
-        age = "" if zone.last_seen_ns is None else _age(description.stamp_ns - zone.last_seen_ns)
+        age = _age(description.stamp_ns - zone.last_seen_ns)
         _zone_row(column, (zone.id, _area(zone.area_m2), f"{zone.probability_max:.2f}", age), color=INK)
     if len(zones) > len(shown):
         rest_m2 = sum(zone.area_m2 for zone in zones[len(shown) :])

@@ -1,0 +1,234 @@
+"""How a recording and its map are related: by what they say, by what the caller says, or not at all.
+
+One camera looks straight down from 10 m above level voxels of 1 m. Of its 10 x 10 heatmap cells the middle
+4 x 4 are crowd: the ground from 8 to 12 m east and north of the recording's (0, 0, 0).
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+from PIL import Image
+from rasterio.transform import from_origin
+from typer.testing import CliRunner
+
+from crowdfence import Terrain, _core, open_recording
+from crowdfence.cli.app import app
+from crowdfence.detector_training.frame_store import store_missions
+from crowdfence.georeference import Georeference
+from crowdfence.octomap_frame import annotated, described
+from crowdfence.pipeline import open_terrain
+from support.onnx_models import contract, write_map_model, write_pixel_people_model
+from support.small_recordings import EPOCH_NS
+from support.wgs84_by_hand import ground_point
+
+ORIGIN = (46.5, 8.0, 1200.0)
+ORIGIN_OPTION = ("--origin", "46.5,8.0,1200")
+# 60 x 60 pixels of 1e-5 degrees around this place, 15 m east and 22 m north of ORIGIN, half a metre higher.
+MIDDLE = (46.5002, 8.0002, 1200.0)
+CORNERS = [(8, 8), (12, 8), (12, 12), (8, 12)]
+REFUSAL = r"dem\.tif: has a place on Earth, but the recording .*--origin .*--assume-local"
+
+
+def write_dem(path: Path, crs: str | None = "EPSG:4326") -> Path:
+    path.parent.mkdir(exist_ok=True)
+    transform = from_origin(MIDDLE[1] - 30e-5, MIDDLE[0] + 30e-5, 1e-5, 1e-5)
+    if crs is None:
+        transform = from_origin(-30.0, 30.0, 1.0, 1.0)
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(path, "w", width=60, height=60, **profile) as raster:
+        raster.write(np.full((60, 60), 1200.5 if crs else 0.5, np.float32), 1)
+    return path
+
+
+def write_recording(folder: Path, **description: Any) -> Path:
+    crowd = np.zeros((10, 10), np.uint8)
+    crowd[3:7, 3:7] = 255
+    for name in ("heatmaps", "truth/regions"):
+        (folder / name).mkdir(parents=True)
+    Image.fromarray(crowd).save(folder / "heatmaps" / f"uav1_{EPOCH_NS}.png")
+    regions = np.kron(crowd // 255, np.ones((10, 10), np.uint8))
+    Image.fromarray(regions).save(folder / "truth" / "regions" / f"uav1_{EPOCH_NS}.png")
+    pose = f"uav1,{EPOCH_NS},10,10,11,0,1,0,0"  # half a turn about east: down
+    (folder / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{pose}\n")
+    camera = {"width": 100, "height": 100, "fx": 100, "fy": 100, "cx": 50, "cy": 50}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}} | description))
+    return folder
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """It does not say where on Earth it is; the map beside it does."""
+    folder = write_recording(tmp_path / "recording")
+    write_dem(folder / "terrain" / "dem.tif")
+    return folder
+
+
+def fused(recording: Path, output: Path, *options: str) -> list[tuple[float, float]]:
+    """Corners (longitude, latitude) of the only zone."""
+    arguments = ["run", str(recording), "-o", str(output), "--method", "or", "--voxel-size-m", "1"]
+    done = CliRunner().invoke(app, [*arguments, "--min-area-m2", "1", "--detector", "recorded", *options])
+    assert done.exit_code == 0, done.exception
+    (zone,) = json.loads((output / "zones.geojson").read_text())["features"]
+    return [tuple(corner) for corner in zone["geometry"]["coordinates"][0][:-1]]
+
+
+@pytest.mark.parametrize(
+    ("options", "anchor"), [(ORIGIN_OPTION, ORIGIN), (("--assume-local",), MIDDLE)], ids=["origin", "local"]
+)
+def test_zones_lie_where_the_chosen_way_puts_them(
+    recording: Path, tmp_path: Path, options: tuple[str, ...], anchor: tuple[float, float, float]
+) -> None:
+    corners = fused(recording, tmp_path / "out", *options)
+    places = [ground_point(anchor, latitude, longitude, 0.5)[:2] for longitude, latitude in corners]
+    assert len(places) == 4
+    for corner in CORNERS:
+        assert min(np.hypot(*(place - corner)) for place in places) < 0.01
+
+
+def test_an_origin_says_what_a_georeference_in_the_recording_says(recording: Path, tmp_path: Path) -> None:
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    knowing = write_recording(tmp_path / "knowing", georeference=dict(zip(keys, ORIGIN, strict=True)))
+    dem = str(recording / "terrain" / "dem.tif")
+    assert fused(knowing, tmp_path / "a", "-t", dem) == fused(recording, tmp_path / "b", *ORIGIN_OPTION)
+
+
+GROUND = ("--target", "ground")
+COMMANDS = {
+    "run": ["run", "{recording}", "-o", "{out}"],
+    "evaluate": ["evaluate", "{recording}"],
+    "inspect": ["inspect", "{recording}", "-t", "{recording}/terrain/dem.tif"],
+    "detect": ["detect", "{recording}", "-o", "{out}.mcap", "--model", "{people}"],
+    "calibrate": [
+        "calibrate",
+        "{heatmap}",
+        "--data",
+        "{recording}",
+        "-o",
+        "{out}.onnx",
+        "--target",
+        "ground",
+    ],
+    "model evaluate": ["model", "evaluate", "{heatmap}", "--data", "{recording}", "--target", "ground"],
+    "train": ["train", "--data", "{recording}", "--validation", "{heatmap}", "-o", "{out}.onnx"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_refuses_to_guess(recording: Path, tmp_path: Path, command: str) -> None:
+    if command == "train":
+        pytest.importorskip("torch")
+    places = {
+        "recording": recording,
+        "out": tmp_path / "out",
+        "people": write_pixel_people_model(tmp_path / "people.onnx", contract(kind="points")),
+        "heatmap": write_map_model(tmp_path / "heatmap.onnx", contract("logits")),
+    }
+    arguments = [argument.format(**places) for argument in COMMANDS[command]]
+    with pytest.raises(ValueError, match=REFUSAL) as refused:
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert "\n" not in str(refused.value)
+    for way_out in (["--assume-local"], ORIGIN_OPTION):
+        done = CliRunner().invoke(app, [*arguments, *way_out])
+        # Without pictures and people, some find other reasons.
+        assert done.exit_code == 0 or "place on Earth" not in str(done.exception)
+
+
+def test_training_refuses_to_guess_before_it_decodes(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=REFUSAL):
+        store_missions([recording], ["ground"], tmp_path / "store")
+    local = {"assume_local": True}
+    with pytest.raises(ValueError, match="no frame of .* can be used"):  # it has no pictures
+        store_missions([recording], ["ground"], tmp_path / "store", terrain_options=local)
+
+
+def test_inspect_shows_why_the_recordings_own_map_cannot_be_used(recording: Path) -> None:
+    done = CliRunner().invoke(app, ["inspect", str(recording), "--json"])
+    assert done.exit_code == 0, done.exception
+    assert "--assume-local" in json.loads(done.stdout)["terrain"]["problem"]
+    alone = CliRunner().invoke(app, ["inspect", str(recording / "terrain" / "dem.tif"), "--json"])
+    assert alone.exit_code == 0
+    there = json.loads(alone.stdout)["terrain"]["georeference"]
+    assert (there["latitude_deg"], there["longitude_deg"]) == pytest.approx(MIDDLE[:2], abs=1e-12)
+
+
+def write_las(path: Path, crs: int | None) -> Path:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.offsets, header.scales = np.array([423_000.0, 5_150_000.0, 0.0]), np.full(3, 0.001)
+    if crs is not None:
+        header.add_crs(pyproj.CRS.from_epsg(crs))
+    cloud = laspy.LasData(header)
+    east, north = np.mgrid[0:20, 0:20].reshape(2, -1)
+    cloud.x, cloud.y, cloud.z = east + 423_250.0, north + 5_150_020.0, np.full(400, 1200.5)
+    cloud.classification = np.full(400, 2)
+    cloud.write(path)
+    return path
+
+
+def write_octomap(path: Path, anchor: Georeference | None) -> Path:
+    terrain = Terrain.from_points([[10.5, 10.5, 0.5]], 1.0)
+    terrain.georeference = anchor
+    path.write_bytes(annotated(_core.write_octomap_binary(terrain, [0]), described(terrain)))
+    return path
+
+
+def test_points_and_octomaps_with_a_place_are_refused_too(recording: Path, tmp_path: Path) -> None:
+    source = open_recording(recording)
+    anchored = write_octomap(tmp_path / "anchored.bt", Georeference(*ORIGIN))
+    for path in (write_las(tmp_path / "utm.las", 32632), anchored):
+        with pytest.raises(ValueError, match="has a place on Earth, but the recording"):
+            open_terrain(source, path)
+        assert open_terrain(source, path, assume_local=True).georeference is not None
+    assert open_terrain(source, anchored, georeference=Georeference(*ORIGIN)).voxel_count == 1
+    with pytest.raises(ValueError, match="has a place on Earth"):
+        open_terrain(source, write_las(tmp_path / "stated.las", None), crs=32632)
+
+
+def test_maps_without_a_place_need_no_relation(recording: Path, tmp_path: Path) -> None:
+    source = open_recording(recording)
+    mesh = tmp_path / "plain.obj"
+    mesh.write_text("v 0 0 0\nv 20 0 0\nv 20 20 0\nf 1 2 3\n")
+    for path in (mesh, write_octomap(tmp_path / "local.bt", None)):
+        for local in (False, True):
+            assert open_terrain(source, path, assume_local=local).georeference is None
+        placed = open_terrain(source, path, georeference=Georeference(*ORIGIN))
+        assert placed.georeference == Georeference(*ORIGIN)
+
+
+def test_local_metres_of_a_map_without_reference_system_are_stated_not_guessed(
+    recording: Path, tmp_path: Path
+) -> None:
+    source, dem = open_recording(recording), write_dem(tmp_path / "local.tif", None)
+    with pytest.raises(ValueError, match="no coordinate reference system; .* assume_local=True"):
+        open_terrain(source, dem)
+    terrain = open_terrain(source, dem, assume_local=True, georeference=Georeference(*ORIGIN))
+    assert terrain.georeference == Georeference(*ORIGIN)
+    np.testing.assert_array_equal(terrain.bounds, [[-30, -30, 0], [30, 30, 1]])
+
+
+def test_two_relations_are_one_too_many(recording: Path, tmp_path: Path) -> None:
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    knowing = open_recording(
+        write_recording(tmp_path / "knowing", georeference=dict(zip(keys, ORIGIN, strict=True)))
+    )
+    dem = recording / "terrain" / "dem.tif"
+    with pytest.raises(ValueError, match="assume_local contradicts"):
+        open_terrain(knowing, dem, assume_local=True)
+    with pytest.raises(ValueError, match="says itself where its local frame lies"):
+        open_terrain(knowing, dem, georeference=Georeference(46.5, 8.0, 1300.0))
+    same = open_terrain(knowing, dem, georeference=Georeference(*ORIGIN))
+    assert same.fingerprint == open_terrain(knowing, dem).fingerprint
+
+
+@pytest.mark.parametrize("origin", ["46.5,8.0", "here", "46.5;8.0;1200", "1,2,3,4"])
+def test_an_origin_is_three_numbers(recording: Path, tmp_path: Path, origin: str) -> None:
+    arguments = ["run", str(recording), "-o", str(tmp_path / "out"), "--origin", origin]
+    with pytest.raises(ValueError, match="must be LAT,LON,HEIGHT, such as"):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
+    with pytest.raises(ValueError, match="latitude_deg is -97"):
+        CliRunner().invoke(app, [*arguments[:-1], "-97,8,0"], catch_exceptions=False)

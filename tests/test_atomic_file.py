@@ -1,0 +1,147 @@
+"""Whether files can be written is known before the work, and nothing is left behind.
+
+The tests may run as root, who writes where permissions forbid it: what fails here fails for everyone.
+"""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from crowdfence.atomic_file import writable_file, writable_folder
+from support.command_line import crowdfence
+from support.onnx_models import contract, write_map_model
+
+
+def everything_below(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_a_folder_is_made_and_stays_when_something_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    with writable_folder(folder, parents=True):
+        assert everything_below(tmp_path) == ["a", "a/b"]  # without the proof
+        (folder / "zones.geojson").write_text("{}")
+    assert everything_below(tmp_path) == ["a", "a/b", "a/b/zones.geojson"]
+
+
+def test_folders_that_were_made_for_nothing_are_removed_again(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    with (
+        pytest.raises(ValueError, match="no frame"),
+        writable_folder(tmp_path / "mine" / "a" / "b", parents=True),
+    ):
+        raise ValueError("no frame")
+    assert everything_below(tmp_path) == ["mine"]
+    with writable_folder(tmp_path / "mine"):
+        pass
+    assert everything_below(tmp_path) == ["mine"]  # empty too, but not made here
+
+
+def test_a_mistyped_path_is_noticed(tmp_path: Path) -> None:
+    with (
+        pytest.raises(FileNotFoundError, match=r"typo/out: .*typo does not exist"),
+        writable_folder(tmp_path / "typo" / "out"),
+    ):
+        raise AssertionError
+    with (
+        pytest.raises(FileNotFoundError, match="typo does not exist"),
+        writable_file(tmp_path / "typo" / "out" / "a.mcap"),
+    ):
+        raise AssertionError
+    with writable_file(tmp_path / "out" / "a.mcap"):
+        (tmp_path / "out" / "a.mcap").touch()
+    with writable_file(tmp_path / "out" / "a.mcap"):  # it may be there already
+        pass
+    assert everything_below(tmp_path) == ["out", "out/a.mcap"]
+
+
+def test_files_and_folders_are_not_mistaken_for_each_other(tmp_path: Path) -> None:
+    (tmp_path / "notes").touch()
+    for folder in (tmp_path / "notes", tmp_path / "notes" / "out"):
+        with pytest.raises(NotADirectoryError, match="notes"), writable_folder(folder, parents=True):
+            raise AssertionError
+    with pytest.raises(IsADirectoryError, match="is a folder"), writable_file(tmp_path):
+        raise AssertionError
+    assert everything_below(tmp_path) == ["notes"]
+
+
+@pytest.mark.parametrize(
+    ("call", "error"), [("write", errno.ENOSPC), ("mkdir", errno.EROFS), ("mkdir", errno.EACCES)]
+)
+def test_what_the_system_refuses_is_one_line_with_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, error: int
+) -> None:
+    """Disks that are full or read-only, and folders of others, as the system reports them."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(error, os.strerror(error))
+
+    # `fsync` stands for the write: an unbuffered file writes in C.
+    monkeypatch.setattr(os, {"write": "fsync", "mkdir": "mkdir"}[call], refuse)
+    with (
+        pytest.raises(OSError, match=f"out: {os.strerror(error)}") as refused,
+        writable_folder(tmp_path / "out"),
+    ):
+        raise AssertionError
+    assert refused.value.errno == error
+    assert everything_below(tmp_path) == []
+
+
+def test_a_write_that_really_fails_is_noticed(tmp_path: Path) -> None:
+    """No file of this process may hold a byte."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+        "from crowdfence.atomic_file import writable_folder\n"
+        "with writable_folder(sys.argv[1]): print('began')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and done.stdout == ""
+    assert f"cannot write into {tmp_path / 'out'}: File too large" in done.stderr
+    assert everything_below(tmp_path) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_noticed(tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o555)
+    for folder in (locked, locked / "out"):
+        with pytest.raises(PermissionError, match=r"locked.*Permission denied"), writable_folder(folder):
+            raise AssertionError
+
+
+COMMANDS = {
+    "run": ["run", "nowhere.mcap", "-o", "{place}/out"],
+    "demo": ["demo", "-o", "{place}/out"],
+    "convert": ["convert", "nowhere.mcap", "-o", "{place}/a.mcap"],
+    "simulate": ["simulate", "race", "-o", "{place}/a.mcap"],
+    "simulate to a folder": ["simulate", "race", "--format", "airsim", "-o", "{place}/a"],
+    "detect": ["detect", "{pictures}", "-o", "{place}/out"],
+    "detect in a recording": ["detect", "{damaged}", "-o", "{place}/a.mcap"],
+    "inspect": ["inspect", "nowhere.mcap", "--picture", "{place}/a.png"],
+    "calibrate": ["calibrate", "{model}", "--data", "nowhere.mcap", "-o", "{place}/a.onnx"],
+    "model evaluate": ["model", "evaluate", "--data", "nowhere.mcap", "--examples", "{place}/a.png"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_look_at_their_output_before_their_input(tmp_path: Path, command: str) -> None:
+    """The recordings are missing or damaged, and nobody gets so far as to notice."""
+    (tmp_path / "file").touch()
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "damaged.mcap").write_bytes(b"not MCAP")
+    places = {
+        "place": tmp_path / "file",
+        "pictures": tmp_path / "pictures",
+        "damaged": tmp_path / "damaged.mcap",
+        "model": write_map_model(tmp_path / "model.onnx", contract("logits")),
+    }
+    done = crowdfence(*(argument.format(**places) for argument in COMMANDS[command]))
+    assert done.returncode == 1 and done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert str(tmp_path / "file") in line and ("it is a file" in line or "Not a directory" in line)
