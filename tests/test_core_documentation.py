@@ -42,6 +42,7 @@ REFUSALS = {
     "Terrain.voxel_indices": ["CrowdfenceError"],
     "Terrain.voxel_ids": ["CrowdfenceError"],
     "Terrain.with_origin": ["CrowdfenceError"],
+    "CrowdMass": ["CrowdfenceError"],
     "Observation": ["CrowdfenceError", "ViewError", "StampError"],
     "Observation.from_bytes": ["MapFileError", "CrowdfenceError"],
     "project": ["CrowdfenceError"],

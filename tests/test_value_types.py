@@ -13,6 +13,7 @@ import pytest
 from crowdfence import (
     Camera,
     CrowdMap,
+    CrowdMass,
     Georeference,
     Observation,
     Or,
@@ -33,6 +34,7 @@ CAMERAS = {
     "kannala_brandt": Camera.fisheye(*SIZE, *INTRINSICS, [0.01 * THIRD, -0.002, 0.0, 1e-5]),
 }
 RATES = Rates(0.9 + 0.1 * THIRD, 0.1 * THIRD)
+CROWD_MASS = CrowdMass(ground=2.0 + THIRD, hole=THIRD, sky=1e-3 * THIRD)
 FLOOR = Terrain.from_occupancy(np.ones((4, 4, 1), bool), 1.0)
 OBSERVATION = Observation(
     FLOOR,
@@ -44,6 +46,7 @@ OBSERVATION = Observation(
     range_m=[20.0 + THIRD, 1e4],
     tilt_deg=[-THIRD, 90.0],
     occluded_ids=[1, 2],
+    crowd_mass=CROWD_MASS,
 )
 SWITCHED = Paper(
     RATES,
@@ -59,6 +62,7 @@ SWITCHED = Paper(
 )
 VALUES = {
     **CAMERAS,
+    "crowd mass": CROWD_MASS,
     "rates": RATES,
     "paper": SWITCHED,
     "or": Or(b_threshold=THIRD),

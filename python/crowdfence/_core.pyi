@@ -22,6 +22,7 @@ __all__ = [
     "Camera",
     "CrowdColumns",
     "CrowdMap",
+    "CrowdMass",
     "CrowdfenceError",
     "MapFileError",
     "Observation",
@@ -330,6 +331,63 @@ class Terrain:
         """
 
 @final
+class CrowdMass:
+    """Where the crowd in a picture went: heatmap value summed over the pixels that show crowd (those above
+    the crowd threshold), by what their rays met. Every such pixel counts in exactly one of the six; only
+    what met ground is on the map.
+
+    ground        a voxel in range
+    out_of_range  a voxel, but beyond `max_range_m`
+    hole          no voxel, on a way down through the map: below ground that lies above it, or where the map
+                  has no voxel but goes on to the east, west, north and south
+    off_map       no voxel, on a way down past the map: beside it, or over it and its edge
+    sky           no voxel, on a way that is level or leads up
+    unusable      no ray: the lens model has none for the pixel, or the camera is under ground
+
+    Masses of several views add up with +. CrowdfenceError names one that is negative or not finite. It
+    cannot change; it can be compared and pickled.
+    """
+    def __new__(
+        cls,
+        *,
+        ground: float = 0.0,
+        out_of_range: float = 0.0,
+        hole: float = 0.0,
+        off_map: float = 0.0,
+        sky: float = 0.0,
+        unusable: float = 0.0,
+    ) -> CrowdMass: ...
+    @property
+    def ground(self) -> float:
+        """What met a voxel in range: it is on the map."""
+    @property
+    def out_of_range(self) -> float:
+        """What met a voxel beyond the range."""
+    @property
+    def hole(self) -> float:
+        """What went down through the map and met no voxel."""
+    @property
+    def off_map(self) -> float:
+        """What went down past the map."""
+    @property
+    def sky(self) -> float:
+        """What did not go down and met no voxel."""
+    @property
+    def unusable(self) -> float:
+        """What pixels without a ray show."""
+    @property
+    def total(self) -> float:
+        """All six together."""
+    @property
+    def lost(self) -> float:
+        """All that met no ground in range."""
+    def by_fate(self) -> dict[str, float]:
+        """The six by name, ground first."""
+    def __add__(self, value: CrowdMass, /) -> CrowdMass: ...
+    def __radd__(self, value: CrowdMass, /) -> CrowdMass: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, float]]: ...
+
+@final
 class Observation:
     """What one view says about the terrain: arrays of equal length V, one row per voxel that it sees.
 
@@ -342,6 +400,7 @@ class Observation:
     range_m       [V] from the camera to the voxel's centre, metres
     tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
     occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
+    crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
 
     `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
     names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
@@ -360,6 +419,7 @@ class Observation:
         range_m: ArrayLike,
         tilt_deg: ArrayLike,
         occluded_ids: ArrayLike,
+        crowd_mass: CrowdMass | None = None,
     ) -> Observation: ...
     @property
     def drone(self) -> str:
@@ -390,6 +450,11 @@ class Observation:
         """Voxels inside the image and in range that something hides [O] int64, sorted. Empty for coverage
         "rays".
         """
+    @property
+    def crowd_mass(self) -> CrowdMass:
+        """Where the crowd in the picture went: heatmap value of the pixels above the crowd threshold, by what
+        their rays met.
+        """
     def to_bytes(self) -> bytes:
         """The observation as bytes, with a checksum, for other machines and other versions of this
         library.
@@ -408,6 +473,7 @@ def project(
     max_range_m: float,
     target_height_m: float = 0.0,
     coverage: Literal["rays", "full"] = "rays",
+    crowd_threshold: float = 0.5,
 ) -> Observation:
     """Back-project a view onto the terrain: mean heatmap value per visible voxel.
 
@@ -415,6 +481,8 @@ def project(
     target_height_m  >= 0, height above the ground at which people are marked
     coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
                      also those between the pixels of which a face is in view, and which are occluded
+    crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
+                     crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 
     A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
     CrowdfenceError for a parameter out of bounds.

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from crowdfence._core import CrowdMass
 from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
@@ -18,7 +19,7 @@ from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.picture import DroneTrack, ground_footprint, write_picture
 from crowdfence.iso_time import iso_utc
-from crowdfence.pipeline import Run
+from crowdfence.pipeline import Run, shares
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 
@@ -85,7 +86,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         "instants": len(run.rows),
         "frames": {drone: integrated[drone] for drone in run.recording.drones},
         "refused": [str(refused) for refused in run.refused],
-        "warnings": [*run.recording.warnings, *([] if run.review is None else run.review.warnings)],
+        "warnings": run.warnings,
         "detector": _detector(run),
         "terrain": {
             "voxels": run.terrain.voxel_count,
@@ -99,12 +100,26 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         "area_m2": {
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN
         },
+        "crowd_mass": _crowd_mass(run),
         "zones": [
             {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
             for zone in run.zones
         ],
         "dropped_regions": run.zones.dropped_count,
         "dropped_area_m2": run.zones.dropped_area_m2,
+    }
+
+
+def _crowd_mass(run: Run) -> dict[str, Any]:
+    """Heatmap value of all pixels that show crowd, and which share of it met what: of all drones, of each."""
+
+    def told(mass: CrowdMass) -> dict[str, Any]:
+        return {"total": mass.total, "shares": shares(mass)}
+
+    return {
+        "b_threshold": run.crowd_map.method.b_threshold,
+        **told(sum(run.crowd_mass.values(), CrowdMass())),
+        "drones": {drone: told(mass) for drone, mass in run.crowd_mass.items()},
     }
 
 

@@ -10,6 +10,7 @@ from crowdfence import (
     Camera,
     CrowdfenceError,
     CrowdMap,
+    CrowdMass,
     MapFileError,
     Observation,
     Or,
@@ -70,6 +71,47 @@ def test_what_goes_in_comes_out(floor: Terrain) -> None:
 def test_what_would_lie_is_refused(floor: Terrain, columns: dict[str, Any], message: str) -> None:
     with pytest.raises(CrowdfenceError, match=re.escape(message)):
         observed(floor, **columns)
+
+
+def test_crowd_mass_travels_with_the_observation(floor: Terrain) -> None:
+    mass = CrowdMass(ground=2.0, hole=0.5, unusable=0.25)
+    observation = observed(floor, crowd_mass=mass)
+    assert Observation.from_bytes(observation.to_bytes()).crowd_mass == observation.crowd_mass == mass
+    assert observation != observed(floor) and observed(floor).crowd_mass == CrowdMass()
+    assert (mass.total, mass.lost, mass.by_fate()["hole"]) == (2.75, 0.75, 0.5)
+    parts = "ground=2, out_of_range=0, hole=0.5, off_map=0, sky=0, unusable=0.25"
+    assert repr(mass) == f"CrowdMass({parts})" and repr(mass) in repr(observation)
+    assert sum([mass, mass], CrowdMass(sky=1.0)) == CrowdMass(ground=4.0, hole=1.0, unusable=0.5, sky=1.0)
+
+
+@pytest.mark.parametrize("mass", [-0.5, np.nan, np.inf])
+def test_a_crowd_mass_that_cannot_be_is_refused(mass: float) -> None:
+    with pytest.raises(CrowdfenceError, match=r"off_map is .*; it must be finite and >= 0"):
+        CrowdMass(off_map=mass)
+
+
+def test_a_view_says_where_its_crowd_went(floor: Terrain) -> None:
+    """Of 48 pixels, a voxel each, one looks through a hole and a row of 8 beyond the floor."""
+    indices = floor.voxel_indices(np.arange(floor.voxel_count)).tolist()
+    holed = Terrain.from_indices([index for index in indices if index != [8, 13, 0]], 1.0)
+    at_edge = np.diag([1.0, -1.0, -1.0, 1.0])
+    at_edge[:3, 3] = (8.0, 14.0, 9.0)
+    north = View("a", START_NS, Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0), at_edge, np.full((6, 8), 0.75))
+    mass = project(north, holed, max_range_m=300.0).crowd_mass
+    assert mass == CrowdMass(ground=0.75 * 39, hole=0.75 * 1, off_map=0.75 * 8)
+    assert project(north, holed, max_range_m=300.0, crowd_threshold=0.75).crowd_mass == CrowdMass()
+    with pytest.raises(CrowdfenceError, match=re.escape("crowd_threshold is 1.5; it must be inside [0, 1]")):
+        project(north, holed, max_range_m=300.0, crowd_threshold=1.5)
+
+
+def test_a_crowd_map_asks_its_method_what_shows_crowd(floor: Terrain) -> None:
+    for b_threshold, expected in ((0.5, 0.0), (0.25, 0.375 * 48)):
+        (observation,) = (
+            CrowdMap(floor, Or(b_threshold=b_threshold))
+            .integrate([view("a", 0.375, START_NS)], START_NS)
+            .observations
+        )
+        assert observation.crowd_mass == CrowdMass(ground=expected)
 
 
 def test_a_drone_without_a_name_is_refused(floor: Terrain) -> None:

@@ -17,7 +17,7 @@ def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:
     path = tmp_path / "frames.csv"
     rows = [
         FrameRow(1_760_000_000_499_514_525, ("uav1", "uav 2,b"), 1, 4000, 4000, 12, 0.1 + 0.2, 2, 1 / 3),
-        FrameRow(1_760_000_000_600_000_000, (), 0, 0, 4000, 0, 0.0, 0),
+        FrameRow(1_760_000_000_600_000_000, (), 0, 0, 4000, 0, 0.0, 0, crowd_hole=1 / 3, crowd_sky=0.0),
     ]
     write_frames_csv(path, iter(rows))
     with open(path, newline="", encoding="utf-8") as file:
@@ -29,6 +29,7 @@ def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:
     assert float(first["iou"]) == 1 / 3
     assert (first["frames_refused"], first["voxels_seen_so_far"], first["zones"]) == ("1", "4000", "2")
     assert (second["drones"], second["iou"]) == ("", "")
+    assert (float(second["crowd_hole"]), second["crowd_sky"], second["crowd_off_map"]) == (1 / 3, "0.0", "")
 
 
 def test_no_rows_is_a_header(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crowdfence import Camera, CrowdMap, Or, Paper, Rates, StampError, Terrain, View
+from crowdfence import Camera, CrowdMap, CrowdMass, Or, Paper, Rates, StampError, Terrain, View
 from crowdfence.config import ZoneConfig
 from crowdfence.pipeline import FrameLoop
 from crowdfence.sources.recording import RefusedFrame
@@ -62,6 +62,20 @@ def test_zones_follow_the_map_from_step_to_step() -> None:
     back = loop.step([view("a", 8.0, NONE, START_NS + 2 * SECOND_NS)], START_NS + 2 * SECOND_NS)
     assert [len(step.zones) for step in (first, away, back)] == [1, 1, 0]
     assert [len(step.seen_ids) for step in (first, away, back)] == [48, 96, 96]
+
+
+def test_the_loop_knows_where_each_drones_crowd_went() -> None:
+    """b hangs over the floor's edge: 2 of its 3 columns of crowd lie beside it."""
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig())
+    for second in range(2):
+        stamp_ns = START_NS + second * SECOND_NS
+        views = [
+            view("a", 8.0, crowd_in(slice(0, 2), slice(0, 3)), stamp_ns),
+            view("b", 39.0, crowd_in(slice(0, 1), slice(4, 7)), stamp_ns),
+        ]
+        step = loop.step(views, stamp_ns)
+        assert step.crowd_mass == CrowdMass(ground=7.0, off_map=2.0)
+    assert loop.crowd_mass == {"a": CrowdMass(ground=12.0), "b": CrowdMass(ground=2.0, off_map=4.0)}
 
 
 def test_a_loop_that_is_given_observations_is_where_the_other_is() -> None:

@@ -6,6 +6,7 @@ mod arrays;
 mod camera;
 mod crowd_columns;
 mod crowd_map;
+mod crowd_mass;
 mod errors;
 mod method;
 mod observation;
@@ -32,6 +33,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<camera::PyCamera>()?;
     module.add_class::<view::PyView>()?;
     module.add_class::<terrain::PyTerrain>()?;
+    module.add_class::<crowd_mass::PyCrowdMass>()?;
     module.add_class::<observation::PyObservation>()?;
     module.add_class::<opinion_pool::PyRates>()?;
     module.add_class::<method::PyPaper>()?;

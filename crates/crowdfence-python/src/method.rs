@@ -228,7 +228,7 @@ impl PyOr {
     /// A view calls a voxel crowd when its mean heatmap value is above this.
     #[getter]
     fn b_threshold(&self) -> f64 {
-        self.0.b_threshold()
+        Method::Or(self.0).b_threshold()
     }
 
     /// Probability from which a voxel is called crowd: 0.5, as `or` knows only 0 and 1.

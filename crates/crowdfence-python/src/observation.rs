@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arrays::{Array, id_array, refuse};
+use crate::crowd_mass::PyCrowdMass;
 use crate::errors::CrowdfenceError;
 use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
@@ -23,6 +24,7 @@ use crate::view::PyView;
 /// range_m       [V] from the camera to the voxel's centre, metres
 /// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
 /// occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
+/// crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
 ///
 /// `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
 /// names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
@@ -35,7 +37,8 @@ pub struct PyObservation(pub Arc<Observation>);
 #[pymethods]
 impl PyObservation {
     #[new]
-    #[pyo3(signature = (terrain, drone, stamp_ns, *, voxel_ids, mean, pixel_count, range_m, tilt_deg, occluded_ids))]
+    #[pyo3(signature = (terrain, drone, stamp_ns, *, voxel_ids, mean, pixel_count, range_m, tilt_deg, occluded_ids,
+                        crowd_mass=None))]
     #[allow(clippy::too_many_arguments)] // the columns, keyword-only in Python
     fn new(
         terrain: &PyTerrain,
@@ -47,6 +50,7 @@ impl PyObservation {
         range_m: &Bound<'_, PyAny>,
         tilt_deg: &Bound<'_, PyAny>,
         occluded_ids: &Bound<'_, PyAny>,
+        crowd_mass: Option<PyRef<'_, PyCrowdMass>>,
     ) -> PyResult<Self> {
         let terrain = &terrain.terrain;
         let seen = SeenVoxels {
@@ -57,7 +61,8 @@ impl PyObservation {
             tilt_deg: Array::<f32>::new(tilt_deg, "tilt_deg", &[None])?.to_vec()?,
         };
         let occluded_ids = checked_ids(terrain, occluded_ids)?;
-        Observation::new(terrain.key(), drone, stamp_ns, seen, occluded_ids)
+        let crowd_mass = crowd_mass.map(|mass| mass.0).unwrap_or_default();
+        Observation::new(terrain.key(), drone, stamp_ns, seen, occluded_ids, crowd_mass)
             .map(|observation| PyObservation(Arc::new(observation)))
             .map_err(refuse)
     }
@@ -117,6 +122,13 @@ impl PyObservation {
         id_array(py, self.0.occluded_ids())
     }
 
+    /// Where the crowd in the picture went: heatmap value of the pixels above the crowd threshold, by what
+    /// their rays met.
+    #[getter]
+    fn crowd_mass(&self) -> PyCrowdMass {
+        PyCrowdMass(self.0.crowd_mass())
+    }
+
     /// The observation as bytes, with a checksum, for other machines and other versions of this
     /// library.
     fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
@@ -142,11 +154,12 @@ impl PyObservation {
 
     fn __repr__(&self) -> String {
         format!(
-            "Observation({:?}, stamp_ns={}, {} voxels seen, {} occluded)",
+            "Observation({:?}, stamp_ns={}, {} voxels seen, {} occluded, {})",
             self.drone(),
             self.stamp_ns(),
             self.__len__(),
-            self.0.occluded_ids().len()
+            self.0.occluded_ids().len(),
+            self.crowd_mass().__repr__()
         )
     }
 }
@@ -179,11 +192,13 @@ pub fn projection(max_range_m: f64, target_height_m: f64, coverage: &str) -> PyR
 /// target_height_m  >= 0, height above the ground at which people are marked
 /// coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
 ///                  also those between the pixels of which a face is in view, and which are occluded
+/// crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
+///                  crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 ///
 /// A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
 /// CrowdfenceError for a parameter out of bounds.
 #[pyfunction]
-#[pyo3(signature = (view, terrain, *, max_range_m, target_height_m=0.0, coverage="rays"))]
+#[pyo3(signature = (view, terrain, *, max_range_m, target_height_m=0.0, coverage="rays", crowd_threshold=0.5))]
 pub fn project(
     py: Python<'_>,
     view: &PyView,
@@ -191,8 +206,10 @@ pub fn project(
     max_range_m: f64,
     target_height_m: f64,
     coverage: &str,
+    crowd_threshold: f64,
 ) -> PyResult<PyObservation> {
     let projection = projection(max_range_m, target_height_m, coverage)?;
+    let projection = projection.with_crowd_threshold(crowd_threshold).map_err(refuse)?;
     let observation = py.detach(|| crowdfence::project(&view.0, &terrain.terrain, &projection));
     Ok(PyObservation(Arc::new(observation)))
 }

@@ -1,33 +1,53 @@
-//! View -> observation: which voxels the camera saw, and the mean heatmap value of each.
+//! View -> observation: which voxels the camera saw, the mean heatmap value of each, and where its crowd went.
 
 mod faces;
+mod fates;
 mod projection;
 mod rays;
 mod viewing_cone;
 
 use glam::DVec3;
 
-use crate::observation::{Observation, SeenVoxels};
+use crate::observation::{CrowdMass, Observation, SeenVoxels};
 use crate::raycast::Hit;
 use crate::terrain::Terrain;
 use crate::view::View;
 
-pub use projection::{Coverage, Projection};
+pub use projection::{Coverage, DEFAULT_CROWD_THRESHOLD, Projection};
+
+use fates::{Fate, crowd_mass, shows_crowd};
+use rays::PixelHits;
 
 /// Back-projects a view. A camera inside an occupied voxel, or one that `target_height_m` would push through
 /// the terrain, sees nothing: its rays would pass below the surface and mark places it never saw.
 pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
     let Some(vantage) = Vantage::new(view, terrain, projection) else {
-        return observation(view, terrain, &[], Vec::new());
+        let unusable = crowd_mass(view, projection.crowd_threshold(), |_, _| Fate::Unusable);
+        return observation(view, terrain, &[], Vec::new(), unusable);
     };
-    let hit = rays::sightings(&vantage);
+    let hits = PixelHits::cast(&vantage);
+    let crowd_mass = crowd_mass_of(&vantage, &hits, projection.crowd_threshold());
+    let hit = hits.sightings(view);
     match projection.coverage() {
-        Coverage::Rays => observation(view, terrain, &hit, Vec::new()),
+        Coverage::Rays => observation(view, terrain, &hit, Vec::new(), crowd_mass),
         Coverage::Full => {
             let (beside, occluded_ids) = faces::beside_rays(&vantage, &hit);
-            observation(view, terrain, &merged(hit, beside), occluded_ids)
+            observation(view, terrain, &merged(hit, beside), occluded_ids, crowd_mass)
         }
     }
+}
+
+/// Where the crowd of a view went, whatever the coverage: it is a matter of pixels.
+fn crowd_mass_of(vantage: &Vantage, hits: &PixelHits, threshold: f64) -> CrowdMass {
+    let view = vantage.view;
+    if !shows_crowd(view, threshold) {
+        return CrowdMass::default();
+    }
+    let (on_ground, width) = (hits.on_ground(view), view.camera.width());
+    crowd_mass(view, threshold, |column, row| {
+        let is_on_ground = on_ground[(row * width + column) as usize];
+        if is_on_ground { Fate::Ground } else { vantage.fate_of_lost(column, row) }
+    })
 }
 
 /// One camera position looking at one terrain.
@@ -68,7 +88,13 @@ fn merged(mut some: Vec<Sighting>, others: Vec<Sighting>) -> Vec<Sighting> {
 }
 
 /// From rows and ids that are sorted: the one place that makes an observation.
-fn observation(view: &View, terrain: &Terrain, rows: &[Sighting], occluded_ids: Vec<u32>) -> Observation {
+fn observation(
+    view: &View,
+    terrain: &Terrain,
+    rows: &[Sighting],
+    occluded_ids: Vec<u32>,
+    crowd_mass: CrowdMass,
+) -> Observation {
     let camera_world = view.world_from_camera.translation;
     let ids: Vec<u32> = rows.iter().map(|sighting| sighting.voxel_id).collect();
     let lines: Vec<DVec3> = terrain.centers(&ids).into_iter().map(|center| center - camera_world).collect();
@@ -79,8 +105,8 @@ fn observation(view: &View, terrain: &Terrain, rows: &[Sighting], occluded_ids: 
         range_m: lines.iter().map(|line| line.length() as f32).collect(),
         tilt_deg: lines.iter().map(|&line| tilt_deg(line)).collect(),
     };
-    Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids)
-        .expect("rows are sorted, and means of a heatmap lie in [0, 1]")
+    Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids, crowd_mass)
+        .expect("rows are sorted, and values of a heatmap lie in [0, 1]")
 }
 
 /// Of a line of sight, below the horizon.

@@ -56,6 +56,7 @@ pub struct Update {
 }
 
 impl CrowdMap {
+    /// The method decides which pixels show crowd: those above its `b_threshold`, whatever `projection` says.
     /// `max_gap_s` bounds the time between instants and between a view and its instant: a larger one is
     /// taken for a wrong clock.
     pub fn new(
@@ -65,6 +66,7 @@ impl CrowdMap {
         max_gap_s: f64,
     ) -> Result<CrowdMap> {
         require(max_gap_s > 0.0, "max_gap_s", max_gap_s, "> 0")?;
+        let projection = projection.with_crowd_threshold(method.b_threshold())?;
         let voxel_count = terrain.voxel_count();
         Ok(CrowdMap {
             terrain,

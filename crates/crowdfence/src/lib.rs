@@ -27,7 +27,7 @@ pub use camera::{Camera, Distortion};
 pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelState};
 pub use error::{Error, Result};
 pub use method::{Method, Or, Paper};
-pub use observation::{Observation, SeenVoxels};
+pub use observation::{CrowdMass, Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;
 pub use temporal_blend::TemporalBlend;

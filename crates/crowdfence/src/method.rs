@@ -66,6 +66,9 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// Probability from which a voxel is called crowd unless the caller says otherwise.
     fn default_threshold(&self) -> f64;
 
+    /// A view calls a voxel crowd when its mean heatmap value is above this.
+    fn b_threshold(&self) -> f64;
+
     /// What the method was told, for reports.
     fn parameters(&self) -> Vec<(&'static str, Parameter)>;
 }
@@ -123,6 +126,11 @@ impl Method {
     /// See [`FusionMethod::default_threshold`].
     pub fn default_threshold(&self) -> f64 {
         each_method!(self, Method, method => method.default_threshold())
+    }
+
+    /// See [`FusionMethod::b_threshold`].
+    pub fn b_threshold(&self) -> f64 {
+        each_method!(self, Method, method => FusionMethod::b_threshold(method))
     }
 
     /// See [`FusionMethod::parameters`].

@@ -2,10 +2,13 @@
 //! one, from a projection, from Python or from another machine, can rely on it.
 
 mod bytes;
+mod crowd_mass;
 
 use crate::error::{Error, Result, require};
 use crate::stamp::check_stamp;
 use crate::terrain::TerrainKey;
+
+pub use crowd_mass::CrowdMass;
 
 /// Back-projected view of one drone.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +18,7 @@ pub struct Observation {
     stamp_ns: i64,
     seen: SeenVoxels,
     occluded_ids: Vec<u32>,
+    crowd_mass: CrowdMass,
 }
 
 /// The voxels that a view sees: parallel columns, sorted by id.
@@ -39,6 +43,7 @@ impl Observation {
         stamp_ns: i64,
         seen: SeenVoxels,
         occluded_ids: Vec<u32>,
+        crowd_mass: CrowdMass,
     ) -> Result<Observation> {
         let drone = drone.into();
         if drone.is_empty() {
@@ -52,7 +57,8 @@ impl Observation {
             return Err(Error::SeenAndOccluded { id });
         }
         seen.check_values()?;
-        Ok(Observation { terrain, drone, stamp_ns, seen, occluded_ids })
+        crowd_mass.check()?;
+        Ok(Observation { terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass })
     }
 
     pub fn terrain(&self) -> TerrainKey {
@@ -93,6 +99,11 @@ impl Observation {
 
     pub fn occluded_ids(&self) -> &[u32] {
         &self.occluded_ids
+    }
+
+    /// Where the crowd in the picture went.
+    pub fn crowd_mass(&self) -> CrowdMass {
+        self.crowd_mass
     }
 }
 

@@ -5,8 +5,11 @@
 pub mod height_map;
 mod key;
 pub mod octomap;
+mod outline;
 pub(crate) mod tree;
 pub mod triangles;
+
+use std::sync::OnceLock;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,6 +19,7 @@ pub use key::TerrainKey;
 
 use height_map::HeightMap;
 use octomap::Octomap;
+use outline::Outline;
 use tree::{Ascent, MAX_EXTENT, Tree};
 
 /// Voxels of one terrain: ids stay below the two largest u32, which the crowd map uses as marks.
@@ -35,6 +39,8 @@ pub struct Terrain {
     /// Occupied extent in voxels along each axis, counted from `base`.
     extent: [u32; 3],
     fingerprint: u64,
+    /// Worked out when it is first asked for: only views that lose crowd do.
+    outline: OnceLock<Outline>,
 }
 
 impl Terrain {
@@ -53,7 +59,7 @@ impl Terrain {
         keys.par_sort_unstable();
         let tree = Tree::from_sorted_keys(&keys, depth);
         let fingerprint = fingerprint(origin, voxel_size_m, base, &tree);
-        Ok(Terrain { origin, voxel_size_m, tree, base, extent, fingerprint })
+        Ok(Terrain { origin, voxel_size_m, tree, base, extent, fingerprint, outline: OnceLock::new() })
     }
 
     /// Occupied cells of a row-major [X, Y, Z] array.
@@ -215,6 +221,10 @@ impl Terrain {
 
     pub(crate) fn extent(&self) -> [u32; 3] {
         self.extent
+    }
+
+    pub(crate) fn outline(&self) -> &Outline {
+        self.outline.get_or_init(|| Outline::of(&self.tree, self.extent))
     }
 
     /// World point -> continuous tree coordinates, in which voxel (a, b, c) is the box from (a, b, c).

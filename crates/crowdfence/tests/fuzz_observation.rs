@@ -3,7 +3,7 @@
 
 mod damage;
 
-use crowdfence::{Observation, SeenVoxels, TerrainKey};
+use crowdfence::{CrowdMass, Observation, SeenVoxels, TerrainKey};
 use proptest::prelude::*;
 
 use damage::{config, mutation};
@@ -16,6 +16,7 @@ fn check(data: &[u8]) {
             assert!(observation.voxel_ids().is_sorted_by(|a, b| a < b));
             assert!(observation.occluded_ids().is_sorted_by(|a, b| a < b));
             assert!(observation.mean().iter().all(|m| (0.0..=1.0).contains(m)));
+            assert!(observation.crowd_mass().check().is_ok());
             assert_eq!(Observation::from_bytes(&observation.to_bytes()).unwrap(), observation);
         }
         Err(error) => assert!(error.to_string().len() < 300, "{error}"),
@@ -45,7 +46,8 @@ fn valid() -> impl Strategy<Value = Vec<u8>> {
             range_m: vec![40.0; count],
             tilt_deg: vec![30.0; count],
         };
-        Observation::new(TERRAIN, "uav1", 5, seen, hidden).unwrap().to_bytes()
+        let crowd_mass = CrowdMass { ground: 3.5, hole: 0.75, ..CrowdMass::default() };
+        Observation::new(TERRAIN, "uav1", 5, seen, hidden, crowd_mass).unwrap().to_bytes()
     })
 }
 

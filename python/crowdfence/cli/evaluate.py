@@ -68,7 +68,7 @@ def evaluate(
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
-    from crowdfence.pipeline import choose_detector, heatmap_source, open_terrain
+    from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, open_terrain
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
@@ -97,7 +97,10 @@ def evaluate(
                 cells.add(instant, found)
             advance(len(instant.frames))
 
-        scores, refused = score(source, ground, configs, heatmaps, truth=truth.value, on_instant=count)
+        scores, refused, crowd_mass = score(
+            source, ground, configs, heatmaps, truth=truth.value, on_instant=count
+        )
+    warnings = lost_crowd_warnings(crowd_mass)
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     if as_json:
         console.print_json(
@@ -106,12 +109,13 @@ def evaluate(
                 "truth": truth.value,
                 "scores": [_as_json(row) for row in scores],
                 "refused": [str(frame) for frame in refused],
+                "warnings": warnings,
             }
         )
     else:
         _print(source.name, truth, counts, scores)
-        for frame in refused:
-            console.warn(str(frame))
+        for reason in [*warnings, *map(str, refused)]:
+            console.warn(reason)
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ def store_missions(
     """
     folder.mkdir(parents=True, exist_ok=True)
     missions = []
-    with ProcessPoolExecutor(workers) as pool:
+    # Forking beside the threads of a library that decodes can leave a child waiting for ever.
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         options = dict(terrain_options or {})
         parts = [folder / _key(path, targets, options) for path in paths]
         for mission in pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts):

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from crowdfence._core import Terrain
+from crowdfence._core import CrowdMass, Terrain
 from crowdfence.config import RunConfig
 from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
@@ -38,12 +38,14 @@ class Score:
 
 
 class Scores(NamedTuple):
-    """What a replay found: `rows, refused = score(...)`."""
+    """What a replay found: `rows, refused, crowd_mass = score(...)`."""
 
     rows: list[Score]
     """One per configuration, in their order."""
     refused: tuple[RefusedFrame, ...]
     """Frames that took no part."""
+    crowd_mass: dict[str, CrowdMass]
+    """Where the crowd in the pictures of each drone went, under the first configuration."""
 
 
 class CellCounter:
@@ -121,7 +123,7 @@ def score(
             if on_instant is not None:
                 on_instant(instant, found)
     rows = [_score(*parts) for parts in zip(configs, loops, sweeps, strict=True)]
-    return Scores(rows, tuple(refused))
+    return Scores(rows, tuple(refused), loops[0].crowd_mass)
 
 
 def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:

@@ -29,13 +29,24 @@ class FrameRow:
     zones: int
     iou: float | None = None
     """Intersection over union with the truth (equation 4), where there is truth."""
+    crowd_out_of_range: float | None = None
+    """Share of the crowd in the heatmaps that met ground beyond the range. Here and below: see `CrowdMass`;
+    None where no heatmap shows crowd."""
+    crowd_hole: float | None = None
+    """That went through a hole of the map."""
+    crowd_off_map: float | None = None
+    """That lies beside the map."""
+    crowd_sky: float | None = None
+    """That lies above the horizon."""
+    crowd_unusable: float | None = None
+    """That is in pixels without a ray."""
 
 
 def write_frames_csv(path: str | PathLike[str], rows: Iterable[FrameRow]) -> None:
     """Write RFC 4180 text: a header line, then one line per row, in the order given.
 
     The columns are those of `FrameRow`, with `stamp_utc` after `stamp_ns`; drones are separated by spaces and
-    a missing IoU is an empty field. Numbers keep every digit. Raises OSError when the file cannot be written.
+    what is None is an empty field. Numbers keep every digit. Raises OSError when the file cannot be written.
     """
     names = [field.name for field in fields(FrameRow)]
     with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:

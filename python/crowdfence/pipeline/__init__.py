@@ -3,6 +3,7 @@
 - `terrain`          the map to project onto
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
+- `lost_crowd`       crowd that met no ground: shares and warnings
 - `detector_review`  what a model states about itself beside the flight
 - `run`              a whole recording through these
 """
@@ -16,6 +17,7 @@ from crowdfence.pipeline.detect import (
 )
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.lost_crowd import lost_crowd_warnings, shares
 from crowdfence.pipeline.run import Run, run
 from crowdfence.pipeline.terrain import check_overlap, open_terrain, read_map
 
@@ -30,8 +32,10 @@ __all__ = [
     "choose_detector",
     "describe_model",
     "heatmap_source",
+    "lost_crowd_warnings",
     "open_terrain",
     "read_map",
     "review_detector",
     "run",
+    "shares",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import CrowdMap, Observation, Update, View
+from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.zones import ZoneSet, find_zones
@@ -38,6 +38,11 @@ class Step:
         """Voxels at or above the threshold after the instant, sorted."""
         return self.seen_ids[self.probability >= self.threshold]
 
+    @property
+    def crowd_mass(self) -> CrowdMass:
+        """Where the crowd in the pictures of the instant went."""
+        return sum((observation.crowd_mass for observation in self.update.observations), CrowdMass())
+
 
 class FrameLoop:
     """Keeps a crowd map and its zones up to date. `run`, `evaluate` and a live service differ in where views
@@ -51,6 +56,8 @@ class FrameLoop:
         self._zones = zones
         self.threshold = crowd_map.default_threshold() if zones.threshold is None else zones.threshold
         """Probability from which ground is crowd."""
+        self.crowd_mass: dict[str, CrowdMass] = {}
+        """Where the crowd in the pictures of each drone went, over all steps."""
 
     def step(self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()) -> Step:
         """Take in the views of one instant, each drone at most once. `refused` are frames that did not become
@@ -64,6 +71,9 @@ class FrameLoop:
         return self._happened(self.crowd_map.integrate_observations(observations, stamp_ns), refused)
 
     def _happened(self, update: Update, refused: Sequence[RefusedFrame]) -> Step:
+        for observation in update.observations:
+            so_far = self.crowd_mass.get(observation.drone, CrowdMass())
+            self.crowd_mass[observation.drone] = so_far + observation.crowd_mass
         seen_ids = self.crowd_map.seen_ids()
         return Step(
             stamp_ns=update.stamp_ns,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from crowdfence._core import CrowdMap, Terrain, View
+from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
@@ -15,6 +15,7 @@ from crowdfence.maps import MapHoles
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import ZoneSet
@@ -47,11 +48,19 @@ class Run:
     """Newest view of each drone."""
     holes: MapHoles | None
     """Holes of the map, where its reader counted them."""
+    crowd_mass: dict[str, CrowdMass]
+    """Where the crowd in the pictures of each drone went."""
 
     @property
     def stamp_ns(self) -> int:
         """The last instant."""
         return self.rows[-1].stamp_ns
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the recording, the detector on this flight, and the map under it."""
+        of_detector = [] if self.review is None else self.review.warnings
+        return [*self.recording.warnings, *of_detector, *lost_crowd_warnings(self.crowd_mass)]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -131,11 +140,13 @@ def run(
         tuple(refused),
         last_views,
         holes,
+        {drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
     )
 
 
 def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
     """The figures of a step."""
+    lost = {f"crowd_{fate}": share for fate, share in shares(step.crowd_mass).items() if fate in LOST}
     return FrameRow(
         stamp_ns=step.stamp_ns,
         drones=step.drones,
@@ -145,6 +156,7 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
         crowd_voxels=len(step.crowd_ids),
         crowd_area_m2=step.zones.area_m2 + step.zones.dropped_area_m2,
         zones=len(step.zones),
+        **lost,
     )
 
 

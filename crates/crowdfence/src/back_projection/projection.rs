@@ -1,4 +1,4 @@
-//! What a back-projection is told: how far, at which height, and which voxels count as seen.
+//! What a back-projection is told: how far, at which height, which voxels count as seen, and which pixels as crowd.
 
 use crate::error::{Result, require};
 
@@ -21,11 +21,16 @@ impl Coverage {
     }
 }
 
+/// Heatmap value above which a pixel shows crowd unless somebody knows better: the `b_threshold` of every method
+/// unless told otherwise.
+pub const DEFAULT_CROWD_THRESHOLD: f64 = 0.5;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     max_range_m: f64,
     target_height_m: f64,
     coverage: Coverage,
+    crowd_threshold: f64,
 }
 
 impl Projection {
@@ -39,7 +44,15 @@ impl Projection {
             target_height_m,
             "finite and >= 0",
         )?;
-        Ok(Projection { max_range_m, target_height_m, coverage })
+        Ok(Projection { max_range_m, target_height_m, coverage, crowd_threshold: DEFAULT_CROWD_THRESHOLD })
+    }
+
+    /// The same for pixels that show crowd above another value, in [0, 1]. It decides which pixels are in
+    /// [`CrowdMass`](crate::observation::CrowdMass) and nothing else.
+    pub fn with_crowd_threshold(self, crowd_threshold: f64) -> Result<Projection> {
+        let is_value = (0.0..=1.0).contains(&crowd_threshold);
+        require(is_value, "crowd_threshold", crowd_threshold, "inside [0, 1]")?;
+        Ok(Projection { crowd_threshold, ..self })
     }
 
     pub fn max_range_m(&self) -> f64 {
@@ -53,6 +66,10 @@ impl Projection {
     pub fn coverage(&self) -> Coverage {
         self.coverage
     }
+
+    pub fn crowd_threshold(&self) -> f64 {
+        self.crowd_threshold
+    }
 }
 
 #[cfg(test)]
@@ -64,5 +81,8 @@ mod tests {
         let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
         assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
         assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be finite and >= 0");
+        let projection = Projection::new(1.0, 0.0, Coverage::Rays).unwrap();
+        let message = projection.with_crowd_threshold(f64::NAN).unwrap_err().to_string();
+        assert_eq!(message, "crowd_threshold is NaN; it must be inside [0, 1]");
     }
 }

@@ -4,30 +4,51 @@
 use rayon::prelude::*;
 
 use super::{Sighting, Vantage};
+use crate::view::View;
 
-/// The voxels first hit by the ray of some pixel centre, sorted by id.
-pub(super) fn sightings(vantage: &Vantage) -> Vec<Sighting> {
-    let view = vantage.view;
-    let (camera, width) = (&view.camera, view.camera.width());
-    // Sorting (voxel, pixel) pairs groups the pixels of a voxel in image order, whatever the threads did.
-    let mut hits: Vec<u64> = (0..camera.height() * width)
-        .into_par_iter()
-        .filter_map(|pixel| {
-            let ray_camera = camera.pixel_ray(pixel % width, pixel / width)?;
-            let hit = vantage.cast(view.world_from_camera.rotation * ray_camera)?;
-            Some(u64::from(hit.voxel_id) << 32 | u64::from(pixel))
-        })
-        .collect();
-    hits.par_sort_unstable();
-    let value = |&hit: &u64| {
-        let pixel = hit as u32;
-        f64::from(view.value_at(pixel % width, pixel / width))
-    };
-    hits.chunk_by(|a, b| a >> 32 == b >> 32)
-        .map(|pixels| Sighting {
-            voxel_id: (pixels[0] >> 32) as u32,
-            mean: pixels.iter().map(value).sum::<f64>() / pixels.len() as f64,
-            pixel_count: pixels.len() as u32,
-        })
-        .collect()
+/// Which voxel the ray of each pixel centre hits first: the voxel's id in the upper half, the pixel in the lower.
+pub(super) struct PixelHits {
+    /// Sorted, which groups the pixels of a voxel in image order, whatever the threads did.
+    hits: Vec<u64>,
+}
+
+impl PixelHits {
+    pub fn cast(vantage: &Vantage) -> PixelHits {
+        let view = vantage.view;
+        let (camera, width) = (&view.camera, view.camera.width());
+        let mut hits: Vec<u64> = (0..camera.height() * width)
+            .into_par_iter()
+            .filter_map(|pixel| {
+                let ray_camera = camera.pixel_ray(pixel % width, pixel / width)?;
+                let hit = vantage.cast(view.world_from_camera.rotation * ray_camera)?;
+                Some(u64::from(hit.voxel_id) << 32 | u64::from(pixel))
+            })
+            .collect();
+        hits.par_sort_unstable();
+        PixelHits { hits }
+    }
+
+    /// The voxels hit, sorted by id.
+    pub fn sightings(&self, view: &View) -> Vec<Sighting> {
+        let width = view.camera.width();
+        let value = |&hit: &u64| {
+            let pixel = hit as u32;
+            f64::from(view.value_at(pixel % width, pixel / width))
+        };
+        self.hits
+            .chunk_by(|a, b| a >> 32 == b >> 32)
+            .map(|pixels| Sighting {
+                voxel_id: (pixels[0] >> 32) as u32,
+                mean: pixels.iter().map(value).sum::<f64>() / pixels.len() as f64,
+                pixel_count: pixels.len() as u32,
+            })
+            .collect()
+    }
+
+    /// Whether each pixel of the image, row after row, met ground.
+    pub fn on_ground(&self, view: &View) -> Vec<bool> {
+        let mut on_ground = vec![false; view.camera.height() as usize * view.camera.width() as usize];
+        self.hits.iter().for_each(|&hit| on_ground[hit as u32 as usize] = true);
+        on_ground
+    }
 }

@@ -1,3 +1,5 @@
+mod crowd_mass;
+
 use std::sync::Arc;
 
 use super::*;

@@ -97,7 +97,7 @@ mod tests {
     use super::*;
     use crate::back_projection::{Coverage, Projection};
     use crate::method::{DecayUnit, Initial, Method, Or, Paper};
-    use crate::observation::{Observation, SeenVoxels};
+    use crate::observation::{CrowdMass, Observation, SeenVoxels};
     use crate::opinion_pool::{OpinionPool, Rates, Unseen};
     use crate::temporal_blend::TemporalBlend;
     use crate::terrain::Terrain;
@@ -127,7 +127,8 @@ mod tests {
             tilt_deg: vec![90.0; means.len()],
         };
         let stamp_ns = second * SECOND;
-        let observation = Observation::new(map.terrain.key(), "a", stamp_ns, seen, vec![]).unwrap();
+        let observation =
+            Observation::new(map.terrain.key(), "a", stamp_ns, seen, vec![], CrowdMass::default()).unwrap();
         map.integrate_observations(vec![observation], stamp_ns).unwrap();
     }
 

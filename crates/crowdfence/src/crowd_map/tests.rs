@@ -4,7 +4,7 @@ use super::*;
 use crate::back_projection::Coverage;
 use crate::camera::{Camera, Distortion};
 use crate::method::{DecayUnit, Initial, Or, Paper};
-use crate::observation::SeenVoxels;
+use crate::observation::{CrowdMass, SeenVoxels};
 use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::temporal_blend::TemporalBlend;
 use crate::view::{Heatmap, Pose};
@@ -206,7 +206,8 @@ fn views_projected_before_give_the_same_map() {
 fn an_observation_of_another_terrain_is_refused() {
     let mut map = map(paper(0.3, 0.01, DecayUnit::Second, Initial::Zero));
     let three = Terrain::from_indices(&[[0, 0, 0], [1, 0, 0], [2, 0, 0]], 1.0, DVec3::ZERO).unwrap();
-    let foreign = Observation::new(three.key(), "a", 0, SeenVoxels::default(), vec![]).unwrap();
+    let foreign =
+        Observation::new(three.key(), "a", 0, SeenVoxels::default(), vec![], CrowdMass::default()).unwrap();
     let message = map.integrate_observations(vec![foreign], 0).unwrap_err().to_string();
     assert!(message.starts_with("observation belongs to another terrain"), "{message}");
     assert_eq!(map.instant_count(), 0);

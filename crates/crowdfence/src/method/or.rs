@@ -37,6 +37,10 @@ impl FusionMethod for Or {
         0.5
     }
 
+    fn b_threshold(&self) -> f64 {
+        self.b_threshold
+    }
+
     fn parameters(&self) -> Vec<(&'static str, Parameter)> {
         vec![("b_threshold", Parameter::Number(self.b_threshold))]
     }
@@ -47,10 +51,6 @@ impl Or {
     pub fn new(b_threshold: f64) -> Result<Or> {
         require((0.0..=1.0).contains(&b_threshold), "b_threshold", b_threshold, "inside [0, 1]")?;
         Ok(Or { b_threshold })
-    }
-
-    pub fn b_threshold(&self) -> f64 {
-        self.b_threshold
     }
 }
 

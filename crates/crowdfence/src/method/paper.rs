@@ -75,6 +75,10 @@ impl FusionMethod for Paper {
         empty + 0.25 * (one_view - empty)
     }
 
+    fn b_threshold(&self) -> f64 {
+        self.pool.b_threshold()
+    }
+
     fn parameters(&self) -> Vec<(&'static str, Parameter)> {
         let rates = self.pool.rates();
         vec![

@@ -7,9 +7,10 @@
 //! seen             u32 count, then the columns one after the other: u32 ids, f64 mean, u32 pixel count,
 //!                  f32 range_m, f32 tilt_deg
 //! occluded         u32 count, u32 ids
+//! crowd mass       f64 ground, out_of_range, hole, off_map, sky, unusable
 //! ```
 
-use super::{Observation, SeenVoxels};
+use super::{CrowdMass, Observation, SeenVoxels};
 use crate::error::Result;
 use crate::sealed::{Kind, Reader, Writer};
 use crate::terrain::TerrainKey;
@@ -31,6 +32,7 @@ impl Observation {
         self.seen.tilt_deg.iter().for_each(|&tilt_deg| payload.f32(tilt_deg));
         payload.u32(self.occluded_ids.len() as u32);
         self.occluded_ids.iter().for_each(|&id| payload.u32(id));
+        self.crowd_mass.by_fate().iter().for_each(|&(_, mass)| payload.f64(mass));
         KIND.seal(payload)
     }
 
@@ -43,8 +45,10 @@ impl Observation {
         let seen = seen(&mut reader)?;
         let occluded = reader.u32()? as usize;
         let occluded_ids = reader.numbers(occluded, u32::from_le_bytes)?;
+        let crowd_mass = crowd_mass(&mut reader)?;
         reader.end()?;
-        Observation::new(TerrainKey { fingerprint, voxel_count }, drone, stamp_ns, seen, occluded_ids)
+        let terrain = TerrainKey { fingerprint, voxel_count };
+        Observation::new(terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass)
     }
 }
 
@@ -56,5 +60,16 @@ fn seen(reader: &mut Reader<'_>) -> Result<SeenVoxels> {
         pixel_count: reader.numbers(count, u32::from_le_bytes)?,
         range_m: reader.numbers(count, f32::from_le_bytes)?,
         tilt_deg: reader.numbers(count, f32::from_le_bytes)?,
+    })
+}
+
+fn crowd_mass(reader: &mut Reader<'_>) -> Result<CrowdMass> {
+    Ok(CrowdMass {
+        ground: reader.f64()?,
+        out_of_range: reader.f64()?,
+        hole: reader.f64()?,
+        off_map: reader.f64()?,
+        sky: reader.f64()?,
+        unusable: reader.f64()?,
     })
 }

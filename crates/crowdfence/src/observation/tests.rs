@@ -16,7 +16,9 @@ fn seen(ids: &[u32]) -> SeenVoxels {
 }
 
 fn refusal(seen: SeenVoxels, occluded_ids: &[u32]) -> String {
-    Observation::new(TERRAIN, "uav1", 0, seen, occluded_ids.to_vec()).unwrap_err().to_string()
+    Observation::new(TERRAIN, "uav1", 0, seen, occluded_ids.to_vec(), CrowdMass::default())
+        .unwrap_err()
+        .to_string()
 }
 
 #[test]
@@ -52,10 +54,28 @@ fn no_number_may_be_outside_its_bound() {
 }
 
 #[test]
+fn crowd_mass_is_what_pixels_can_add_up_to() {
+    for lost in [f64::NAN, -0.5, f64::INFINITY] {
+        let crowd_mass = CrowdMass { hole: lost, ..CrowdMass::default() };
+        let refused = Observation::new(TERRAIN, "uav1", 0, seen(&[]), vec![], crowd_mass).unwrap_err();
+        assert_eq!(refused.to_string(), format!("hole is {lost}; it must be finite and >= 0"));
+    }
+}
+
+#[test]
+fn crowd_masses_add_up_fate_by_fate() {
+    let one = CrowdMass { ground: 1.0, hole: 2.0, sky: 0.25, ..CrowdMass::default() };
+    let other = CrowdMass { ground: 4.0, out_of_range: 8.0, off_map: 16.0, unusable: 32.0, ..one };
+    let sum: CrowdMass = [one, other].into_iter().sum();
+    assert_eq!(sum.by_fate().map(|(_, mass)| mass), [5.0, 8.0, 4.0, 16.0, 0.5, 32.0]);
+    assert_eq!((sum.total(), sum.lost()), (65.5, 60.5));
+}
+
+#[test]
 fn a_view_without_a_drone_or_from_before_all_clocks_is_refused() {
-    let error = Observation::new(TERRAIN, "", 0, seen(&[]), vec![]).unwrap_err();
+    let error = Observation::new(TERRAIN, "", 0, seen(&[]), vec![], CrowdMass::default()).unwrap_err();
     assert!(error.to_string().contains("drone name is empty"), "{error}");
-    let error = Observation::new(TERRAIN, "uav1", -1, seen(&[]), vec![]).unwrap_err();
+    let error = Observation::new(TERRAIN, "uav1", -1, seen(&[]), vec![], CrowdMass::default()).unwrap_err();
     assert!(error.to_string().contains("stamp -1 ns is negative"), "{error}");
 }
 
@@ -66,6 +86,7 @@ prop_compose! {
         hidden in prop::collection::btree_set(0u32..100, 0..40),
         drone in "[a-z]{1,8}",
         stamp_ns in 0i64..,
+        mass in prop::array::uniform6(0.0f64..1e9),
     ) -> Observation {
         let hidden = hidden.into_iter().filter(|id| !voxels.contains_key(id)).collect();
         let seen = SeenVoxels {
@@ -75,7 +96,9 @@ prop_compose! {
             range_m: voxels.values().map(|voxel| voxel.2).collect(),
             tilt_deg: voxels.values().map(|voxel| voxel.3).collect(),
         };
-        Observation::new(TERRAIN, drone, stamp_ns, seen, hidden).unwrap()
+        let [ground, out_of_range, hole, off_map, sky, unusable] = mass;
+        let crowd_mass = CrowdMass { ground, out_of_range, hole, off_map, sky, unusable };
+        Observation::new(TERRAIN, drone, stamp_ns, seen, hidden, crowd_mass).unwrap()
     }
 }
 
