@@ -11,9 +11,7 @@ import pytest
 
 import crowdfence as cf
 from crowdfence import errors
-from crowdfence.detector import errors as detector_errors
 from crowdfence.maps import MapError
-from crowdfence.sources import recording
 from crowdfence.sources.recording import Frame
 
 CAMERA = cf.Camera.pinhole(64, 48, 40, 40, 32, 24)
@@ -90,11 +88,6 @@ def test_the_tree() -> None:
     assert all(child.__bases__ == (cf.CrowdfenceError,) for child in children)
     assert MapError.__bases__ == (cf.MapFileError,)
     assert set(errors.__all__) == {kind.__name__ for kind in [cf.CrowdfenceError, *children]}
-
-
-def test_older_import_lines_give_the_same_classes() -> None:
-    assert recording.FrameError is errors.FrameError
-    assert detector_errors.DetectorError is errors.DetectorError
 
 
 NO_STAMPS = [

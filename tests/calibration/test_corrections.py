@@ -26,7 +26,7 @@ from crowdfence.calibration.correction import (
 )
 from crowdfence.calibration.graph import bake, write_contract
 from crowdfence.calibration.logit_counts import logit_counts
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 CURVE = LogitMap("curve", ((-3.0, -4.0), (-1.0, -1.0), (0.5, -1.0), (2.0, 4.0)), 1.0, 0.5)
 

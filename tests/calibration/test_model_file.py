@@ -14,7 +14,7 @@ import pytest
 from crowdfence import Contract, Detector
 from crowdfence.calibration.correction import line
 from crowdfence.calibration.model_file import require_agreement, write_calibrated
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 from support.onnx_models import contract, write_map_model
 
 IMAGE = np.random.default_rng(7).integers(0, 256, (150, 170, 3), dtype=np.uint8)

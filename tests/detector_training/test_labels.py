@@ -9,8 +9,9 @@ import pytest
 from crowdfence import Camera, Terrain
 from crowdfence.detector_training.frame_store import store_missions
 from crowdfence.detector_training.labels import training_labels
+from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
-from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
+from crowdfence.sources.recording import Frame, PixelSources, Recording
 from crowdfence.truth.ground_labels import ground_cells
 
 # 20 m above the plain with a focal length of 80 px, a cell of 4 px covers 1 m; the image covers 40 x 30 m and

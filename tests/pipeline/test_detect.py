@@ -19,10 +19,11 @@ from crowdfence import Terrain, _core, open_recording, pipeline
 from crowdfence.cli.app import app
 from crowdfence.config import OrConfig, PaperConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.detector import Detector
+from crowdfence.errors import FrameError
 from crowdfence.evaluation.replay import measured_rates
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.pipeline import choose_detector, heatmap_source
-from crowdfence.sources.recording import Frame, FrameError
+from crowdfence.sources.recording import Frame
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
 

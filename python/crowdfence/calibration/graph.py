@@ -9,7 +9,7 @@ import numpy as np
 
 from crowdfence.calibration.correction import LogitMap
 from crowdfence.detector.contract.lookup import METADATA_KEY
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 if TYPE_CHECKING:
     from onnx import GraphProto, ModelProto, NodeProto

@@ -15,7 +15,7 @@ from crowdfence.calibration.correction import LogitMap
 from crowdfence.calibration.graph import bake, write_contract
 from crowdfence.calibration.logit_counts import LIMIT, cell_logits
 from crowdfence.detector.contract.contract import Contract, Validity
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRates
 
 if TYPE_CHECKING:

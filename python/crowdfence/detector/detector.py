@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence.detector.contract.contract import Contract, contract_of, read_contract
 from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.lookup import FoundContract, find_contract
-from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.ground_scale import Gsd
 from crowdfence.detector.inference.function_model import (
     BoxesFunction,
@@ -25,6 +24,7 @@ from crowdfence.detector.inference.image_tensor import Image, check_image
 from crowdfence.detector.inference.onnx_model import OnnxModel
 from crowdfence.detector.onnx_session import open_session
 from crowdfence.detector.shipped import shipped_model
+from crowdfence.errors import DetectorError
 
 AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
 

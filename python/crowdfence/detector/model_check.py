@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 ASSUMED_GSD_M = 0.1
 """For kinds that need metres per pixel, when the picture comes without."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 if TYPE_CHECKING:
     import onnxruntime

@@ -77,9 +77,9 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     description = part.with_suffix(".json")
     if description.exists():
         return part
+    from crowdfence.errors import FrameError
     from crowdfence.pipeline import open_terrain
     from crowdfence.sources import open_recording
-    from crowdfence.sources.recording import FrameError
 
     recording = open_recording(path)
     if not recording.frames:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.errors import FrameError
 from crowdfence.sources import open_recording
-from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import MaskOf
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M, Target, label_functions
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.sources.recording import Frame, FrameError
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame
 
 _COLUMNS, _ROWS = 32, 24
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import Terrain
+from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.camera import CameraReport, distinct_cameras
 from crowdfence.inspection.depth_agreement import DepthAgreement, depth_agreement
@@ -20,7 +21,7 @@ from crowdfence.inspection.timing import InstantSummary, Timing
 from crowdfence.inspection.view_overlap import ViewOverlap, evenly_spread, measure_overlap
 from crowdfence.iso_time import iso_utc
 from crowdfence.maps import MapHoles
-from crowdfence.sources.recording import Frame, FrameError, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 
 if TYPE_CHECKING:
     from crowdfence.inspection.options import InspectionOptions

@@ -4,9 +4,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from crowdfence.errors import FrameError
 from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
-from crowdfence.sources.recording import Frame, FrameError, Instant, PixelSources, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, Instant, PixelSources, Recording, RefusedFrame
 
 __all__ = [
     "Frame",

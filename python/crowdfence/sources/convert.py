@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import FrameError
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import as_png, picture_format
-from crowdfence.sources.recording import Frame, FrameError, Pixels, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame
 
 Progress = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import RecordedPeople
-from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.world import truth_from_positions
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.crowd_masks import MaskOf, crowd_mask, has_crowd_mask
 from crowdfence.truth.ground_labels import GroundCells, ground_cells
 

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from crowdfence import Camera, Terrain
+from crowdfence.errors import FrameError
 from crowdfence.evaluation.statistics.isotonic import pool_adjacent_violators
 from crowdfence.evaluation.statistics.observed_range import ObservedRange
 from crowdfence.evaluation.voxels.labelled_projection import LabelledObservation, LabelledProjection
 from crowdfence.evaluation.voxels.likelihood_ratio import BORROWED, likelihood_ratio
 from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRateCounter
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog, RecordedPeople
-from crowdfence.sources.recording import Frame, FrameError, PixelSources, Recording
+from crowdfence.sources.recording import Frame, PixelSources, Recording
 from crowdfence.truth.at_exposure import crowd_definition
 
 BINS = {"distance_edges_m": (0.0, 50.0, 100.0), "tilt_edges_deg": (0.0, 45.0, 90.0)}

@@ -1,3 +1,5 @@
+//! The five states, as whoever reads the map sees them.
+
 /// What is known about a voxel. Unseen is never the same as empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]

@@ -7,7 +7,7 @@ from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.metadata_values import fixed
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 _FLOATS = ("float32", "float16", "float64")
 

@@ -19,7 +19,7 @@ from typing import Any, cast
 from crowdfence.detector.contract.json_section import JsonSection, is_number
 from crowdfence.detector.contract.model_input import ModelInput, input_from_json
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS, ModelOutput, output_from_json
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 SCHEMA = 1
 MAX_JSON_BYTES = 4_000_000

@@ -21,7 +21,7 @@ from crowdfence.detector.contract.metadata_values import (
     only_image_input,
 )
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 NAME = "Deepness"
 

@@ -15,7 +15,7 @@ from typing import Any
 from crowdfence.detector.contract.json_section import JsonSection, shown
 from crowdfence.detector.contract.metadata_values import fixed, only_image_input
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 NAME = "Hugging Face"
 _LARGEST_BYTES = 1_000_000

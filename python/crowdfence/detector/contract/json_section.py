@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 _REQUIRED: Any = object()
 _SHOWN_CHARACTERS = 80

@@ -18,7 +18,7 @@ from typing import Any
 from crowdfence.detector.contract import deepness, hugging_face, ultralytics
 from crowdfence.detector.contract.contract import Contract, contract_from_text, contract_of, read_contract
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 METADATA_KEY = "crowdfence"
 SIDECAR_SUFFIX = ".crowdfence.json"

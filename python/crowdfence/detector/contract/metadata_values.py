@@ -9,7 +9,7 @@ from typing import Any
 
 from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_face import Dimension, ModelFace, Tensor
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 PEOPLE_NAMES = frozenset({"person", "persons", "people", "pedestrian", "pedestrians", "human", "humans"})
 CROWD_NAMES = frozenset({"crowd", "crowds"})

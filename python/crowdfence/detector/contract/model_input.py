@@ -7,7 +7,7 @@ from typing import Literal
 
 from crowdfence.detector.contract.json_section import JsonSection
 from crowdfence.detector.contract.model_output import MAP_KINDS, ModelOutput
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 _LARGEST_SIDE = 16384
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
 from crowdfence.detector.contract.json_section import JsonSection
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 MAP_KINDS = ("probability", "logits", "class_logits", "density")
 PEOPLE_KINDS = ("points", "boxes")

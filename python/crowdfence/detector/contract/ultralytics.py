@@ -23,7 +23,7 @@ from crowdfence.detector.contract.metadata_values import (
     only_image_input,
 )
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 NAME = "Ultralytics"
 SCORE_MIN, IOU_MAX = 0.25, 0.7

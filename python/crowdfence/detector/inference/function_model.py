@@ -13,12 +13,12 @@ from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.contract.model_output import ModelOutput
-from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.ground_scale import GroundScale, Gsd
 from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, in_unit_range
 from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People, foot_points
+from crowdfence.errors import DetectorError
 
 _PIXELS = ModelInput(name="image", layout="NHWC", dtype="uint8")
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.detector.contract.model_input import ModelInput
-from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.inference.patches import Patch
+from crowdfence.errors import DetectorError
 
 LETTERBOX_GREY = 114
 """What YOLO models are trained with around the picture."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.check import chosen_channel
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 ROUNDING = 1e-4
 """A probability may miss [0, 1] by this much, as float16 and interpolation do; it is then cut to it."""

@@ -12,7 +12,6 @@ from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
 from crowdfence.detector.contract.metadata_values import fixed
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS
-from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.ground_scale import GroundScale, Gsd
 from crowdfence.detector.inference.density_map import crowd_from_density
 from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
@@ -21,6 +20,7 @@ from crowdfence.detector.inference.patches import Patch, Span, patches
 from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People, people_in
 from crowdfence.detector.onnx_session import OnnxSession, reason
+from crowdfence.errors import DetectorError
 
 
 class OnnxModel:

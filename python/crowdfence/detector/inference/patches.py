@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.detector.contract.model_input import ModelInput
-from crowdfence.detector.errors import DetectorError
+from crowdfence.errors import DetectorError
 
 TILE_PX = 1024
 """Side of the tiles of a model that takes any size."""

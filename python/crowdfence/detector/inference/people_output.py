@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.detector.errors import DetectorError
 from crowdfence.detector.inference.overlap_removal import strongest_boxes
+from crowdfence.errors import DetectorError
 
 MAX_DETECTIONS = 10_000
 """Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""

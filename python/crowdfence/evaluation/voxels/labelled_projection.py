@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.recording import Frame, FrameError, Recording
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.at_exposure import crowd_ground_of, people_at, true_camera_pose
 from crowdfence.truth.crowd_masks import MaskOf, crowd_mask
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.recording import Frame, FrameError
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame
 
 CLASS_COLOURS = {
     "sky": (150, 190, 230),

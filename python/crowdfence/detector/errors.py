@@ -1,5 +1,0 @@
-"""The one exception of the detector."""
-
-from crowdfence.errors import DetectorError
-
-__all__ = ["DetectorError"]
