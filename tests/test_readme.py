@@ -35,11 +35,10 @@ def test_the_first_example_goes_from_a_recording_to_zones(
     zones = json.loads(Path("zones.geojson").read_text())["features"]
     assert len(lines) == len(zones) >= 2  # the crowds of the demo's picture
     for line, zone in zip(lines, zones, strict=True):
+        seen_by = zone["properties"]["seen_by"]
         assert line.startswith(f"{zone['properties']['id']} ")
-        assert line.endswith(f"seen by {' '.join(zone['properties']['seen_by'])}")
-        assert (
-            set(zone["properties"]["seen_by"]) <= {"uav1", "uav2", "uav3"} and zone["properties"]["seen_by"]
-        )
+        assert line.endswith(f"seen by {' '.join(seen_by)}")
+        assert seen_by and set(seen_by) <= {"uav1", "uav2", "uav3"}
     assert json.loads(Path("out/flight/zones.geojson").read_text())["features"] == zones
 
 

@@ -76,7 +76,7 @@ def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
 
 def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
     """What was run, on what, with which result, ready for JSON."""
-    first_ns = run.rows[0].stamp_ns
+    first_ns, description = run.rows[0].stamp_ns, run.description
     integrated = Counter(drone for row in run.rows for drone in row.drones)
     return {
         "recording": run.recording.name,
@@ -94,8 +94,8 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
             "holes": None if run.holes is None else asdict(run.holes),
         },
-        "method": run.description.method,
-        "parameters": run.description.parameters,
+        "method": description.method,
+        "parameters": description.parameters,
         "threshold": run.threshold,
         "area_m2": {
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN

@@ -290,7 +290,7 @@ impl PyTerrain {
         ids: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let ids = self.checked_ids(ids)?;
-        let centers = py.detach(|| ids.iter().flat_map(|&id| self.terrain.center(id).to_array()).collect());
+        let centers = py.detach(|| self.terrain.centers(&ids).iter().flat_map(DVec3::to_array).collect());
         rows(py, centers, 3)
     }
 

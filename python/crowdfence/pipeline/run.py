@@ -128,19 +128,19 @@ def run(
             "do map and poses share one frame?"
         )
     return Run(
-        recording,
-        terrain,
-        config,
-        heatmaps,
-        review,
-        loop.crowd_map,
-        loop.threshold,
-        rows,
-        last.zones,
-        tuple(refused),
-        last_views,
-        holes,
-        {drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
+        recording=recording,
+        terrain=terrain,
+        config=config,
+        heatmaps=heatmaps,
+        review=review,
+        crowd_map=loop.crowd_map,
+        threshold=loop.threshold,
+        rows=rows,
+        zones=last.zones,
+        refused=tuple(refused),
+        last_views=last_views,
+        holes=holes,
+        crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
     )
 
 
