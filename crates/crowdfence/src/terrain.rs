@@ -2,10 +2,12 @@
 //! `origin + (i, j, k) * voxel_size_m` to `origin + (i + 1, j + 1, k + 1) * voxel_size_m`; ids are ranks in
 //! the tree and index every per-voxel array.
 
+mod estimate;
 pub mod height_map;
 mod key;
 pub mod octomap;
 mod outline;
+mod plane;
 pub(crate) mod tree;
 pub mod triangles;
 
@@ -16,6 +18,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 pub use key::TerrainKey;
+pub use plane::Plane;
 
 use height_map::HeightMap;
 use octomap::Octomap;
@@ -34,6 +37,8 @@ pub struct Terrain {
     origin: DVec3,
     voxel_size_m: f64,
     tree: Tree,
+    /// By voxel id. Of a solid, a run of voxels in one column, the uppermost voxel's counts.
+    planes: Vec<Plane>,
     /// Grid index of tree coordinate (0, 0, 0): the lowest occupied index of each axis.
     base: [i32; 3],
     /// Occupied extent in voxels along each axis, counted from `base`.
@@ -44,8 +49,16 @@ pub struct Terrain {
 }
 
 impl Terrain {
-    /// Voxels given by their grid indices; repeated indices count once.
+    /// Voxels given by their grid indices; repeated indices count once. Where in them the surface lies is
+    /// estimated from the voxels around.
     pub fn from_indices(indices: &[[i32; 3]], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
+        let terrain = Terrain::of_cubes(indices, voxel_size_m, origin)?;
+        let planes = estimate::planes(&terrain);
+        Ok(Terrain { planes, ..terrain })
+    }
+
+    /// Voxels given by their grid indices, of which the surface is the upper face.
+    fn of_cubes(indices: &[[i32; 3]], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
         check_frame(voxel_size_m, origin)?;
         let (base, extent) = bounds(indices)?;
         let depth = depth_for(extent)?;
@@ -59,7 +72,30 @@ impl Terrain {
         keys.par_sort_unstable();
         let tree = Tree::from_sorted_keys(&keys, depth);
         let fingerprint = fingerprint(origin, voxel_size_m, base, &tree);
-        Ok(Terrain { origin, voxel_size_m, tree, base, extent, fingerprint, outline: OnceLock::new() })
+        let planes = vec![Plane::CEILING; tree.voxel_count()];
+        Ok(Terrain {
+            origin,
+            voxel_size_m,
+            tree,
+            planes,
+            base,
+            extent,
+            fingerprint,
+            outline: OnceLock::new(),
+        })
+    }
+
+    /// The same voxels with planes by grid index.
+    fn with_planes(mut self, plane: impl Fn([i32; 3]) -> Plane + Sync) -> Terrain {
+        const CHUNK: usize = 1 << 14;
+        let mut planes = std::mem::take(&mut self.planes);
+        planes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, planes)| {
+            let mut ascent = Ascent::new(&self.tree);
+            for (id, own) in (chunk * CHUNK..).zip(planes) {
+                *own = plane(self.index_at(ascent.coordinate(id as u32)));
+            }
+        });
+        Terrain { planes, ..self }
     }
 
     /// Occupied cells of a row-major [X, Y, Z] array.
@@ -88,10 +124,12 @@ impl Terrain {
         Terrain::from_indices(&indices, voxel_size_m, origin)
     }
 
-    /// The closed surface of a height map, see [`HeightMap::surface_voxels`].
+    /// The closed surface of a height map, see [`height_map::SurfaceColumns`].
     pub fn from_height_map(map: &HeightMap, voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
         check_frame(voxel_size_m, origin)?;
-        Terrain::from_indices(&map.surface_voxels(voxel_size_m)?, voxel_size_m, origin)
+        let columns = map.columns(voxel_size_m)?;
+        let terrain = Terrain::of_cubes(&columns.voxels()?, voxel_size_m, origin)?;
+        Ok(terrain.with_planes(|index| columns.plane(index)))
     }
 
     /// Every voxel that holds at least one of the points (world metres).
@@ -154,6 +192,21 @@ impl Terrain {
     /// Memory of the tree.
     pub fn tree_bytes(&self) -> usize {
         self.tree.bytes()
+    }
+
+    /// Memory of tree and planes.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes() + size_of_val(self.planes.as_slice())
+    }
+
+    /// Where in voxel `id` the surface lies. It counts where no voxel lies on top.
+    pub fn plane(&self, id: u32) -> Plane {
+        self.planes[id as usize]
+    }
+
+    /// The planes by voxel id.
+    pub fn planes(&self) -> &[Plane] {
+        &self.planes
     }
 
     /// Lowest and highest corner of the occupied voxels, world metres.

@@ -1,10 +1,11 @@
-//! Height map -> the voxels that its surface passes through.
+//! Height map -> the voxels of its surface, and where in them it lies.
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 
 use super::MAX_VOXELS;
+use super::plane::Plane;
 use super::tree::MAX_EXTENT;
 
 /// Heights [X, Y] above the terrain's origin, row-major (first axis east, second north). Cell (i, j) covers
@@ -32,36 +33,8 @@ impl<'a> HeightMap<'a> {
         Ok(HeightMap { heights_m, shape, cell_size_m })
     }
 
-    /// Grid indices of the closed surface: every column of voxels holds the voxel of its own height and all
-    /// voxels below it down to just above its lowest neighbour (of four), so that no ray slips through a
-    /// step. A hole neither has voxels nor pulls its neighbours down.
-    pub fn surface_voxels(&self, voxel_size_m: f64) -> Result<Vec<[i32; 3]>> {
-        let tops = self.column_tops(voxel_size_m)?;
-        let lowest = |i: usize, j: usize, own: i32| {
-            tops.neighbours(i, j).flatten().min().map_or(own, |low| own.min(low.saturating_add(1)))
-        };
-        let count: u64 = (0..tops.shape[0])
-            .into_par_iter()
-            .map(|i| {
-                (0..tops.shape[1])
-                    .filter_map(|j| tops.at(i, j).map(|own| (own.abs_diff(lowest(i, j, own)) as u64) + 1))
-                    .sum::<u64>()
-            })
-            .sum();
-        if count > MAX_VOXELS {
-            return Err(Error::TooManyVoxels { count, bound: MAX_VOXELS });
-        }
-        Ok((0..tops.shape[0])
-            .into_par_iter()
-            .flat_map_iter(|i| {
-                let tops = &tops;
-                (0..tops.shape[1]).filter_map(move |j| tops.at(i, j).map(|own| (i, j, own)))
-            })
-            .flat_map_iter(|(i, j, own)| (lowest(i, j, own)..=own).map(move |k| [i as i32, j as i32, k]))
-            .collect())
-    }
-
-    fn column_tops(&self, voxel_size_m: f64) -> Result<ColumnTops> {
+    /// The surface over columns of voxels.
+    pub fn columns(&self, voxel_size_m: f64) -> Result<SurfaceColumns> {
         let columns_per_cell = self.cell_size_m / voxel_size_m;
         let shape = self.shape.map(|cells| (cells as f64 * columns_per_cell - 1e-9).ceil().max(0.0) as usize);
         for (axis, &columns) in ['x', 'y'].iter().zip(&shape) {
@@ -73,7 +46,7 @@ impl<'a> HeightMap<'a> {
         if count > MAX_VOXELS {
             return Err(Error::TooManyVoxels { count, bound: MAX_VOXELS });
         }
-        let mut tops = vec![HOLE; shape[0] * shape[1]];
+        let mut tops = vec![Top::HOLE; shape[0] * shape[1]];
         tops.par_chunks_mut(shape[1].max(1)).enumerate().try_for_each(|(i, row)| {
             row.iter_mut().enumerate().try_for_each(|(j, top)| {
                 let height_m =
@@ -81,16 +54,16 @@ impl<'a> HeightMap<'a> {
                 if height_m.is_nan() {
                     return Ok(());
                 }
-                let level = (height_m / voxel_size_m).floor();
-                if level.abs() >= f64::from(i32::MAX) {
+                let height = height_m / voxel_size_m;
+                if height.abs() >= f64::from(i32::MAX) - 1.0 {
                     let cell = |at: usize| (at as f64 / columns_per_cell) as usize;
                     return Err(Error::Height { column: cell(i), row: cell(j), value: height_m as f32 });
                 }
-                *top = level as i32;
+                *top = Top::new(height);
                 Ok(())
             })
         })?;
-        Ok(ColumnTops { tops, shape })
+        Ok(SurfaceColumns { tops, shape })
     }
 
     /// Height at a position given in cells, bilinear between cell centres and level beyond the outermost
@@ -108,31 +81,111 @@ impl<'a> HeightMap<'a> {
     }
 }
 
-/// Mark of a column without ground; no height reaches it, see `column_tops`.
-const HOLE: i32 = i32::MIN;
+/// Height of a column's centre in voxels: the voxel and the place in it. A f64 would do as well at twice the memory.
+#[derive(Debug, Clone, Copy)]
+struct Top {
+    level: i32,
+    fraction: f32,
+}
 
-struct ColumnTops {
-    tops: Vec<i32>,
+impl Top {
+    /// No height reaches its level, see `columns`.
+    const HOLE: Top = Top { level: i32::MIN, fraction: 0.0 };
+
+    fn new(height: f64) -> Top {
+        let level = height.floor();
+        Top { level: level as i32, fraction: (height - level) as f32 }
+    }
+
+    fn is_hole(self) -> bool {
+        self.level == Top::HOLE.level
+    }
+
+    fn above(self, other: Top) -> f64 {
+        f64::from(self.level) - f64::from(other.level) + f64::from(self.fraction) - f64::from(other.fraction)
+    }
+}
+
+/// A height map over the columns of a voxel grid.
+pub struct SurfaceColumns {
+    tops: Vec<Top>,
     shape: [usize; 2],
 }
 
-impl ColumnTops {
-    fn at(&self, i: usize, j: usize) -> Option<i32> {
-        let top = self.tops[i * self.shape[1] + j];
-        (top != HOLE).then_some(top)
+impl SurfaceColumns {
+    /// Grid indices of the closed surface: every column of voxels holds the voxel of its own height and all
+    /// voxels below it down to just above its lowest neighbour (of four), so that no ray slips through a
+    /// step. A hole neither has voxels nor pulls its neighbours down.
+    pub fn voxels(&self) -> Result<Vec<[i32; 3]>> {
+        let count: u64 = (0..self.shape[0])
+            .into_par_iter()
+            .map(|i| {
+                self.levels_along(i).map(|(_, lowest, own)| u64::from(own.abs_diff(lowest)) + 1).sum::<u64>()
+            })
+            .sum();
+        if count > MAX_VOXELS {
+            return Err(Error::TooManyVoxels { count, bound: MAX_VOXELS });
+        }
+        Ok((0..self.shape[0])
+            .into_par_iter()
+            .flat_map_iter(|i| self.levels_along(i).map(move |(j, lowest, own)| (i, j, lowest, own)))
+            .flat_map_iter(|(i, j, lowest, own)| (lowest..=own).map(move |k| [i as i32, j as i32, k]))
+            .collect())
     }
 
-    fn neighbours(&self, i: usize, j: usize) -> impl Iterator<Item = Option<i32>> {
-        let inside = move |i: Option<usize>, j: Option<usize>| Some((i?, j?));
+    /// Where in voxel (i, j, k) the surface lies. Slopes are the smaller of the differences to either side, and
+    /// nothing where these disagree (minmod): planes stay planes, and the foot and the edge of a wall stay level.
+    pub fn plane(&self, [i, j, k]: [i32; 3]) -> Plane {
+        let (i, j) = (i as usize, j as usize);
+        let own = self.tops[i * self.shape[1] + j];
+        if own.level != k {
+            return Plane::CEILING;
+        }
+        let [west, east, south, north] = self.neighbours(i, j);
+        let slope = |before: Option<Top>, after: Option<Top>| {
+            limited(before.map(|top| own.above(top)), after.map(|top| top.above(own)))
+        };
+        Plane::new(f64::from(own.fraction), [slope(west, east), slope(south, north)])
+    }
+
+    /// Column j of row i that has ground, with the lowest and the highest level of its voxels.
+    fn levels_along(&self, i: usize) -> impl Iterator<Item = (usize, i32, i32)> {
+        (0..self.shape[1]).filter_map(move |j| {
+            let own = self.at(i, j)?.level;
+            let lowest = self.neighbours(i, j).into_iter().flatten().map(|top| top.level).min();
+            Some((j, lowest.map_or(own, |low| own.min(low.saturating_add(1))), own))
+        })
+    }
+
+    fn at(&self, i: usize, j: usize) -> Option<Top> {
+        Some(self.tops[i * self.shape[1] + j]).filter(|top| !top.is_hole())
+    }
+
+    /// West, east, south and north, where there is ground.
+    fn neighbours(&self, i: usize, j: usize) -> [Option<Top>; 4] {
+        let [columns, rows] = self.shape;
         [
-            inside(i.checked_sub(1), Some(j)),
-            inside(Some(i + 1).filter(|&i| i < self.shape[0]), Some(j)),
-            inside(Some(i), j.checked_sub(1)),
-            inside(Some(i), Some(j + 1).filter(|&j| j < self.shape[1])),
+            i.checked_sub(1).and_then(|i| self.at(i, j)),
+            Some(i + 1).filter(|&i| i < columns).and_then(|i| self.at(i, j)),
+            j.checked_sub(1).and_then(|j| self.at(i, j)),
+            Some(j + 1).filter(|&j| j < rows).and_then(|j| self.at(i, j)),
         ]
-        .into_iter()
-        .flatten()
-        .map(|(i, j)| self.at(i, j))
+    }
+}
+
+/// The smaller of two slopes of the same sign, else 0. Of a single one, beside a hole or at the border, nobody knows
+/// whether it is a slope or a wall: 45 degrees are the bound.
+fn limited(before: Option<f64>, after: Option<f64>) -> f64 {
+    match (before, after) {
+        (Some(a), Some(b)) if a * b > 0.0 => {
+            if a.abs() < b.abs() {
+                a
+            } else {
+                b
+            }
+        }
+        (Some(single), None) | (None, Some(single)) if single.abs() <= 1.0 => single,
+        _ => 0.0,
     }
 }
 
@@ -141,7 +194,8 @@ mod tests {
     use super::*;
 
     fn surface(heights: &[f32], shape: [usize; 2], cell: f64, voxel: f64) -> Vec<[i32; 3]> {
-        let mut voxels = HeightMap::new(heights, shape, cell).unwrap().surface_voxels(voxel).unwrap();
+        let mut voxels =
+            HeightMap::new(heights, shape, cell).unwrap().columns(voxel).unwrap().voxels().unwrap();
         voxels.sort_unstable();
         voxels
     }
@@ -186,7 +240,7 @@ mod tests {
     fn voxels_far_too_small_for_the_map_are_refused_before_any_memory_is_taken() {
         let message = |heights: &[f32], shape, cell, voxel| {
             let map = HeightMap::new(heights, shape, cell).unwrap();
-            map.surface_voxels(voxel).unwrap_err().to_string()
+            map.columns(voxel).err().unwrap().to_string()
         };
         assert!(message(&[0.0; 4], [2, 2], 0.5, 1e-6).contains("has 1000000000000 voxels; the bound is"));
         let high = message(&[0.0, 1e10], [1, 2], 1.0, 1.0);
