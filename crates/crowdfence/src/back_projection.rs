@@ -1,16 +1,16 @@
 //! View -> observation: which voxels the camera saw, the mean heatmap value of each, and where its crowd went.
 
-mod faces;
 mod fates;
 mod projection;
 mod rays;
+mod tops;
 mod viewing_cone;
 
 use glam::DVec3;
 
 use crate::observation::{CrowdMass, Observation, SeenVoxels};
 use crate::raycast::Hit;
-use crate::terrain::Terrain;
+use crate::terrain::{Surface, Terrain};
 use crate::view::View;
 
 pub use projection::{Coverage, DEFAULT_CROWD_THRESHOLD, Projection};
@@ -31,7 +31,7 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
     match projection.coverage() {
         Coverage::Rays => observation(view, terrain, &hit, Vec::new(), crowd_mass),
         Coverage::Full => {
-            let (beside, occluded_ids) = faces::beside_rays(&vantage, &hit);
+            let (beside, occluded_ids) = tops::beside_rays(&vantage, &hit);
             observation(view, terrain, &merged(hit, beside), occluded_ids, crowd_mass)
         }
     }
@@ -54,6 +54,7 @@ fn crowd_mass_of(vantage: &Vantage, hits: &PixelHits, threshold: f64) -> CrowdMa
 struct Vantage<'a> {
     view: &'a View,
     terrain: &'a Terrain,
+    surface: Surface,
     /// Where rays start: the camera, lowered by the target's height.
     origin: DVec3,
     max_range_m: f64,
@@ -64,13 +65,24 @@ impl<'a> Vantage<'a> {
     fn new(view: &'a View, terrain: &'a Terrain, projection: &Projection) -> Option<Vantage<'a>> {
         let camera_world = view.world_from_camera.translation;
         let height = projection.target_height_m();
-        let above_ground = terrain.raycast(camera_world, DVec3::NEG_Z, height).is_none();
+        let surface = projection.surface();
+        let above_ground = terrain.raycast(surface, camera_world, DVec3::NEG_Z, height).is_none();
         let origin = camera_world - DVec3::Z * height;
-        above_ground.then_some(Vantage { view, terrain, origin, max_range_m: projection.max_range_m() })
+        above_ground.then_some(Vantage {
+            view,
+            terrain,
+            surface,
+            origin,
+            max_range_m: projection.max_range_m(),
+        })
     }
 
     fn cast(&self, direction_world: DVec3) -> Option<Hit> {
-        self.terrain.raycast(self.origin, direction_world, self.max_range_m)
+        self.cast_up_to(direction_world, self.max_range_m)
+    }
+
+    fn cast_up_to(&self, direction_world: DVec3, range_m: f64) -> Option<Hit> {
+        self.terrain.raycast(self.surface, self.origin, direction_world, range_m)
     }
 }
 

@@ -8,6 +8,7 @@ mod key;
 pub mod octomap;
 mod outline;
 mod plane;
+mod solid;
 pub(crate) mod tree;
 pub mod triangles;
 
@@ -19,6 +20,8 @@ use rayon::prelude::*;
 use crate::error::{Error, Result, require};
 pub use key::TerrainKey;
 pub use plane::Plane;
+pub(crate) use solid::Solid;
+pub use solid::Surface;
 
 use height_map::HeightMap;
 use octomap::Octomap;
@@ -86,7 +89,7 @@ impl Terrain {
     }
 
     /// The same voxels with planes by grid index.
-    fn with_planes(mut self, plane: impl Fn([i32; 3]) -> Plane + Sync) -> Terrain {
+    pub(crate) fn with_planes(mut self, plane: impl Fn([i32; 3]) -> Plane + Sync) -> Terrain {
         const CHUNK: usize = 1 << 14;
         let mut planes = std::mem::take(&mut self.planes);
         planes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, planes)| {
