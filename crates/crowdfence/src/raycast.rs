@@ -35,7 +35,7 @@ impl Terrain {
         max_range_m: f64,
     ) -> Option<Hit> {
         let origin = self.tree_from_world(origin);
-        if !(origin.abs().max_element() <= FARTHEST_ORIGIN) {
+        if origin.is_nan() || origin.abs().max_element() > FARTHEST_ORIGIN {
             return None;
         }
         let range = max_range_m / self.voxel_size_m();

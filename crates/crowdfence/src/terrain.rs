@@ -202,6 +202,22 @@ impl Terrain {
         self.tree.bytes() + size_of_val(self.planes.as_slice())
     }
 
+    /// Heights of the surface over the middle of some voxels, world metres, fastest for sorted ids. Of a voxel under
+    /// another one it is its upper face.
+    pub fn surface_heights(&self, ids: &[u32]) -> Vec<f64> {
+        let height = |(&id, index): (&u32, [i32; 3])| {
+            let top = self.top_plane(id, index).map_or(1.0, Plane::height);
+            self.origin.z + (f64::from(index[2]) + top) * self.voxel_size_m
+        };
+        ids.iter().zip(self.indices_of(ids)).map(height).collect()
+    }
+
+    /// None when another voxel lies on top.
+    pub(crate) fn top_plane(&self, id: u32, [i, j, k]: [i32; 3]) -> Option<Plane> {
+        let above = k.checked_add(1).and_then(|k| self.id([i, j, k]));
+        above.is_none().then(|| self.plane(id))
+    }
+
     /// Where in voxel `id` the surface lies. It counts where no voxel lies on top.
     pub fn plane(&self, id: u32) -> Plane {
         self.planes[id as usize]

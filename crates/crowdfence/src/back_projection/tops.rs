@@ -58,12 +58,9 @@ impl Vantage<'_> {
     /// World metres; None when another voxel lies on top.
     fn middle_of_top(&self, id: u32) -> Option<DVec3> {
         let terrain = self.terrain;
-        let [i, j, k] = terrain.index(id);
-        if terrain.id([i, j, k.checked_add(1)?]).is_some() {
-            return None;
-        }
+        let plane = terrain.top_plane(id, terrain.index(id))?;
         let height = match self.surface {
-            Surface::Planes => terrain.plane(id).height(),
+            Surface::Planes => plane.height(),
             Surface::Voxels => 1.0,
         };
         // A hair inside the solid, so that the ray to its top enters it.

@@ -81,6 +81,28 @@ impl<'a> Stacks<'a> {
         (first < end).then_some(Square { low, levels, first, end })
     }
 
+    /// The column at a place, if there is anything in it.
+    pub fn column(&mut self, at: [u32; 2]) -> Option<Square> {
+        let start = self.layers.len();
+        let mut square = self.root();
+        if at.iter().any(|&coordinate| coordinate >= square.side()) {
+            return None;
+        }
+        while !square.is_column() {
+            let shift = SIDE_BITS * (square.levels - 1);
+            let [x, y] = at.map(|coordinate| coordinate >> shift & (SIDE - 1));
+            let Some(child) = self.child(&square, x, y) else {
+                self.layers.truncate(start);
+                return None;
+            };
+            square = child;
+        }
+        // Its own layers alone are kept.
+        self.layers.drain(start..square.first);
+        let end = start + square.end - square.first;
+        Some(Square { first: start, end, ..square })
+    }
+
     /// Lets go of a square and of all that were taken after it.
     pub fn release(&mut self, square: &Square) {
         self.layers.truncate(square.first);
