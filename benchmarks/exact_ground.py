@@ -55,7 +55,9 @@ class _BlockTops:
         self._top_m = np.array(
             [
                 [
-                    landscape.surface.height_m[row : row + _CELLS_PER_BLOCK + 1, column : column + _CELLS_PER_BLOCK + 1].max()
+                    landscape.surface.height_m[
+                        row : row + _CELLS_PER_BLOCK + 1, column : column + _CELLS_PER_BLOCK + 1
+                    ].max()
                     for row in range(0, lattice.rows - 1, _CELLS_PER_BLOCK)
                 ]
                 for column in range(0, lattice.columns - 1, _CELLS_PER_BLOCK)
@@ -74,9 +76,7 @@ class _BlockTops:
             index = np.floor(block + np.copysign(_AHEAD, pace)).astype(np.int64)
             inside = ((index >= 0) & (index < self._top_m.shape)).all(axis=1)
             above[active[~inside]] = np.inf
-            active, here, block, pace, index = (
-                array[inside] for array in (active, here, block, pace, index)
-            )
+            active, here, block, pace, index = (array[inside] for array in (active, here, block, pace, index))
             with np.errstate(divide="ignore", invalid="ignore"):
                 to_edge = np.where(pace == 0.0, np.inf, (index + (pace > 0) - block) / pace).min(axis=1)
                 to_top = (here[:, 2] - self._top_m[tuple(index.T)]) / -rays[active, 2]

@@ -1,28 +1,32 @@
-"""Perfect heatmaps of simulated races that nothing was tuned to: how much of the crowds' ground one view finds.
+"""Perfect heatmaps of unseen simulated races: how much of a crowd's ground does one view find?
 
 A heatmap is perfect when a pixel is 1 where the ray through its centre meets the ground of a crowd, else 0:
-on the simulator's own triangles, with people and trees taken away, since no map knows those. What a view makes
-of it is compared with the ground of the crowds (`truth/crowd_ground.py`), over the columns of the map whose
-surface point, at the column's centre, the camera has in its image, in range and in sight. A column is called
-crowd when the mean of a voxel at its ground is above 0.5.
+on the simulator's own triangles, with people and trees taken away, since no map knows those. What a view
+makes of it is compared with the ground of the crowds (`truth/crowd_ground.py`), over the columns of the map
+whose surface point, at the column's centre, the camera has in its image, in range and in sight. A column is
+called crowd when the mean of a voxel at its ground is above 0.5. Counts of all views are added up before the
+ratio.
 
-The rows `exact` are what a faultless back-projection would reach at this size of pixels and columns:
-`exact rays` averages in every column the pixels that meet it, `exact full` gives the others in view the pixel
-that shows their centre, and `exact centre` gives that to all of them.
+The rows `exact` are what a faultless back-projection reaches at this size of pixels and columns: `exact rays`
+averages in every column the pixels that meet it, `exact full` gives the others in view the pixel that shows
+their centre, and `exact centre` gives that to all of them.
 """
 
 import argparse
-import inspect
+import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from exact_ground import Array, ExactGround
 from numpy.typing import NDArray
+from projections import projections
 from scene import machine
 
-from crowdfence import Camera, Terrain, View, project
+from crowdfence import Camera, Observation, Terrain, View, project
 from crowdfence.simulation.recording.terrain_files import known_terrain
 from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import Scene, build_scene
@@ -30,13 +34,15 @@ from crowdfence.truth.crowd_ground import CrowdGround, crowd_grounds
 
 SEEDS = (9001, 9002, 9003)
 TILT_EDGES_DEG = (0.0, 10.0, 15.0, 20.0, 30.0, 90.0)
-BINS = len(TILT_EDGES_DEG) - 1
-MAX_RANGE_M = 300.0
+RANGE_EDGES_M = (0.0, 150.0, 300.0)
+MAX_RANGE_M = RANGE_EDGES_M[-1]
+TILTS, BINS = len(TILT_EDGES_DEG) - 1, (len(TILT_EDGES_DEG) - 1) * (len(RANGE_EDGES_M) - 1)
+EXACT = ("exact rays", "exact full", "exact centre")
 CROWD_ABOVE = 0.5
 AROUND_CROWDS_M = 15.0
 """Columns that far around a crowd are looked at, and farther ones where they are called crowd."""
 SAMPLED_EVERY = 7
-"""Completeness is measured on every so manieth column in either direction."""
+"""Completeness is measured on every 7th column in either direction."""
 
 _GROUND_PIXEL_M = 0.125
 _AT_GROUND_M = 1.5  # a voxel farther above or below the ground is another place
@@ -46,19 +52,20 @@ Keys = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
+def _no_columns() -> NDArray[np.int64]:
+    return np.zeros(BINS, np.int64)
+
+
 @dataclass
 class Score:
-    """Columns by tilt."""
+    """Columns by range and tilt."""
 
-    both: NDArray[np.int64]
-    either: NDArray[np.int64]
-    sampled_seen: NDArray[np.int64]
-    hidden: int = 0
+    both: NDArray[np.int64] = field(default_factory=_no_columns)
+    either: NDArray[np.int64] = field(default_factory=_no_columns)
+    seen: NDArray[np.int64] = field(default_factory=_no_columns)
+    """Of the sampled columns."""
+    out_of_view: int = 0
     """Called crowd, but not in view."""
-
-    @staticmethod
-    def empty() -> "Score":
-        return Score(*(np.zeros(BINS, np.int64) for _ in range(3)))
 
 
 @dataclass(frozen=True)
@@ -94,11 +101,13 @@ class Look:
         seen[seen] = self.ground.in_sight(self.pose[:3, 3], points[seen])
         return seen
 
-    def tilt_bin(self, points: Array) -> Keys:
-        """Bin [N] of the line of sight; -1 above the horizon."""
+    def bins(self, points: Array) -> Keys:
+        """Bin [N] of range and tilt of the lines of sight; -1 above the horizon and out of range."""
         line = points - self.pose[:3, 3]
-        tilt_deg = np.degrees(np.arctan2(-line[:, 2], np.linalg.norm(line[:, :2], axis=1)))
-        return np.searchsorted(TILT_EDGES_DEG, tilt_deg, side="right") - 1
+        level_m, range_m = np.linalg.norm(line[:, :2], axis=1), np.linalg.norm(line, axis=1)
+        tilt = np.searchsorted(TILT_EDGES_DEG, np.degrees(np.arctan2(-line[:, 2], level_m)), side="right") - 1
+        reach = np.searchsorted(RANGE_EDGES_M, range_m) - 1
+        return np.where((tilt >= 0) & (range_m <= MAX_RANGE_M), reach * TILTS + tilt, -1)
 
 
 @dataclass(frozen=True)
@@ -127,9 +136,7 @@ class Columns:
 
     def between(self, low: Array, high: Array, every: int = 1) -> Keys:
         """Every `every`-th column of a rectangle."""
-        x, y = (
-            np.arange(low[axis], high[axis], every * self.terrain.voxel_size_m) for axis in (0, 1)
-        )
+        x, y = (np.arange(low[axis], high[axis], every * self.terrain.voxel_size_m) for axis in (0, 1))
         return self.at(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
 
     @property
@@ -140,77 +147,75 @@ class Columns:
 class Benchmark:
     """Scores by the way a view is projected."""
 
-    def __init__(self, projections: list[dict[str, str]]) -> None:
-        self._projections = {" ".join(projection.values()): projection for projection in projections}
-        self.scores = {name: Score.empty() for name in (*self._projections, *EXACT)}
-        self.truth, self.sampled = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
+    def __init__(self, projections: dict[str, dict[str, Any]]) -> None:
+        self._projections = projections
+        self.scores = {name: Score() for name in (*self._projections, *EXACT)}
+        self.truth, self.sampled = _no_columns(), _no_columns()
         self.project_s = dict.fromkeys(self._projections, 0.0)
         self.views = 0
 
     def look(self, look: Look, columns: Columns, crowds: list[CrowdGround]) -> None:
         """Add one view."""
         self.views += 1
-        hits, near = look.hits()
-        heat = np.zeros(len(hits), np.bool_)
-        heat[near] = _on_crowd(crowds, hits[near])
-        seen, called = {}, {}
-        for name, projection in self._projections.items():
-            seen[name], called[name] = self._projected(name, projection, look, columns, heat)
+        met, is_met = look.hits()
+        heat = np.zeros(len(met), np.bool_)
+        heat[is_met] = _on_crowd(crowds, met[is_met])
+        hit = columns.at(met[is_met, :2])
+        observations = {name: self._observe(name, look, columns.terrain, heat) for name in self._projections}
+        crowd_ids = {name: seen.voxel_ids[seen.mean > CROWD_ABOVE] for name, seen in observations.items()}
+        called = {name: columns.of_voxels(ids) for name, ids in crowd_ids.items()}
+
         around = [columns.between(one.low - AROUND_CROWDS_M, one.high + AROUND_CROWDS_M) for one in crowds]
         keys = np.unique(np.concatenate([*around, *called.values()]))
         points = columns.surface(keys)
-        in_view, tilt_bin = look.in_view(points), look.tilt_bin(points)
-        truth, in_view = _on_crowd(crowds, points), in_view & (tilt_bin >= 0)
-        self.truth += _counts(tilt_bin, truth & in_view)
-        masks = {name: np.isin(keys, called[name]) for name in called}
-        masks |= dict(zip(EXACT, _exact(look, columns, keys, points, hits[near], near, heat), strict=True))
-        for name, mask in masks.items():
-            score = self.scores[name]
-            score.both += _counts(tilt_bin, mask & truth & in_view)
-            score.either += _counts(tilt_bin, (mask | truth) & in_view)
-            score.hidden += int(np.count_nonzero(mask & ~in_view))
-        self._sample(look, columns, seen)
+        in_view = look.in_view(points)
+        at_centre = in_view & heat[look.pixels(points)[0]]
+        says = {name: np.isin(keys, called[name]) for name in called}
+        says |= zip(EXACT, _exact(hit, heat[is_met], keys, at_centre), strict=True)
+        self._compare(says, _on_crowd(crowds, points), in_view, look.bins(points))
 
-    def _projected(
-        self, name: str, projection: dict[str, str], look: Look, columns: Columns, heat: Mask
-    ) -> tuple[Keys, Keys]:
-        """Columns seen, and columns called crowd."""
+        seen = {name: columns.of_voxels(of.voxel_ids) for name, of in observations.items()}
+        self._sample(look, columns, seen | {"exact rays": hit})
+
+    def _observe(self, name: str, look: Look, terrain: Terrain, heat: Mask) -> Observation:
         heatmap = heat.reshape(look.camera.height, look.camera.width).astype(np.uint8) * np.uint8(255)
         view = View("drone", 0, look.camera, look.pose, heatmap)
         start = time.process_time()
-        observation = project(view, columns.terrain, max_range_m=MAX_RANGE_M, **projection)
+        observation = project(view, terrain, max_range_m=MAX_RANGE_M, **self._projections[name])
         self.project_s[name] += time.process_time() - start
-        ids = observation.voxel_ids
-        return columns.of_voxels(ids), columns.of_voxels(ids[observation.mean > CROWD_ABOVE])
+        return observation
+
+    def _compare(self, says: dict[str, Mask], truth: Mask, in_view: Mask, bins: Keys) -> None:
+        scored = in_view & (bins >= 0)
+        self.truth += _counts(bins, truth & scored)
+        for name, says_crowd in says.items():
+            score = self.scores[name]
+            score.both += _counts(bins, says_crowd & truth & scored)
+            score.either += _counts(bins, (says_crowd | truth) & scored)
+            score.out_of_view += int(np.count_nonzero(says_crowd & ~in_view))
 
     def _sample(self, look: Look, columns: Columns, seen: dict[str, Keys]) -> None:
         """Completeness, on columns spread over the range."""
         centre = look.pose[:2, 3]
         keys = columns.between(centre - MAX_RANGE_M, centre + MAX_RANGE_M, SAMPLED_EVERY)
         points = columns.surface(keys)
-        tilt_bin = look.tilt_bin(points)
-        in_view = look.in_view(points) & (tilt_bin >= 0)
-        self.sampled += _counts(tilt_bin, in_view)
-        for name in seen:
-            self.scores[name].sampled_seen += _counts(tilt_bin, in_view & np.isin(keys, seen[name]))
+        bins = look.bins(points)
+        in_view = look.in_view(points) & (bins >= 0)
+        self.sampled += _counts(bins, in_view)
+        for name, columns_seen in seen.items():
+            self.scores[name].seen += _counts(bins, in_view & np.isin(keys, columns_seen))
 
 
-EXACT = ("exact rays", "exact full", "exact centre")
-
-
-def _exact(
-    look: Look, columns: Columns, keys: Keys, points: Array, hits: Array, near: Mask, heat: Mask
-) -> tuple[Mask, Mask, Mask]:
-    """Columns called crowd by back-projections without fault, in the order of `EXACT`."""
-    hit, column = np.unique(columns.at(hits[:, :2]), return_inverse=True)
-    mean = np.bincount(column, heat[near], len(hit)) / np.bincount(column, minlength=len(hit))
-    place = np.searchsorted(hit, keys).clip(max=len(hit) - 1)
-    is_hit = hit[place] == keys
-    by_rays = is_hit & (mean[place] > CROWD_ABOVE)
-    pixel, _ = look.pixels(points)
-    in_view = look.in_view(points)
-    by_centre = in_view & heat[pixel]
-    return by_rays, np.where(is_hit, by_rays, by_centre), by_centre
+def _exact(hit: Keys, on_crowd: Mask, keys: Keys, at_centre: Mask) -> tuple[Mask, Mask, Mask]:
+    """Whether columns `keys` are called crowd by back-projections without fault, in the order of `EXACT`.
+    Each pixel meets a column of `hit` and is crowd or not; `at_centre`: what the pixel shows that shows the
+    column's centre."""
+    met, column = np.unique(hit, return_inverse=True)
+    mean = np.bincount(column, on_crowd, len(met)) / np.bincount(column, minlength=len(met))
+    place = np.searchsorted(met, keys).clip(max=len(met) - 1)
+    is_met = met[place] == keys
+    by_rays = is_met & (mean[place] > CROWD_ABOVE)
+    return by_rays, np.where(is_met, by_rays, at_centre), at_centre
 
 
 def _on_crowd(crowds: list[CrowdGround], points: Array) -> Mask:
@@ -221,8 +226,8 @@ def _on_crowd(crowds: list[CrowdGround], points: Array) -> Mask:
     return on_crowd
 
 
-def _counts(tilt_bin: Keys, chosen: Mask) -> NDArray[np.int64]:
-    return np.bincount(tilt_bin[chosen], minlength=BINS).astype(np.int64)
+def _counts(bins: Keys, chosen: Mask) -> NDArray[np.int64]:
+    return np.bincount(bins[chosen], minlength=BINS).astype(np.int64)
 
 
 def looks(scene: Scene, instants: int) -> Iterator[tuple[Look, list[CrowdGround]]]:
@@ -232,7 +237,10 @@ def looks(scene: Scene, instants: int) -> Iterator[tuple[Look, list[CrowdGround]
     for t_s in (np.arange(instants) + 0.5) / instants * scenario.duration_s:
         crowds = list(
             crowd_grounds(
-                scene.people.positions(t_s), definition.radius_m, definition.min_people, pixel_m=_GROUND_PIXEL_M
+                scene.people.positions(t_s),
+                definition.radius_m,
+                definition.min_people,
+                pixel_m=_GROUND_PIXEL_M,
             )
         )
         for drone in range(scenario.drones):
@@ -255,35 +263,40 @@ def main() -> None:
         terrain = known_terrain(scene)
         for look, crowds in looks(scene, options.instants):
             benchmark.look(look, Columns(terrain, look.ground), crowds)
-    print(f"{benchmark.views} views of {options.scenario}, seeds {options.seeds}; {machine()}\n")
+    print(f"{benchmark.views} views of {options.scenario}, seeds {options.seeds}")
+    print(f"{machine()}, load {os.getloadavg()[0]:.1f}\n")
     report(benchmark, terrain.voxel_size_m**2)
 
 
-def projections() -> list[dict[str, str]]:
-    """Arguments of `project`, a row of the table each."""
-    coverages = [{"coverage": "rays"}, {"coverage": "full"}]
-    if "surface" not in inspect.signature(project).parameters:
-        return coverages
-    return [{"surface": surface, **coverage} for surface in ("voxels", "true") for coverage in coverages]
-
-
 def report(benchmark: Benchmark, column_m2: float) -> None:
-    tilts = [f"{low:g}-{high:g}" for low, high in zip(TILT_EDGES_DEG, TILT_EDGES_DEG[1:], strict=False)]
-    print(f"| tilt | {' | '.join(tilts)} | called out of view |\n|---{'|---' * (BINS + 1)}|")
+    for ranges in range(1, len(RANGE_EDGES_M)):
+        print(f"columns up to {RANGE_EDGES_M[ranges]:g} m away\n")
+        _table(benchmark, ranges)
+        print()
+    print("| | called crowd out of view | project, CPU a view |\n|---|---|---|")
     for name, score in benchmark.scores.items():
-        iou = score.both / np.maximum(score.either, 1)
-        print(f"| IoU, {name} | {_row(iou)} | {score.hidden * column_m2:.0f} m2 |")
-    print(f"| crowd columns in view | {' | '.join(str(count) for count in benchmark.truth)} | |")
-    for name, score in benchmark.scores.items():
-        if name not in EXACT:
-            print(f"| seen of those in view, {name} | {_row(score.sampled_seen / benchmark.sampled)} | |")
-    print()
-    for name, seconds in benchmark.project_s.items():
-        print(f"project, {name}: {1e3 * seconds / benchmark.views:.0f} ms of CPU a view")
+        seconds = benchmark.project_s.get(name)
+        time_a_view = "" if seconds is None else f"{1e3 * seconds / benchmark.views:.0f} ms"
+        print(f"| {name} | {score.out_of_view * column_m2:.0f} m2 | {time_a_view} |")
 
 
-def _row(values: Array) -> str:
-    return " | ".join(f"{value:.3f}" for value in values)
+def _table(benchmark: Benchmark, ranges: int) -> None:
+    """Over the first so many ranges."""
+
+    def by_tilt(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        return counts.reshape(-1, TILTS)[:ranges].sum(axis=0)
+
+    def shares(some: NDArray[np.int64], of: NDArray[np.int64]) -> str:
+        return " | ".join(f"{share:.3f}" for share in by_tilt(some) / np.maximum(by_tilt(of), 1))
+
+    tilts = [f"{low:g}-{high:g}" for low, high in pairwise(TILT_EDGES_DEG)]
+    print(f"| tilt, degrees | {' | '.join(tilts)} |\n|---{'|---' * TILTS}|")
+    for name, score in benchmark.scores.items():
+        print(f"| IoU, {name} | {shares(score.both, score.either)} |")
+    for name, score in benchmark.scores.items():
+        if score.seen.any():
+            print(f"| seen of what is in view, {name} | {shares(score.seen, benchmark.sampled)} |")
+    print(f"| crowd columns in view | {' | '.join(str(count) for count in by_tilt(benchmark.truth))} |")
 
 
 if __name__ == "__main__":
