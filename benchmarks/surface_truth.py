@@ -27,7 +27,7 @@ from projections import projections
 from scene import machine
 
 from crowdfence import Camera, Observation, Terrain, View, project
-from crowdfence.simulation.recording.terrain_files import known_terrain
+from crowdfence.simulation.recording.terrain_files import known_terrain, top_height_m
 from crowdfence.simulation.scenarios.scenario_file import load_scenario
 from crowdfence.simulation.scene import Scene, build_scene
 from crowdfence.truth.crowd_ground import CrowdGround, crowd_grounds
@@ -248,22 +248,43 @@ def looks(scene: Scene, instants: int) -> Iterator[tuple[Look, list[CrowdGround]
             yield Look(scenario.intrinsics(), pose, ground), crowds
 
 
+def _of_heights(scene: Scene) -> Terrain:
+    """A height map of the scenario's voxels, like the raster of a simulated mission."""
+    size_m, (west, south, east, north) = scene.scenario.voxel_size_m, scene.landscape.extent_m
+    x = np.arange(west + size_m / 2, east, size_m)
+    y = np.arange(south + size_m / 2, north, size_m)
+    at = (side.ravel() for side in np.meshgrid(x, y, indexing="ij"))
+    height_m = top_height_m(scene.landscape, *at).reshape(len(x), len(y))
+    return Terrain.from_height_map(height_m, size_m, origin=(west, south, 0.0))
+
+
+def _of_voxels(scene: Scene) -> Terrain:
+    """Voxels alone, as an OctoMap holds them."""
+    terrain = known_terrain(scene)
+    indices = terrain.voxel_indices(np.arange(terrain.voxel_count))
+    return Terrain.from_indices(indices, terrain.voxel_size_m, terrain.origin)
+
+
+MAPS = {"triangles": known_terrain, "heights": _of_heights, "voxels": _of_voxels}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scenario", default="race")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
+    parser.add_argument("--map", choices=MAPS, default="triangles", help="what the terrain is built from")
     parser.add_argument("--instants", type=int, default=8, help="moments of each race, seen by all drones")
     options = parser.parse_args()
 
     benchmark = Benchmark(projections())
     for seed in options.seeds:
         scene = build_scene(load_scenario(options.scenario), seed)
-        terrain = known_terrain(scene)
+        terrain = MAPS[options.map](scene)
         for look, crowds in looks(scene, options.instants):
             benchmark.look(look, Columns(terrain, look.ground), crowds)
-    print(f"{benchmark.views} views of {options.scenario}, seeds {options.seeds}")
+    print(f"{benchmark.views} views of {options.scenario}, seeds {options.seeds}, map of {options.map}")
     print(f"{machine()}, load {os.getloadavg()[0]:.1f}\n")
     report(benchmark, terrain.voxel_size_m**2)
 
