@@ -83,6 +83,23 @@ struct Painter<'a> {
     between_pixels: bool,
 }
 
+/// The work on one tile, compiled for every width of vectors and run with the widest of this machine: on all the same
+/// sums in the same order.
+struct PaintColumns<'p, 'a> {
+    painter: &'p mut Painter<'a>,
+    square: &'p Square,
+    tile: &'p Tile,
+}
+
+impl pulp::WithSimd for PaintColumns<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.painter.paint_columns(self.square, self.tile);
+    }
+}
+
 /// A column of the tile that is being painted.
 #[derive(Debug, Clone, Copy)]
 struct Place {
@@ -171,8 +188,7 @@ impl<'a> Painter<'a> {
         tile.clear();
         self.gather(square, square.low, &mut tile);
         self.gather_rim(square, &mut tile);
-        // With the widest vectors of this machine: the same sums in the same order on all.
-        pulp::Arch::new().dispatch(|| self.paint_columns(square, &tile));
+        pulp::Arch::new().dispatch(PaintColumns { painter: self, square, tile: &tile });
         self.tile = tile;
     }
 

@@ -3,8 +3,6 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use glam::DVec2;
-
 use crate::view::View;
 
 const WORD: usize = u64::BITS as usize;
@@ -75,27 +73,21 @@ impl<'a> Canvas<'a> {
         self.owner.iter().map(|&owner| owner != NOBODY).collect()
     }
 
-    /// Paints the pixels whose centres lie in a convex polygon and that are still free. Its corners go clockwise, as
-    /// seen in the image, in continuous pixel coordinates. `accepts` has the last word on each pixel.
+    /// Paints the pixels whose centres lie in a polygon and that are still free. `accepts` has the last word on each.
     #[inline(always)]
     pub fn paint(
         &mut self,
-        corners: &[DVec2],
+        polygon: &Polygon,
         owner: u32,
         accepts: Option<&dyn Fn(usize, usize) -> bool>,
     ) -> Painted {
-        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for &corner in corners {
-            low = DVec2::select(corner.cmplt(low), corner, low);
-            high = DVec2::select(corner.cmpgt(high), corner, high);
-        }
         let mut painted = Painted::default();
-        let rows = centers_between(low.y, high.y, self.height);
-        let columns = centers_between(low.x, high.x, self.width);
+        let rows = centers_between(lowest(&polygon.y), highest(&polygon.y), self.height);
+        let columns = centers_between(lowest(&polygon.x), highest(&polygon.x), self.width);
         if rows.is_empty() || columns.is_empty() || !self.is_free(&rows, &columns) {
             return painted;
         }
-        let outline = Outline::of(corners);
+        let outline = Outline::of(polygon);
         for row in rows {
             let (left, right) = outline.at(row as f64 + 0.5);
             let columns = centers_between(left, right, self.width);
@@ -138,12 +130,8 @@ impl<'a> Canvas<'a> {
             }
             if free == span && accepts.is_none() {
                 *covered |= span;
-                let (values, owners) =
-                    (&self.values[start + first..start + end], &mut self.owner[start + first..start + end]);
-                for (value, own) in values.iter().zip(owners) {
-                    painted.sum += f64::from(*value);
-                    *own = owner;
-                }
+                painted.sum += sum(&self.values[start + first..start + end]);
+                self.owner[start + first..start + end].fill(owner);
                 painted.count += (end - first) as u32;
                 continue;
             }
@@ -171,7 +159,47 @@ fn centers_between(low: f64, high: f64, count: usize) -> Range<usize> {
     nearest(low)..nearest(high).min(count)
 }
 
-/// The sides of a convex polygon as functions of y.
+/// In eight partial sums, so that it does not depend on the machine how wide its vectors are.
+#[inline(always)]
+fn sum(values: &[f32]) -> f64 {
+    let mut sums = [0.0f32; 8];
+    let mut eights = values.chunks_exact(8);
+    for eight in &mut eights {
+        for (sum, value) in sums.iter_mut().zip(eight) {
+            *sum += value;
+        }
+    }
+    for (sum, value) in sums.iter_mut().zip(eights.remainder()) {
+        *sum += value;
+    }
+    f64::from((sums[0] + sums[1] + (sums[2] + sums[3])) + (sums[4] + sums[5] + (sums[6] + sums[7])))
+}
+
+#[inline(always)]
+pub fn lowest(values: &[f64; MAX_CORNERS]) -> f64 {
+    let mut low = *values;
+    for half in [4, 2, 1] {
+        for at in 0..half {
+            low[at] = if low[at + half] < low[at] { low[at + half] } else { low[at] };
+        }
+    }
+    low[0]
+}
+
+#[inline(always)]
+pub fn highest(values: &[f64; MAX_CORNERS]) -> f64 {
+    -lowest(&values.map(|value| -value))
+}
+
+/// A convex polygon in the image, in continuous pixel coordinates. Its corners go clockwise as one sees them; corners
+/// may be repeated.
+#[derive(Debug, Clone, Copy)]
+pub struct Polygon {
+    pub x: [f64; MAX_CORNERS],
+    pub y: [f64; MAX_CORNERS],
+}
+
+/// The sides of a polygon as functions of y.
 struct Outline {
     x: [f64; MAX_CORNERS],
     y: [f64; MAX_CORNERS],
@@ -183,39 +211,37 @@ struct Outline {
 
 impl Outline {
     #[inline(always)]
-    fn of(corners: &[DVec2]) -> Outline {
+    fn of(polygon: &Polygon) -> Outline {
+        let Polygon { x, y } = *polygon;
+        let mut next = *polygon;
+        next.x.rotate_left(1);
+        next.y.rotate_left(1);
         let mut outline = Outline {
-            x: [0.0; MAX_CORNERS],
-            y: [0.0; MAX_CORNERS],
+            x,
+            y,
             slope: [0.0; MAX_CORNERS],
-            not_left: [f64::NEG_INFINITY; MAX_CORNERS],
-            not_right: [f64::INFINITY; MAX_CORNERS],
+            not_left: [0.0; MAX_CORNERS],
+            not_right: [0.0; MAX_CORNERS],
         };
-        for (side, &from) in corners.iter().enumerate() {
-            let to = corners[if side + 1 == corners.len() { 0 } else { side + 1 }];
-            let rise = to.y - from.y;
-            if rise == 0.0 {
-                continue;
-            }
-            outline.x[side] = from.x;
-            outline.y[side] = from.y;
-            outline.slope[side] = (to.x - from.x) / rise;
-            // Clockwise, with y downwards: what goes down is on the right.
-            let unbounded = if rise > 0.0 { &mut outline.not_right } else { &mut outline.not_left };
-            unbounded[side] = 0.0;
+        for side in 0..MAX_CORNERS {
+            let (run, rise) = (next.x[side] - x[side], next.y[side] - y[side]);
+            let slope = run / rise;
+            outline.slope[side] = if rise == 0.0 { 0.0 } else { slope };
+            // Clockwise, with y downwards: what goes down is on the right. A level side is on neither.
+            outline.not_left[side] = if rise < 0.0 { 0.0 } else { f64::NEG_INFINITY };
+            outline.not_right[side] = if rise > 0.0 { 0.0 } else { f64::INFINITY };
         }
         outline
     }
 
     #[inline(always)]
     fn at(&self, y: f64) -> (f64, f64) {
-        let (mut left, mut right) = (f64::NEG_INFINITY, f64::INFINITY);
+        let (mut left, mut right) = ([0.0; MAX_CORNERS], [0.0; MAX_CORNERS]);
         for side in 0..MAX_CORNERS {
             let x = self.x[side] + self.slope[side] * (y - self.y[side]);
-            let (from, to) = (x + self.not_left[side], x + self.not_right[side]);
-            left = if from > left { from } else { left };
-            right = if to < right { to } else { right };
+            left[side] = x + self.not_left[side];
+            right[side] = x + self.not_right[side];
         }
-        (left, right)
+        (highest(&left), lowest(&right))
     }
 }

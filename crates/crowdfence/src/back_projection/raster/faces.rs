@@ -1,9 +1,9 @@
 //! A solid by its faces: top, bottom, and the sides that are turned to the camera, voxel by voxel. For whatever is
 //! no smooth ground, and in any place.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
-use super::canvas::{MAX_CORNERS, Painted};
+use super::canvas::Painted;
 use super::optics::before_camera;
 use super::tile::{Piece, Tile, corner};
 use super::{Painter, Place};
@@ -82,10 +82,11 @@ impl Painter<'_> {
     #[inline(always)]
     fn paint_face(&mut self, face: &Face, owner: u32, cut: bool) -> Painted {
         let image = face.corners.map(|point| self.optics.image(point));
-        let mut corners = [DVec2::ZERO; MAX_CORNERS];
-        let count = before_camera(&image, &mut corners);
+        let Some(polygon) = before_camera(&image) else {
+            return Painted::default();
+        };
         if !cut {
-            return self.canvas.paint(&corners[..count], owner, None);
+            return self.canvas.paint(&polygon, owner, None);
         }
         let (optics, range) = (&self.optics, self.range);
         let in_range = |column: usize, row: usize| {
@@ -93,7 +94,7 @@ impl Painter<'_> {
             let distance = face.normal.dot(face.corners[0]) / face.normal.dot(ray) * ray.length();
             distance <= range
         };
-        self.canvas.paint(&corners[..count], owner, Some(&in_range))
+        self.canvas.paint(&polygon, owner, Some(&in_range))
     }
 }
 

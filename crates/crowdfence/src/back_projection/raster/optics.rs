@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
+use super::canvas::{MAX_CORNERS, Polygon, lowest};
 use crate::view::View;
 
 /// Nearest depth at which a point still has a place in the image, in voxels.
@@ -63,6 +64,23 @@ impl Optics {
         Imaged { u: self.u.dot(point), v: self.v.dot(point), depth: self.depth.dot(point) }
     }
 
+    /// Image of the corners of a polygon, with their least depth.
+    #[inline(always)]
+    pub fn polygon(&self, corners: &[DVec3; MAX_CORNERS]) -> (Polygon, f64) {
+        let x = corners.map(|corner| corner.x);
+        let y = corners.map(|corner| corner.y);
+        let z = corners.map(|corner| corner.z);
+        let mut polygon = Polygon { x: [0.0; MAX_CORNERS], y: [0.0; MAX_CORNERS] };
+        let mut depth = [0.0; MAX_CORNERS];
+        for at in 0..MAX_CORNERS {
+            let image = |axis: DVec3| axis.x * x[at] + axis.y * y[at] + axis.z * z[at];
+            depth[at] = image(self.depth);
+            polygon.x[at] = image(self.u) / depth[at];
+            polygon.y[at] = image(self.v) / depth[at];
+        }
+        (polygon, lowest(&depth))
+    }
+
     /// Direction of the ray through the centre of a pixel, of any length.
     pub fn ray(&self, column: usize, row: usize) -> DVec3 {
         let pixel = DVec2::new(column as f64, row as f64) + 0.5;
@@ -85,16 +103,18 @@ impl Optics {
     }
 }
 
-/// The part of a polygon before the camera, as continuous pixel coordinates in `corners`; how many there are.
+/// The part of a polygon before the camera, which may be nothing.
 #[inline(always)]
-pub fn before_camera(polygon: &[Imaged], corners: &mut [DVec2]) -> usize {
+pub fn before_camera(corners: &[Imaged]) -> Option<Polygon> {
+    let mut polygon = Polygon { x: [0.0; MAX_CORNERS], y: [0.0; MAX_CORNERS] };
     let mut count = 0;
     let mut keep = |point: Imaged| {
-        corners[count] = point.pixel();
+        polygon.x[count] = point.u / point.depth;
+        polygon.y[count] = point.v / point.depth;
         count += 1;
     };
-    for (at, &to) in polygon.iter().enumerate() {
-        let from = polygon[(at + polygon.len() - 1) % polygon.len()];
+    for (at, &to) in corners.iter().enumerate() {
+        let from = corners[(at + corners.len() - 1) % corners.len()];
         if (from.depth < NEAR) != (to.depth < NEAR) {
             let share = (NEAR - from.depth) / (to.depth - from.depth);
             keep(Imaged { depth: NEAR, ..from.mix(to, share) });
@@ -103,5 +123,10 @@ pub fn before_camera(polygon: &[Imaged], corners: &mut [DVec2]) -> usize {
             keep(to);
         }
     }
-    count
+    let last = count.checked_sub(1)?;
+    for spare in count..MAX_CORNERS {
+        polygon.x[spare] = polygon.x[last];
+        polygon.y[spare] = polygon.y[last];
+    }
+    Some(polygon)
 }

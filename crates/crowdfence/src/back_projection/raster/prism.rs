@@ -1,9 +1,9 @@
 //! A column of smooth ground in one polygon: its top, and the two sides that are turned to the camera down to what
 //! the columns before it hide.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
-use super::canvas::Painted;
+use super::canvas::{Painted, highest};
 use super::tile::{Piece, Tile, corner};
 use super::{Painter, Place};
 
@@ -68,20 +68,13 @@ impl Painter<'_> {
         let top = |(x, y): (usize, usize)| place.corner(x, y, tops[corner(x, y)] - self.origin.z);
         let low = |at| top(at) - DVec3::Z * drop;
         let ridge = if above > 0.0 { top(back) } else { top(front) };
-        let outline = [top(left), ridge, top(right), low(right), low(front), low(left)];
-        let mut corners = [DVec2::ZERO; 6];
-        let range = self.range * self.range;
-        for (corner, point) in corners.iter_mut().zip(outline) {
-            let image = self.optics.image(point);
-            if image.depth < CLEAR || point.length_squared() > range {
-                return None;
-            }
-            *corner = image.pixel();
-        }
-        if top(back).length_squared() > range {
+        let corners = [top(left), ridge, top(right), low(right), low(front), low(left), low(left), low(left)];
+        let (polygon, depth) = self.optics.polygon(&corners);
+        let farthest = highest(&corners.map(DVec3::length_squared)).max(top(back).length_squared());
+        if depth < CLEAR || farthest > self.range * self.range {
             return None;
         }
-        let painted = self.canvas.paint(&corners, self.rows.len() as u32, None);
+        let painted = self.canvas.paint(&polygon, self.rows.len() as u32, None);
         self.add(piece.id, painted, middle);
         Some(painted)
     }

@@ -7,8 +7,8 @@ use glam::DMat3;
 
 use super::*;
 use crate::back_projection::{Coverage, Projection, project, project_by_rays};
-use crate::observation::Observation;
 use crate::camera::{Camera, Distortion};
+use crate::observation::Observation;
 use crate::terrain::height_map::HeightMap;
 use crate::terrain::{Plane, Surface, Terrain};
 use crate::view::{Heatmap, Pose, View};
