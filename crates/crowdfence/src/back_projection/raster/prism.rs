@@ -42,10 +42,13 @@ impl Painter<'_> {
 
         let solid = &piece.solid;
         let floor = if solid.lowest == solid.uppermost { solid.bottom } else { solid.shoulder() };
-        let reach_down = [before_x, before_y].iter().all(|before| before.solid.bottom <= solid.bottom);
-        let shows_underside =
-            solid.bottom > self.origin.z && !(piece.is_lowest && before_x.is_lowest && before_y.is_lowest);
-        if !reach_down || shows_underside {
+        // What reaches deeper than the columns before it shows a part of its side under them. Under ground nobody looks,
+        // unless through a hole.
+        let before = [before_x, before_y];
+        let are_ground = piece.is_lowest && before.iter().all(|before| before.is_lowest);
+        let is_deeper = before.iter().any(|before| before.solid.bottom > solid.bottom);
+        let shows_underside = solid.bottom > self.origin.z && !are_ground;
+        if is_deeper && !(are_ground && tile.is_full()) || shows_underside {
             return None;
         }
         let [left, right] = if side_x == side_y {

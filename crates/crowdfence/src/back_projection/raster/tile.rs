@@ -33,6 +33,8 @@ pub struct Tile {
     columns: Vec<(u32, u32)>,
     pieces: Vec<Piece>,
     ids: Vec<u32>,
+    /// Columns with something in them, without the rim.
+    occupied: usize,
 }
 
 impl Tile {
@@ -42,6 +44,7 @@ impl Tile {
         self.columns.resize(RIM * RIM, (0, 0));
         self.pieces.clear();
         self.ids.clear();
+        self.occupied = 0;
     }
 
     /// Takes the solids of a column at (i, j) from the tile's corner, -1 to 16 along each axis.
@@ -64,6 +67,8 @@ impl Tile {
             let is_lowest = self.pieces.len() as u32 == first;
             self.pieces.push(Piece { solid, tops, is_lowest, id: uppermost, run: start });
         }
+        let is_inside = at.iter().all(|place| (0..SIDE as i32).contains(place));
+        self.occupied += usize::from(is_inside);
         self.columns[index(at)] = (first, self.pieces.len() as u32);
     }
 
@@ -72,6 +77,12 @@ impl Tile {
     pub fn column(&self, at: [i32; 2]) -> &[Piece] {
         let (first, end) = self.columns[index(at)];
         &self.pieces[first as usize..end as usize]
+    }
+
+    /// Whether there is something in every column.
+    #[inline(always)]
+    pub fn is_full(&self) -> bool {
+        self.occupied == SIDE * SIDE
     }
 
     /// Id of a voxel of a solid by its z.
