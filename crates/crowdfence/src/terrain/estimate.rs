@@ -16,8 +16,12 @@
 //! | rising 1.3 along x, falling 0.8 along y | 0.03 | 0.03 |
 //! | hills of 4 voxels, dents of 0.6 voxels 6 columns apart | 0.14 | 0.46 |
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
+use super::plane_fit::PlaneFit;
+use super::point_means::PointMeans;
 use super::tree::{Branch, Cell, Tree};
 use super::{Plane, Terrain};
 
@@ -30,8 +34,8 @@ const CLIMB: u32 = 12;
 /// Side of a block with the columns around it.
 const SIDE: i32 = BLOCK as i32 + 2 * REACH;
 
-/// Planes by voxel id. A voxel with another one on top keeps its ceiling.
-pub(super) fn planes(terrain: &Terrain) -> Vec<Plane> {
+/// Planes by voxel id, from bare voxels or from the points in them. A voxel with another one on top keeps its ceiling.
+pub(super) fn planes(terrain: &Terrain, points: Option<&PointMeans>) -> Vec<Plane> {
     let tree = terrain.tree();
     let mut planes = vec![Plane::CEILING; tree.voxel_count()];
     let blocks = blocks(tree);
@@ -48,7 +52,12 @@ pub(super) fn planes(terrain: &Terrain) -> Vec<Plane> {
         Columns::default,
         |columns, (cell, first, planes)| {
             columns.gather(tree, cell);
-            columns.tops_inside(first, planes.len(), |id, plane| planes[(id - first) as usize] = plane);
+            for (column, run) in columns.ending_in(first..first + planes.len() as u32) {
+                planes[(run.id - first) as usize] = match points {
+                    None => columns.plane(column, run),
+                    Some(points) => columns.plane_of_points(column, run, points),
+                };
+            }
         },
     );
     planes
@@ -141,18 +150,11 @@ fn collect(tree: &Tree, branch: Branch, low: [i64; 3], sides: [i64; 3], voxels: 
 }
 
 impl Columns {
-    /// The plane of every solid whose uppermost voxel is one of `count` from `first` on.
-    fn tops_inside(&self, first: u32, count: usize, mut found: impl FnMut(u32, Plane)) {
-        for x in REACH..SIDE - REACH {
-            for y in REACH..SIDE - REACH {
-                let column = x * SIDE + y;
-                for &run in self.runs_of(column) {
-                    if run.id.checked_sub(first).is_some_and(|rank| (rank as usize) < count) {
-                        found(run.id, self.plane(column, run));
-                    }
-                }
-            }
-        }
+    /// The solids whose uppermost voxel is one of these, with their columns.
+    fn ending_in(&self, ids: Range<u32>) -> impl Iterator<Item = (i32, Run)> {
+        let columns =
+            (0..SIDE * SIDE).flat_map(|column| self.runs_of(column).iter().map(move |&run| (column, run)));
+        columns.filter(move |(_, run)| ids.contains(&run.id))
     }
 
     fn runs_of(&self, column: i32) -> &[Run] {
@@ -167,19 +169,40 @@ impl Columns {
         rises.min_by(|a, b| off(a.0).total_cmp(&off(b.0))).filter(|&(rise, _)| off(rise) <= slack)
     }
 
-    fn plane(&self, column: i32, run: Run) -> Plane {
+    /// The solids around that end in the same sheet: columns along x and y from this one, rise, and the solid.
+    fn sheet(&self, column: i32, run: Run) -> impl Iterator<Item = ([f64; 3], Run)> {
         let rough = [self.rough_slope(column, run, SIDE), self.rough_slope(column, run, 1)];
-        let mut fit = Fit::default();
-        for x in -REACH..=REACH {
-            for y in -REACH..=REACH {
-                let expected = rough[0] * f64::from(x) + rough[1] * f64::from(y);
-                let slack = (1.0 + 0.25 * f64::from(x.abs() + y.abs())).min(1.75);
-                if let Some((rise, other)) = self.rise(run, column + x * SIDE + y, expected, slack) {
-                    fit.add([x.into(), y.into()], rise, f64::from(other.top - other.bottom + 1));
-                }
-            }
+        let around = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| (x, y)));
+        around.filter_map(move |(x, y)| {
+            let expected = rough[0] * f64::from(x) + rough[1] * f64::from(y);
+            let slack = (1.0 + 0.25 * f64::from(x.abs() + y.abs())).min(1.75);
+            let (rise, other) = self.rise(run, column + x * SIDE + y, expected, slack)?;
+            Some(([x.into(), y.into(), rise], other))
+        })
+    }
+
+    fn plane(&self, column: i32, run: Run) -> Plane {
+        let (mut fit, mut thickness, mut count) = (PlaneFit::default(), 0.0, 0.0);
+        for (place, other) in self.sheet(column, run) {
+            fit.add(place, 1.0);
+            thickness += f64::from(other.top - other.bottom + 1);
+            count += 1.0;
         }
-        fit.plane()
+        let (top, slope) = fit.plane();
+        Plane::new((top + 0.5).clamp(0.0, 1.0) - overhang(slope, thickness / count), slope)
+    }
+
+    /// The nearer a point, the more it counts; with less than one in a voxel it takes the neighbours to tell a slope.
+    fn plane_of_points(&self, column: i32, run: Run, points: &PointMeans) -> Plane {
+        let mut fit = PlaneFit::default();
+        for ([x, y, rise], other) in self.sheet(column, run) {
+            let [from_x, from_y, above] = points.of_voxel(other.id);
+            fit.add([x + from_x, y + from_y, rise + above], 1.0 / (1.0 + x * x + y * y));
+        }
+        let (height, slope) = fit.plane();
+        // The sheet passes through the voxel somewhere in its column.
+        let half_rise = (slope[0].abs() + slope[1].abs()) / 2.0;
+        Plane::new(height.clamp(-half_rise, 1.0 + half_rise), slope)
     }
 
     /// Slope of the sheet along one axis, `step` columns apart, from the side that continues it best: at the foot
@@ -209,52 +232,6 @@ impl Columns {
                 }
             }
         }
-    }
-}
-
-/// Least squares of a plane over tops of columns.
-#[derive(Default)]
-struct Fit {
-    count: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
-    yy: f64,
-    rise: f64,
-    x_rise: f64,
-    y_rise: f64,
-    thickness: f64,
-}
-
-impl Fit {
-    fn add(&mut self, [x, y]: [f64; 2], rise: f64, thickness: f64) {
-        self.count += 1.0;
-        self.x += x;
-        self.y += y;
-        self.xx += x * x;
-        self.xy += x * y;
-        self.yy += y * y;
-        self.rise += rise;
-        self.x_rise += x * rise;
-        self.y_rise += y * rise;
-        self.thickness += thickness;
-    }
-
-    fn plane(&self) -> Plane {
-        let mean = |sum: f64| sum / self.count;
-        let [x, y, rise] = [self.x, self.y, self.rise].map(mean);
-        // Where the columns lie on one line, the slope across it is 0.
-        const ACROSS: f64 = 1e-6;
-        let (xx, yy) = (mean(self.xx) - x * x + ACROSS, mean(self.yy) - y * y + ACROSS);
-        let xy = mean(self.xy) - x * y;
-        let (x_rise, y_rise) = (mean(self.x_rise) - x * rise, mean(self.y_rise) - y * rise);
-        let determinant = xx * yy - xy * xy;
-        let slope = [(x_rise * yy - y_rise * xy) / determinant, (y_rise * xx - x_rise * xy) / determinant]
-            .map(|slope| slope.clamp(-Plane::STEEPEST, Plane::STEEPEST));
-        let overhang = overhang(slope, mean(self.thickness));
-        let height = rise - slope[0] * x - slope[1] * y + 0.5;
-        Plane::new(height.clamp(0.0, 1.0) - overhang, slope)
     }
 }
 
