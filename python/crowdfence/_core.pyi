@@ -329,6 +329,8 @@ class Terrain:
 
         CrowdfenceError for an origin that is not finite.
         """
+    def joined(self, other: Terrain) -> Terrain:
+        """The voxels of this terrain and of another one of the same grid."""
 
 @final
 class CrowdMass:

@@ -111,7 +111,8 @@ impl PyTerrain {
         .map_err(refuse)
     }
 
-    /// Every voxel that holds at least one of the points [N, 3] (world metres).
+    /// Every voxel that holds at least one of the points [N, 3] (world metres). The surface goes through the mean
+    /// points of neighbouring voxels; one point a voxel is enough.
     ///
     /// CrowdfenceError as for the class, naming the first point that has no place on the grid.
     #[staticmethod]
@@ -128,7 +129,8 @@ impl PyTerrain {
             .map_err(refuse)
     }
 
-    /// Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
+    /// Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices. The surface is
+    /// the highest triangle in a column of voxels.
     ///
     /// CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
     #[staticmethod]
@@ -151,7 +153,8 @@ impl PyTerrain {
             .map_err(refuse)
     }
 
-    /// Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
+    /// Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`. Where in them the
+    /// surface lies is estimated from the voxels around.
     ///
     /// CrowdfenceError as for the class, naming the first index beyond 32 bits.
     #[staticmethod]
@@ -327,6 +330,17 @@ impl PyTerrain {
         let moved = PyTerrain::new(self.terrain.with_origin(DVec3::from(origin)).map_err(refuse)?);
         moved.set_georeference(self.georeference(py));
         Ok(moved)
+    }
+
+    /// The voxels of this terrain and of another one of the same grid, each with where in it the surface lies; of a
+    /// voxel of both, this one's counts. The georeference is this one's.
+    ///
+    /// CrowdfenceError for another voxel_size_m or origin.
+    fn joined(&self, py: Python<'_>, other: &Self) -> PyResult<Self> {
+        let joined = py.detach(|| self.terrain.joined(&other.terrain)).map_err(refuse)?;
+        let joined = PyTerrain::new(joined);
+        joined.set_georeference(self.georeference(py));
+        Ok(joined)
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
