@@ -295,6 +295,9 @@ class Terrain:
     def tree_bytes(self) -> int:
         """Memory of the tree in bytes."""
     @property
+    def bytes(self) -> int:
+        """Memory of voxels and surface in bytes."""
+    @property
     def fingerprint(self) -> int:
         """Checksum of geometry and voxels; equal terrains have equal fingerprints."""
     @property
@@ -303,19 +306,29 @@ class Terrain:
     @georeference.setter
     def georeference(self, georeference: Georeference | None) -> None: ...
     def raycast(
-        self, origins: ArrayLike, directions: ArrayLike, max_range_m: float
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        max_range_m: float,
+        *,
+        surface: Literal["planes", "voxels"] = "planes",
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """First occupied voxel along each ray: (ids [N], -1 = none; distances in metres [N], inf = none).
+        """Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; distances in metres [N], inf).
 
-        origins and directions are [N, 3] in the world; directions need not have unit length. The distance is
-        to the point where the ray enters the voxel, 0 when it starts inside; farther than `max_range_m` is no
-        hit. CrowdfenceError names the first ray that is not finite or has no direction, or the shape that
-        does not fit.
+        origins and directions are [N, 3] in the world; directions need not have unit length. `surface` is
+        "planes", where in the voxels the map says that the surface lies, or "voxels", the voxels as cubes. A ray
+        that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names the first
+        ray that is not finite or has no direction, or the shape that does not fit.
         """
     def voxel_centers(self, ids: ArrayLike) -> NDArray[np.float64]:
         """World coordinates [N, 3] of the centres of the voxels `ids` [N].
 
         CrowdfenceError for an id that does not exist.
+        """
+    def surface_heights(self, ids: ArrayLike) -> NDArray[np.float64]:
+        """Heights [N] of the surface over the middle of the voxels `ids` [N], world metres.
+
+        Of a voxel under another one it is its upper face. CrowdfenceError for an id that does not exist.
         """
     def voxel_indices(self, ids: ArrayLike) -> NDArray[np.int64]:
         """Grid indices (i, j, k) [N, 3] of the voxels `ids` [N].
@@ -474,15 +487,18 @@ def project(
     *,
     max_range_m: float,
     target_height_m: float = 0.0,
-    coverage: Literal["rays", "full"] = "rays",
+    coverage: Literal["rays", "full"] = "full",
+    surface: Literal["planes", "voxels"] = "planes",
     crowd_threshold: float = 0.5,
 ) -> Observation:
     """Back-project a view onto the terrain: mean heatmap value per visible voxel.
 
     max_range_m      > 0, rays end here
     target_height_m  >= 0, height above the ground at which people are marked
-    coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
-                     also those between the pixels of which a face is in view, and which are occluded
+    coverage         "full": every voxel of which the top is in view, also between the pixels, and which are
+                     occluded; "rays": the voxels first hit by the ray of some pixel centre, as in the paper
+    surface          "planes": where in the voxels the map says that the surface lies; "voxels": the voxels as
+                     cubes, as in the paper, up to a voxel too high
     crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
                      crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 
@@ -724,7 +740,8 @@ class CrowdMap:
     method           `Paper` or `Or`
     max_range_m      > 0, rays end here
     target_height_m  >= 0, height above the ground at which people are marked
-    coverage         "rays" or "full", see `project`
+    coverage         "full" or "rays", see `project`
+    surface          "planes" or "voxels", see `project`
     max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
                      is taken for a wrong clock
 
@@ -739,7 +756,8 @@ class CrowdMap:
         *,
         max_range_m: float = 300.0,
         target_height_m: float = 0.0,
-        coverage: Literal["rays", "full"] = "rays",
+        coverage: Literal["rays", "full"] = "full",
+        surface: Literal["planes", "voxels"] = "planes",
         max_gap_s: float = 3600.0,
     ) -> CrowdMap: ...
     @property
@@ -756,7 +774,10 @@ class CrowdMap:
         """Height above the ground at which people are marked, metres."""
     @property
     def coverage(self) -> Literal["rays", "full"]:
-        """ "rays" or "full", see `project`."""
+        """ "full" or "rays", see `project`."""
+    @property
+    def surface(self) -> Literal["planes", "voxels"]:
+        """ "planes" or "voxels", see `project`."""
     @property
     def max_gap_s(self) -> float:
         """Longest time between two instants, and between a view and its instant, seconds."""

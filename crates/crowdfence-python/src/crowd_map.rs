@@ -100,7 +100,8 @@ impl PyUpdate {
 /// method           `Paper` or `Or`
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
-/// coverage         "rays" or "full", see `project`
+/// coverage         "full" or "rays", see `project`
+/// surface          "planes" or "voxels", see `project`
 /// max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one
 ///                  is taken for a wrong clock
 ///
@@ -132,8 +133,9 @@ impl PyCrowdMap {
 #[pymethods]
 impl PyCrowdMap {
     #[new]
-    #[pyo3(signature = (terrain, method, *, max_range_m=300.0, target_height_m=0.0, coverage="rays",
-                        max_gap_s=3600.0))]
+    #[pyo3(signature = (terrain, method, *, max_range_m=300.0, target_height_m=0.0, coverage="full",
+                        surface="planes", max_gap_s=3600.0))]
+    #[allow(clippy::too_many_arguments)] // They are keywords in Python.
     fn new(
         py: Python<'_>,
         terrain: Py<PyTerrain>,
@@ -141,9 +143,10 @@ impl PyCrowdMap {
         max_range_m: f64,
         target_height_m: f64,
         coverage: &str,
+        surface: &str,
         max_gap_s: f64,
     ) -> PyResult<Self> {
-        let projection = projection(max_range_m, target_height_m, coverage)?;
+        let projection = projection(max_range_m, target_height_m, coverage, surface)?;
         let voxels = terrain.borrow(py).terrain.clone();
         let map = CrowdMap::new(voxels, method.method(), projection, max_gap_s).map_err(refuse)?;
         Ok(PyCrowdMap { map: RwLock::new(map), terrain })
@@ -173,10 +176,16 @@ impl PyCrowdMap {
         self.read(py, |map| Ok(map.projection().target_height_m()))
     }
 
-    /// "rays" or "full", see `project`.
+    /// "full" or "rays", see `project`.
     #[getter]
     fn coverage(&self, py: Python<'_>) -> PyResult<&'static str> {
         self.read(py, |map| Ok(map.projection().coverage().name()))
+    }
+
+    /// "planes" or "voxels", see `project`.
+    #[getter]
+    fn surface(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.read(py, |map| Ok(map.projection().surface().name()))
     }
 
     /// Longest time between two instants, and between a view and its instant, seconds.

@@ -1,6 +1,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
+use crowdfence::terrain::Surface;
 use crowdfence::{Coverage, Observation, Projection, SeenVoxels};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -173,7 +174,12 @@ fn counts(values: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
     Array::<i64>::new(values, "pixel_count", &[None])?.to_vec()?.into_iter().map(count).collect()
 }
 
-pub fn projection(max_range_m: f64, target_height_m: f64, coverage: &str) -> PyResult<Projection> {
+pub fn projection(
+    max_range_m: f64,
+    target_height_m: f64,
+    coverage: &str,
+    surface: &str,
+) -> PyResult<Projection> {
     let coverage = match coverage {
         "rays" => Coverage::Rays,
         "full" => Coverage::Full,
@@ -183,22 +189,36 @@ pub fn projection(max_range_m: f64, target_height_m: f64, coverage: &str) -> PyR
             )));
         }
     };
-    Projection::new(max_range_m, target_height_m, coverage).map_err(refuse)
+    let surface = self::surface(surface)?;
+    Projection::new(max_range_m, target_height_m, coverage).map(|it| it.with_surface(surface)).map_err(refuse)
+}
+
+pub fn surface(name: &str) -> PyResult<Surface> {
+    match name {
+        "planes" => Ok(Surface::Planes),
+        "voxels" => Ok(Surface::Voxels),
+        _ => {
+            Err(CrowdfenceError::new_err(format!("surface is {name:?}; it must be \"planes\" or \"voxels\"")))
+        }
+    }
 }
 
 /// Back-project a view onto the terrain: mean heatmap value per visible voxel.
 ///
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
-/// coverage         "rays": the voxels first hit by the ray of some pixel centre, as in the paper; "full":
-///                  also those between the pixels of which a face is in view, and which are occluded
+/// coverage         "full": every voxel of which the top is in view, also between the pixels, and which are
+///                  occluded; "rays": the voxels first hit by the ray of some pixel centre, as in the paper
+/// surface          "planes": where in the voxels the map says that the surface lies; "voxels": the voxels as
+///                  cubes, as in the paper, up to a voxel too high
 /// crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
 ///                  crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 ///
 /// A camera inside the terrain, or one that `target_height_m` would push through it, sees nothing.
 /// CrowdfenceError for a parameter out of bounds.
 #[pyfunction]
-#[pyo3(signature = (view, terrain, *, max_range_m, target_height_m=0.0, coverage="rays", crowd_threshold=0.5))]
+#[pyo3(signature = (view, terrain, *, max_range_m, target_height_m=0.0, coverage="full", surface="planes", crowd_threshold=0.5))]
+#[allow(clippy::too_many_arguments)] // They are keywords in Python.
 pub fn project(
     py: Python<'_>,
     view: &PyView,
@@ -206,9 +226,10 @@ pub fn project(
     max_range_m: f64,
     target_height_m: f64,
     coverage: &str,
+    surface: &str,
     crowd_threshold: f64,
 ) -> PyResult<PyObservation> {
-    let projection = projection(max_range_m, target_height_m, coverage)?;
+    let projection = projection(max_range_m, target_height_m, coverage, surface)?;
     let projection = projection.with_crowd_threshold(crowd_threshold).map_err(refuse)?;
     let observation = py.detach(|| crowdfence::project(&view.0, &terrain.terrain, &projection));
     Ok(PyObservation(Arc::new(observation)))

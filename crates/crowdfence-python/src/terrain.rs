@@ -11,6 +11,7 @@ use pyo3::types::{PyBytes, PyDict};
 
 use crate::arrays::{Array, origin, points, refuse, rows};
 use crate::errors::CrowdfenceError;
+use crate::observation::surface;
 
 /// The known terrain: a sparse voxel surface.
 ///
@@ -242,6 +243,12 @@ impl PyTerrain {
         self.terrain.tree_bytes()
     }
 
+    /// Memory of voxels and surface in bytes.
+    #[getter]
+    fn bytes(&self) -> usize {
+        self.terrain.bytes()
+    }
+
     /// Checksum of geometry and voxels; equal terrains have equal fingerprints.
     #[getter]
     fn fingerprint(&self) -> u64 {
@@ -260,23 +267,26 @@ impl PyTerrain {
         *self.georeference.write().expect("no writer panics") = georeference;
     }
 
-    /// First occupied voxel along each ray: (ids [N], -1 = none; distances in metres [N], inf = none).
+    /// Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; distances in metres [N], inf).
     ///
-    /// origins and directions are [N, 3] in the world; directions need not have unit length. The distance is
-    /// to the point where the ray enters the voxel, 0 when it starts inside; farther than `max_range_m` is no
-    /// hit. CrowdfenceError names the first ray that is not finite or has no direction, or the shape that
-    /// does not fit.
+    /// origins and directions are [N, 3] in the world; directions need not have unit length. `surface` is
+    /// "planes", where in the voxels the map says that the surface lies, or "voxels", the voxels as cubes. A ray
+    /// that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names the first
+    /// ray that is not finite or has no direction, or the shape that does not fit.
+    #[pyo3(signature = (origins, directions, max_range_m, *, surface="planes"))]
     fn raycast<'py>(
         &self,
         py: Python<'py>,
         origins: &Bound<'py, PyAny>,
         directions: &Bound<'py, PyAny>,
         max_range_m: f64,
+        surface: &str,
     ) -> PyResult<Hits<'py>> {
+        let surface = self::surface(surface)?;
         let origins = points(origins, "origins")?;
         let directions = points(directions, "directions")?;
         let (ids, distances): (Vec<i64>, Vec<f64>) = py
-            .detach(|| self.terrain.raycast_many(&origins, &directions, max_range_m))
+            .detach(|| self.terrain.raycast_many(surface, &origins, &directions, max_range_m))
             .map_err(refuse)?
             .into_iter()
             .map(|hit| hit.map_or((-1, f64::INFINITY), |h| (i64::from(h.voxel_id), h.distance_m)))
@@ -295,6 +305,18 @@ impl PyTerrain {
         let ids = self.checked_ids(ids)?;
         let centers = py.detach(|| self.terrain.centers(&ids).iter().flat_map(DVec3::to_array).collect());
         rows(py, centers, 3)
+    }
+
+    /// Heights [N] of the surface over the middle of the voxels `ids` [N], world metres.
+    ///
+    /// Of a voxel under another one it is its upper face. CrowdfenceError for an id that does not exist.
+    fn surface_heights<'py>(
+        &self,
+        py: Python<'py>,
+        ids: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let ids = self.checked_ids(ids)?;
+        Ok(py.detach(|| self.terrain.surface_heights(&ids)).into_pyarray(py))
     }
 
     /// Grid indices (i, j, k) [N, 3] of the voxels `ids` [N].

@@ -1,49 +1,78 @@
 //! View -> observation: which voxels the camera saw, the mean heatmap value of each, and where its crowd went.
 
-mod faces;
 mod fates;
 mod projection;
+mod raster;
 mod rays;
+mod tops;
 mod viewing_cone;
 
 use glam::DVec3;
 
+use crate::camera::Distortion;
 use crate::observation::{CrowdMass, Observation, SeenVoxels};
 use crate::raycast::Hit;
-use crate::terrain::Terrain;
+use crate::terrain::{Surface, Terrain};
 use crate::view::View;
 
 pub use projection::{Coverage, DEFAULT_CROWD_THRESHOLD, Projection};
 
 use fates::{Fate, crowd_mass, shows_crowd};
+use raster::Raster;
 use rays::PixelHits;
 
-/// Back-projects a view. A camera inside an occupied voxel, or one that `target_height_m` would push through
-/// the terrain, sees nothing: its rays would pass below the surface and mark places it never saw.
+/// Back-projects a view. A camera inside the terrain, or one that `target_height_m` would push through it, sees
+/// nothing: its rays would pass below the surface and mark places it never saw.
+///
+/// Through a pinhole the terrain is painted on the image ([`raster`]), through a lens that distorts every pixel has
+/// its ray ([`project_by_rays`]). Both mean the same.
 pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
-    let Some(vantage) = Vantage::new(view, terrain, projection) else {
-        let unusable = crowd_mass(view, projection.crowd_threshold(), |_, _| Fate::Unusable);
-        return observation(view, terrain, &[], Vec::new(), unusable);
-    };
-    let hits = PixelHits::cast(&vantage);
-    let crowd_mass = crowd_mass_of(&vantage, &hits, projection.crowd_threshold());
-    let hit = hits.sightings(view);
-    match projection.coverage() {
-        Coverage::Rays => observation(view, terrain, &hit, Vec::new(), crowd_mass),
-        Coverage::Full => {
-            let (beside, occluded_ids) = faces::beside_rays(&vantage, &hit);
-            observation(view, terrain, &merged(hit, beside), occluded_ids, crowd_mass)
-        }
+    match view.camera.distortion() {
+        Distortion::None => with_vantage(view, terrain, projection, |vantage| {
+            Raster::paint(vantage, projection.coverage() == Coverage::Full)
+        }),
+        _ => project_by_rays(view, terrain, projection),
     }
 }
 
+/// The same by casting the ray of every pixel: the reference for [`project`], and many times slower.
+pub fn project_by_rays(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
+    with_vantage(view, terrain, projection, |vantage| {
+        let hits = PixelHits::cast(vantage);
+        let (sightings, on_ground) = (hits.sightings(view), hits.on_ground(view));
+        match projection.coverage() {
+            Coverage::Rays => Raster { sightings, occluded_ids: Vec::new(), on_ground },
+            Coverage::Full => {
+                let (beside, occluded_ids) = tops::beside_rays(vantage, &sightings);
+                Raster { sightings: merged(sightings, beside), occluded_ids, on_ground }
+            }
+        }
+    })
+}
+
+fn with_vantage(
+    view: &View,
+    terrain: &Terrain,
+    projection: &Projection,
+    look: impl FnOnce(&Vantage) -> Raster,
+) -> Observation {
+    let threshold = projection.crowd_threshold();
+    let Some(vantage) = Vantage::new(view, terrain, projection) else {
+        let unusable = crowd_mass(view, threshold, |_, _| Fate::Unusable);
+        return observation(view, terrain, &[], Vec::new(), unusable);
+    };
+    let raster = look(&vantage);
+    let crowd_mass = crowd_mass_of(&vantage, &raster.on_ground, threshold);
+    observation(view, terrain, &raster.sightings, raster.occluded_ids, crowd_mass)
+}
+
 /// Where the crowd of a view went, whatever the coverage: it is a matter of pixels.
-fn crowd_mass_of(vantage: &Vantage, hits: &PixelHits, threshold: f64) -> CrowdMass {
+fn crowd_mass_of(vantage: &Vantage, on_ground: &[bool], threshold: f64) -> CrowdMass {
     let view = vantage.view;
     if !shows_crowd(view, threshold) {
         return CrowdMass::default();
     }
-    let (on_ground, width) = (hits.on_ground(view), view.camera.width());
+    let width = view.camera.width();
     crowd_mass(view, threshold, |column, row| {
         let is_on_ground = on_ground[(row * width + column) as usize];
         if is_on_ground { Fate::Ground } else { vantage.fate_of_lost(column, row) }
@@ -54,6 +83,7 @@ fn crowd_mass_of(vantage: &Vantage, hits: &PixelHits, threshold: f64) -> CrowdMa
 struct Vantage<'a> {
     view: &'a View,
     terrain: &'a Terrain,
+    surface: Surface,
     /// Where rays start: the camera, lowered by the target's height.
     origin: DVec3,
     max_range_m: f64,
@@ -64,13 +94,24 @@ impl<'a> Vantage<'a> {
     fn new(view: &'a View, terrain: &'a Terrain, projection: &Projection) -> Option<Vantage<'a>> {
         let camera_world = view.world_from_camera.translation;
         let height = projection.target_height_m();
-        let above_ground = terrain.raycast(camera_world, DVec3::NEG_Z, height).is_none();
+        let surface = projection.surface();
+        let above_ground = terrain.raycast(surface, camera_world, DVec3::NEG_Z, height).is_none();
         let origin = camera_world - DVec3::Z * height;
-        above_ground.then_some(Vantage { view, terrain, origin, max_range_m: projection.max_range_m() })
+        above_ground.then_some(Vantage {
+            view,
+            terrain,
+            surface,
+            origin,
+            max_range_m: projection.max_range_m(),
+        })
     }
 
     fn cast(&self, direction_world: DVec3) -> Option<Hit> {
-        self.terrain.raycast(self.origin, direction_world, self.max_range_m)
+        self.cast_up_to(direction_world, self.max_range_m)
+    }
+
+    fn cast_up_to(&self, direction_world: DVec3, range_m: f64) -> Option<Hit> {
+        self.terrain.raycast(self.surface, self.origin, direction_world, range_m)
     }
 }
 

@@ -10,6 +10,7 @@ mod outline;
 mod plane;
 mod plane_fit;
 mod point_means;
+mod solid;
 pub(crate) mod tree;
 pub mod triangles;
 mod upper_envelope;
@@ -22,6 +23,8 @@ use rayon::prelude::*;
 use crate::error::{Error, Result, require};
 pub use key::TerrainKey;
 pub use plane::Plane;
+pub(crate) use solid::Solid;
+pub use solid::Surface;
 
 use height_map::HeightMap;
 use octomap::Octomap;
@@ -93,7 +96,7 @@ impl Terrain {
     }
 
     /// The same voxels with planes by grid index.
-    fn with_planes(mut self, plane: impl Fn([i32; 3]) -> Plane + Sync) -> Terrain {
+    pub(crate) fn with_planes(mut self, plane: impl Fn([i32; 3]) -> Plane + Sync) -> Terrain {
         const CHUNK: usize = 1 << 14;
         let mut planes = std::mem::take(&mut self.planes);
         planes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, planes)| {
@@ -247,6 +250,22 @@ impl Terrain {
     /// Memory of tree and planes.
     pub fn bytes(&self) -> usize {
         self.tree.bytes() + size_of_val(self.planes.as_slice())
+    }
+
+    /// Heights of the surface over the middle of some voxels, world metres, fastest for sorted ids. Of a voxel under
+    /// another one it is its upper face.
+    pub fn surface_heights(&self, ids: &[u32]) -> Vec<f64> {
+        let height = |(&id, index): (&u32, [i32; 3])| {
+            let top = self.top_plane(id, index).map_or(1.0, Plane::height);
+            self.origin.z + (f64::from(index[2]) + top) * self.voxel_size_m
+        };
+        ids.iter().zip(self.indices_of(ids)).map(height).collect()
+    }
+
+    /// None when another voxel lies on top.
+    pub(crate) fn top_plane(&self, id: u32, [i, j, k]: [i32; 3]) -> Option<Plane> {
+        let above = k.checked_add(1).and_then(|k| self.id([i, j, k]));
+        above.is_none().then(|| self.plane(id))
     }
 
     /// Where in voxel `id` the surface lies. It counts where no voxel lies on top.

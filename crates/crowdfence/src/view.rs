@@ -1,5 +1,6 @@
 //! What one drone saw at one instant: heatmap, camera, pose and stamp.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
@@ -40,14 +41,32 @@ impl View {
 
     /// Heatmap value read by the pixel in `column` and `row` of the image.
     pub fn value_at(&self, column: u32, row: u32) -> f32 {
-        // A cell covers width / columns pixels; the pixel reads the cell that holds its centre, which in
-        // integers is (2 i + 1) columns / (2 width).
-        let cell =
-            |pixel: u32, cells: usize, pixels: u32| (2 * pixel as usize + 1) * cells / (2 * pixels as usize);
         let row = cell(row, self.heatmap.height, self.camera.height());
         let column = cell(column, self.heatmap.width, self.camera.width());
         self.heatmap.values[row * self.heatmap.width + column]
     }
+
+    /// The same for every pixel, row after row.
+    pub fn pixel_values(&self) -> Cow<'_, [f32]> {
+        let (width, height) = (self.camera.width(), self.camera.height());
+        if self.heatmap.shape() == [height as usize, width as usize] {
+            return Cow::Borrowed(&self.heatmap.values);
+        }
+        let columns: Vec<usize> = (0..width).map(|column| cell(column, self.heatmap.width, width)).collect();
+        let row_of = |row| {
+            let row = cell(row, self.heatmap.height, height);
+            &self.heatmap.values[row * self.heatmap.width..][..self.heatmap.width]
+        };
+        Cow::Owned(
+            (0..height).map(row_of).flat_map(|row| columns.iter().map(|&column| row[column])).collect(),
+        )
+    }
+}
+
+/// Heatmap cell that a pixel reads. A cell covers pixels / cells pixels; the pixel reads the one that holds its
+/// centre, which in integers is (2 i + 1) cells / (2 pixels).
+fn cell(pixel: u32, cells: usize, pixels: u32) -> usize {
+    (2 * pixel as usize + 1) * cells / (2 * pixels as usize)
 }
 
 /// Rigid transform from camera axes to the world.

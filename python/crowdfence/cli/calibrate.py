@@ -52,7 +52,8 @@ def calibrate(
     b_threshold: options.BThreshold = PAPER.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.rays,
+    coverage: options.CoverageOption = options.Coverage.full,
+    surface: options.SurfaceOption = options.Surface.planes,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
     as_json: options.Json = False,
@@ -77,6 +78,7 @@ def calibrate(
     plan = MeasurementPlan(
         max_range_m=max_range_m,
         coverage=coverage.value,
+        surface=surface.value,
         b_threshold=b_threshold,
         truth=truth.value,
         every=every,

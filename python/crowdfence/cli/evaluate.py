@@ -49,7 +49,8 @@ def evaluate(
     b_threshold: options.BThreshold = PAPER.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.rays,
+    coverage: options.CoverageOption = options.Coverage.full,
+    surface: options.SurfaceOption = options.Surface.planes,
     tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
     truth: Annotated[

@@ -58,6 +58,11 @@ class Coverage(str, Enum):
     full = "full"
 
 
+class Surface(str, Enum):
+    planes = "planes"
+    voxels = "voxels"
+
+
 class TruthChoice(str, Enum):
     projected = "projected"
     world = "world"
@@ -189,7 +194,19 @@ TargetHeightM = Annotated[
 ]
 CoverageOption = Annotated[
     Coverage,
-    typer.Option("--coverage", rich_help_panel=_MAP, help="Voxels hit by pixel rays, or all visible ones."),
+    typer.Option(
+        "--coverage",
+        rich_help_panel=_MAP,
+        help="All visible voxels, or those that pixel rays hit (the paper).",
+    ),
+]
+SurfaceOption = Annotated[
+    Surface,
+    typer.Option(
+        "--surface",
+        rich_help_panel=_MAP,
+        help="Where the surface lies in the voxels, or the voxels as cubes (the paper).",
+    ),
 ]
 ToleranceMs = Annotated[
     float, typer.Option("--tolerance-ms", rich_help_panel=_MAP, help="Frames this close form one instant.")

@@ -17,8 +17,10 @@ class ProjectionConfig:
     """Rays end here; > 0."""
     target_height_m: float | None = None
     """Height above ground at which people are marked, >= 0; None: the detector's own, or 0 (the paper)."""
-    coverage: Literal["rays", "full"] = "rays"
+    coverage: Literal["rays", "full"] = "full"
     """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
+    surface: Literal["planes", "voxels"] = "planes"
+    """Rays meet the surface in the voxels, or the voxels as cubes, as in the paper."""
 
     def with_detector(self, contract: Contract | None) -> ProjectionConfig:
         """The same with what is left to the detector filled in."""

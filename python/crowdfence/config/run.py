@@ -46,6 +46,7 @@ class RunConfig:
             max_range_m=projection.max_range_m,
             target_height_m=projection.target_height_m,
             coverage=projection.coverage,
+            surface=projection.surface,
         )
 
     def parameters(self, crowd_map: CrowdMap) -> dict[str, str | int | float | bool]:
@@ -56,6 +57,7 @@ class RunConfig:
             "max_range_m": crowd_map.max_range_m,
             "target_height_m": crowd_map.target_height_m,
             "coverage": crowd_map.coverage,
+            "surface": crowd_map.surface,
             "tolerance_ms": self.grouping.tolerance_ms,
         }
 

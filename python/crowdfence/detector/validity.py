@@ -119,7 +119,13 @@ def check_ranges(contract: Contract, flight: FlightSample) -> list[RangeCheck]:
 
 
 def statement_warnings(
-    contract: Contract, *, voxel_size_m: float, b_threshold: float, coverage: str, rates_given: bool
+    contract: Contract,
+    *,
+    voxel_size_m: float,
+    b_threshold: float,
+    coverage: str,
+    surface: str,
+    rates_given: bool,
 ) -> list[str]:
     """What the contract leaves open, and rates that were measured in another setting than this run's.
 
@@ -148,9 +154,15 @@ def statement_warnings(
                 f"the rates of {name} were measured on voxels of {measured:g} m, this map has "
                 f"{voxel_size_m:g} m"
             )
-    for key, used in (("b_threshold", b_threshold), ("coverage", coverage)):
-        if rates.get(key, used) != used:
-            warnings.append(f"the rates of {name} were measured with {key} {rates[key]}, this run has {used}")
+    # Rates that name no surface are from before there was another one than the voxels.
+    for key, used, unnamed in (
+        ("b_threshold", b_threshold, b_threshold),
+        ("coverage", coverage, coverage),
+        ("surface", surface, "voxels"),
+    ):
+        stated = rates.get(key, unnamed)
+        if stated != used:
+            warnings.append(f"the rates of {name} were measured with {key} {stated}, this run has {used}")
     return warnings
 
 

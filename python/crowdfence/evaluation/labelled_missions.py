@@ -30,7 +30,8 @@ class MeasurementPlan:
     target_height_m: float = TARGET_HEIGHT_M["silhouettes"]
     """Height above ground at which it is projected."""
     max_range_m: float = 300.0
-    coverage: Literal["rays", "full"] = "rays"
+    coverage: Literal["rays", "full"] = "full"
+    surface: Literal["planes", "voxels"] = "planes"
     b_threshold: float = 0.5
     truth: Literal["auto", "world", "labels"] = "auto"
     """Truth of the voxels, see `LabelledProjection`."""

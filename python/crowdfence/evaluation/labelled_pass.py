@@ -96,7 +96,7 @@ def _same_settings(
             f"the map of {mission.name} has voxels of {size_m:g} m, others have {before.voxel_size_m:g} m: "
             "rates per voxel hold for one size"
         )
-    return ProjectionSettings(size_m, plan.target_height_m, plan.max_range_m, plan.coverage)
+    return ProjectionSettings(size_m, plan.target_height_m, plan.max_range_m, plan.coverage, plan.surface)
 
 
 def _projection(mission: LabelledMission, plan: MeasurementPlan) -> LabelledProjection:
@@ -107,6 +107,7 @@ def _projection(mission: LabelledMission, plan: MeasurementPlan) -> LabelledProj
         target_height_m=plan.target_height_m,
         max_range_m=plan.max_range_m,
         coverage=plan.coverage,
+        surface=plan.surface,
         truth=plan.truth,
         mask_of=mission.mask_of,
         ignore_of=mission.ignore_of,

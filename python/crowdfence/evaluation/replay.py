@@ -137,6 +137,7 @@ def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunC
         max_range_m=projection.max_range_m,
         target_height_m=projection.target_height_m,
         coverage=projection.coverage,
+        surface=projection.surface,
     )
 
 

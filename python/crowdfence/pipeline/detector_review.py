@@ -39,6 +39,7 @@ def review_detector(
         voxel_size_m=terrain.voxel_size_m,
         b_threshold=config.method.b_threshold,
         coverage=config.projection.coverage,
+        surface=config.projection.surface,
         rates_given=config.method.rates_given,
     )
     for check in ranges:

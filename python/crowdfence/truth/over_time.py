@@ -33,13 +33,15 @@ class ProjectedLabels:
         *,
         max_range_m: float,
         target_height_m: float,
-        coverage: Literal["rays", "full"],
+        coverage: Literal["rays", "full"] = "full",
+        surface: Literal["planes", "voxels"] = "planes",
     ) -> None:
         """Labels are projected as `project_truth` says. ValueError when no frame has one."""
         require_crowd_masks(recording)
         self._terrain = terrain
         self._max_range_m, self._target_height_m = max_range_m, target_height_m
         self._coverage: Literal["rays", "full"] = coverage
+        self._surface: Literal["planes", "voxels"] = surface
         self._map = TruthMap(terrain.voxel_count)
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
@@ -56,6 +58,7 @@ class ProjectedLabels:
                 max_range_m=self._max_range_m,
                 target_height_m=self._target_height_m,
                 coverage=self._coverage,
+                surface=self._surface,
             )
             for frame in instant.frames
             if has_crowd_mask(frame)

@@ -34,7 +34,8 @@ def project_truth(
     *,
     max_range_m: float,
     target_height_m: float = 0.0,
-    coverage: Literal["rays", "full"] = "rays",
+    coverage: Literal["rays", "full"] = "full",
+    surface: Literal["planes", "voxels"] = "planes",
 ) -> ProjectedTruth:
     """Project the crowd regions of one image onto the terrain, the way `project` does with a heatmap.
 
@@ -52,7 +53,14 @@ def project_truth(
             f"mask must be bool [{camera.height}, {camera.width}], got {regions.dtype} {list(regions.shape)}"
         )
     view = View("truth", 0, camera, world_from_camera, regions.astype(np.uint8) * np.uint8(255))
-    seen = project(view, terrain, max_range_m=max_range_m, target_height_m=target_height_m, coverage=coverage)
+    seen = project(
+        view,
+        terrain,
+        max_range_m=max_range_m,
+        target_height_m=target_height_m,
+        coverage=coverage,
+        surface=surface,
+    )
     return ProjectedTruth(seen.voxel_ids, seen.mean >= 0.5)
 
 

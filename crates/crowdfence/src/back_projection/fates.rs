@@ -43,7 +43,7 @@ impl Vantage<'_> {
             return Fate::Unusable;
         };
         let direction = self.view.world_from_camera.rotation * ray_camera;
-        if self.terrain.raycast(self.origin, direction, f64::INFINITY).is_some() {
+        if self.cast_up_to(direction, f64::INFINITY).is_some() {
             Fate::OutOfRange
         } else if direction.z >= 0.0 {
             Fate::Sky

@@ -1,14 +1,16 @@
 //! What a back-projection is told: how far, at which height, which voxels count as seen, and which pixels as crowd.
 
 use crate::error::{Result, require};
+use crate::terrain::Surface;
 
 /// Which voxels count as seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Coverage {
     /// The voxels first hit by the ray of some pixel centre, as in the paper.
     Rays,
-    /// Also voxels that no pixel centre hits (far away, at grazing angles) but of which a face centre lies in
-    /// the image with nothing in front of it. They read the heatmap there and have pixel count 0.
+    /// Also voxels that no pixel centre hits (far away, at grazing angles, finer than the pixels) but of which the
+    /// middle of the top lies in the image with nothing in front of it. They read the heatmap there and have pixel
+    /// count 0.
     Full,
 }
 
@@ -31,6 +33,7 @@ pub struct Projection {
     target_height_m: f64,
     coverage: Coverage,
     crowd_threshold: f64,
+    surface: Surface,
 }
 
 impl Projection {
@@ -44,7 +47,13 @@ impl Projection {
             target_height_m,
             "finite and >= 0",
         )?;
-        Ok(Projection { max_range_m, target_height_m, coverage, crowd_threshold: DEFAULT_CROWD_THRESHOLD })
+        Ok(Projection {
+            max_range_m,
+            target_height_m,
+            coverage,
+            crowd_threshold: DEFAULT_CROWD_THRESHOLD,
+            surface: Surface::default(),
+        })
     }
 
     /// The same for pixels that show crowd above another value, in [0, 1]. It decides which pixels are in
@@ -53,6 +62,11 @@ impl Projection {
         let is_value = (0.0..=1.0).contains(&crowd_threshold);
         require(is_value, "crowd_threshold", crowd_threshold, "inside [0, 1]")?;
         Ok(Projection { crowd_threshold, ..self })
+    }
+
+    /// The same onto another surface of the terrain.
+    pub fn with_surface(self, surface: Surface) -> Projection {
+        Projection { surface, ..self }
     }
 
     pub fn max_range_m(&self) -> f64 {
@@ -69,6 +83,10 @@ impl Projection {
 
     pub fn crowd_threshold(&self) -> f64 {
         self.crowd_threshold
+    }
+
+    pub fn surface(&self) -> Surface {
+        self.surface
     }
 }
 

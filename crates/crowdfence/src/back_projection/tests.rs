@@ -33,11 +33,11 @@ fn terrain(voxels: &[[i32; 3]]) -> Terrain {
 }
 
 fn rays(range: f64) -> Projection {
-    Projection::new(range, 0.0, Coverage::Rays).unwrap()
+    Projection::new(range, 0.0, Coverage::Rays).unwrap().with_surface(Surface::Voxels)
 }
 
 fn full(range: f64) -> Projection {
-    Projection::new(range, 0.0, Coverage::Full).unwrap()
+    Projection::new(range, 0.0, Coverage::Full).unwrap().with_surface(Surface::Voxels)
 }
 
 fn sees_nothing(observation: &Observation) -> bool {
@@ -131,7 +131,8 @@ fn a_raised_target_lowers_the_ray() {
     let axes = [[1.0, 0.0, 0.0], [0.0, -diagonal, -diagonal], [0.0, diagonal, -diagonal]];
     let seen = |target_height_m| {
         let view = view(axes, [5.5, 0.25, 11.0], [1, 1], 100.0, uniform(1.0));
-        let projection = Projection::new(100.0, target_height_m, Coverage::Rays).unwrap();
+        let projection =
+            Projection::new(100.0, target_height_m, Coverage::Rays).unwrap().with_surface(Surface::Voxels);
         map.index(project(&view, &map, &projection).voxel_ids()[0])
     };
     assert_eq!(seen(0.0), [5, 10, 0]);
@@ -144,7 +145,8 @@ fn a_camera_inside_the_terrain_or_pushed_through_it_sees_nothing() {
     let map = terrain(&floor(10));
     let seen = |z, target_height_m| {
         let view = view(DOWN, [5.5, 5.5, z], [4, 4], 4.0, uniform(1.0));
-        let projection = Projection::new(100.0, target_height_m, Coverage::Full).unwrap();
+        let projection =
+            Projection::new(100.0, target_height_m, Coverage::Full).unwrap().with_surface(Surface::Voxels);
         project(&view, &map, &projection)
     };
     assert!(sees_nothing(&seen(0.5, 0.0)));

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::Vantage;
 use crate::camera::Camera;
-use crate::terrain::Terrain;
 use crate::terrain::tree::{Branch, Cell};
+use crate::terrain::{Solid, Terrain};
 
 pub(super) struct ViewingCone<'a> {
     terrain: &'a Terrain,
@@ -49,7 +49,9 @@ impl<'a> ViewingCone<'a> {
         let side = f64::from(cell.side);
         let center = DVec3::from(cell.low.map(f64::from)) + 0.5 * side;
         let to_center = (center - self.apex) * self.terrain.voxel_size_m();
-        let radius = 0.5 * 3f64.sqrt() * side * self.terrain.voxel_size_m();
+        // The surface may leave its voxel upwards and downwards.
+        let half_height = 0.5 * side + f64::from(Solid::RISE.max(Solid::SINK));
+        let radius = DVec3::new(0.5 * side, 0.5 * side, half_height).length() * self.terrain.voxel_size_m();
         let distance = to_center.length();
         if distance <= radius {
             return true;

@@ -3,7 +3,8 @@
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
 //! method           u8 0 = paper, 1 = or, then its parameters as its file in `method/` says
-//! projection       f64 max_range_m, target_height_m; u8 coverage (0 rays, 1 full)
+//! projection       f64 max_range_m, target_height_m; u8 coverage and surface (0 rays, 1 full onto
+//!                  voxels, 2 rays, 3 full onto planes)
 //! max_gap_s        f64
 //! instants         u64 integrated so far, i64 first stamp, i64 newest stamp (0, 0 before the first)
 //! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
@@ -30,7 +31,15 @@ use crate::back_projection::{Coverage, Projection};
 use crate::error::Result;
 use crate::method::{Method, Or, Paper, Stored, each_method};
 use crate::sealed::{Kind, Reader, Writer};
-use crate::terrain::{Terrain, TerrainKey};
+use crate::terrain::{Surface, Terrain, TerrainKey};
+
+/// By their number in the file. Maps that were written before there were planes are of voxels.
+const SEEN_HOW: [(Coverage, Surface); 4] = [
+    (Coverage::Rays, Surface::Voxels),
+    (Coverage::Full, Surface::Voxels),
+    (Coverage::Rays, Surface::Planes),
+    (Coverage::Full, Surface::Planes),
+];
 
 const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 2 };
 
@@ -47,7 +56,8 @@ impl CrowdMap {
         each_method!(&self.beliefs, Beliefs, beliefs => beliefs.method.write(&mut payload));
         payload.f64(self.projection.max_range_m());
         payload.f64(self.projection.target_height_m());
-        payload.u8(u8::from(self.projection.coverage() == Coverage::Full));
+        let seen_how = (self.projection.coverage(), self.projection.surface());
+        payload.u8(SEEN_HOW.iter().position(|&how| how == seen_how).expect("all are listed") as u8);
         payload.f64(self.max_gap_s);
         write_looks(&self.history, &mut payload);
         each_method!(&self.beliefs, Beliefs, beliefs => write_beliefs(beliefs, &mut payload));
@@ -68,8 +78,8 @@ impl CrowdMap {
             _ => Method::Or(Or::read(&mut reader, version)?),
         };
         let (max_range_m, target_height_m) = (reader.f64()?, reader.f64()?);
-        let coverage = reader.choice(&[Coverage::Rays, Coverage::Full])?;
-        let projection = Projection::new(max_range_m, target_height_m, coverage)?;
+        let (coverage, surface) = reader.choice(&SEEN_HOW)?;
+        let projection = Projection::new(max_range_m, target_height_m, coverage)?.with_surface(surface);
         let mut map = CrowdMap::new(terrain, method, projection, reader.f64()?)?;
         match version {
             1 => read_version_1(&mut reader, &mut map)?,

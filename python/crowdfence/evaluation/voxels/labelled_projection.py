@@ -59,6 +59,7 @@ class LabelledProjection:
         target_height_m: float,
         max_range_m: float,
         coverage: Literal["rays", "full"] = "full",
+        surface: Literal["planes", "voxels"] = "planes",
         truth: Literal["auto", "world", "labels"] = "auto",
         mask_of: MaskOf | None = None,
         ignore_of: MaskOf | None = None,
@@ -76,6 +77,7 @@ class LabelledProjection:
         self._recording, self._terrain = recording, terrain
         self._target_height_m, self._max_range_m = target_height_m, max_range_m
         self._coverage: Literal["rays", "full"] = coverage
+        self._surface: Literal["planes", "voxels"] = surface
         self._mask_of, self._ignore_of = mask_of or crowd_mask, ignore_of
         self._world: tuple[int, NDArray[np.bool_], NDArray[np.int64]] | None = None
 
@@ -123,6 +125,7 @@ class LabelledProjection:
             max_range_m=self._max_range_m,
             target_height_m=self._target_height_m,
             coverage=self._coverage,
+            surface=self._surface,
         )
 
     def _crowd_ground(self, frame: Frame) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

@@ -48,6 +48,7 @@ class ProjectionSettings:
     target_height_m: float
     max_range_m: float
     coverage: Literal["rays", "full"] = "full"
+    surface: Literal["planes", "voxels"] = "planes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +77,7 @@ class VoxelRates:
             "b_threshold": self.b_threshold,
             "voxel_size_m": settings.voxel_size_m,
             "coverage": settings.coverage,
+            "surface": settings.surface,
             "target_height_m": settings.target_height_m,
             "max_range_m": settings.max_range_m,
             "missions": self.missions,

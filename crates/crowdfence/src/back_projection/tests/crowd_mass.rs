@@ -10,6 +10,7 @@ fn mass_of(view: &View, map: &Terrain, projection: &Projection) -> CrowdMass {
     let by_rays = project(view, map, projection).crowd_mass();
     let full =
         Projection::new(projection.max_range_m(), projection.target_height_m(), Coverage::Full).unwrap();
+    let full = full.with_surface(projection.surface());
     assert_eq!(project(view, map, &full).crowd_mass(), by_rays, "coverage is no matter of pixels");
     by_rays
 }
@@ -84,7 +85,7 @@ fn pixels_that_the_lens_model_gives_no_ray_are_unusable() {
 fn nothing_of_a_camera_under_ground_is_usable() {
     let map = terrain(&floor(10));
     let view = view(DOWN, [5.5, 5.5, 1.5], [4, 4], 4.0, uniform(1.0));
-    let pushed_through = Projection::new(100.0, 0.9, Coverage::Rays).unwrap();
+    let pushed_through = Projection::new(100.0, 0.9, Coverage::Rays).unwrap().with_surface(Surface::Voxels);
     assert_eq!(mass_of(&view, &map, &pushed_through), CrowdMass { unusable: 16.0, ..NONE });
     assert_eq!(mass_of(&view, &map, &rays(100.0)), CrowdMass { ground: 16.0, ..NONE });
 }
@@ -150,6 +151,7 @@ proptest! {
         threshold in 0.0f64..1.0,
         range in 0.5f64..30.0,
         k1 in -0.4f64..0.2,
+        surface in prop::sample::select(vec![Surface::Planes, Surface::Voxels]),
     ) {
         let turn = DQuat::from_array(turn);
         prop_assume!(turn.length() > 0.1);
@@ -160,7 +162,7 @@ proptest! {
         let view = View { camera: Arc::new(camera), ..view(axes, at, [16, 12], 8.0, heatmap) };
         let map = terrain(&voxels);
         let mass = |range| {
-            let projection = rays(range).with_crowd_threshold(threshold).unwrap();
+            let projection = rays(range).with_surface(surface).with_crowd_threshold(threshold).unwrap();
             project(&view, &map, &projection).crowd_mass()
         };
         let (near, far) = (mass(range), mass(1e4));
@@ -173,10 +175,11 @@ proptest! {
 
         let meets_ground = |&(column, row): &(u32, u32)| {
             let ray = view.camera.pixel_ray(column, row);
-            ray.is_some_and(|ray| map.raycast(at.into(), view.world_from_camera.rotation * ray, range).is_some())
+            let cast = |ray| map.raycast(surface, at.into(), view.world_from_camera.rotation * ray, range);
+            ray.is_some_and(|ray| cast(ray).is_some())
         };
         let ground: f64 = pixels().filter(crowd).filter(meets_ground).map(value).sum();
-        let above_ground = map.raycast(at.into(), DVec3::NEG_Z, 0.0).is_none();
+        let above_ground = map.raycast(surface, at.into(), DVec3::NEG_Z, 0.0).is_none();
         let ground = if above_ground { ground } else { 0.0 };
         prop_assert!((near.ground - ground).abs() <= 1e-9 * naive, "{near:?}");
 

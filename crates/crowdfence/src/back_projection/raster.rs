@@ -1,0 +1,313 @@
+//! The fast way: the solids are painted on the image from front to back, and every pixel belongs to the first one.
+//!
+//! Seen from above, the grid is walked outward from the camera, tile by tile and column by column. A line of sight
+//! moves away from the camera along both axes, so whatever hides a column stands in a column painted before; within
+//! one, solids are painted from the camera's height upwards and downwards. A mask keeps the pixels that are taken.
+//! The sum and the number of the pixels that a voxel gains are all that an observation needs: no rays are cast, and
+//! no list of hits is sorted. What stands on a column is painted as the polygons of its faces that are turned to the
+//! camera ([`faces`]), or in one go where the ground goes on smoothly ([`prism`]).
+//!
+//! A voxel whose top gains no pixel, as the pixels around step over it, is asked for its middle, see
+//! [`Painter::shows_middle`].
+
+mod canvas;
+mod faces;
+mod optics;
+mod prism;
+mod tile;
+
+use glam::DVec3;
+
+use super::{Sighting, Vantage};
+use crate::terrain::Solid;
+use crate::terrain::tree::{Square, Stacks};
+use canvas::{Canvas, NOBODY, Painted};
+use optics::Optics;
+use tile::{Piece, Tile};
+
+/// A view painted on.
+pub(super) struct Raster {
+    /// Sorted by id.
+    pub sightings: Vec<Sighting>,
+    /// Tops in the image and in range behind something, sorted.
+    pub occluded_ids: Vec<u32>,
+    /// Of each pixel, row after row.
+    pub on_ground: Vec<bool>,
+}
+
+impl Raster {
+    /// Of a view through a pinhole. With `between_pixels`, voxels that no pixel centre hits are seen as well.
+    pub fn paint(vantage: &Vantage, between_pixels: bool) -> Raster {
+        let mut painter = Painter::new(vantage, between_pixels);
+        let root = painter.stacks.root();
+        painter.walk(&root);
+        let Painter { canvas, mut rows, mut occluded_ids, .. } = painter;
+        rows.sort_unstable_by_key(|row| row.id);
+        occluded_ids.sort_unstable();
+        Raster {
+            sightings: rows.iter().map(Row::sighting).collect(),
+            occluded_ids,
+            on_ground: canvas.painted(),
+        }
+    }
+}
+
+/// What has been painted for one voxel.
+struct Row {
+    id: u32,
+    painted: Painted,
+    /// A point of it, relative to the camera.
+    place: DVec3,
+}
+
+impl Row {
+    fn sighting(&self) -> Sighting {
+        let Painted { sum, count } = self.painted;
+        Sighting { voxel_id: self.id, mean: (sum / f64::from(count.max(1))).min(1.0), pixel_count: count }
+    }
+}
+
+struct Painter<'a> {
+    vantage: &'a Vantage<'a>,
+    optics: Optics,
+    stacks: Stacks<'a>,
+    canvas: Canvas<'a>,
+    tile: Tile,
+    rows: Vec<Row>,
+    occluded_ids: Vec<u32>,
+    /// Camera, tree coordinates. All other places are relative to it.
+    origin: DVec3,
+    /// Voxels.
+    range: f64,
+    between_pixels: bool,
+}
+
+/// A column of the tile that is being painted.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// In the tile.
+    at: [i32; 2],
+    /// Its corner of lowest coordinates, relative to the camera.
+    low: [f64; 2],
+    /// Along each axis, on which side of the camera: -1, 1, or 0 when the camera is above or below it.
+    side: [i32; 2],
+}
+
+impl Place {
+    /// Relative to the camera, at a height that is too.
+    fn corner(&self, x: usize, y: usize, height: f64) -> DVec3 {
+        DVec3::new(self.low[0] + x as f64, self.low[1] + y as f64, height)
+    }
+
+    fn middle(&self, height: f64) -> DVec3 {
+        DVec3::new(self.low[0] + 0.5, self.low[1] + 0.5, height)
+    }
+}
+
+impl<'a> Painter<'a> {
+    fn new(vantage: &'a Vantage<'a>, between_pixels: bool) -> Painter<'a> {
+        let terrain = vantage.terrain;
+        Painter {
+            vantage,
+            optics: Optics::of(vantage.view),
+            stacks: Stacks::new(terrain.tree()),
+            canvas: Canvas::new(vantage.view),
+            tile: Tile::default(),
+            rows: Vec::new(),
+            occluded_ids: Vec::new(),
+            origin: terrain.tree_from_world(vantage.origin),
+            range: vantage.max_range_m / terrain.voxel_size_m(),
+            between_pixels,
+        }
+    }
+
+    fn walk(&mut self, square: &Square) {
+        if !self.may_show(square) {
+            return;
+        }
+        if square.side() as usize <= tile::SIDE {
+            return self.paint_tile(square);
+        }
+        self.for_children(square, Painter::walk);
+    }
+
+    /// The children of a square that hold something, outward from the camera.
+    fn for_children(&mut self, square: &Square, each: impl Fn(&mut Self, &Square)) {
+        let side = square.side() / Stacks::SIDE;
+        for x in self.outward(0, square.low[0], side, Stacks::SIDE) {
+            for y in self.outward(1, square.low[1], side, Stacks::SIDE) {
+                if let Some(child) = self.stacks.child(square, x, y) {
+                    each(self, &child);
+                    self.stacks.release(&child);
+                }
+            }
+        }
+    }
+
+    /// Numbers of cells in a row along an axis, so that each comes after those between it and the camera.
+    fn outward(&self, axis: usize, low: u32, side: u32, count: u32) -> impl Iterator<Item = u32> + use<> {
+        let own = (self.origin[axis] - f64::from(low)) / f64::from(side);
+        let own = own.clamp(0.0, f64::from(count - 1)) as u32;
+        (own..count).chain((0..own).rev())
+    }
+
+    /// False only when nothing of a square is in range and in the image.
+    fn may_show(&self, square: &Square) -> bool {
+        let (lowest, highest) = self.stacks.span(square);
+        let side = f64::from(square.side());
+        let [x, y] = square.low.map(f64::from);
+        let low = DVec3::new(x, y, f64::from(lowest) - f64::from(Solid::SINK)) - self.origin;
+        let high = DVec3::new(x + side, y + side, f64::from(highest + Solid::RISE)) - self.origin;
+        let nearest = DVec3::ZERO.clamp(low, high);
+        nearest.length_squared() <= self.range * self.range && self.optics.may_show(low, high)
+    }
+
+    fn paint_tile(&mut self, square: &Square) {
+        let mut tile = std::mem::take(&mut self.tile);
+        tile.clear();
+        self.gather(square, square.low, &mut tile);
+        self.gather_rim(square, &mut tile);
+        let side = square.side();
+        for i in self.outward(0, square.low[0], 1, side) {
+            for j in self.outward(1, square.low[1], 1, side) {
+                let at = [i as i32, j as i32];
+                if !tile.column(at).is_empty() {
+                    let place = self.place(square.low, at);
+                    self.paint_column(&tile, &place);
+                }
+            }
+        }
+        self.tile = tile;
+    }
+
+    fn place(&self, corner: [u32; 2], at: [i32; 2]) -> Place {
+        let low: [f64; 2] =
+            std::array::from_fn(|axis| f64::from(corner[axis]) + f64::from(at[axis]) - self.origin[axis]);
+        let side = low.map(|low| {
+            if low >= 0.0 {
+                1
+            } else if low <= -1.0 {
+                -1
+            } else {
+                0
+            }
+        });
+        Place { at, low, side }
+    }
+
+    /// The columns of a square that may show something.
+    fn gather(&mut self, square: &Square, corner: [u32; 2], tile: &mut Tile) {
+        if square.is_column() {
+            let at = std::array::from_fn(|axis| (square.low[axis] - corner[axis]) as i32);
+            let terrain = self.vantage.terrain;
+            tile.take(at, square, &self.stacks, terrain.planes(), self.vantage.surface);
+            return;
+        }
+        if square.side() < tile::SIDE as u32 && !self.may_show(square) {
+            return;
+        }
+        for x in 0..Stacks::SIDE {
+            for y in 0..Stacks::SIDE {
+                if let Some(child) = self.stacks.child(square, x, y) {
+                    self.gather(&child, corner, tile);
+                    self.stacks.release(&child);
+                }
+            }
+        }
+    }
+
+    /// The columns just outside, on the sides that are turned to the camera.
+    fn gather_rim(&mut self, square: &Square, tile: &mut Tile) {
+        let side = square.side() as i32;
+        let along = self.place(square.low, [0, 0]).side;
+        let beyond = self.place(square.low, [side - 1, side - 1]).side;
+        for axis in 0..2 {
+            let outside = match (along[axis], beyond[axis]) {
+                (1, _) => -1,
+                (_, -1) => side,
+                _ => continue,
+            };
+            for other in 0..side {
+                let at = if axis == 0 { [outside, other] } else { [other, outside] };
+                let coordinate: [Option<u32>; 2] =
+                    std::array::from_fn(|axis| square.low[axis].checked_add_signed(at[axis]));
+                let [Some(x), Some(y)] = coordinate else {
+                    continue;
+                };
+                if let Some(column) = self.stacks.column([x, y]) {
+                    let terrain = self.vantage.terrain;
+                    tile.take(at, &column, &self.stacks, terrain.planes(), self.vantage.surface);
+                    self.stacks.release(&column);
+                }
+            }
+        }
+    }
+
+    /// What stands on one column: what is at the camera's height, then downwards and upwards.
+    fn paint_column(&mut self, tile: &Tile, place: &Place) {
+        let pieces = tile.column(place.at);
+        let below = pieces.partition_point(|piece| piece.solid.bottom <= self.origin.z);
+        for piece in pieces[..below].iter().rev().chain(&pieces[below..]) {
+            let painted = match self.paint_prism(tile, piece, place) {
+                Some(painted) => painted,
+                None => self.paint_faces(tile, piece, place),
+            };
+            if painted.count == 0 && self.between_pixels {
+                self.paint_middle(piece, place);
+            }
+        }
+    }
+
+    fn add(&mut self, id: u32, painted: Painted, place: DVec3) {
+        if painted.count > 0 {
+            self.rows.push(Row { id, painted, place });
+        }
+    }
+
+    /// A top that has gained no pixel.
+    fn paint_middle(&mut self, piece: &Piece, place: &Place) {
+        let middle = place.middle(piece.solid.top() - self.origin.z);
+        let image = self.optics.image(middle);
+        let size = self.optics.size;
+        let in_image = image.depth > 0.0
+            && (0.0..size.x * image.depth).contains(&image.u)
+            && (0.0..size.y * image.depth).contains(&image.v);
+        if !in_image || middle.length_squared() > self.range * self.range {
+            return;
+        }
+        let pixel = image.pixel();
+        let (column, row) = (pixel.x as usize, pixel.y as usize);
+        let (column, row) = (column.min(self.canvas.width() - 1), row.min(self.canvas.height() - 1));
+        if self.shows_middle(piece, middle, self.canvas.owner(column, row)) {
+            let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
+            self.rows.push(Row { id: piece.id, painted, place: middle });
+        } else {
+            self.occluded_ids.push(piece.id);
+        }
+    }
+
+    /// Whether the middle of a top is in view, by who owns the pixel over it. Its own ray passes the centre of that
+    /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
+    /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and no
+    /// higher above it than half a voxel and half a pixel.
+    fn shows_middle(&self, piece: &Piece, middle: DVec3, owner: u32) -> bool {
+        let [x, y] = piece.solid.plane.slope();
+        let normal = DVec3::new(-x, -y, 1.0);
+        let (height, distance) = (-normal.dot(middle), middle.length());
+        if height <= 0.0 {
+            return false; // turned away
+        }
+        if owner == NOBODY {
+            return true;
+        }
+        let nearer = self.rows[owner as usize].place;
+        let pixel = distance / self.optics.focal_px;
+        let footprint = pixel * distance * normal.length() / height;
+        let gap = distance - nearer.length();
+        let rise = normal.dot(nearer - middle);
+        gap <= 1.5 * footprint + 2.0 && rise <= 0.5 + 0.5 * pixel
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,208 @@
+//! The picture being painted: which pixels something has been painted on, by whom, and what they show.
+
+use std::borrow::Cow;
+
+use glam::DVec2;
+
+use crate::view::View;
+
+const WORD: usize = u64::BITS as usize;
+/// Owner of a pixel on which nothing is painted.
+pub const NOBODY: u32 = u32::MAX;
+/// Corners that a painted polygon may have.
+pub const MAX_CORNERS: usize = 8;
+
+/// Pixels that a polygon was the first to be painted on.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Painted {
+    /// Of their heatmap values.
+    pub sum: f64,
+    pub count: u32,
+}
+
+impl std::ops::AddAssign for Painted {
+    fn add_assign(&mut self, other: Painted) {
+        self.sum += other.sum;
+        self.count += other.count;
+    }
+}
+
+pub struct Canvas<'a> {
+    width: usize,
+    height: usize,
+    words_a_row: usize,
+    /// A bit a pixel.
+    covered: Vec<u64>,
+    /// Who painted each pixel, row after row.
+    owner: Vec<u32>,
+    /// Heatmap value of each pixel, row after row.
+    values: Cow<'a, [f32]>,
+}
+
+impl<'a> Canvas<'a> {
+    pub fn new(view: &'a View) -> Canvas<'a> {
+        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        let words_a_row = width.div_ceil(WORD);
+        Canvas {
+            width,
+            height,
+            words_a_row,
+            covered: vec![0; words_a_row * height],
+            owner: vec![NOBODY; width * height],
+            values: view.pixel_values(),
+        }
+    }
+
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    pub fn value(&self, column: usize, row: usize) -> f32 {
+        self.values[row * self.width + column]
+    }
+
+    pub fn owner(&self, column: usize, row: usize) -> u32 {
+        self.owner[row * self.width + column]
+    }
+
+    /// Whether each pixel, row after row, is painted on.
+    pub fn painted(&self) -> Vec<bool> {
+        self.owner.iter().map(|&owner| owner != NOBODY).collect()
+    }
+
+    /// Paints the pixels whose centres lie in a convex polygon and that are still free. Its corners go clockwise, as
+    /// seen in the image, in continuous pixel coordinates. `accepts` has the last word on each pixel.
+    #[inline]
+    pub fn paint(
+        &mut self,
+        corners: &[DVec2],
+        owner: u32,
+        accepts: Option<&dyn Fn(usize, usize) -> bool>,
+    ) -> Painted {
+        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for corner in corners {
+            lowest = if corner.y < lowest { corner.y } else { lowest };
+            highest = if corner.y > highest { corner.y } else { highest };
+        }
+        let rows = centers_between(lowest, highest, self.height);
+        let mut painted = Painted::default();
+        if rows.is_empty() {
+            return painted;
+        }
+        let outline = Outline::of(corners);
+        for row in rows {
+            let (left, right) = outline.at(row as f64 + 0.5);
+            let columns = centers_between(left, right, self.width);
+            if !columns.is_empty() {
+                painted += self.paint_span(row, columns, owner, accepts);
+            }
+        }
+        painted
+    }
+
+    #[inline]
+    fn paint_span(
+        &mut self,
+        row: usize,
+        columns: std::ops::Range<usize>,
+        owner: u32,
+        accepts: Option<&dyn Fn(usize, usize) -> bool>,
+    ) -> Painted {
+        let mut painted = Painted::default();
+        let start = row * self.width;
+        for word in columns.start / WORD..=(columns.end - 1) / WORD {
+            let first = columns.start.max(word * WORD);
+            let end = columns.end.min((word + 1) * WORD);
+            let span = (u64::MAX >> (WORD - (end - first))) << (first % WORD);
+            let covered = &mut self.covered[row * self.words_a_row + word];
+            let mut free = span & !*covered;
+            if free == 0 {
+                continue;
+            }
+            if free == span && accepts.is_none() {
+                *covered |= span;
+                let (values, owners) =
+                    (&self.values[start + first..start + end], &mut self.owner[start + first..start + end]);
+                for (value, own) in values.iter().zip(owners) {
+                    painted.sum += f64::from(*value);
+                    *own = owner;
+                }
+                painted.count += (end - first) as u32;
+                continue;
+            }
+            while free != 0 {
+                let bit = free.trailing_zeros() as usize;
+                free &= free - 1;
+                let column = word * WORD + bit;
+                if accepts.is_none_or(|accepts| accepts(column, row)) {
+                    *covered |= 1 << bit;
+                    painted.sum += f64::from(self.values[start + column]);
+                    painted.count += 1;
+                    self.owner[start + column] = owner;
+                }
+            }
+        }
+        painted
+    }
+}
+
+/// Pixels along one axis whose centres lie between two coordinates.
+#[inline]
+fn centers_between(low: f64, high: f64, count: usize) -> std::ops::Range<usize> {
+    let end = count as f64;
+    let nearest = |at: f64| (at.clamp(0.0, end) + 0.5) as usize;
+    nearest(low)..nearest(high).min(count)
+}
+
+/// The sides of a convex polygon as functions of y.
+struct Outline {
+    x: [f64; MAX_CORNERS],
+    y: [f64; MAX_CORNERS],
+    slope: [f64; MAX_CORNERS],
+    /// What to add to the x of a side for it not to count on the left, and on the right.
+    not_left: [f64; MAX_CORNERS],
+    not_right: [f64; MAX_CORNERS],
+}
+
+impl Outline {
+    #[inline]
+    fn of(corners: &[DVec2]) -> Outline {
+        let mut outline = Outline {
+            x: [0.0; MAX_CORNERS],
+            y: [0.0; MAX_CORNERS],
+            slope: [0.0; MAX_CORNERS],
+            not_left: [f64::NEG_INFINITY; MAX_CORNERS],
+            not_right: [f64::INFINITY; MAX_CORNERS],
+        };
+        for (side, &from) in corners.iter().enumerate() {
+            let to = corners[if side + 1 == corners.len() { 0 } else { side + 1 }];
+            let rise = to.y - from.y;
+            if rise == 0.0 {
+                continue;
+            }
+            outline.x[side] = from.x;
+            outline.y[side] = from.y;
+            outline.slope[side] = (to.x - from.x) / rise;
+            // Clockwise, with y downwards: what goes down is on the right.
+            let unbounded = if rise > 0.0 { &mut outline.not_right } else { &mut outline.not_left };
+            unbounded[side] = 0.0;
+        }
+        outline
+    }
+
+    #[inline]
+    fn at(&self, y: f64) -> (f64, f64) {
+        let (mut left, mut right) = (f64::NEG_INFINITY, f64::INFINITY);
+        for side in 0..MAX_CORNERS {
+            let x = self.x[side] + self.slope[side] * (y - self.y[side]);
+            let (from, to) = (x + self.not_left[side], x + self.not_right[side]);
+            left = if from > left { from } else { left };
+            right = if to < right { to } else { right };
+        }
+        (left, right)
+    }
+}

@@ -1,0 +1,132 @@
+//! A solid by its faces: top, bottom, and the sides that are turned to the camera, voxel by voxel. For whatever is
+//! no smooth ground, and in any place.
+
+use glam::{DVec2, DVec3};
+
+use super::canvas::{MAX_CORNERS, Painted};
+use super::optics::before_camera;
+use super::tile::{Piece, Tile, corner};
+use super::{Painter, Place};
+
+/// Four corners, clockwise as the camera sees them, and the plane they lie in.
+struct Face {
+    corners: [DVec3; 4],
+    normal: DVec3,
+}
+
+impl Painter<'_> {
+    /// What the uppermost voxel has gained.
+    pub(super) fn paint_faces(&mut self, tile: &Tile, piece: &Piece, place: &Place) -> Painted {
+        let solid = piece.solid;
+        let tops: [f64; 4] = piece.tops.map(|top| top - self.origin.z);
+        let cut = self.is_cut_by_range(piece, place);
+        let middle = place.middle(solid.top() - self.origin.z);
+
+        let owner = self.rows.len() as u32;
+        let mut of_top = Painted::default();
+        if let Some(face) = top(place, &solid, &tops, middle) {
+            of_top += self.paint_face(&face, owner, cut);
+        }
+        let is_single = solid.lowest == solid.uppermost;
+        let shoulder = if is_single { solid.bottom } else { solid.shoulder() } - self.origin.z;
+        for axis in 0..2 {
+            if let Some(face) = side(place, axis, [shoulder; 4], tops) {
+                of_top += self.paint_face(&face, owner, cut);
+            }
+        }
+        let bottom = solid.bottom - self.origin.z;
+        if is_single && let Some(face) = underside(place, bottom) {
+            of_top += self.paint_face(&face, owner, cut);
+        }
+        self.add(piece.id, of_top, middle);
+        if !is_single {
+            self.paint_wall(tile, piece, place, shoulder, cut);
+        }
+        of_top
+    }
+
+    /// The voxels below the uppermost one, up to its shoulder.
+    fn paint_wall(&mut self, tile: &Tile, piece: &Piece, place: &Place, shoulder: f64, cut: bool) {
+        let solid = piece.solid;
+        let bottom = solid.bottom - self.origin.z;
+        for z in solid.lowest..solid.uppermost {
+            let is_lowest = z == solid.lowest;
+            let floor = if is_lowest { bottom } else { f64::from(z) - self.origin.z };
+            let is_next_to_uppermost = z + 1 == solid.uppermost;
+            let ceiling = f64::from(z + 1) - self.origin.z;
+            let ceiling = if is_next_to_uppermost { shoulder } else { ceiling.min(shoulder) };
+            let owner = self.rows.len() as u32;
+            let mut painted = Painted::default();
+            if floor < ceiling {
+                for axis in 0..2 {
+                    if let Some(face) = side(place, axis, [floor; 4], [ceiling; 4]) {
+                        painted += self.paint_face(&face, owner, cut);
+                    }
+                }
+            }
+            if is_lowest && let Some(face) = underside(place, bottom) {
+                painted += self.paint_face(&face, owner, cut);
+            }
+            self.add(tile.id(piece, z), painted, place.middle(ceiling));
+        }
+    }
+
+    /// Whether a part of a piece is out of range.
+    fn is_cut_by_range(&self, piece: &Piece, place: &Place) -> bool {
+        let highest = piece.tops.iter().copied().fold(f64::NEG_INFINITY, f64::max) - self.origin.z;
+        let bottom = piece.solid.bottom - self.origin.z;
+        let farthest = |axis: usize| place.low[axis].abs().max((place.low[axis] + 1.0).abs());
+        let corner = DVec3::new(farthest(0), farthest(1), highest.abs().max(bottom.abs()));
+        corner.length_squared() > self.range * self.range
+    }
+
+    fn paint_face(&mut self, face: &Face, owner: u32, cut: bool) -> Painted {
+        let image = face.corners.map(|point| self.optics.image(point));
+        let mut corners = [DVec2::ZERO; MAX_CORNERS];
+        let count = before_camera(&image, &mut corners);
+        if !cut {
+            return self.canvas.paint(&corners[..count], owner, None);
+        }
+        let (optics, range) = (&self.optics, self.range);
+        let in_range = |column: usize, row: usize| {
+            let ray = optics.ray(column, row);
+            let distance = face.normal.dot(face.corners[0]) / face.normal.dot(ray) * ray.length();
+            distance <= range
+        };
+        self.canvas.paint(&corners[..count], owner, Some(&in_range))
+    }
+}
+
+/// The top, when the camera is above its plane.
+fn top(place: &Place, solid: &crate::terrain::Solid, tops: &[f64; 4], middle: DVec3) -> Option<Face> {
+    let [x, y] = solid.plane.slope();
+    let normal = DVec3::new(-x, -y, 1.0);
+    let at = |x, y| place.corner(x, y, tops[corner(x, y)]);
+    let corners = [at(0, 0), at(0, 1), at(1, 1), at(1, 0)];
+    (normal.dot(middle) < 0.0).then_some(Face { corners, normal })
+}
+
+/// The bottom, when the camera is below it.
+fn underside(place: &Place, height: f64) -> Option<Face> {
+    let at = |x, y| place.corner(x, y, height);
+    let corners = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+    (height > 0.0).then_some(Face { corners, normal: DVec3::Z })
+}
+
+/// The side along an axis that is turned to the camera, between heights at the four corners of the column.
+fn side(place: &Place, axis: usize, from: [f64; 4], to: [f64; 4]) -> Option<Face> {
+    let near = match place.side[axis] {
+        0 => return None,
+        1 => 0,
+        _ => 1,
+    };
+    // Looking along x, y grows to the left, looking along y, x grows to the right; the other way round from beyond.
+    let left = if axis == 0 { 1 - near } else { near };
+    let at = |other: usize, heights: &[f64; 4]| {
+        let (x, y) = if axis == 0 { (near, other) } else { (other, near) };
+        place.corner(x, y, heights[corner(x, y)])
+    };
+    let right = 1 - left;
+    let corners = [at(left, &to), at(right, &to), at(right, &from), at(left, &from)];
+    Some(Face { corners, normal: DVec3::AXES[axis] })
+}

@@ -1,0 +1,118 @@
+//! The raster against the ray of every pixel.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DQuat};
+use proptest::prelude::*;
+
+use super::*;
+use crate::back_projection::rays::PixelHits;
+use crate::camera::{Camera, Distortion};
+use crate::terrain::height_map::HeightMap;
+use crate::terrain::{Plane, Surface, Terrain};
+use crate::view::{Heatmap, Pose, View};
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 72;
+
+fn view(at: DVec3, rotation: DMat3, focal: f64) -> View {
+    let camera = Camera::new(WIDTH, HEIGHT, focal, focal, 47.0, 37.0, Distortion::None).unwrap();
+    let values = (0..WIDTH * HEIGHT).map(|pixel| (pixel % 101) as f32 / 100.0).collect();
+    let heatmap = Heatmap::new(values, HEIGHT as usize, WIDTH as usize).unwrap();
+    let pose = Pose { rotation, translation: at };
+    View::new("drone", 0, Arc::new(camera), pose, heatmap).unwrap()
+}
+
+/// Camera axes for looking along a compass direction, down from the horizon, with some roll; radians.
+fn looking(heading: f64, tilt: f64, roll: f64) -> DMat3 {
+    let forward = DVec3::new(heading.sin() * tilt.cos(), heading.cos() * tilt.cos(), -tilt.sin());
+    let right = DVec3::new(heading.cos(), -heading.sin(), 0.0);
+    let axes = DMat3::from_cols(right, forward.cross(right), forward);
+    axes * DMat3::from_rotation_z(roll)
+}
+
+/// Pixels on which the raster and the rays disagree: those that only one of the two calls ground, and those in
+/// another voxel.
+fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: f64) -> [usize; 2] {
+    let vantage = Vantage { view, terrain, surface, origin: view.world_from_camera.translation, max_range_m };
+    let mut painter = Painter::new(&vantage, true);
+    let root = painter.stacks.root();
+    painter.walk(&root);
+    let mut counts = [0; 2];
+    for pixel in 0..WIDTH * HEIGHT {
+        let (column, row) = (pixel % WIDTH, pixel / WIDTH);
+        let ray = view.world_from_camera.rotation * view.camera.pixel_ray(column, row).unwrap();
+        let cast = vantage.cast(ray).map(|hit| hit.voxel_id);
+        let owner = painter.canvas.owner(column as usize, row as usize);
+        let painted = (owner != NOBODY).then(|| painter.rows[owner as usize].id);
+        match (cast, painted) {
+            (Some(_), None) | (None, Some(_)) => {
+                eprintln!(
+                    "pixel {column} {row}: cast {:?} painted {:?}",
+                    vantage.cast(ray).map(|h| (terrain.index(h.voxel_id), h.distance_m)),
+                    painted.map(|id| terrain.index(id))
+                );
+                counts[0] += 1
+            }
+            (a, b) if a != b => counts[1] += 1,
+            _ => (),
+        }
+    }
+    counts
+}
+
+/// Hills with cliffs, houses with overhanging roofs, canopies and holes; 64 x 64 columns of 1 m.
+fn landscape(seed: f64) -> Terrain {
+    let ground = |x: f64, y: f64| {
+        6.0 * (0.11 * x + seed).sin() * (0.09 * y - seed).cos() + if x + 0.3 * y > 60.0 { 9.0 } else { 0.0 }
+    };
+    let heights: Vec<f32> = (0..64 * 64)
+        .map(|cell| {
+            let (x, y) = ((cell / 64) as f64 + 0.5, (cell % 64) as f64 + 0.5);
+            let is_hole = (x - 40.0).hypot(y - 44.0) < 2.5;
+            if is_hole { f32::NAN } else { ground(x, y) as f32 }
+        })
+        .collect();
+    let map = HeightMap::new(&heights, [64, 64], 1.0).unwrap();
+    let columns = map.columns(1.0).unwrap();
+    let mut voxels = columns.voxels().unwrap();
+    // A roof on a wall, reaching out by two columns, and a round canopy.
+    for (i, j) in (10..22).flat_map(|i| (30..42).map(move |j| (i, j))) {
+        voxels.push([i, j, 14]);
+        if (12..20).contains(&i) && (32..40).contains(&j) {
+            voxels.extend((-4..14).map(|k| [i, j, k]));
+        }
+    }
+    for (i, j, k) in (0..9).flat_map(|i| (0..9).flat_map(move |j| (0..5).map(move |k| (i, j, k)))) {
+        let inside = (f64::from(i) - 4.0).hypot(f64::from(j) - 4.0).hypot(1.8 * (f64::from(k) - 2.0)) < 4.2;
+        if inside {
+            voxels.push([34 + i, 14 + j, 12 + k]);
+        }
+    }
+    let terrain = Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap();
+    let of_ground = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    terrain.with_planes(|[i, j, k]| {
+        let on_ground = of_ground.id([i, j, k]).map(|id| of_ground.plane(id));
+        on_ground.unwrap_or(Plane::new(0.5, [0.03 * f64::from(i % 7), -0.05 * f64::from(j % 5)]))
+    })
+}
+
+#[test]
+fn a_pixel_belongs_to_what_its_ray_meets() {
+    let (mut pixels, mut one_sided, mut elsewhere) = (0, 0, 0);
+    for (seed, surface) in [(0.0, Surface::Planes), (1.3, Surface::Planes), (2.1, Surface::Voxels)] {
+        let terrain = landscape(seed);
+        for number in 0..12 {
+            let turn = f64::from(number);
+            let rotation = looking(0.55 * turn, 0.1 + 0.12 * turn, 0.2 * (turn % 3.0 - 1.0));
+            let at = DVec3::new(10.3 + 4.0 * turn, 50.7 - 3.7 * turn, 17.2 + 2.0 * (turn % 4.0));
+            let counts = disagreements(&terrain, surface, &view(at, rotation, 60.0), 45.0);
+            eprintln!("view {seed} {number} at {at}: {counts:?}");
+            pixels += (WIDTH * HEIGHT) as usize;
+            one_sided += counts[0];
+            elsewhere += counts[1];
+        }
+    }
+    assert_eq!(one_sided, 0, "of {pixels} pixels");
+    assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
+}

@@ -1,0 +1,70 @@
+//! Full coverage: the voxels that no pixel centre hits, by a ray to the middle of the top of each solid.
+//!
+//! What lies below the top of a solid is wall, on which nobody stands: it is seen where a pixel centre hits it.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::viewing_cone::ViewingCone;
+use super::{Sighting, Vantage};
+use crate::terrain::Surface;
+
+/// What the top of a solid shows.
+enum TopView {
+    /// Heatmap value there.
+    Visible(f64),
+    Hidden,
+}
+
+/// Of the voxels that no ray has hit: those with a visible top, and the ids of those whose top lies in the image
+/// and in range behind something. Both are sorted by id.
+pub(super) fn beside_rays(vantage: &Vantage, hit: &[Sighting]) -> (Vec<Sighting>, Vec<u32>) {
+    let views: Vec<(u32, TopView)> = ViewingCone::of(vantage)
+        .voxels()
+        .into_par_iter()
+        .filter(|id| hit.binary_search_by_key(id, |sighting| sighting.voxel_id).is_err())
+        .filter_map(|id| Some((id, vantage.view_of_top(id)?)))
+        .collect();
+    let (mut seen, mut occluded_ids) = (Vec::new(), Vec::new());
+    for (voxel_id, view) in views {
+        match view {
+            TopView::Visible(mean) => seen.push(Sighting { voxel_id, mean, pixel_count: 0 }),
+            TopView::Hidden => occluded_ids.push(voxel_id),
+        }
+    }
+    (seen, occluded_ids)
+}
+
+impl Vantage<'_> {
+    /// None when the voxel is no top, or its top lies outside the image or the range.
+    fn view_of_top(&self, id: u32) -> Option<TopView> {
+        let to_top = self.middle_of_top(id)? - self.origin;
+        if to_top.length() > self.max_range_m {
+            return None;
+        }
+        let camera = &self.view.camera;
+        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * to_top)?;
+        if !camera.contains(pixel) {
+            return None;
+        }
+        if self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
+            let value = self.view.value_at(pixel.x as u32, pixel.y as u32);
+            Some(TopView::Visible(f64::from(value)))
+        } else {
+            Some(TopView::Hidden)
+        }
+    }
+
+    /// World metres; None when another voxel lies on top.
+    fn middle_of_top(&self, id: u32) -> Option<DVec3> {
+        let terrain = self.terrain;
+        let plane = terrain.top_plane(id, terrain.index(id))?;
+        let height = match self.surface {
+            Surface::Planes => plane.height(),
+            Surface::Voxels => 1.0,
+        };
+        // A hair inside the solid, so that the ray to its top enters it.
+        let height = height - 1e-6;
+        Some(terrain.center(id) + DVec3::Z * (height - 0.5) * terrain.voxel_size_m())
+    }
+}

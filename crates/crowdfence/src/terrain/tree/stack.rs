@@ -1,0 +1,166 @@
+//! The tree from above: squares of the grid, each with the nodes that lie over it.
+
+use super::{SIDE, SIDE_BITS, Tree};
+
+/// A part of the tree in one stack: a node, or a voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Layer {
+    /// Lowest z.
+    pub low: u32,
+    /// Of the node, or the voxel's id.
+    index: u32,
+}
+
+impl Layer {
+    /// Of a layer of a column.
+    pub fn voxel_id(self) -> u32 {
+        self.index
+    }
+}
+
+/// A square of the grid with something over it. The one without levels below is a column of voxels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Square {
+    /// Lowest corner.
+    pub low: [u32; 2],
+    levels: u32,
+    /// Its layers in the list.
+    first: usize,
+    end: usize,
+}
+
+impl Square {
+    /// Voxels along one side.
+    pub fn side(&self) -> u32 {
+        1 << (SIDE_BITS * self.levels)
+    }
+
+    pub fn is_column(&self) -> bool {
+        self.levels == 0
+    }
+}
+
+/// A walk down the tree, one square inside the other. Squares are let go in the reverse order of their taking.
+pub(crate) struct Stacks<'a> {
+    tree: &'a Tree,
+    /// Of the squares taken so far: each one's layers in a row, from the lowest upwards.
+    layers: Vec<Layer>,
+}
+
+impl<'a> Stacks<'a> {
+    /// Children of a square along one side.
+    pub const SIDE: u32 = SIDE;
+
+    pub fn new(tree: &'a Tree) -> Stacks<'a> {
+        Stacks { tree, layers: vec![Layer { low: 0, index: 0 }] }
+    }
+
+    /// The whole grid.
+    pub fn root(&self) -> Square {
+        Square { low: [0; 2], levels: self.tree.depth(), first: 0, end: 1 }
+    }
+
+    /// Square (x, y) of the 4 x 4 of a square that is no column; None where there is nothing.
+    #[inline]
+    pub fn child(&mut self, square: &Square, x: u32, y: u32) -> Option<Square> {
+        let levels = square.levels - 1;
+        let (side, shift) = (1 << (SIDE_BITS * levels), x | y << SIDE_BITS);
+        let first = self.layers.len();
+        for at in square.first..square.end {
+            let parent = self.layers[at];
+            let node = self.tree.node(levels, parent.index);
+            for z in 0..SIDE {
+                let number = shift | z << (2 * SIDE_BITS);
+                if node.has(number) {
+                    self.layers.push(Layer { low: parent.low + z * side, index: node.child(number) });
+                }
+            }
+        }
+        let low = [square.low[0] + x * side, square.low[1] + y * side];
+        let end = self.layers.len();
+        (first < end).then_some(Square { low, levels, first, end })
+    }
+
+    /// The column at a place, if there is anything in it.
+    pub fn column(&mut self, at: [u32; 2]) -> Option<Square> {
+        let start = self.layers.len();
+        let mut square = self.root();
+        if at.iter().any(|&coordinate| coordinate >= square.side()) {
+            return None;
+        }
+        while !square.is_column() {
+            let shift = SIDE_BITS * (square.levels - 1);
+            let [x, y] = at.map(|coordinate| coordinate >> shift & (SIDE - 1));
+            let Some(child) = self.child(&square, x, y) else {
+                self.layers.truncate(start);
+                return None;
+            };
+            square = child;
+        }
+        // Its own layers alone are kept.
+        self.layers.drain(start..square.first);
+        let end = start + square.end - square.first;
+        Some(Square { first: start, end, ..square })
+    }
+
+    /// Lets go of a square and of all that were taken after it.
+    pub fn release(&mut self, square: &Square) {
+        self.layers.truncate(square.first);
+    }
+
+    /// From the lowest upwards.
+    pub fn layers(&self, square: &Square) -> &[Layer] {
+        &self.layers[square.first..square.end]
+    }
+
+    /// Lowest and highest z between which all voxels of a square lie.
+    pub fn span(&self, square: &Square) -> (u32, u32) {
+        let layers = self.layers(square);
+        (layers[0].low, layers[layers.len() - 1].low + square.side())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::tests::build;
+    use super::*;
+
+    fn columns(stacks: &mut Stacks, square: Square, found: &mut Vec<[u32; 4]>) {
+        if square.is_column() {
+            let [x, y] = square.low;
+            found.extend(stacks.layers(&square).iter().map(|layer| [x, y, layer.low, layer.voxel_id()]));
+            return;
+        }
+        for (x, y) in (0..4).flat_map(|x| (0..4).map(move |y| (x, y))) {
+            if let Some(child) = stacks.child(&square, x, y) {
+                columns(stacks, child, found);
+                stacks.release(&child);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_walk_meets_every_voxel_once_in_its_column(
+            mut voxels in prop::collection::vec(prop::array::uniform3(0u32..64), 1..200),
+        ) {
+            let tree = build(&voxels, 3);
+            let mut stacks = Stacks::new(&tree);
+            let root = stacks.root();
+            let mut found = Vec::new();
+            columns(&mut stacks, root, &mut found);
+            for pair in found.windows(2).filter(|pair| pair[0][..2] == pair[1][..2]) {
+                prop_assert!(pair[0][2] < pair[1][2], "a column goes upwards");
+            }
+            voxels.sort_unstable();
+            voxels.dedup();
+            let mut expected: Vec<[u32; 4]> =
+                voxels.iter().map(|&voxel| [voxel[0], voxel[1], voxel[2], tree.id(voxel).unwrap()]).collect();
+            expected.sort_unstable();
+            found.sort_unstable();
+            prop_assert_eq!(found, expected);
+        }
+    }
+}
