@@ -232,7 +232,8 @@ class Terrain:
     def from_points(
         points: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Every voxel that holds at least one of the points [N, 3] (world metres).
+        """Every voxel that holds at least one of the points [N, 3] (world metres). The surface goes through the mean
+        points of neighbouring voxels; one point a voxel is enough.
 
         CrowdfenceError as for the class, naming the first point that has no place on the grid.
         """
@@ -243,7 +244,8 @@ class Terrain:
         voxel_size_m: float,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Terrain:
-        """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
+        """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices. The surface is
+        the highest triangle in a column of voxels.
 
         CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
         """
@@ -251,7 +253,8 @@ class Terrain:
     def from_indices(
         indices: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
+        """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`. Where in them the
+        surface lies is estimated from the voxels around.
 
         CrowdfenceError as for the class, naming the first index beyond 32 bits.
         """
@@ -343,7 +346,11 @@ class Terrain:
         CrowdfenceError for an origin that is not finite.
         """
     def joined(self, other: Terrain) -> Terrain:
-        """The voxels of this terrain and of another one of the same grid."""
+        """The voxels of this terrain and of another one of the same grid, each with where in it the surface lies; of a
+        voxel of both, this one's counts. The georeference is this one's.
+
+        CrowdfenceError for another voxel_size_m or origin.
+        """
 
 @final
 class CrowdMass:
