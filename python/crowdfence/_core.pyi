@@ -232,9 +232,9 @@ class Terrain:
     def from_points(
         points: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Every voxel that holds at least one of the points [N, 3] (world metres). The surface goes through the mean
-        points of neighbouring voxels; one point a voxel is enough.
+        """Every voxel that holds at least one of the points [N, 3] (world metres).
 
+        The surface goes through the mean points of neighbouring voxels; one point a voxel is enough.
         CrowdfenceError as for the class, naming the first point that has no place on the grid.
         """
     @staticmethod
@@ -244,18 +244,18 @@ class Terrain:
         voxel_size_m: float,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Terrain:
-        """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices. The surface is
-        the highest triangle in a column of voxels.
+        """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
 
+        The surface is the highest triangle in a column of voxels.
         CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
         """
     @staticmethod
     def from_indices(
         indices: ArrayLike, voxel_size_m: float, origin: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Terrain:
-        """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`. Where in them the
-        surface lies is estimated from the voxels around.
+        """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
 
+        Where in them the surface lies is estimated from the voxels around.
         CrowdfenceError as for the class, naming the first index beyond 32 bits.
         """
     @staticmethod
@@ -346,9 +346,9 @@ class Terrain:
         CrowdfenceError for an origin that is not finite.
         """
     def joined(self, other: Terrain) -> Terrain:
-        """The voxels of this terrain and of another one of the same grid, each with where in it the surface lies; of a
-        voxel of both, this one's counts. The georeference is this one's.
+        """The voxels of this terrain and of another one of the same grid, with where in them the surface lies.
 
+        In a voxel of both, this terrain's surface counts. The georeference is this one's.
         CrowdfenceError for another voxel_size_m or origin.
         """
 

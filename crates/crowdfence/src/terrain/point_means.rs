@@ -1,6 +1,7 @@
 //! Where in their voxels points lie on average.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::Terrain;
 
@@ -20,8 +21,9 @@ impl PointMeans {
     /// Of points in voxels from the terrain's origin, which all lie in voxels of it; `indices` says in which.
     pub fn of(terrain: &Terrain, points: impl Iterator<Item = DVec3>, indices: &[[i32; 3]]) -> PointMeans {
         let mut means = vec![Mean::default(); terrain.voxel_count()];
-        for (point, &index) in points.zip(indices) {
-            let Some(id) = terrain.id(index) else { continue };
+        let id = |&index: &[i32; 3]| terrain.id(index).expect("every point has its voxel");
+        let ids: Vec<u32> = indices.par_iter().map(id).collect();
+        for (point, id) in points.zip(ids) {
             let mean = &mut means[id as usize];
             mean.count += 1.0;
             mean.point += ((point - point.floor()).as_vec3() - mean.point) / mean.count;

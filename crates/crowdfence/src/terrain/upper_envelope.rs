@@ -5,6 +5,7 @@
 //! exact where one flat sheet covers the column, and what covers a corner of it only takes part in proportion. Triangles
 //! on edge cover nothing; where they alone reach the top, it is level at its highest point.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU16, Ordering};
 
 use glam::DVec3;
@@ -87,15 +88,15 @@ impl Solids {
             let heights = &self.heights[self.numbers[id as usize] as usize * HEIGHTS..][..HEIGHTS];
             let raise = |at: usize, z: f64| {
                 let steps = ((z - floor).min(f64::from(DROP + 1)) * STEPS).round();
-                if steps >= 0.0 {
+                if steps >= 0.0 && heights[at].load(Ordering::Relaxed) <= steps as u16 {
                     heights[at].fetch_max(steps as u16 + 1, Ordering::Relaxed);
                 }
             };
             raise(SAMPLES, highest);
-            for at in 0..SAMPLES {
+            let [across, along] = [samples_between(i, part.bounds(0)), samples_between(j, part.bounds(1))];
+            for at in across.flat_map(|row| along.clone().map(move |n| row * SIDE + n)) {
                 let [x, y] = offset(at);
-                let [x, y] = [f64::from(i) + 0.5 + x, f64::from(j) + 0.5 + y];
-                if let Some(z) = facet.height(x, y) {
+                if let Some(z) = facet.height(f64::from(i) + 0.5 + x, f64::from(j) + 0.5 + y) {
                     raise(at, z.clamp(lowest, highest));
                 }
             }
@@ -115,6 +116,14 @@ impl Solids {
         let plane = |number: u32| if number == NONE { Plane::CEILING } else { plane(of_solid(number)) };
         numbers.into_par_iter().map(plane).collect()
     }
+}
+
+/// Samples of a column along one axis that may lie between two coordinates.
+fn samples_between(column: i32, (low, high): (f64, f64)) -> Range<usize> {
+    let place = |coordinate: f64| (coordinate - f64::from(column)) * SIDE as f64 - 0.5;
+    const ROUNDING: f64 = 1e-6;
+    (place(low) - ROUNDING).ceil().max(0.0) as usize
+        ..((place(high) + ROUNDING).floor() + 1.0).clamp(0.0, SIDE as f64) as usize
 }
 
 /// Place of a sample, in voxels from the column's centre.
