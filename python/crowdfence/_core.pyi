@@ -346,7 +346,7 @@ class Terrain:
         CrowdfenceError for an origin that is not finite.
         """
     def joined(self, other: Terrain) -> Terrain:
-        """The voxels of this terrain and of another one of the same grid, with where in them the surface lies.
+        """The voxels of this terrain and of another one of the same grid, with their surfaces.
 
         In a voxel of both, this terrain's surface counts. The georeference is this one's.
         CrowdfenceError for another voxel_size_m or origin.

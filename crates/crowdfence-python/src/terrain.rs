@@ -354,7 +354,7 @@ impl PyTerrain {
         Ok(moved)
     }
 
-    /// The voxels of this terrain and of another one of the same grid, with where in them the surface lies.
+    /// The voxels of this terrain and of another one of the same grid, with their surfaces.
     ///
     /// In a voxel of both, this terrain's surface counts. The georeference is this one's.
     /// CrowdfenceError for another voxel_size_m or origin.
