@@ -129,7 +129,9 @@ def test_voxels_of_another_size_sample_the_height_between_cells(
     ids, distances = terrain.raycast(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)), 1e3)
     top = np.floor(height / voxel_size_m)
     np.testing.assert_array_equal(terrain.voxel_indices(ids)[:, 2], top)
-    np.testing.assert_allclose(distances, 50.0 - (top + 1) * voxel_size_m, rtol=0, atol=1e-7)
+    # A plane keeps its height to half a step of 2^-13 voxels.
+    np.testing.assert_allclose(distances, 50.0 - height, rtol=0, atol=voxel_size_m * 2.0**-14 + 1e-7)
+    np.testing.assert_allclose(terrain.surface_heights(ids), 50.0 + origin[2] - distances, rtol=0, atol=1e-7)
 
 
 @settings(deadline=None)
@@ -145,7 +147,9 @@ def test_no_ray_from_above_passes_below_a_closed_surface(
     top = np.floor(heights).astype(int)
     size = np.array([*heights.shape, 1.0])
     origin, direction = start * size, (np.array(target) - start) * size
-    _, (distance,) = Terrain.from_height_map(heights, 1.0).raycast([origin], [direction], 100.0)
+    _, (distance,) = Terrain.from_height_map(heights, 1.0).raycast(
+        [origin], [direction], 100.0, surface="voxels"
+    )
     along = np.arange(0.0, min(distance, 40.0), 0.003)
     points = origin + along[:, None] * direction / np.linalg.norm(direction)
     points = points[
@@ -222,7 +226,7 @@ def test_raycast_agrees_with_a_dense_march(share: float, origin: tuple[float, fl
     terrain = dense.terrain()
     origins, directions = _random_rays(rng, dense, 800)
     for max_range_m in (4.0, 1e4):
-        ids, distances = terrain.raycast(origins, directions, max_range_m)
+        ids, distances = terrain.raycast(origins, directions, max_range_m, surface="voxels")
         march = [dense.first_hits(o, d[None], max_range_m) for o, d in zip(origins, directions, strict=True)]
         expected = np.array([cell[0] for cell, _ in march])
         np.testing.assert_array_equal(np.where(ids >= 0, dense.cells(terrain)[ids], -1), expected)

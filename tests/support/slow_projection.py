@@ -142,38 +142,28 @@ def project_rays(
     }
 
 
-def project_faces(
+def project_tops(
     dense: DenseTerrain, view: View, values: Array, max_range_m: float
 ) -> tuple[dict[int, float], set[int]]:
-    """Cells with a face in view -> mean heatmap value at those faces; and cells whose faces are all hidden.
+    """Cells with the middle of their top in view -> heatmap value there; and cells whose top is hidden.
 
-    A face counts when it is turned to the camera, has no occupied cell before it, and its centre is in the
-    image and in range; it is in view when the line of sight to its centre is free.
+    A top has no occupied cell above it, and its middle is in the image and in range; it is in view when it is turned
+    to the camera and the line of sight to its middle is free.
     """
     position = view.world_from_camera[:3, 3]
-    seen: dict[int, list[float]] = {}
-    candidates: set[int] = set()
     cells = np.flatnonzero(dense.occupied)
-    centres = dense.centres(cells)
     indices = np.stack(np.unravel_index(cells, dense.occupied.shape), axis=1)
-    for axis in range(3):
-        for side in (-1, 1):
-            normal = np.zeros(3)
-            normal[axis] = side
-            faces = centres + normal * dense.voxel_size_m / 2
-            to_face = faces - position
-            turned = to_face @ normal < 0.0
-            bare = ~dense.is_occupied(indices + normal.astype(np.int64))
-            near = np.linalg.norm(to_face, axis=1) <= max_range_m
-            pixel = image_points(view.camera, to_face @ view.world_from_camera[:3, :3])
-            inside = ((pixel >= 0.0) & (pixel < (view.camera.width, view.camera.height))).all(axis=1)
-            (chosen,) = np.nonzero(turned & bare & near & inside)
-            candidates |= set(cells[chosen].tolist())
-            if len(chosen) == 0:
-                continue
-            hit, _ = dense.first_hits(position, to_face[chosen], np.inf)
-            free = chosen[hit == cells[chosen]]
-            column, row = np.floor(pixel[free]).astype(np.int64).T
-            for cell, value in zip(cells[free], heatmap_at(view, values, column, row), strict=True):
-                seen.setdefault(int(cell), []).append(float(value))
-    return {cell: float(np.mean(read)) for cell, read in seen.items()}, candidates - set(seen)
+    to_top = dense.centres(cells) + (0.0, 0.0, dense.voxel_size_m / 2) - position
+    bare = ~dense.is_occupied(indices + (0, 0, 1))
+    near = np.linalg.norm(to_top, axis=1) <= max_range_m
+    pixel = image_points(view.camera, to_top @ view.world_from_camera[:3, :3])
+    inside = ((pixel >= 0.0) & (pixel < (view.camera.width, view.camera.height))).all(axis=1)
+    (chosen,) = np.nonzero(bare & near & inside)
+    if len(chosen) == 0:
+        return {}, set()
+    hit, _ = dense.first_hits(position, to_top[chosen], np.inf)
+    free = chosen[(hit == cells[chosen]) & (to_top[chosen, 2] < 0.0)]
+    column, row = np.floor(pixel[free]).astype(np.int64).T
+    read = heatmap_at(view, values, column, row)
+    seen = {int(cell): float(value) for cell, value in zip(cells[free], read, strict=True)}
+    return seen, set(cells[chosen].tolist()) - set(seen)

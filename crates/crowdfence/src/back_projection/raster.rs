@@ -41,11 +41,12 @@ impl Raster {
         let mut painter = Painter::new(vantage, between_pixels);
         let root = painter.stacks.root();
         painter.walk(&root);
-        let Painter { canvas, mut rows, mut occluded_ids, .. } = painter;
-        rows.sort_unstable_by_key(|row| row.id);
-        occluded_ids.sort_unstable();
+        let Painter { canvas, rows, mut occluded_ids, .. } = painter;
+        let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
+        radsort::sort_by_key(&mut order, |&(id, _)| id);
+        radsort::sort(&mut occluded_ids);
         Raster {
-            sightings: rows.iter().map(Row::sighting).collect(),
+            sightings: order.iter().map(|&(_, row)| rows[row as usize].sighting()).collect(),
             occluded_ids,
             on_ground: canvas.painted(),
         }
@@ -95,10 +96,12 @@ struct Place {
 
 impl Place {
     /// Relative to the camera, at a height that is too.
+    #[inline(always)]
     fn corner(&self, x: usize, y: usize, height: f64) -> DVec3 {
         DVec3::new(self.low[0] + x as f64, self.low[1] + y as f64, height)
     }
 
+    #[inline(always)]
     fn middle(&self, height: f64) -> DVec3 {
         DVec3::new(self.low[0] + 0.5, self.low[1] + 0.5, height)
     }
@@ -145,6 +148,7 @@ impl<'a> Painter<'a> {
     }
 
     /// Numbers of cells in a row along an axis, so that each comes after those between it and the camera.
+    #[inline(always)]
     fn outward(&self, axis: usize, low: u32, side: u32, count: u32) -> impl Iterator<Item = u32> + use<> {
         let own = (self.origin[axis] - f64::from(low)) / f64::from(side);
         let own = own.clamp(0.0, f64::from(count - 1)) as u32;
@@ -167,19 +171,26 @@ impl<'a> Painter<'a> {
         tile.clear();
         self.gather(square, square.low, &mut tile);
         self.gather_rim(square, &mut tile);
+        // With the widest vectors of this machine: the same sums in the same order on all.
+        pulp::Arch::new().dispatch(|| self.paint_columns(square, &tile));
+        self.tile = tile;
+    }
+
+    #[inline(always)]
+    fn paint_columns(&mut self, square: &Square, tile: &Tile) {
         let side = square.side();
         for i in self.outward(0, square.low[0], 1, side) {
             for j in self.outward(1, square.low[1], 1, side) {
                 let at = [i as i32, j as i32];
                 if !tile.column(at).is_empty() {
                     let place = self.place(square.low, at);
-                    self.paint_column(&tile, &place);
+                    self.paint_column(tile, &place);
                 }
             }
         }
-        self.tile = tile;
     }
 
+    #[inline(always)]
     fn place(&self, corner: [u32; 2], at: [i32; 2]) -> Place {
         let low: [f64; 2] =
             std::array::from_fn(|axis| f64::from(corner[axis]) + f64::from(at[axis]) - self.origin[axis]);
@@ -244,6 +255,7 @@ impl<'a> Painter<'a> {
     }
 
     /// What stands on one column: what is at the camera's height, then downwards and upwards.
+    #[inline(always)]
     fn paint_column(&mut self, tile: &Tile, place: &Place) {
         let pieces = tile.column(place.at);
         let below = pieces.partition_point(|piece| piece.solid.bottom <= self.origin.z);
@@ -258,6 +270,7 @@ impl<'a> Painter<'a> {
         }
     }
 
+    #[inline(always)]
     fn add(&mut self, id: u32, painted: Painted, place: DVec3) {
         if painted.count > 0 {
             self.rows.push(Row { id, painted, place });
@@ -265,6 +278,7 @@ impl<'a> Painter<'a> {
     }
 
     /// A top that has gained no pixel.
+    #[inline(always)]
     fn paint_middle(&mut self, piece: &Piece, place: &Place) {
         let middle = place.middle(piece.solid.top() - self.origin.z);
         let image = self.optics.image(middle);
@@ -290,6 +304,7 @@ impl<'a> Painter<'a> {
     /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and no
     /// higher above it than half a voxel and half a pixel.
+    #[inline(always)]
     fn shows_middle(&self, piece: &Piece, middle: DVec3, owner: u32) -> bool {
         let [x, y] = piece.solid.plane.slope();
         let normal = DVec3::new(-x, -y, 1.0);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::viewing_cone::ViewingCone;
 use super::{Sighting, Vantage};
-use crate::terrain::Surface;
+use crate::terrain::{Plane, Surface};
 
 /// What the top of a solid shows.
 enum TopView {
@@ -38,7 +38,8 @@ pub(super) fn beside_rays(vantage: &Vantage, hit: &[Sighting]) -> (Vec<Sighting>
 impl Vantage<'_> {
     /// None when the voxel is no top, or its top lies outside the image or the range.
     fn view_of_top(&self, id: u32) -> Option<TopView> {
-        let to_top = self.middle_of_top(id)? - self.origin;
+        let (middle, normal) = self.middle_of_top(id)?;
+        let to_top = middle - self.origin;
         if to_top.length() > self.max_range_m {
             return None;
         }
@@ -47,7 +48,8 @@ impl Vantage<'_> {
         if !camera.contains(pixel) {
             return None;
         }
-        if self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
+        let is_turned_to_camera = to_top.dot(normal) < 0.0;
+        if is_turned_to_camera && self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
             let value = self.view.value_at(pixel.x as u32, pixel.y as u32);
             Some(TopView::Visible(f64::from(value)))
         } else {
@@ -55,16 +57,18 @@ impl Vantage<'_> {
         }
     }
 
-    /// World metres; None when another voxel lies on top.
-    fn middle_of_top(&self, id: u32) -> Option<DVec3> {
+    /// World metres, with the direction in which the top faces; None when another voxel lies on top.
+    fn middle_of_top(&self, id: u32) -> Option<(DVec3, DVec3)> {
         let terrain = self.terrain;
-        let plane = terrain.top_plane(id, terrain.index(id))?;
-        let height = match self.surface {
-            Surface::Planes => plane.height(),
-            Surface::Voxels => 1.0,
+        let index = terrain.index(id);
+        let plane = match self.surface {
+            Surface::Planes => terrain.top_plane(id, index)?,
+            Surface::Voxels => terrain.top_plane(id, index).map(|_| Plane::CEILING)?,
         };
+        let [slope_x, slope_y] = plane.slope();
         // A hair inside the solid, so that the ray to its top enters it.
-        let height = height - 1e-6;
-        Some(terrain.center(id) + DVec3::Z * (height - 0.5) * terrain.voxel_size_m())
+        let height = plane.height() - 1e-6;
+        let middle = terrain.center(id) + DVec3::Z * (height - 0.5) * terrain.voxel_size_m();
+        Some((middle, DVec3::new(-slope_x, -slope_y, 1.0)))
     }
 }

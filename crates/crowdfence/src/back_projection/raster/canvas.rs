@@ -1,6 +1,7 @@
 //! The picture being painted: which pixels something has been painted on, by whom, and what they show.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use glam::DVec2;
 
@@ -76,21 +77,22 @@ impl<'a> Canvas<'a> {
 
     /// Paints the pixels whose centres lie in a convex polygon and that are still free. Its corners go clockwise, as
     /// seen in the image, in continuous pixel coordinates. `accepts` has the last word on each pixel.
-    #[inline]
+    #[inline(always)]
     pub fn paint(
         &mut self,
         corners: &[DVec2],
         owner: u32,
         accepts: Option<&dyn Fn(usize, usize) -> bool>,
     ) -> Painted {
-        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
-        for corner in corners {
-            lowest = if corner.y < lowest { corner.y } else { lowest };
-            highest = if corner.y > highest { corner.y } else { highest };
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for &corner in corners {
+            low = DVec2::select(corner.cmplt(low), corner, low);
+            high = DVec2::select(corner.cmpgt(high), corner, high);
         }
-        let rows = centers_between(lowest, highest, self.height);
         let mut painted = Painted::default();
-        if rows.is_empty() {
+        let rows = centers_between(low.y, high.y, self.height);
+        let columns = centers_between(low.x, high.x, self.width);
+        if rows.is_empty() || columns.is_empty() || !self.is_free(&rows, &columns) {
             return painted;
         }
         let outline = Outline::of(corners);
@@ -104,11 +106,22 @@ impl<'a> Canvas<'a> {
         painted
     }
 
-    #[inline]
+    /// Whether any pixel of a rectangle is free; true without a look where it is large.
+    #[inline(always)]
+    fn is_free(&self, rows: &Range<usize>, columns: &Range<usize>) -> bool {
+        let word = columns.start / WORD;
+        if word != (columns.end - 1) / WORD || rows.len() > 8 {
+            return true;
+        }
+        let span = (u64::MAX >> (WORD - columns.len())) << (columns.start % WORD);
+        rows.clone().any(|row| span & !self.covered[row * self.words_a_row + word] != 0)
+    }
+
+    #[inline(always)]
     fn paint_span(
         &mut self,
         row: usize,
-        columns: std::ops::Range<usize>,
+        columns: Range<usize>,
         owner: u32,
         accepts: Option<&dyn Fn(usize, usize) -> bool>,
     ) -> Painted {
@@ -151,8 +164,8 @@ impl<'a> Canvas<'a> {
 }
 
 /// Pixels along one axis whose centres lie between two coordinates.
-#[inline]
-fn centers_between(low: f64, high: f64, count: usize) -> std::ops::Range<usize> {
+#[inline(always)]
+fn centers_between(low: f64, high: f64, count: usize) -> Range<usize> {
     let end = count as f64;
     let nearest = |at: f64| (at.clamp(0.0, end) + 0.5) as usize;
     nearest(low)..nearest(high).min(count)
@@ -169,7 +182,7 @@ struct Outline {
 }
 
 impl Outline {
-    #[inline]
+    #[inline(always)]
     fn of(corners: &[DVec2]) -> Outline {
         let mut outline = Outline {
             x: [0.0; MAX_CORNERS],
@@ -194,7 +207,7 @@ impl Outline {
         outline
     }
 
-    #[inline]
+    #[inline(always)]
     fn at(&self, y: f64) -> (f64, f64) {
         let (mut left, mut right) = (f64::NEG_INFINITY, f64::INFINITY);
         for side in 0..MAX_CORNERS {

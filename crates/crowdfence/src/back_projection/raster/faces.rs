@@ -16,28 +16,22 @@ struct Face {
 
 impl Painter<'_> {
     /// What the uppermost voxel has gained.
+    #[inline(always)]
     pub(super) fn paint_faces(&mut self, tile: &Tile, piece: &Piece, place: &Place) -> Painted {
         let solid = piece.solid;
         let tops: [f64; 4] = piece.tops.map(|top| top - self.origin.z);
         let cut = self.is_cut_by_range(piece, place);
         let middle = place.middle(solid.top() - self.origin.z);
 
-        let owner = self.rows.len() as u32;
-        let mut of_top = Painted::default();
-        if let Some(face) = top(place, &solid, &tops, middle) {
-            of_top += self.paint_face(&face, owner, cut);
-        }
         let is_single = solid.lowest == solid.uppermost;
         let shoulder = if is_single { solid.bottom } else { solid.shoulder() } - self.origin.z;
-        for axis in 0..2 {
-            if let Some(face) = side(place, axis, [shoulder; 4], tops) {
-                of_top += self.paint_face(&face, owner, cut);
-            }
-        }
-        let bottom = solid.bottom - self.origin.z;
-        if is_single && let Some(face) = underside(place, bottom) {
-            of_top += self.paint_face(&face, owner, cut);
-        }
+        let faces = [
+            top(place, &solid, &tops, middle),
+            side(place, 0, [shoulder; 4], tops),
+            side(place, 1, [shoulder; 4], tops),
+            underside(place, solid.bottom - self.origin.z).filter(|_| is_single),
+        ];
+        let of_top = self.paint_all(&faces, cut);
         self.add(piece.id, of_top, middle);
         if !is_single {
             self.paint_wall(tile, piece, place, shoulder, cut);
@@ -46,6 +40,7 @@ impl Painter<'_> {
     }
 
     /// The voxels below the uppermost one, up to its shoulder.
+    #[inline(always)]
     fn paint_wall(&mut self, tile: &Tile, piece: &Piece, place: &Place, shoulder: f64, cut: bool) {
         let solid = piece.solid;
         let bottom = solid.bottom - self.origin.z;
@@ -55,23 +50,16 @@ impl Painter<'_> {
             let is_next_to_uppermost = z + 1 == solid.uppermost;
             let ceiling = f64::from(z + 1) - self.origin.z;
             let ceiling = if is_next_to_uppermost { shoulder } else { ceiling.min(shoulder) };
-            let owner = self.rows.len() as u32;
-            let mut painted = Painted::default();
-            if floor < ceiling {
-                for axis in 0..2 {
-                    if let Some(face) = side(place, axis, [floor; 4], [ceiling; 4]) {
-                        painted += self.paint_face(&face, owner, cut);
-                    }
-                }
-            }
-            if is_lowest && let Some(face) = underside(place, bottom) {
-                painted += self.paint_face(&face, owner, cut);
-            }
-            self.add(tile.id(piece, z), painted, place.middle(ceiling));
+            let face = |axis| side(place, axis, [floor; 4], [ceiling; 4]).filter(|_| floor < ceiling);
+            let below = underside(place, bottom).filter(|_| is_lowest);
+            let painted = self.paint_all(&[face(0), face(1), below], cut);
+            let middle = place.middle(f64::from(z) + 0.5 - self.origin.z);
+            self.add(tile.id(piece, z), painted, middle);
         }
     }
 
     /// Whether a part of a piece is out of range.
+    #[inline(always)]
     fn is_cut_by_range(&self, piece: &Piece, place: &Place) -> bool {
         let highest = piece.tops.iter().copied().fold(f64::NEG_INFINITY, f64::max) - self.origin.z;
         let bottom = piece.solid.bottom - self.origin.z;
@@ -80,6 +68,18 @@ impl Painter<'_> {
         corner.length_squared() > self.range * self.range
     }
 
+    /// The faces of one voxel.
+    #[inline(always)]
+    fn paint_all(&mut self, faces: &[Option<Face>], cut: bool) -> Painted {
+        let owner = self.rows.len() as u32;
+        let mut painted = Painted::default();
+        for face in faces.iter().flatten() {
+            painted += self.paint_face(face, owner, cut);
+        }
+        painted
+    }
+
+    #[inline(always)]
     fn paint_face(&mut self, face: &Face, owner: u32, cut: bool) -> Painted {
         let image = face.corners.map(|point| self.optics.image(point));
         let mut corners = [DVec2::ZERO; MAX_CORNERS];
@@ -98,6 +98,7 @@ impl Painter<'_> {
 }
 
 /// The top, when the camera is above its plane.
+#[inline(always)]
 fn top(place: &Place, solid: &crate::terrain::Solid, tops: &[f64; 4], middle: DVec3) -> Option<Face> {
     let [x, y] = solid.plane.slope();
     let normal = DVec3::new(-x, -y, 1.0);
@@ -107,6 +108,7 @@ fn top(place: &Place, solid: &crate::terrain::Solid, tops: &[f64; 4], middle: DV
 }
 
 /// The bottom, when the camera is below it.
+#[inline(always)]
 fn underside(place: &Place, height: f64) -> Option<Face> {
     let at = |x, y| place.corner(x, y, height);
     let corners = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
@@ -114,6 +116,7 @@ fn underside(place: &Place, height: f64) -> Option<Face> {
 }
 
 /// The side along an axis that is turned to the camera, between heights at the four corners of the column.
+#[inline(always)]
 fn side(place: &Place, axis: usize, from: [f64; 4], to: [f64; 4]) -> Option<Face> {
     let near = match place.side[axis] {
         0 => return None,

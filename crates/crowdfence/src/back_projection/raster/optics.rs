@@ -16,6 +16,7 @@ pub struct Imaged {
 }
 
 impl Imaged {
+    #[inline(always)]
     pub fn pixel(self) -> DVec2 {
         DVec2::new(self.u, self.v) / self.depth
     }
@@ -57,7 +58,7 @@ impl Optics {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn image(&self, point: DVec3) -> Imaged {
         Imaged { u: self.u.dot(point), v: self.v.dot(point), depth: self.depth.dot(point) }
     }
@@ -85,6 +86,7 @@ impl Optics {
 }
 
 /// The part of a polygon before the camera, as continuous pixel coordinates in `corners`; how many there are.
+#[inline(always)]
 pub fn before_camera(polygon: &[Imaged], corners: &mut [DVec2]) -> usize {
     let mut count = 0;
     let mut keep = |point: Imaged| {

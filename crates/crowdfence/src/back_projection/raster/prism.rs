@@ -16,6 +16,7 @@ const CLEAR: f64 = 0.05;
 impl Painter<'_> {
     /// None where it takes the faces one by one: beside and under the camera, at steps, walls and edges, and where
     /// the range ends.
+    #[inline(always)]
     pub(super) fn paint_prism(&mut self, tile: &Tile, piece: &Piece, place: &Place) -> Option<Painted> {
         let [side_x, side_y] = place.side;
         if side_x == 0 || side_y == 0 {

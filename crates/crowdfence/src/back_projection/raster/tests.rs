@@ -1,12 +1,13 @@
 //! The raster against the ray of every pixel.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use glam::{DMat3, DQuat};
-use proptest::prelude::*;
+use glam::DMat3;
 
 use super::*;
-use crate::back_projection::rays::PixelHits;
+use crate::back_projection::{Coverage, Projection, project, project_by_rays};
+use crate::observation::Observation;
 use crate::camera::{Camera, Distortion};
 use crate::terrain::height_map::HeightMap;
 use crate::terrain::{Plane, Surface, Terrain};
@@ -46,14 +47,7 @@ fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: 
         let owner = painter.canvas.owner(column as usize, row as usize);
         let painted = (owner != NOBODY).then(|| painter.rows[owner as usize].id);
         match (cast, painted) {
-            (Some(_), None) | (None, Some(_)) => {
-                eprintln!(
-                    "pixel {column} {row}: cast {:?} painted {:?}",
-                    vantage.cast(ray).map(|h| (terrain.index(h.voxel_id), h.distance_m)),
-                    painted.map(|id| terrain.index(id))
-                );
-                counts[0] += 1
-            }
+            (Some(_), None) | (None, Some(_)) => counts[0] += 1,
             (a, b) if a != b => counts[1] += 1,
             _ => (),
         }
@@ -93,7 +87,7 @@ fn landscape(seed: f64) -> Terrain {
     let of_ground = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
     terrain.with_planes(|[i, j, k]| {
         let on_ground = of_ground.id([i, j, k]).map(|id| of_ground.plane(id));
-        on_ground.unwrap_or(Plane::new(0.5, [0.03 * f64::from(i % 7), -0.05 * f64::from(j % 5)]))
+        on_ground.unwrap_or(Plane::new(0.5, [0.0, 0.03 * f64::from(i.rem_euclid(2))]))
     })
 }
 
@@ -107,7 +101,6 @@ fn a_pixel_belongs_to_what_its_ray_meets() {
             let rotation = looking(0.55 * turn, 0.1 + 0.12 * turn, 0.2 * (turn % 3.0 - 1.0));
             let at = DVec3::new(10.3 + 4.0 * turn, 50.7 - 3.7 * turn, 17.2 + 2.0 * (turn % 4.0));
             let counts = disagreements(&terrain, surface, &view(at, rotation, 60.0), 45.0);
-            eprintln!("view {seed} {number} at {at}: {counts:?}");
             pixels += (WIDTH * HEIGHT) as usize;
             one_sided += counts[0];
             elsewhere += counts[1];
@@ -115,4 +108,41 @@ fn a_pixel_belongs_to_what_its_ray_meets() {
     }
     assert_eq!(one_sided, 0, "of {pixels} pixels");
     assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
+}
+
+/// Tops between the pixels: seen by the raster and by their own ray, by one of the two alone, by neither.
+fn between_pixels(terrain: &Terrain, view: &View, max_range_m: f64) -> [usize; 4] {
+    let projection = Projection::new(max_range_m, 0.0, Coverage::Full).unwrap();
+    let painted = project(view, terrain, &projection);
+    let cast = project_by_rays(view, terrain, &projection);
+    let rays = Projection::new(max_range_m, 0.0, Coverage::Rays).unwrap();
+    let hit = project_by_rays(view, terrain, &rays);
+    let between = |observation: &Observation| -> BTreeSet<u32> {
+        let ids = observation.voxel_ids().iter().copied();
+        ids.filter(|id| hit.voxel_ids().binary_search(id).is_err()).collect()
+    };
+    let (painted_ids, cast_ids) = (between(&painted), between(&cast));
+    let both = painted_ids.intersection(&cast_ids).count();
+    let hidden = painted.occluded_ids().iter().filter(|id| cast.occluded_ids().binary_search(id).is_ok());
+    [both, painted_ids.len() - both, cast_ids.len() - both, hidden.count()]
+}
+
+#[test]
+fn what_lies_between_the_pixels_is_seen_where_its_own_ray_sees_it() {
+    let mut sum = [0; 4];
+    for seed in [0.0, 1.3, 2.1] {
+        let terrain = landscape(seed);
+        for number in 0..12 {
+            let turn = f64::from(number);
+            let rotation = looking(0.55 * turn, 0.05 + 0.05 * turn, 0.2 * (turn % 3.0 - 1.0));
+            let at = DVec3::new(10.3 + 4.0 * turn, 50.7 - 3.7 * turn, 17.2 + 2.0 * (turn % 4.0));
+            for focal in [12.0, 40.0] {
+                let counts = between_pixels(&terrain, &view(at, rotation, focal), 60.0);
+                (0..4).for_each(|k| sum[k] += counts[k]);
+            }
+        }
+    }
+    let [both, painted_alone, cast_alone, hidden] = sum;
+    assert!(cast_alone as f64 <= 0.03 * both as f64, "{cast_alone} of {both} are missed");
+    assert!(painted_alone as f64 <= 0.1 * both as f64, "{painted_alone} beside {both}, {hidden} hidden");
 }

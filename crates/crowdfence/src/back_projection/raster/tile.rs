@@ -68,7 +68,7 @@ impl Tile {
     }
 
     /// From the lowest upwards.
-    #[inline]
+    #[inline(always)]
     pub fn column(&self, at: [i32; 2]) -> &[Piece] {
         let (first, end) = self.columns[index(at)];
         &self.pieces[first as usize..end as usize]
@@ -80,7 +80,7 @@ impl Tile {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn index(at: [i32; 2]) -> usize {
     (at[0] + 1) as usize * RIM + (at[1] + 1) as usize
 }
