@@ -234,6 +234,7 @@ class Terrain:
     ) -> Terrain:
         """Every voxel that holds at least one of the points [N, 3] (world metres).
 
+        The surface goes through the mean points of neighbouring voxels; one point a voxel is enough.
         CrowdfenceError as for the class, naming the first point that has no place on the grid.
         """
     @staticmethod
@@ -245,6 +246,7 @@ class Terrain:
     ) -> Terrain:
         """Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
 
+        The surface is the highest triangle in a column of voxels.
         CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
         """
     @staticmethod
@@ -253,6 +255,7 @@ class Terrain:
     ) -> Terrain:
         """Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
 
+        Where in them the surface lies is estimated from the voxels around.
         CrowdfenceError as for the class, naming the first index beyond 32 bits.
         """
     @staticmethod
@@ -341,6 +344,12 @@ class Terrain:
         """The same voxels in a frame shifted so that grid index (0, 0, 0) starts at `origin` (x, y, z).
 
         CrowdfenceError for an origin that is not finite.
+        """
+    def joined(self, other: Terrain) -> Terrain:
+        """The voxels of this terrain and of another one of the same grid, with their surfaces.
+
+        In a voxel of both, this terrain's surface counts. The georeference is this one's.
+        CrowdfenceError for another voxel_size_m or origin.
         """
 
 @final

@@ -96,6 +96,40 @@ def test_canopies_overhang_the_ground(tmp_path):
     assert bare <= everything
 
 
+def heights_m(terrain, plan):
+    """Where rays from straight above meet the terrain [N]."""
+    above = np.column_stack([plan, np.full(len(plan), 100.0)])
+    _, distance_m = terrain.raycast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape), 200)
+    return 100 - distance_m
+
+
+@pytest.mark.parametrize("surface", ["ground", "all"])
+def test_rays_meet_ground_and_canopy_at_the_height_of_their_points(tmp_path, surface):
+    random = np.random.default_rng(3)
+    plan = random.uniform(0, 20, (3000, 2))
+    ground = np.column_stack([plan, 3 + 0.3 * plan[:, 0] - 0.1 * plan[:, 1]])
+    crown = np.column_stack([random.uniform(12, 18, (600, 2)), np.full(600, 15.3)])
+    points, kinds = np.vstack([ground, crown]), [2] * 3000 + [5] * 600
+    path = write_las(tmp_path / "a.las", points, kinds)
+    terrain = open_terrain(path, assume_local=True, voxel_size_m=1.0, surface=surface)
+    open_ground = random.uniform(2, 11, (500, 2))
+    expected_m = 3 + 0.3 * open_ground[:, 0] - 0.1 * open_ground[:, 1]
+    # A plane keeps its slopes to 1 / 128: over half a metre along both axes that is 8 mm.
+    np.testing.assert_allclose(heights_m(terrain, open_ground), expected_m, atol=0.009)
+    if surface == "all":
+        np.testing.assert_allclose(heights_m(terrain, random.uniform(13, 17, (100, 2))), 15.3, atol=0.002)
+
+
+def test_a_point_on_the_floor_of_its_voxel_stays_in_it(tmp_path):
+    # The mean of three times 0.3 is a little less than 0.3.
+    points = np.repeat([[0.1, 0.1, 0.3], [0.9, 0.7, 0.3]], 3, axis=0)
+    path = write_las(tmp_path / "a.las", points, [1] * 6)
+    terrain = open_terrain(path, assume_local=True, voxel_size_m=0.1, max_hole_m=0.1)
+    assert voxel_set(terrain) == {
+        tuple(index) for index in np.floor(laspy.read(path).xyz / 0.1).astype(int).tolist()
+    }
+
+
 def test_without_ground_class_the_lowest_points_close_the_ground(tmp_path):
     ground, canopy = grid_points(10, lambda x, y: 0.5, step=2.0), grid_points(10, lambda x, y: 6.5, step=2.0)
     path = write_las(tmp_path / "a.las", np.vstack([canopy, ground]), [1] * 50)

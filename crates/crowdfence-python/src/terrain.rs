@@ -114,6 +114,7 @@ impl PyTerrain {
 
     /// Every voxel that holds at least one of the points [N, 3] (world metres).
     ///
+    /// The surface goes through the mean points of neighbouring voxels; one point a voxel is enough.
     /// CrowdfenceError as for the class, naming the first point that has no place on the grid.
     #[staticmethod]
     #[pyo3(name = "from_points", signature = (points, voxel_size_m, origin=[0.0; 3]), text_signature = "(points, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
@@ -131,6 +132,7 @@ impl PyTerrain {
 
     /// Every voxel that a triangle touches: vertices [N, 3] world metres, triangles [M, 3] indices.
     ///
+    /// The surface is the highest triangle in a column of voxels.
     /// CrowdfenceError as for the class, naming the vertex or triangle that cannot be used.
     #[staticmethod]
     #[pyo3(signature = (vertices, triangles, voxel_size_m, origin=[0.0; 3]), text_signature = "(vertices, triangles, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
@@ -154,6 +156,7 @@ impl PyTerrain {
 
     /// Voxels by their grid indices (i, j, k) [N, 3], in any order; the inverse of `voxel_indices`.
     ///
+    /// Where in them the surface lies is estimated from the voxels around.
     /// CrowdfenceError as for the class, naming the first index beyond 32 bits.
     #[staticmethod]
     #[pyo3(signature = (indices, voxel_size_m, origin=[0.0; 3]), text_signature = "(indices, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
@@ -349,6 +352,17 @@ impl PyTerrain {
         let moved = PyTerrain::new(self.terrain.with_origin(DVec3::from(origin)).map_err(refuse)?);
         moved.set_georeference(self.georeference(py));
         Ok(moved)
+    }
+
+    /// The voxels of this terrain and of another one of the same grid, with their surfaces.
+    ///
+    /// In a voxel of both, this terrain's surface counts. The georeference is this one's.
+    /// CrowdfenceError for another voxel_size_m or origin.
+    fn joined(&self, py: Python<'_>, other: &Self) -> PyResult<Self> {
+        let joined = py.detach(|| self.terrain.joined(&other.terrain)).map_err(refuse)?;
+        let joined = PyTerrain::new(joined);
+        joined.set_georeference(self.georeference(py));
+        Ok(joined)
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {

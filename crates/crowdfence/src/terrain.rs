@@ -8,9 +8,12 @@ mod key;
 pub mod octomap;
 mod outline;
 mod plane;
+mod plane_fit;
+mod point_means;
 mod solid;
 pub(crate) mod tree;
 pub mod triangles;
+mod upper_envelope;
 
 use std::sync::OnceLock;
 
@@ -26,6 +29,7 @@ pub use solid::Surface;
 use height_map::HeightMap;
 use octomap::Octomap;
 use outline::Outline;
+use point_means::PointMeans;
 use tree::{Ascent, MAX_EXTENT, Tree};
 
 /// Voxels of one terrain: ids stay below the two largest u32, which the crowd map uses as marks.
@@ -34,6 +38,9 @@ pub const MAX_VOXELS: u64 = 1 << 31;
 /// Voxels that an OctoMap may expand to. A file of a hundred bytes can claim 2^48 of them; this many take
 /// about 3 GB while they are sorted in.
 pub const MAX_OCTOMAP_VOXELS: u64 = 1 << 27;
+
+/// What places the grid in the world.
+const FRAME: [&str; 4] = ["voxel_size_m", "origin x", "origin y", "origin z"];
 
 #[derive(Debug, Clone)]
 pub struct Terrain {
@@ -56,7 +63,7 @@ impl Terrain {
     /// estimated from the voxels around.
     pub fn from_indices(indices: &[[i32; 3]], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
         let terrain = Terrain::of_cubes(indices, voxel_size_m, origin)?;
-        let planes = estimate::planes(&terrain);
+        let planes = estimate::planes(&terrain, None);
         Ok(Terrain { planes, ..terrain })
     }
 
@@ -135,14 +142,16 @@ impl Terrain {
         Ok(terrain.with_planes(|index| columns.plane(index)))
     }
 
-    /// Every voxel that holds at least one of the points (world metres).
+    /// Every voxel that holds at least one of the points (world metres). The surface goes through the mean points of
+    /// neighbouring voxels; one point a voxel is enough, and where there is no neighbour, it is level at its height.
     pub fn from_points(points: &[DVec3], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
         check_frame(voxel_size_m, origin)?;
+        let in_voxels = |&point: &DVec3| (point - origin) / voxel_size_m;
         let indices = points
             .par_iter()
             .enumerate()
-            .map(|(index, &point)| {
-                let cell = ((point - origin) / voxel_size_m).floor();
+            .map(|(index, point)| {
+                let cell = in_voxels(point).floor();
                 if cell.is_finite() && cell.abs().max_element() < f64::from(i32::MAX) {
                     Ok([cell.x as i32, cell.y as i32, cell.z as i32])
                 } else {
@@ -150,10 +159,14 @@ impl Terrain {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        Terrain::from_indices(&indices, voxel_size_m, origin)
+        let terrain = Terrain::of_cubes(&indices, voxel_size_m, origin)?;
+        let means = PointMeans::of(&terrain, points.iter().map(in_voxels), &indices);
+        let planes = estimate::planes(&terrain, Some(&means));
+        Ok(Terrain { planes, ..terrain })
     }
 
-    /// Every voxel that one of the triangles touches. `vertices` are world metres.
+    /// Every voxel that one of the triangles touches. `vertices` are world metres. The surface is the highest
+    /// triangle in a column.
     pub fn from_triangles(
         vertices: &[DVec3],
         triangles: &[[u32; 3]],
@@ -163,7 +176,10 @@ impl Terrain {
         check_frame(voxel_size_m, origin)?;
         let vertices: Vec<DVec3> = vertices.iter().map(|&vertex| (vertex - origin) / voxel_size_m).collect();
         let indices = triangles::voxelize_triangles(&vertices, triangles)?;
-        Terrain::from_indices(&indices, voxel_size_m, origin)
+        let terrain = Terrain::of_cubes(&indices, voxel_size_m, origin)?;
+        drop(indices);
+        let planes = upper_envelope::planes(&terrain, &vertices, triangles);
+        Ok(Terrain { planes, ..terrain })
     }
 
     /// Occupied leaves of an OctoMap, pruned leaves expanded to at most [`MAX_OCTOMAP_VOXELS`]; `origin` is
@@ -171,6 +187,40 @@ impl Terrain {
     pub fn from_octomap(map: &Octomap, origin: DVec3) -> Result<Terrain> {
         let indices = map.occupied_voxels(MAX_OCTOMAP_VOXELS)?;
         Terrain::from_indices(&indices, map.header.voxel_size_m, origin)
+    }
+
+    /// Voxels with the planes that go with them, as [`Terrain::indices_of`] and [`Terrain::planes`] give them; a
+    /// terrain taken apart comes together exactly as it was. Of a repeated voxel, the first plane counts.
+    pub fn from_voxels(
+        indices: &[[i32; 3]],
+        planes: &[Plane],
+        voxel_size_m: f64,
+        origin: DVec3,
+    ) -> Result<Terrain> {
+        if planes.len() != indices.len() {
+            return Err(Error::Length { name: "planes", actual: planes.len(), expected: indices.len() });
+        }
+        let mut terrain = Terrain::of_cubes(indices, voxel_size_m, origin)?;
+        let id = |&index: &[i32; 3]| terrain.id(index).expect("every index has become a voxel");
+        let ids: Vec<u32> = indices.par_iter().map(id).collect();
+        for (&id, &plane) in ids.iter().zip(planes).rev() {
+            terrain.planes[id as usize] = plane;
+        }
+        Ok(terrain)
+    }
+
+    /// The voxels of two terrains of one grid, with their planes; in a voxel of both, the plane of this one counts.
+    pub fn joined(&self, other: &Terrain) -> Result<Terrain> {
+        let frame =
+            |terrain: &Terrain| [terrain.voxel_size_m, terrain.origin.x, terrain.origin.y, terrain.origin.z];
+        for ((name, own), other) in FRAME.into_iter().zip(frame(self)).zip(frame(other)) {
+            require(own == other, name, other, "the same in both terrains")?;
+        }
+        let indices_of =
+            |terrain: &Terrain| terrain.indices_of(&Vec::from_iter(0..terrain.voxel_count() as u32));
+        let indices = [indices_of(self), indices_of(other)].concat();
+        let planes = [self.planes(), other.planes()].concat();
+        Terrain::from_voxels(&indices, &planes, self.voxel_size_m, self.origin)
     }
 
     /// The same voxels in a frame in which grid index (0, 0, 0) starts at `origin`.
@@ -325,7 +375,7 @@ fn fingerprint(origin: DVec3, voxel_size_m: f64, base: [i32; 3], tree: &Tree) ->
 
 fn check_frame(voxel_size_m: f64, origin: DVec3) -> Result<()> {
     require(voxel_size_m.is_finite() && voxel_size_m > 0.0, "voxel_size_m", voxel_size_m, "finite and > 0")?;
-    for (name, value) in ["origin x", "origin y", "origin z"].into_iter().zip(origin.to_array()) {
+    for (name, value) in FRAME.into_iter().skip(1).zip(origin.to_array()) {
         require(value.is_finite(), name, value, "finite")?;
     }
     Ok(())
@@ -378,6 +428,62 @@ mod tests {
         assert_eq!(terrain.index(0), [1_800_000, 20_800_001, 4_799]);
         assert_eq!(terrain.id([1_800_000, 20_800_001, 4_799]), Some(0));
         assert_eq!(terrain.id([1_800_000, 20_800_001, 4_800]), None);
+    }
+
+    #[test]
+    fn the_surface_lies_on_the_points() {
+        // A point in every column of a plane that rises by 1 in 2 along x, none at the centre of its column.
+        let columns = (0..100).map(|n| [f64::from(n / 10), f64::from(n % 10)]);
+        let points: Vec<DVec3> = columns
+            .map(|[i, j]| (i + 0.1 + 0.08 * j, j + 0.9 - 0.08 * i))
+            .map(|(x, y)| DVec3::new(x, y, 0.3 + x / 2.0))
+            .collect();
+        let terrain = Terrain::from_points(&points, 1.0, DVec3::ZERO).unwrap();
+        for point in points {
+            let index = point.to_array().map(|c| c as i32);
+            let plane = terrain.plane(terrain.id(index).unwrap());
+            let height = 0.3 + (point.x.floor() + 0.5) / 2.0 - point.z.floor();
+            assert!((plane.height() - height).abs() < 1e-3, "{plane:?} at {index:?} instead of {height}");
+            assert_eq!(plane.slope(), [0.5, 0.0]);
+        }
+    }
+
+    #[test]
+    fn points_that_stand_alone_give_a_level_surface_at_their_mean_height() {
+        let points = [[0.5, 0.5, 3.25], [0.9, 0.1, 3.75], [90.2, 7.0, -0.75]].map(DVec3::from);
+        let terrain = Terrain::from_points(&points, 1.0, DVec3::ZERO).unwrap();
+        assert_eq!(terrain.plane(terrain.id([0, 0, 3]).unwrap()), Plane::new(0.5, [0.0; 2]));
+        assert_eq!(terrain.plane(terrain.id([90, 7, -1]).unwrap()), Plane::new(0.25, [0.0; 2]));
+    }
+
+    #[test]
+    fn a_terrain_taken_apart_comes_together_as_it_was() {
+        let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 4.0], [0.0, 9.0, -3.0]].map(DVec3::from);
+        let terrain = Terrain::from_triangles(&corners, &[[0, 1, 2]], 1.0, DVec3::X).unwrap();
+        let ids: Vec<u32> = (0..terrain.voxel_count() as u32).rev().collect();
+        let planes: Vec<Plane> = ids.iter().map(|&id| terrain.plane(id)).collect();
+        let again = Terrain::from_voxels(&terrain.indices_of(&ids), &planes, 1.0, DVec3::X).unwrap();
+        assert_eq!((again.fingerprint(), again.planes()), (terrain.fingerprint(), terrain.planes()));
+        let short = Terrain::from_voxels(&[[0; 3]; 2], &[Plane::CEILING], 1.0, DVec3::ZERO);
+        assert_eq!(short.unwrap_err().to_string(), "planes has 1 values; 2 are needed");
+    }
+
+    #[test]
+    fn joined_terrains_keep_their_planes() {
+        let points = |points: &[[f64; 3]]| {
+            let points: Vec<DVec3> = points.iter().map(|&point| point.into()).collect();
+            Terrain::from_points(&points, 1.0, DVec3::ZERO).unwrap()
+        };
+        let ground = points(&[[0.5, 0.5, 0.25], [8.5, 0.5, 0.25]]);
+        let canopy = points(&[[0.5, 0.5, 0.75], [8.5, 0.5, 1.75]]);
+        let joined = ground.joined(&canopy).unwrap();
+        assert_eq!(joined.voxel_count(), 3);
+        let height = |index| joined.plane(joined.id(index).unwrap()).height();
+        // The ground's where it has a voxel as well; the canopy's where it stands on top.
+        assert_eq!([height([0, 0, 0]), height([8, 0, 0]), height([8, 0, 1])], [0.25, 0.25, 0.75]);
+        let moved = canopy.with_origin(DVec3::Y).unwrap();
+        let refusal = ground.joined(&moved).unwrap_err().to_string();
+        assert_eq!(refusal, "origin y is 1; it must be the same in both terrains");
     }
 
     #[test]

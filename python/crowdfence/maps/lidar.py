@@ -106,25 +106,25 @@ def stated_crs(path: Path) -> CRS | None:
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What is kept of a cloud: mean ground point and lowest point per column, voxels that hold a point."""
+    """What is kept of a cloud: mean ground point and lowest point per column, mean point per voxel."""
 
     keys: VoxelKeys
     ground: NDArray[np.float64]
     lowest: NDArray[np.float64]
-    voxel_centers: NDArray[np.float64]
+    voxel_points: NDArray[np.float64]
 
     @staticmethod
     def of(chunks: Chunks, keys: VoxelKeys, *, only_ground: bool) -> _Survey:
         ground = Gathered(summed, "columns with ground", MAX_COLUMNS)
         low = Gathered(lowest, "columns", MAX_COLUMNS)
-        voxels = Gathered(np.unique, "voxels", MAX_VOXELS)
+        voxels = Gathered(summed, "voxels", MAX_VOXELS)
         for points, is_ground in chunks:
             ground_points = points[is_ground]
             ground.add(cells(keys.columns_of(ground_points), ground_points))
             other = points[:0] if only_ground else points
             low.add(cells(keys.columns_of(other), other))
-            voxels.add(keys.of(other))
-        return _Survey(keys, means(ground.rows()), means(low.rows()), keys.centres(voxels.rows()))
+            voxels.add(cells(keys.of(other), other))
+        return _Survey(keys, means(ground.rows()), means(low.rows()), _voxel_points(voxels.rows(), keys))
 
     def terrain(self, path: Path, surface: Surface | None, max_hole_m: float) -> Terrain:
         if surface == "ground" and len(self.ground) == 0:
@@ -153,10 +153,14 @@ class _Survey:
         return ground
 
     def _with_all_points(self, ground: Terrain | None) -> Terrain:
-        centres = [self.voxel_centers]
-        if ground is not None:
-            centres.append(ground.voxel_centers(np.arange(ground.voxel_count)))
-        return Terrain.from_points(np.concatenate(centres), self.keys.voxel_size_m)
+        points = Terrain.from_points(self.voxel_points, self.keys.voxel_size_m)
+        return points if ground is None else ground.joined(points)
+
+
+def _voxel_points(rows: NDArray[Any], keys: VoxelKeys) -> NDArray[np.float64]:
+    """Mean point [N, 3] of every voxel, which rounding must not carry out of it."""
+    centres, reach_m = keys.centres(rows["key"]), 0.499_999 * keys.voxel_size_m
+    return np.clip(means(rows), centres - reach_m, centres + reach_m)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ pub const MAX_TRIANGLE_VOXELS: u64 = 1 << 27;
 pub const MAX_COORDINATE: f64 = (1 << 30) as f64;
 
 /// Triangles that one task turns into one sorted list.
-const BATCH: usize = 4096;
+pub(super) const BATCH: usize = 4096;
 /// Voxels that a task finds before it reports them to the common count.
 const COUNTING_STEP: u64 = 1 << 16;
 
@@ -110,14 +110,10 @@ struct VoxelList<'a> {
 
 impl VoxelList<'_> {
     fn add_triangle(&mut self, corners: [DVec3; 3]) -> Result<(), TrianglesError> {
-        let triangle = Polygon::triangle(corners);
-        for i in triangle.voxel_range(0) {
-            let slice = triangle.slice(0, i);
-            for j in slice.voxel_range(1) {
-                let levels = slice.slice(1, j).voxel_range(2);
-                self.reserve(levels.end().abs_diff(*levels.start()))?;
-                self.voxels.extend(levels.map(|k| [i, j, k]));
-            }
+        for (i, j, part) in columns(corners) {
+            let levels = part.voxel_range(2);
+            self.reserve(levels.end().abs_diff(*levels.start()))?;
+            self.voxels.extend(levels.map(|k| [i, j, k]));
         }
         Ok(())
     }
@@ -146,9 +142,18 @@ impl VoxelList<'_> {
     }
 }
 
+/// Columns (i, j) that a triangle touches, each with the part of the triangle inside.
+pub(super) fn columns(corners: [DVec3; 3]) -> impl Iterator<Item = (i32, i32, Polygon)> {
+    let triangle = Polygon::triangle(corners);
+    triangle.voxel_range(0).flat_map(move |i| {
+        let slice = triangle.slice(0, i);
+        slice.voxel_range(1).map(move |j| (i, j, slice.slice(1, j)))
+    })
+}
+
 /// Convex polygon in space. Each of the four cuts adds at most one corner to the triangle.
 #[derive(Clone, Copy)]
-struct Polygon {
+pub(super) struct Polygon {
     corners: [DVec3; 7],
     count: usize,
 }
@@ -173,10 +178,14 @@ impl Polygon {
 
     /// Indices of the voxels between the lowest and the highest corner along `axis`.
     fn voxel_range(&self, axis: usize) -> std::ops::RangeInclusive<i32> {
-        let along = self.corners().iter().map(|corner| corner[axis]);
-        let low = along.clone().fold(f64::INFINITY, f64::min);
-        let high = along.fold(f64::NEG_INFINITY, f64::max);
+        let (low, high) = self.bounds(axis);
         low.floor() as i32..=high.floor() as i32
+    }
+
+    /// Lowest and highest corner along `axis`.
+    pub(super) fn bounds(&self, axis: usize) -> (f64, f64) {
+        let along = self.corners().iter().map(|corner| corner[axis]);
+        (along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max))
     }
 
     /// The part between the planes `index` and `index + 1` across `axis`, both included.
