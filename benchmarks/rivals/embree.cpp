@@ -9,39 +9,33 @@ class Embree {
     const Columns& columns;
     RTCScene traced;
 
-    static void attach(RTCDevice device, RTCScene scene, const std::vector<float>& vertices,
-                       const std::vector<uint32_t>& triangles) {
-        RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-        void* to = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, vertices.size() / 3);
-        std::copy(vertices.begin(), vertices.end(), static_cast<float*>(to));
-        to = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, triangles.size() / 3);
-        std::copy(triangles.begin(), triangles.end(), static_cast<uint32_t*>(to));
-        rtcCommitGeometry(geometry);
-        rtcAttachGeometry(scene, geometry);
-        rtcReleaseGeometry(geometry);
+    // Calls fill(vertices, triangles) with Embree's own buffers, which are large.
+    template <class Fill> void attach(RTCDevice device, size_t vertices, size_t triangles, Fill fill) {
+        RTCGeometry mesh = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+        void* to_vertices = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, vertices);
+        void* to_triangles = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, triangles);
+        fill(static_cast<float*>(to_vertices), static_cast<uint32_t*>(to_triangles));
+        rtcCommitGeometry(mesh);
+        rtcAttachGeometry(traced, mesh);
+        rtcReleaseGeometry(mesh);
     }
 
-    static void attach_heights(RTCDevice device, RTCScene rtc, const Scene& scene) {
-        std::vector<float> vertices;
-        std::vector<uint32_t> triangles;
-        vertices.reserve(3 * scene.height.size()), triangles.reserve(6 * scene.height.size());
+    static void fill_heights(const Scene& scene, float* vertex, uint32_t* triangle) {
         for (uint32_t i = 0; i < scene.nx; ++i)
             for (uint32_t j = 0; j < scene.ny; ++j) {
                 const float height = scene.height[size_t(i) * scene.ny + j];
-                vertices.push_back(float((i + 0.5) * scene.cell_m));
-                vertices.push_back(float((j + 0.5) * scene.cell_m));
-                vertices.push_back(std::isnan(height) ? 0 : height);
+                *vertex++ = float((i + 0.5) * scene.cell_m), *vertex++ = float((j + 0.5) * scene.cell_m);
+                *vertex++ = std::isnan(height) ? 0 : height;
             }
-        const auto known = [&](uint32_t at) { return !std::isnan(scene.height[at]); };
         const auto add = [&](uint32_t a, uint32_t b, uint32_t c) {
-            if (known(a) && known(b) && known(c)) triangles.insert(triangles.end(), {a, b, c});
+            const bool is_hole = std::isnan(scene.height[a] + scene.height[b] + scene.height[c]);
+            *triangle++ = a, *triangle++ = is_hole ? a : b, *triangle++ = is_hole ? a : c;
         };
         for (uint32_t i = 0; i + 1 < scene.nx; ++i)
             for (uint32_t j = 0; j + 1 < scene.ny; ++j) {
                 const uint32_t at = i * scene.ny + j, beyond = at + scene.ny;
                 add(at, beyond, beyond + 1), add(at, beyond + 1, at + 1);
             }
-        attach(device, rtc, vertices, triangles);
     }
 
     template <class Ray> static void aim(Ray& ray, const Camera& camera, int u, int v) {
@@ -118,8 +112,14 @@ public:
     Embree(const Scene& scene, const Columns& columns) : columns(columns) {
         RTCDevice device = rtcNewDevice(nullptr);
         traced = rtcNewScene(device);
-        attach_heights(device, traced, scene);
-        if (!scene.triangles.empty()) attach(device, traced, scene.vertices, scene.triangles);
+        const size_t cells = size_t(scene.nx - 1) * (scene.ny - 1);
+        attach(device, scene.height.size(), 2 * cells,
+               [&](float* vertices, uint32_t* triangles) { fill_heights(scene, vertices, triangles); });
+        if (!scene.triangles.empty())
+            attach(device, scene.vertices.size() / 3, scene.triangles.size() / 3, [&](float* vertices, uint32_t* triangles) {
+                std::copy(scene.vertices.begin(), scene.vertices.end(), vertices);
+                std::copy(scene.triangles.begin(), scene.triangles.end(), triangles);
+            });
         rtcCommitScene(traced);
     }
 
