@@ -14,8 +14,8 @@ use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::terrain::height_map::HeightMap;
 use crowdfence::view::Pose;
 use crowdfence::{
-    Camera, Coverage, CrowdMap, Distortion, Heatmap, Method, Observation, OpinionPool, Paper, Projection, Rates,
-    TemporalBlend, Terrain, Unseen, Update, View, project,
+    Camera, Coverage, CrowdMap, Distortion, Heatmap, Method, Observation, OpinionPool, Paper, Projection,
+    Rates, TemporalBlend, Terrain, Unseen, Update, View, project,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -38,7 +38,11 @@ fn main() -> Result<()> {
     if arguments.get(2).is_some_and(|word| word == "columns") {
         return columns.write(&folder, terrain.voxel_size_m());
     }
-    println!("{{\"build_s\": {build_s}, \"voxels\": {}, \"tree_mb\": {}}}", columns.levels.len(), megabytes(&terrain));
+    println!(
+        "{{\"build_s\": {build_s}, \"voxels\": {}, \"tree_mb\": {}}}",
+        columns.levels.len(),
+        megabytes(&terrain)
+    );
     let mut bench = Bench::new(folder, terrain, columns)?;
     for line in io::stdin().lock().lines() {
         let line = line?;
@@ -65,7 +69,8 @@ impl Scene {
         let shape = [u32::from_le_bytes(bytes(&mut file)?), u32::from_le_bytes(bytes(&mut file)?)];
         let shape = shape.map(|cells| cells as usize);
         let cell_size_m = f64::from_le_bytes(bytes(&mut file)?);
-        let [vertices, triangles] = [u64::from_le_bytes(bytes(&mut file)?), u64::from_le_bytes(bytes(&mut file)?)];
+        let [vertices, triangles] =
+            [u64::from_le_bytes(bytes(&mut file)?), u64::from_le_bytes(bytes(&mut file)?)];
         let heights_m = numbers(&mut file, shape[0] * shape[1], f32::from_le_bytes)?;
         let vertices = numbers(&mut file, 3 * vertices as usize, f32::from_le_bytes)?;
         let triangles = numbers(&mut file, 3 * triangles as usize, u32::from_le_bytes)?;
@@ -73,7 +78,10 @@ impl Scene {
             shape,
             cell_size_m,
             heights_m,
-            vertices: vertices.chunks_exact(3).map(|v| DVec3::new(v[0].into(), v[1].into(), v[2].into())).collect(),
+            vertices: vertices
+                .chunks_exact(3)
+                .map(|v| DVec3::new(v[0].into(), v[1].into(), v[2].into()))
+                .collect(),
             triangles: triangles.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
         })
     }
@@ -106,7 +114,8 @@ struct Columns {
 
 impl Columns {
     fn of(terrain: &Terrain, shape: [usize; 2]) -> Columns {
-        let mut columns = Columns { shape, start: vec![0], levels: Vec::with_capacity(terrain.voxel_count()) };
+        let mut columns =
+            Columns { shape, start: vec![0], levels: Vec::with_capacity(terrain.voxel_count()) };
         for column in 0..shape[0] * shape[1] {
             let (i, j) = (column / shape[1], column % shape[1]);
             let voxels = terrain.column(i as i32, j as i32);

@@ -116,10 +116,11 @@ public:
         attach(device, scene.height.size(), 2 * cells,
                [&](float* vertices, uint32_t* triangles) { fill_heights(scene, vertices, triangles); });
         if (!scene.triangles.empty())
-            attach(device, scene.vertices.size() / 3, scene.triangles.size() / 3, [&](float* vertices, uint32_t* triangles) {
-                std::copy(scene.vertices.begin(), scene.vertices.end(), vertices);
-                std::copy(scene.triangles.begin(), scene.triangles.end(), triangles);
-            });
+            attach(device, scene.vertices.size() / 3, scene.triangles.size() / 3,
+                   [&](float* vertices, uint32_t* triangles) {
+                       std::copy(scene.vertices.begin(), scene.vertices.end(), vertices);
+                       std::copy(scene.triangles.begin(), scene.triangles.end(), triangles);
+                   });
         rtcCommitScene(traced);
     }
 

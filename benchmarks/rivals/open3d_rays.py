@@ -27,7 +27,9 @@ class Open3d:
         if threads not in self.scenes:
             self.scenes[threads] = o3d.t.geometry.RaycastingScene(nthreads=threads)
             for mesh in self.meshes:
-                self.scenes[threads].add_triangles(*(o3d.core.Tensor(np.ascontiguousarray(part)) for part in mesh))
+                self.scenes[threads].add_triangles(
+                    *(o3d.core.Tensor(np.ascontiguousarray(part)) for part in mesh)
+                )
             self.scenes[threads].cast_rays(o3d.core.Tensor(np.ones((1, 6), np.float32)))  # builds it
         return self.scenes[threads]
 
@@ -46,7 +48,9 @@ def _ground(height_m: Points, cell_size_m: float) -> tuple[Points, np.ndarray]:
     east, north = np.indices(height_m.shape, np.float32)
     vertices = np.stack([(east + 0.5) * cell_size_m, (north + 0.5) * cell_size_m, height_m], axis=-1)
     at = np.arange(columns * rows, dtype=np.uint32).reshape(columns, rows)[:-1, :-1].ravel()
-    triangles = np.concatenate([np.stack([at, at + rows, at + rows + 1], 1), np.stack([at, at + rows + 1, at + 1], 1)])
+    triangles = np.concatenate(
+        [np.stack([at, at + rows, at + rows + 1], 1), np.stack([at, at + rows + 1, at + 1], 1)]
+    )
     known = np.isfinite(height_m.ravel())
     vertices = np.nan_to_num(vertices.reshape(-1, 3).astype(np.float32))
     return vertices, triangles[known[triangles].all(axis=1)]

@@ -75,7 +75,9 @@ class Bench:
         self.belief = np.zeros(cell_count)
         self.stamp_s = 0.0
 
-    def instant(self, pose: NDArray[np.float64], focal_px: float, heatmap: Points, threads: int, step: int) -> dict:
+    def instant(
+        self, pose: NDArray[np.float64], focal_px: float, heatmap: Points, threads: int, step: int
+    ) -> dict:
         wall, start = time.perf_counter(), time.process_time()
         rows = np.arange(step // 2, len(heatmap), step)
         directions = _rays(pose, focal_px, heatmap.shape, rows)
@@ -85,7 +87,12 @@ class Bench:
         averaged = time.process_time()
         self._fuse()
         end = time.process_time()
-        times = {"rays": traced - start, "average": averaged - traced, "fuse": end - averaged, "cpu": end - start}
+        times = {
+            "rays": traced - start,
+            "average": averaged - traced,
+            "fuse": end - averaged,
+            "cpu": end - start,
+        }
         times["wall"] = time.perf_counter() - wall
         return {name: 1e3 * seconds for name, seconds in times.items()} | {"touched": len(self.touched)}
 

@@ -1,8 +1,8 @@
 """Scenes for the rivals, each from a seed: mountains with a valley, a city with overhangs, a forest.
 
 All programs read the same little-endian files of one folder:
-- `scene.bin`: u32 columns, u32 rows; f64 cell size; u64 vertices, u64 triangles; f32 height [X, Y] in metres at
-  the centres of the cells, NaN where nothing is known; f32 vertex [N, 3]; u32 triangle [T, 3], what overhangs.
+- `scene.bin`: u32 columns, u32 rows; f64 cell size; u64 vertices, u64 triangles; f32 height [X, Y] in metres
+  at the centres of the cells, NaN where nothing is known; f32 vertex [N, 3]; u32 triangle [T, 3]: overhangs.
 - `reporting.bin`, `tuning.bin`: u32 views; f64 focal length / image width; f64 world_from_camera [V, 3, 4].
 - `heatmaps-<width>x<height>.bin`: u8 [H, height, width], value / 255. View i reads heatmap i modulo H.
 """
@@ -18,10 +18,8 @@ VIEWS = 48  # figures are of the first 12; the rest flies when 48 drones do
 HEATMAPS = 12
 FOCAL_PER_WIDTH = 0.5  # 90 degrees across
 SEEDS = {"tuning": 101, "reporting": 202}
-TRIANGLES_OF_BOX = np.array(
-    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4]]
-    + [[2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]]
-)
+BOX = "021 123 456 576 014 154 263 367 042 246 135 375"
+TRIANGLES_OF_BOX = np.array([[int(corner) for corner in triangle] for triangle in BOX.split()])
 KINDS = ("mountains", "city", "forest")
 
 Heights = NDArray[np.float32]
@@ -91,7 +89,9 @@ def _city(side_m: float, cell_size_m: float, rng: np.random.Generator) -> Scene:
     for block_x in np.arange(8.0, side_m - 90.0, 90.0):
         for block_y in np.arange(8.0, side_m - 90.0, 90.0):
             for lot in range(4):
-                low = np.array([block_x + 38.0 * (lot % 2), block_y + 38.0 * (lot // 2)]) + rng.uniform(2, 6, 2)
+                low = np.array([block_x + 38.0 * (lot % 2), block_y + 38.0 * (lot // 2)]) + rng.uniform(
+                    2, 6, 2
+                )
                 high = low + rng.uniform(14.0, 30.0, 2)
                 i, j = (low / cell_size_m).astype(int)
                 k, m = (high / cell_size_m).astype(int)
@@ -107,7 +107,9 @@ def _city(side_m: float, cell_size_m: float, rng: np.random.Generator) -> Scene:
                 low = [block_x - 8.0, block_y + 34.0, ground_m + 8.0]
                 boxes.append([*low, low[0] + 82.0, low[1] + 6.0, low[2] + 1.0])
     _drill_holes(height_m, cell_size_m, rng)
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]])
+    corners = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]]
+    )
     ends = np.reshape(boxes, (-1, 2, 3))
     solids = [(low + corners * (high - low), TRIANGLES_OF_BOX) for low, high in ends]
     return Scene(height_m, cell_size_m, *_mesh(solids))
@@ -164,7 +166,9 @@ def _ball() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     corners = np.array([p for a, b in plane for p in ((0, a, b), (a, b, 0), (b, 0, a))], float)
     near = np.isclose(((corners[:, None] - corners) ** 2).sum(-1), 4.0)
     triples = [(a, b, c) for a in range(12) for b in range(a) for c in range(b)]
-    faces = [[corners[i] for i in t] for t in triples if near[t[0], t[1]] and near[t[1], t[2]] and near[t[0], t[2]]]
+    faces = [
+        [corners[i] for i in t] for t in triples if near[t[0], t[1]] and near[t[1], t[2]] and near[t[0], t[2]]
+    ]
     halved = []
     for a, b, c in faces:
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
@@ -185,7 +189,7 @@ def _mesh(
 
 
 def _poses(scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
-    """20 to 80 m above what stands within 5 m, 10 to 60 degrees down, rolled up to 5, away from the map's edge."""
+    """20 to 80 m above what stands within 5 m, 10 to 60 degrees down, rolled up to 5, far from the edge."""
     height_m, cell_size_m = scene.height_m, scene.cell_size_m
     side_m, reach = len(height_m) * cell_size_m, round(5.0 / cell_size_m)
     poses = np.empty((VIEWS, 3, 4))
