@@ -1,7 +1,5 @@
 //! crowdfence as one of the rivals: the same files, the same orders (see `rival.h`), the public API and nothing else.
-//!
-//! `rivals-crowdfence FOLDER columns` writes the voxels of the scene, from which the tracers of voxels are built;
-//! `rivals-crowdfence FOLDER` takes orders.
+//! It starts first: before it takes orders it writes the voxels of the scene, from which the others number the cells.
 
 use std::error::Error;
 use std::fs::File;
@@ -35,9 +33,7 @@ fn main() -> Result<()> {
     let terrain = Arc::new(scene.terrain()?);
     let build_s = start.elapsed().as_secs_f64();
     let columns = Columns::of(&terrain, scene.shape);
-    if arguments.get(2).is_some_and(|word| word == "columns") {
-        return columns.write(&folder, terrain.voxel_size_m());
-    }
+    columns.write(&folder, terrain.voxel_size_m())?;
     println!(
         "{{\"build_s\": {build_s}, \"voxels\": {}, \"tree_mb\": {}}}",
         columns.levels.len(),

@@ -27,8 +27,8 @@ constexpr float MAX_RANGE_M = 300.0f;
 struct File {
     std::ifstream stream;
     explicit File(const std::string& path) : stream(path, std::ios::binary) {
-        stream.exceptions(std::ios::failbit | std::ios::badbit);
         if (!stream.is_open()) throw std::runtime_error("cannot open " + path);
+        stream.exceptions(std::ios::failbit | std::ios::badbit);
     }
     template <class T> T one() { return many<T>(1)[0]; }
     template <class T> std::vector<T> many(size_t count) {
