@@ -159,9 +159,10 @@ def _key(row: Json) -> tuple:
 def _agreement(results: Json) -> str:
     lines = [
         "## The same scene\n",
-        "Three views at 640x480: share of pixels that hit something, and of these the share (at most: pixels are",
-        "counted by cell) on the same cell as Embree's triangles and as OpenVDB's voxels. Voxels stand up to one voxel above the surface they",
-        "hold, so the two kinds differ by nature, most where the view is flat.\n",
+        "Three views at 640x480: share of pixels that hit something, and of these the share (at most: pixels",
+        "are counted by cell) on the same cell as Embree's triangles and as OpenVDB's voxels. Voxels stand",
+        "up to one voxel above the surface they hold, so the two kinds differ by nature, most where the view",
+        "is flat.\n",
         "| map | program | hit | cells touched | same cell as Embree | same cell as OpenVDB |",
         "|---|---|---|---|---|---|",
     ]
