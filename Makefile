@@ -6,8 +6,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-training lint fuzz bench lock clean setup setup-training \
-	stub opengl demo-recording detector
+.PHONY: help demo test test-rust test-python test-training lint fuzz bench bench-rivals lock clean setup \
+	setup-rivals setup-training stub opengl demo-recording detector
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -89,6 +89,31 @@ bench: setup ## the figures of benchmarks/README.md
 	$(BIN)/python benchmarks/terrain_scale.py
 	$(BIN)/python benchmarks/lazy_decay.py
 	$(BIN)/python benchmarks/zones.py
+
+# The rivals are Debian packages with small programs of ours around them (Embree 3: Debian 12, Ubuntu 22.04). Open3D is
+# 600 MB from PyPI in a place of its own; without it the benchmark says so and goes on.
+RIVALS := out/rivals
+RIVAL_PACKAGES := g++ libembree-dev liboctomap-dev libopenvdb-dev libboost-dev libtbb-dev libusb-1.0-0 libgl1 libgomp1
+
+setup-rivals: setup ## Embree, OctoMap, OpenVDB and Open3D for bench-rivals
+	@dpkg -s $(RIVAL_PACKAGES) >/dev/null 2>&1 || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
+	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq --no-install-recommends $(RIVAL_PACKAGES); }
+	@$(RIVALS)/open3d/bin/python -c 'import open3d' 2>/dev/null || { $(PYTHON) -m venv --clear $(RIVALS)/open3d \
+	  && $(RIVALS)/open3d/bin/python -m pip install --quiet --disable-pip-version-check open3d-cpu==0.20.0; } \
+	  || { rm -rf $(RIVALS)/open3d; echo "Open3D could not be installed"; }
+
+$(RIVALS)/embree: LDLIBS := -lembree3
+$(RIVALS)/octomap: LDLIBS := -loctomap -loctomath
+$(RIVALS)/openvdb: LDLIBS := -lopenvdb -ltbb
+$(RIVALS)/embree $(RIVALS)/octomap $(RIVALS)/openvdb: $(RIVALS)/%: benchmarks/rivals/%.cpp benchmarks/rivals/rival.h
+	@mkdir -p $(RIVALS)
+	$(CXX) -std=c++17 -O3 -march=native -pthread $< -o $@ $(LDLIBS)
+
+QUICK ?=
+bench-rivals: setup-rivals ## back-projection against its rivals: benchmarks/rivals/RESULTS.md (QUICK=1: minutes)
+	@$(MAKE) --no-print-directory $(RIVALS)/embree $(RIVALS)/octomap $(RIVALS)/openvdb
+	cargo build --release --locked --quiet -p crowdfence-rivals
+	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick)
 
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
