@@ -200,7 +200,7 @@ class Terrain:
     `Terrain.open` reads map files, the `from_` constructors take arrays; all of them raise CrowdfenceError
     for a terrain without a voxel, with more than 2^31 of them or more than 2^20 along an axis, for a
     voxel_size_m that is not positive, for values that are not finite and for arrays of another shape or
-    element type. The voxels cannot change. A terrain can be pickled (12 bytes per voxel).
+    element type. The voxels cannot change. A terrain can be pickled (16 bytes per voxel).
     """
 
     @staticmethod
@@ -259,6 +259,18 @@ class Terrain:
         CrowdfenceError as for the class, naming the first index beyond 32 bits.
         """
     @staticmethod
+    def from_voxels(
+        indices: ArrayLike,
+        planes: ArrayLike,
+        voxel_size_m: float,
+        origin: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> Terrain:
+        """Voxels by their grid indices (i, j, k) [N, 3], with the surface in them as `planes` [N] gives it.
+
+        From `voxel_indices` of all ids and `planes` comes the very terrain that they were taken from.
+        CrowdfenceError as for the class.
+        """
+    @staticmethod
     def from_octomap(data: bytes, *, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Terrain:
         """Occupied leaves of an OctoMap (the bytes of its .bt or .ot file); pruned leaves are expanded.
 
@@ -301,6 +313,9 @@ class Terrain:
     def bytes(self) -> int:
         """Memory of voxels and surface in bytes."""
     @property
+    def planes(self) -> NDArray[np.uint32]:
+        """Where in each voxel the surface lies [V] uint32, for `from_voxels`. In metres: `surface_heights`."""
+    @property
     def fingerprint(self) -> int:
         """Checksum of geometry and voxels; equal terrains have equal fingerprints."""
     @property
@@ -316,12 +331,13 @@ class Terrain:
         *,
         surface: Literal["planes", "voxels"] = "planes",
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; distances in metres [N], inf).
+        """Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; metres [N], inf = nowhere).
 
-        origins and directions are [N, 3] in the world; directions need not have unit length. `surface` is
-        "planes", where in the voxels the map says that the surface lies, or "voxels", the voxels as cubes. A ray
-        that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names the first
-        ray that is not finite or has no direction, or the shape that does not fit.
+        origins and directions are [N, 3] in the world; directions need not have unit length
+        surface   "planes": where in the voxels the map says that it lies; "voxels": the voxels as cubes
+
+        A ray that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names
+        the first ray that is not finite or has no direction, or the shape that does not fit.
         """
     def voxel_centers(self, ids: ArrayLike) -> NDArray[np.float64]:
         """World coordinates [N, 3] of the centres of the voxels `ids` [N].

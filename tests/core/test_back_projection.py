@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from crowdfence import Camera, Observation, Terrain, View, project
-from support.slow_projection import DenseTerrain, project_tops, project_rays
+from support.slow_projection import DenseTerrain, project_rays, project_tops
 
 Array = NDArray[np.float64]
 

@@ -2,6 +2,7 @@ use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
 use crowdfence::Terrain;
+use crowdfence::terrain::Plane;
 use crowdfence::terrain::height_map::HeightMap;
 use crowdfence::terrain::octomap;
 use glam::DVec3;
@@ -22,7 +23,7 @@ use crate::observation::surface;
 /// `Terrain.open` reads map files, the `from_` constructors take arrays; all of them raise CrowdfenceError
 /// for a terrain without a voxel, with more than 2^31 of them or more than 2^20 along an axis, for a
 /// voxel_size_m that is not positive, for values that are not finite and for arrays of another shape or
-/// element type. The voxels cannot change. A terrain can be pickled (12 bytes per voxel).
+/// element type. The voxels cannot change. A terrain can be pickled (16 bytes per voxel).
 #[pyclass(frozen, name = "Terrain", module = "crowdfence")]
 pub struct PyTerrain {
     pub terrain: Arc<Terrain>,
@@ -55,12 +56,20 @@ fn grid_index(index: &[i64]) -> Option<[i32; 3]> {
     Some([i32::try_from(index[0]).ok()?, i32::try_from(index[1]).ok()?, i32::try_from(index[2]).ok()?])
 }
 
+fn grid_indices(indices: &Bound<'_, PyAny>) -> PyResult<Vec<[i32; 3]>> {
+    let flat = Array::<i64>::new(indices, "indices", &[None, Some(3)])?.to_vec()?;
+    let rows = flat.chunks_exact(3).enumerate();
+    rows.map(|(row, index)| grid_index(index).ok_or_else(|| index_too_large(row, index))).collect()
+}
+
 fn index_too_large(row: usize, index: &[i64]) -> PyErr {
     CrowdfenceError::new_err(format!("grid index {row} is {index:?}; each of the three must fit in 32 bits"))
 }
 
-/// What makes the same terrain again: `from_indices`, its arguments, and the georeference to be set.
-type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray2<i32>>, f64, (f64, f64, f64)), Option<Py<PyAny>>);
+/// Grid indices, planes, voxel size and origin.
+type Parts<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<u32>>, f64, (f64, f64, f64));
+/// What makes the same terrain again: `from_voxels`, its arguments, and the georeference to be set.
+type Reduced<'py> = (Bound<'py, PyAny>, Parts<'py>, Option<Py<PyAny>>);
 
 #[pymethods]
 impl PyTerrain {
@@ -166,15 +175,33 @@ impl PyTerrain {
         voxel_size_m: f64,
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
-        let flat = Array::<i64>::new(indices, "indices", &[None, Some(3)])?.to_vec()?;
-        let indices = flat
-            .chunks_exact(3)
-            .enumerate()
-            .map(|(row, index)| grid_index(index).ok_or_else(|| index_too_large(row, index)))
-            .collect::<PyResult<Vec<_>>>()?;
+        let indices = grid_indices(indices)?;
         py.detach(|| Terrain::from_indices(&indices, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
+    }
+
+    /// Voxels by their grid indices (i, j, k) [N, 3], with the surface in them as `planes` [N] gives it.
+    ///
+    /// From `voxel_indices` of all ids and `planes` comes the very terrain that they were taken from.
+    /// CrowdfenceError as for the class.
+    #[staticmethod]
+    #[pyo3(signature = (indices, planes, voxel_size_m, origin=[0.0; 3]), text_signature = "(indices, planes, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
+    fn from_voxels(
+        py: Python<'_>,
+        indices: &Bound<'_, PyAny>,
+        planes: &Bound<'_, PyAny>,
+        voxel_size_m: f64,
+        #[pyo3(from_py_with = origin)] origin: [f64; 3],
+    ) -> PyResult<Self> {
+        let indices = grid_indices(indices)?;
+        let planes = Array::<u32>::new(planes, "planes", &[Some(indices.len())])?.to_vec()?;
+        py.detach(|| {
+            let planes: Vec<Plane> = planes.into_iter().map(Plane::from_bits).collect();
+            Terrain::from_voxels(&indices, &planes, voxel_size_m, origin.into())
+        })
+        .map(PyTerrain::new)
+        .map_err(refuse)
     }
 
     /// Occupied leaves of an OctoMap (the bytes of its .bt or .ot file); pruned leaves are expanded.
@@ -249,6 +276,13 @@ impl PyTerrain {
         self.terrain.bytes()
     }
 
+    /// Where in each voxel the surface lies [V] uint32, for `from_voxels`. In metres: `surface_heights`.
+    #[getter]
+    fn planes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        let planes: Vec<u32> = self.terrain.planes().iter().map(|plane| plane.to_bits()).collect();
+        planes.into_pyarray(py)
+    }
+
     /// Checksum of geometry and voxels; equal terrains have equal fingerprints.
     #[getter]
     fn fingerprint(&self) -> u64 {
@@ -267,12 +301,13 @@ impl PyTerrain {
         *self.georeference.write().expect("no writer panics") = georeference;
     }
 
-    /// Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; distances in metres [N], inf).
+    /// Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; metres [N], inf = nowhere).
     ///
-    /// origins and directions are [N, 3] in the world; directions need not have unit length. `surface` is
-    /// "planes", where in the voxels the map says that the surface lies, or "voxels", the voxels as cubes. A ray
-    /// that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names the first
-    /// ray that is not finite or has no direction, or the shape that does not fit.
+    /// origins and directions are [N, 3] in the world; directions need not have unit length
+    /// surface   "planes": where in the voxels the map says that it lies; "voxels": the voxels as cubes
+    ///
+    /// A ray that starts inside has distance 0; farther than `max_range_m` is no hit. CrowdfenceError names
+    /// the first ray that is not finite or has no direction, or the shape that does not fit.
     #[pyo3(signature = (origins, directions, max_range_m, *, surface="planes"))]
     fn raycast<'py>(
         &self,
@@ -369,8 +404,9 @@ impl PyTerrain {
         let (py, terrain) = (slf.py(), &slf.get().terrain);
         let ids: Vec<u32> = (0..terrain.voxel_count() as u32).collect();
         let indices = py.detach(|| terrain.indices_of(&ids).into_iter().flatten().collect());
-        let arguments = (rows(py, indices, 3)?, terrain.voxel_size_m(), slf.get().origin());
-        Ok((slf.get_type().getattr("from_indices")?, arguments, slf.get().georeference(py)))
+        let planes = slf.get().planes(py);
+        let parts = (rows(py, indices, 3)?, planes, terrain.voxel_size_m(), slf.get().origin());
+        Ok((slf.get_type().getattr("from_voxels")?, parts, slf.get().georeference(py)))
     }
 
     fn __setstate__(&self, georeference: Option<Py<PyAny>>) {

@@ -39,7 +39,7 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
 pub fn project_by_rays(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
     with_vantage(view, terrain, projection, |vantage| {
         let hits = PixelHits::cast(vantage);
-        let (sightings, on_ground) = (hits.sightings(view), hits.on_ground(view));
+        let (sightings, on_ground) = (hits.sightings(vantage), hits.on_ground(view));
         match projection.coverage() {
             Coverage::Rays => Raster { sightings, occluded_ids: Vec::new(), on_ground },
             Coverage::Full => {
@@ -120,6 +120,8 @@ struct Sighting {
     voxel_id: u32,
     mean: f64,
     pixel_count: u32,
+    /// From where rays start to the voxel's part of the surface, metres.
+    line: DVec3,
 }
 
 fn merged(mut some: Vec<Sighting>, others: Vec<Sighting>) -> Vec<Sighting> {
@@ -136,15 +138,12 @@ fn observation(
     occluded_ids: Vec<u32>,
     crowd_mass: CrowdMass,
 ) -> Observation {
-    let camera_world = view.world_from_camera.translation;
-    let ids: Vec<u32> = rows.iter().map(|sighting| sighting.voxel_id).collect();
-    let lines: Vec<DVec3> = terrain.centers(&ids).into_iter().map(|center| center - camera_world).collect();
     let seen = SeenVoxels {
-        ids,
+        ids: rows.iter().map(|sighting| sighting.voxel_id).collect(),
         mean: rows.iter().map(|sighting| sighting.mean).collect(),
         pixel_count: rows.iter().map(|sighting| sighting.pixel_count).collect(),
-        range_m: lines.iter().map(|line| line.length() as f32).collect(),
-        tilt_deg: lines.iter().map(|&line| tilt_deg(line)).collect(),
+        range_m: rows.iter().map(|sighting| sighting.line.length() as f32).collect(),
+        tilt_deg: rows.iter().map(|sighting| tilt_deg(sighting.line)).collect(),
     };
     Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids, crowd_mass)
         .expect("rows are sorted, and values of a heatmap lie in [0, 1]")

@@ -29,7 +29,8 @@ pub struct SeenVoxels {
     pub mean: Vec<f64>,
     /// Those pixels; 0 for a voxel that is in view but between the pixel centres.
     pub pixel_count: Vec<u32>,
-    /// From the camera to the voxel's centre.
+    /// From the camera to what it sees there, at the height of the target: over the middle of the voxel's top, or of
+    /// a voxel in a wall over its centre.
     pub range_m: Vec<f32>,
     /// Of the same line, below the horizon: 90 is straight down, negative is upwards.
     pub tilt_deg: Vec<f32>,

@@ -45,8 +45,9 @@ impl Raster {
         let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
         radsort::sort_by_key(&mut order, |&(id, _)| id);
         radsort::sort(&mut occluded_ids);
+        let voxel_size_m = vantage.terrain.voxel_size_m();
         Raster {
-            sightings: order.iter().map(|&(_, row)| rows[row as usize].sighting()).collect(),
+            sightings: order.iter().map(|&(_, row)| rows[row as usize].sighting(voxel_size_m)).collect(),
             occluded_ids,
             on_ground: canvas.painted(),
         }
@@ -62,9 +63,10 @@ struct Row {
 }
 
 impl Row {
-    fn sighting(&self) -> Sighting {
+    fn sighting(&self, voxel_size_m: f64) -> Sighting {
         let Painted { sum, count } = self.painted;
-        Sighting { voxel_id: self.id, mean: (sum / f64::from(count.max(1))).min(1.0), pixel_count: count }
+        let mean = (sum / f64::from(count.max(1))).min(1.0);
+        Sighting { voxel_id: self.id, mean, pixel_count: count, line: self.place * voxel_size_m }
     }
 }
 

@@ -29,7 +29,8 @@ impl PixelHits {
     }
 
     /// The voxels hit, sorted by id.
-    pub fn sightings(&self, view: &View) -> Vec<Sighting> {
+    pub fn sightings(&self, vantage: &Vantage) -> Vec<Sighting> {
+        let view = vantage.view;
         let width = view.camera.width();
         let value = |&hit: &u64| {
             let pixel = hit as u32;
@@ -41,6 +42,7 @@ impl PixelHits {
                 voxel_id: (pixels[0] >> 32) as u32,
                 mean: pixels.iter().map(value).sum::<f64>() / pixels.len() as f64,
                 pixel_count: pixels.len() as u32,
+                line: vantage.line_to((pixels[0] >> 32) as u32),
             })
             .collect()
     }

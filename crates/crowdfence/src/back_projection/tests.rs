@@ -162,15 +162,18 @@ fn terrain_and_pose_that_do_not_overlap_give_an_empty_observation() {
 }
 
 #[test]
-fn range_and_tilt_lead_to_the_voxels_centre() {
-    // From (5.5, 5.5, 10.5): straight down 10 m to the centre at (5.5, 5.5, 0.5); 10 m north of there the line is
+fn range_and_tilt_lead_to_the_middle_of_the_top() {
+    // From (5.5, 5.5, 11): straight down 10 m to the top at (5.5, 5.5, 1); 10 m north of there the line is
     // 45 degrees below the horizon and 10 sqrt(2) m long.
     let map = terrain(&floor(30));
-    let below = project(&view(DOWN, [5.5, 5.5, 10.5], [1, 1], 100.0, uniform(1.0)), &map, &rays(100.0));
+    let below = project(&view(DOWN, [5.5, 5.5, 11.0], [1, 1], 100.0, uniform(1.0)), &map, &rays(100.0));
     assert_eq!((below.range_m(), below.tilt_deg()), (&[10.0][..], &[90.0][..]));
     let diagonal = std::f64::consts::FRAC_1_SQRT_2;
     let axes = [[1.0, 0.0, 0.0], [0.0, -diagonal, -diagonal], [0.0, diagonal, -diagonal]];
-    let ahead = project(&view(axes, [5.5, 5.5, 10.5], [1, 1], 100.0, uniform(1.0)), &map, &rays(100.0));
+    let view = view(axes, [5.5, 5.5, 11.0], [1, 1], 100.0, uniform(1.0));
+    let ahead = project(&view, &map, &rays(100.0));
+    let by_rays = project_by_rays(&view, &map, &rays(100.0));
+    assert!((ahead.range_m()[0] - by_rays.range_m()[0]).abs() < 1e-5);
     assert_eq!(map.index(ahead.voxel_ids()[0]), [5, 15, 0]);
     assert!((f64::from(ahead.range_m()[0]) - 200f64.sqrt()).abs() < 1e-6);
     assert!((ahead.tilt_deg()[0] - 45.0).abs() < 1e-5);

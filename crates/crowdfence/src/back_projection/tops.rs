@@ -28,7 +28,9 @@ pub(super) fn beside_rays(vantage: &Vantage, hit: &[Sighting]) -> (Vec<Sighting>
     let (mut seen, mut occluded_ids) = (Vec::new(), Vec::new());
     for (voxel_id, view) in views {
         match view {
-            TopView::Visible(mean) => seen.push(Sighting { voxel_id, mean, pixel_count: 0 }),
+            TopView::Visible(mean) => {
+                seen.push(Sighting { voxel_id, mean, pixel_count: 0, line: vantage.line_to(voxel_id) })
+            }
             TopView::Hidden => occluded_ids.push(voxel_id),
         }
     }
@@ -55,6 +57,12 @@ impl Vantage<'_> {
         } else {
             Some(TopView::Hidden)
         }
+    }
+
+    /// From where rays start to what is seen of a voxel: the middle of its top, or in a wall its centre.
+    pub(super) fn line_to(&self, id: u32) -> DVec3 {
+        let point = self.middle_of_top(id).map_or_else(|| self.terrain.center(id), |(middle, _)| middle);
+        point - self.origin
     }
 
     /// World metres, with the direction in which the top faces; None when another voxel lies on top.

@@ -21,20 +21,34 @@ impl Plane {
     /// The upper face of the voxel: what is left where nothing finer is known, and the terrain as cubes.
     pub const CEILING: Plane = Plane { height: HEIGHT_STEPS as i16, slope: [0, 0] };
     /// Heights at the column's centre, above the voxel's floor, that a plane may have.
-    const LOWEST: f64 = -1.0;
+    const LOWEST: f64 = -2.0;
     const HIGHEST: f64 = 2.0;
     /// Steeper than that, and a slope is a wall that the voxels below the uppermost one show.
     pub const STEEPEST: f64 = 127.0 / SLOPE_STEPS;
     /// How far a plane may reach above its voxel, and below its voxel's floor, at a corner of the column: half a
     /// voxel along both axes at the steepest slope.
     pub const RISE: u32 = 3;
-    pub const DROP: u32 = 3;
+    pub const DROP: u32 = 4;
 
     /// The nearest plane that can be kept: heights and slopes beyond the bounds are cut to them.
     pub fn new(height: f64, slope: [f64; 2]) -> Plane {
         let slope = slope.map(|rise| (rise * SLOPE_STEPS).round().clamp(-127.0, 127.0) as i8);
         let height = (height.clamp(Plane::LOWEST, Plane::HIGHEST) * HEIGHT_STEPS).round() as i16;
         Plane { height, slope }
+    }
+
+    /// As one number, for files and pickles.
+    pub fn to_bits(self) -> u32 {
+        let [x, y] = self.slope.map(|rise| rise as u8);
+        let [low, high] = self.height.to_le_bytes();
+        u32::from_le_bytes([low, high, x, y])
+    }
+
+    /// The inverse; numbers that no plane has are cut to the bounds.
+    pub fn from_bits(bits: u32) -> Plane {
+        let [low, high, x, y] = bits.to_le_bytes();
+        let kept = Plane { height: i16::from_le_bytes([low, high]), slope: [x as i8, y as i8] };
+        Plane::new(kept.height(), kept.slope())
     }
 
     /// At the centre of the column, voxels above the voxel's floor.
@@ -71,6 +85,15 @@ mod tests {
             assert!(plane.slope().iter().zip(slope).all(|(kept, rise)| (kept - rise).abs() <= 0.5 / 64.0));
         }
         assert_eq!(Plane::new(1.0, [0.0, 0.0]), Plane::CEILING);
+    }
+
+    #[test]
+    fn a_plane_is_the_same_after_it_was_a_number() {
+        for plane in [Plane::CEILING, Plane::new(-0.7, [1.2, -1.9]), Plane::new(1.99, [-0.3, 0.0])] {
+            assert_eq!(Plane::from_bits(plane.to_bits()), plane);
+        }
+        let cut = Plane::from_bits(u32::from_le_bytes([0, 0x80, 0x80, 0x7f]));
+        assert_eq!((cut.height(), cut.slope()), (Plane::LOWEST, [-Plane::STEEPEST, Plane::STEEPEST]));
     }
 
     #[test]

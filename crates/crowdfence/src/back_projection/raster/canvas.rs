@@ -162,17 +162,17 @@ fn centers_between(low: f64, high: f64, count: usize) -> Range<usize> {
 /// In eight partial sums, so that it does not depend on the machine how wide its vectors are.
 #[inline(always)]
 fn sum(values: &[f32]) -> f64 {
-    let mut sums = [0.0f32; 8];
+    let mut sums = [0.0f64; 8];
     let mut eights = values.chunks_exact(8);
     for eight in &mut eights {
         for (sum, value) in sums.iter_mut().zip(eight) {
-            *sum += value;
+            *sum += f64::from(*value);
         }
     }
     for (sum, value) in sums.iter_mut().zip(eights.remainder()) {
-        *sum += value;
+        *sum += f64::from(*value);
     }
-    f64::from((sums[0] + sums[1] + (sums[2] + sums[3])) + (sums[4] + sums[5] + (sums[6] + sums[7])))
+    (sums[0] + sums[1] + (sums[2] + sums[3])) + (sums[4] + sums[5] + (sums[6] + sums[7]))
 }
 
 #[inline(always)]
