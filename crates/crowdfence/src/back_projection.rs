@@ -24,15 +24,18 @@ use rays::PixelHits;
 /// Back-projects a view. A camera inside the terrain, or one that `target_height_m` would push through it, sees
 /// nothing: its rays would pass below the surface and mark places it never saw.
 ///
-/// Through a pinhole the terrain is painted on the image ([`raster`]), through a lens that distorts every pixel has
-/// its ray ([`project_by_rays`]). Both mean the same.
+/// The terrain is painted on the image ([`raster`]). Through a lens so wide that no pinhole could see as much, every
+/// pixel has its ray ([`project_by_rays`]). Both mean the same.
 pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
-    match view.camera.distortion() {
-        Distortion::None => with_vantage(view, terrain, projection, |vantage| {
-            Raster::paint(vantage, projection.coverage() == Coverage::Full)
-        }),
-        _ => project_by_rays(view, terrain, projection),
-    }
+    let lens = match view.camera.distortion() {
+        Distortion::None => None,
+        _ => match view.camera.ideal_pixels() {
+            None => return project_by_rays(view, terrain, projection),
+            lens => lens,
+        },
+    };
+    let between_pixels = projection.coverage() == Coverage::Full;
+    with_vantage(view, terrain, projection, |vantage| Raster::paint(vantage, lens, between_pixels))
 }
 
 /// The same by casting the ray of every pixel: the reference for [`project`], and many times slower.

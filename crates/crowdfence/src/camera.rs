@@ -12,18 +12,21 @@
 mod brown_conrady;
 mod distortion;
 mod error;
+mod ideal_pixels;
 mod kannala_brandt;
 mod radial;
 #[cfg(test)]
 mod tests;
 
 use std::ops::RangeInclusive;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 pub use distortion::Distortion;
 pub use error::CameraError;
+pub use ideal_pixels::IdealPixels;
 
 use brown_conrady::BrownConrady;
 use kannala_brandt::KannalaBrandt;
@@ -47,6 +50,17 @@ pub struct Camera {
     principal_px: DVec2,
     distortion: Distortion,
     lens: Lens,
+    ideal_pixels: Kept<Option<Arc<IdealPixels>>>,
+}
+
+/// What is worked out when it is first asked for; equal to any other, as it follows from the rest.
+#[derive(Debug, Clone, Default)]
+struct Kept<T>(OnceLock<T>);
+
+impl<T> PartialEq for Kept<T> {
+    fn eq(&self, _: &Kept<T>) -> bool {
+        true
+    }
 }
 
 /// The distortion with what is worked out once per camera.
@@ -102,6 +116,7 @@ impl Camera {
             principal_px: DVec2::new(cx, cy),
             distortion,
             lens: Lens::new(distortion),
+            ideal_pixels: Kept::default(),
         })
     }
 
@@ -133,6 +148,12 @@ impl Camera {
         &self.distortion
     }
 
+    /// Where a pinhole of the same intrinsics sees what the pixels see: None where it cannot, as they look too far
+    /// aside. Takes as long as [`Camera::pixel_rays`] the first time.
+    pub fn ideal_pixels(&self) -> Option<&IdealPixels> {
+        self.ideal_pixels.0.get_or_init(|| IdealPixels::of(self).map(Arc::new)).as_deref()
+    }
+
     /// Pixel at which a point in camera axes is imaged, perhaps outside the image, see [`Camera::contains`].
     /// None where the camera cannot see: behind a pinhole, outside the field of view in which the lens model
     /// is one-to-one, or at a point that is not finite.
@@ -147,6 +168,11 @@ impl Camera {
         };
         let pixel = image? * self.focal_px + self.principal_px;
         pixel.is_finite().then_some(pixel)
+    }
+
+    /// Pixel that sees what a pinhole of the same intrinsics sees at a pixel of its own.
+    pub fn pixel_of_ideal(&self, pixel: DVec2) -> Option<DVec2> {
+        self.project(((pixel - self.principal_px) / self.focal_px).extend(1.0))
     }
 
     /// Unit ray, in camera axes, through a pixel; the inverse of [`Camera::project`].

@@ -19,6 +19,7 @@ mod tile;
 use glam::DVec3;
 
 use super::{Sighting, Vantage};
+use crate::camera::IdealPixels;
 use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
 use canvas::{Canvas, NOBODY, Painted};
@@ -36,9 +37,10 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// Of a view through a pinhole. With `between_pixels`, voxels that no pixel centre hits are seen as well.
-    pub fn paint(vantage: &Vantage, between_pixels: bool) -> Raster {
-        let mut painter = Painter::new(vantage, between_pixels);
+    /// Of a view through a pinhole, or through a lens by its ideal pixels. With `between_pixels`, voxels that no pixel
+    /// centre hits are seen as well.
+    pub fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixels: bool) -> Raster {
+        let mut painter = Painter::new(vantage, lens, between_pixels);
         let root = painter.stacks.root();
         painter.walk(&root);
         let Painter { canvas, rows, mut occluded_ids, .. } = painter;
@@ -127,13 +129,13 @@ impl Place {
 }
 
 impl<'a> Painter<'a> {
-    fn new(vantage: &'a Vantage<'a>, between_pixels: bool) -> Painter<'a> {
+    fn new(vantage: &'a Vantage<'a>, lens: Option<&'a IdealPixels>, between_pixels: bool) -> Painter<'a> {
         let terrain = vantage.terrain;
         Painter {
             vantage,
-            optics: Optics::of(vantage.view),
+            optics: Optics::of(vantage.view, lens),
             stacks: Stacks::new(terrain.tree()),
-            canvas: Canvas::new(vantage.view),
+            canvas: Canvas::new(vantage.view, lens),
             tile: Tile::default(),
             rows: Vec::new(),
             occluded_ids: Vec::new(),
@@ -300,16 +302,12 @@ impl<'a> Painter<'a> {
     fn paint_middle(&mut self, piece: &Piece, place: &Place) {
         let middle = place.middle(piece.solid.top() - self.origin.z);
         let image = self.optics.image(middle);
-        let size = self.optics.size;
-        let in_image = image.depth > 0.0
-            && (0.0..size.x * image.depth).contains(&image.u)
-            && (0.0..size.y * image.depth).contains(&image.v);
-        if !in_image || middle.length_squared() > self.range * self.range {
+        if image.depth <= 0.0 || middle.length_squared() > self.range * self.range {
             return;
         }
-        let pixel = image.pixel();
-        let (column, row) = (pixel.x as usize, pixel.y as usize);
-        let (column, row) = (column.min(self.canvas.width() - 1), row.min(self.canvas.height() - 1));
+        let Some((column, row)) = self.canvas.pixel_at(image.pixel()) else {
+            return;
+        };
         if self.shows_middle(piece, middle, self.canvas.owner(column, row)) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
             self.rows.push(Row { id: piece.id, painted, place: middle });

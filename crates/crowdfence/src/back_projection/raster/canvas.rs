@@ -3,6 +3,9 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
+use glam::DVec2;
+
+use crate::camera::{Camera, IdealPixels};
 use crate::view::View;
 
 const WORD: usize = u64::BITS as usize;
@@ -36,10 +39,13 @@ pub struct Canvas<'a> {
     owner: Vec<u32>,
     /// Heatmap value of each pixel, row after row.
     values: Cow<'a, [f32]>,
+    /// Of a lens that distorts, with the camera it belongs to: polygons are then those of a pinhole.
+    lens: Option<(&'a Camera, &'a IdealPixels)>,
 }
 
 impl<'a> Canvas<'a> {
-    pub fn new(view: &'a View) -> Canvas<'a> {
+    pub fn new(view: &'a View, lens: Option<&'a IdealPixels>) -> Canvas<'a> {
+        let lens = lens.map(|pixels| (view.camera.as_ref(), pixels));
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let words_a_row = width.div_ceil(WORD);
         Canvas {
@@ -49,15 +55,20 @@ impl<'a> Canvas<'a> {
             covered: vec![0; words_a_row * height],
             owner: vec![NOBODY; width * height],
             values: view.pixel_values(),
+            lens,
         }
     }
 
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    pub fn height(&self) -> usize {
-        self.height
+    /// Column and row of the pixel over a place of the image, that of a pinhole; None outside.
+    #[inline(always)]
+    pub fn pixel_at(&self, place: DVec2) -> Option<(usize, usize)> {
+        let pixel = match self.lens {
+            None => place,
+            Some((camera, _)) => camera.pixel_of_ideal(place)?,
+        };
+        let size = DVec2::new(self.width as f64, self.height as f64);
+        let is_inside = pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
+        is_inside.then_some((pixel.x as usize, pixel.y as usize))
     }
 
     pub fn value(&self, column: usize, row: usize) -> f32 {
@@ -79,8 +90,11 @@ impl<'a> Canvas<'a> {
         &mut self,
         polygon: &Polygon,
         owner: u32,
-        accepts: Option<&dyn Fn(usize, usize) -> bool>,
+        accepts: Option<&dyn Fn(DVec2) -> bool>,
     ) -> Painted {
+        if self.lens.is_some() {
+            return self.paint_through_lens(polygon, owner, accepts);
+        }
         let mut painted = Painted::default();
         let rows = centers_between(lowest(&polygon.y), highest(&polygon.y), self.height);
         let columns = centers_between(lowest(&polygon.x), highest(&polygon.x), self.width);
@@ -96,6 +110,67 @@ impl<'a> Canvas<'a> {
             }
         }
         painted
+    }
+
+    /// The same through a lens that distorts, pixel by pixel.
+    fn paint_through_lens(
+        &mut self,
+        polygon: &Polygon,
+        owner: u32,
+        accepts: Option<&dyn Fn(DVec2) -> bool>,
+    ) -> Painted {
+        let mut painted = Painted::default();
+        let Some((camera, pixels)) = self.lens else {
+            return painted;
+        };
+        let low = DVec2::new(lowest(&polygon.x), lowest(&polygon.y));
+        let high = DVec2::new(highest(&polygon.x), highest(&polygon.y));
+        let (least, most) = pixels.bounds();
+        let (low, high) = (low.max(least), high.min(most));
+        if low.cmpgt(high).any() {
+            return painted;
+        }
+        let (rows, columns) = self.pixels_around(camera, pixels, low, high);
+        let outline = Outline::of(polygon);
+        for row in rows {
+            for column in columns.clone() {
+                let covered = &mut self.covered[row * self.words_a_row + column / WORD];
+                if *covered >> (column % WORD) & 1 != 0 {
+                    continue;
+                }
+                let place = pixels.place(column, row);
+                // Written so that a blind pixel, without a place, lies nowhere.
+                let may_lie_inside = low.cmple(place).all() && place.cmple(high).all();
+                if !may_lie_inside {
+                    continue;
+                }
+                let (left, right) = outline.at(place.y);
+                if left < place.x && place.x <= right && accepts.is_none_or(|accepts| accepts(place)) {
+                    *covered |= 1 << (column % WORD);
+                    let at = row * self.width + column;
+                    painted.sum += f64::from(self.values[at]);
+                    painted.count += 1;
+                    self.owner[at] = owner;
+                }
+            }
+        }
+        painted
+    }
+
+    /// Rows and columns of the pixels that may have their place in a rectangle.
+    fn pixels_around(
+        &self,
+        camera: &Camera,
+        pixels: &IdealPixels,
+        low: DVec2,
+        high: DVec2,
+    ) -> (Range<usize>, Range<usize>) {
+        let Some(middle) = camera.pixel_of_ideal(0.5 * (low + high)) else {
+            return (0..self.height, 0..self.width); // where the lens model ends
+        };
+        let reach = pixels.reach(0.5 * (high - low));
+        let rows = centers_between(middle.y - reach.y, middle.y + reach.y, self.height);
+        (rows, centers_between(middle.x - reach.x, middle.x + reach.x, self.width))
     }
 
     /// Whether any pixel of a rectangle is free; true without a look where it is large.
@@ -115,7 +190,7 @@ impl<'a> Canvas<'a> {
         row: usize,
         columns: Range<usize>,
         owner: u32,
-        accepts: Option<&dyn Fn(usize, usize) -> bool>,
+        accepts: Option<&dyn Fn(DVec2) -> bool>,
     ) -> Painted {
         let mut painted = Painted::default();
         let start = row * self.width;
@@ -139,7 +214,8 @@ impl<'a> Canvas<'a> {
                 let bit = free.trailing_zeros() as usize;
                 free &= free - 1;
                 let column = word * WORD + bit;
-                if accepts.is_none_or(|accepts| accepts(column, row)) {
+                let center = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+                if accepts.is_none_or(|accepts| accepts(center)) {
                     *covered |= 1 << bit;
                     painted.sum += f64::from(self.values[start + column]);
                     painted.count += 1;

@@ -1,7 +1,7 @@
 //! A solid by its faces: top, bottom, and the sides that are turned to the camera, voxel by voxel. For whatever is
 //! no smooth ground, and in any place.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::canvas::Painted;
 use super::optics::before_camera;
@@ -89,8 +89,8 @@ impl Painter<'_> {
             return self.canvas.paint(&polygon, owner, None);
         }
         let (optics, range) = (&self.optics, self.range);
-        let in_range = |column: usize, row: usize| {
-            let ray = optics.ray(column, row);
+        let in_range = |place: DVec2| {
+            let ray = optics.ray(place);
             let distance = face.normal.dot(face.corners[0]) / face.normal.dot(ray) * ray.length();
             distance <= range
         };

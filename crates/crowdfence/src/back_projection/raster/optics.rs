@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::canvas::{MAX_CORNERS, Polygon, lowest};
+use crate::camera::IdealPixels;
 use crate::view::View;
 
 /// Nearest depth at which a point still has a place in the image, in voxels.
@@ -34,7 +35,9 @@ pub struct Optics {
     u: DVec3,
     v: DVec3,
     depth: DVec3,
-    pub size: DVec2,
+    /// Between these pixel coordinates lies the image.
+    low: DVec2,
+    high: DVec2,
     /// Pixels per radian at the centre, the smaller of the two.
     pub focal_px: f64,
     world_from_camera: glam::DMat3,
@@ -43,15 +46,18 @@ pub struct Optics {
 }
 
 impl Optics {
-    /// Of a view through a pinhole; the lens is not looked at.
-    pub fn of(view: &View) -> Optics {
+    /// Of a view through a pinhole, or of one through a lens as a pinhole would see it.
+    pub fn of(view: &View, lens: Option<&IdealPixels>) -> Optics {
         let camera = &view.camera;
+        let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
+        let (low, high) = lens.map_or((DVec2::ZERO, size), IdealPixels::bounds);
         let axes = view.world_from_camera.rotation;
         Optics {
             u: axes.x_axis * camera.fx() + axes.z_axis * camera.cx(),
             v: axes.y_axis * camera.fy() + axes.z_axis * camera.cy(),
             depth: axes.z_axis,
-            size: DVec2::new(f64::from(camera.width()), f64::from(camera.height())),
+            low,
+            high,
             focal_px: camera.fx().min(camera.fy()),
             world_from_camera: axes,
             focal: DVec2::new(camera.fx(), camera.fy()),
@@ -81,9 +87,8 @@ impl Optics {
         (polygon, lowest(&depth))
     }
 
-    /// Direction of the ray through the centre of a pixel, of any length.
-    pub fn ray(&self, column: usize, row: usize) -> DVec3 {
-        let pixel = DVec2::new(column as f64, row as f64) + 0.5;
+    /// Direction of the ray through a place of the image, of any length.
+    pub fn ray(&self, pixel: DVec2) -> DVec3 {
         self.world_from_camera * ((pixel - self.principal) / self.focal).extend(1.0)
     }
 
@@ -96,10 +101,10 @@ impl Optics {
             normal.dot(furthest) > 0.0
         };
         inside(self.depth)
-            && inside(self.u)
-            && inside(self.v)
-            && inside(self.depth * self.size.x - self.u)
-            && inside(self.depth * self.size.y - self.v)
+            && inside(self.u - self.depth * self.low.x)
+            && inside(self.v - self.depth * self.low.y)
+            && inside(self.depth * self.high.x - self.u)
+            && inside(self.depth * self.high.y - self.v)
     }
 }
 

@@ -32,18 +32,25 @@ fn looking(heading: f64, tilt: f64, roll: f64) -> DMat3 {
     axes * DMat3::from_rotation_z(roll)
 }
 
+fn lens_of(view: &View) -> Option<&IdealPixels> {
+    match view.camera.distortion() {
+        Distortion::None => None,
+        _ => Some(view.camera.ideal_pixels().expect("not too wide")),
+    }
+}
+
 /// Pixels on which the raster and the rays disagree: those that only one of the two calls ground, and those in
 /// another voxel.
 fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: f64) -> [usize; 2] {
     let vantage = Vantage { view, terrain, surface, origin: view.world_from_camera.translation, max_range_m };
-    let mut painter = Painter::new(&vantage, true);
+    let mut painter = Painter::new(&vantage, lens_of(view), true);
     let root = painter.stacks.root();
     painter.walk(&root);
     let mut counts = [0; 2];
     for pixel in 0..WIDTH * HEIGHT {
         let (column, row) = (pixel % WIDTH, pixel / WIDTH);
-        let ray = view.world_from_camera.rotation * view.camera.pixel_ray(column, row).unwrap();
-        let cast = vantage.cast(ray).map(|hit| hit.voxel_id);
+        let ray = view.camera.pixel_ray(column, row).map(|ray| view.world_from_camera.rotation * ray);
+        let cast = ray.and_then(|ray| vantage.cast(ray)).map(|hit| hit.voxel_id);
         let owner = painter.canvas.owner(column as usize, row as usize);
         let painted = (owner != NOBODY).then(|| painter.rows[owner as usize].id);
         match (cast, painted) {
@@ -89,6 +96,24 @@ fn landscape(seed: f64) -> Terrain {
         let on_ground = of_ground.id([i, j, k]).map(|id| of_ground.plane(id));
         on_ground.unwrap_or(Plane::new(0.5, [0.0, 0.03 * f64::from(i.rem_euclid(2))]))
     })
+}
+
+#[test]
+fn a_pixel_of_a_lens_that_distorts_belongs_to_what_its_ray_meets() {
+    let terrain = landscape(0.7);
+    let lenses = [
+        Distortion::brown_conrady(&[-0.25, 0.06, 1e-3, -2e-3, 0.0]).unwrap(),
+        Distortion::brown_conrady(&[0.2, 0.1, 0.0, 0.0, 0.0]).unwrap(),
+        Distortion::KannalaBrandt { k1: 0.02, k2: -0.003, k3: 0.001, k4: 0.0 },
+    ];
+    for (number, lens) in (0..12).zip(lenses.iter().cycle()) {
+        let turn = f64::from(number);
+        let rotation = looking(0.55 * turn, 0.1 + 0.12 * turn, 0.2 * (turn % 3.0 - 1.0));
+        let at = DVec3::new(10.3 + 4.0 * turn, 50.7 - 3.7 * turn, 17.2 + 2.0 * (turn % 4.0));
+        let camera = Camera::new(WIDTH, HEIGHT, 52.0, 55.0, 47.0, 37.0, *lens).unwrap();
+        let view = View { camera: Arc::new(camera), ..view(at, rotation, 60.0) };
+        assert_eq!(disagreements(&terrain, Surface::Planes, &view, 45.0), [0, 0], "view {number}");
+    }
 }
 
 #[test]
