@@ -228,47 +228,48 @@ impl<'a> Painter<'a> {
 
     /// The columns of a square that may show something.
     fn gather(&mut self, square: &Square, corner: [u32; 2], tile: &mut Tile) {
-        if square.is_column() {
+        if square.is_leaf() {
             let at = std::array::from_fn(|axis| (square.low[axis] - corner[axis]) as i32);
-            let terrain = self.vantage.terrain;
-            tile.take(at, square, &self.stacks, terrain.planes(), self.vantage.surface);
-            return;
-        }
-        if square.side() < tile::SIDE as u32 && !self.may_show(square) {
-            return;
+            return self.take(square, at, tile);
         }
         for x in 0..Stacks::SIDE {
             for y in 0..Stacks::SIDE {
                 if let Some(child) = self.stacks.child(square, x, y) {
-                    self.gather(&child, corner, tile);
+                    if self.may_show(&child) {
+                        self.gather(&child, corner, tile);
+                    }
                     self.stacks.release(&child);
                 }
             }
         }
     }
 
+    /// The columns of a square of 4 x 4, of which the first is at a place of the tile.
+    fn take(&self, leaf: &Square, at: [i32; 2], tile: &mut Tile) {
+        let planes = self.vantage.terrain.planes();
+        self.stacks.for_columns(leaf, |[x, y], column| {
+            tile.take([at[0] + x as i32, at[1] + y as i32], column, planes, self.vantage.surface);
+        });
+    }
+
     /// The columns just outside, on the sides that are turned to the camera.
     fn gather_rim(&mut self, square: &Square, tile: &mut Tile) {
-        let side = square.side() as i32;
+        let (side, leaf_side) = (square.side() as i32, Stacks::SIDE as i32);
         let along = self.place(square.low, [0, 0]).side;
         let beyond = self.place(square.low, [side - 1, side - 1]).side;
         for axis in 0..2 {
             let outside = match (along[axis], beyond[axis]) {
-                (1, _) => -1,
+                (1, _) => -leaf_side,
                 (_, -1) => side,
                 _ => continue,
             };
-            for other in 0..side {
+            for other in (0..side).step_by(leaf_side as usize) {
                 let at = if axis == 0 { [outside, other] } else { [other, outside] };
-                let coordinate: [Option<u32>; 2] =
-                    std::array::from_fn(|axis| square.low[axis].checked_add_signed(at[axis]));
-                let [Some(x), Some(y)] = coordinate else {
-                    continue;
-                };
-                if let Some(column) = self.stacks.column([x, y]) {
-                    let terrain = self.vantage.terrain;
-                    tile.take(at, &column, &self.stacks, terrain.planes(), self.vantage.surface);
-                    self.stacks.release(&column);
+                let [x, y] = std::array::from_fn(|axis| square.low[axis].checked_add_signed(at[axis]));
+                let Some((x, y)) = x.zip(y) else { continue };
+                if let Some(leaf) = self.stacks.square_at([x, y], Square::LEAF) {
+                    self.take(&leaf, at, tile);
+                    self.stacks.release(&leaf);
                 }
             }
         }

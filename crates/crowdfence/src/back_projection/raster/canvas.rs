@@ -231,24 +231,28 @@ impl<'a> Canvas<'a> {
 #[inline(always)]
 fn centers_between(low: f64, high: f64, count: usize) -> Range<usize> {
     let end = count as f64;
-    let nearest = |at: f64| (at.clamp(0.0, end) + 0.5) as usize;
+    // As i32, to which a machine converts at once; images have fewer rows and columns.
+    let nearest = |at: f64| (at.clamp(0.0, end) + 0.5) as i32 as usize;
     nearest(low)..nearest(high).min(count)
 }
 
-/// In eight partial sums, so that it does not depend on the machine how wide its vectors are.
+/// Of a long row in eight partial sums, so that it does not depend on the machine how wide its vectors are.
 #[inline(always)]
 fn sum(values: &[f32]) -> f64 {
-    let mut sums = [0.0f64; 8];
-    let mut eights = values.chunks_exact(8);
-    for eight in &mut eights {
-        for (sum, value) in sums.iter_mut().zip(eight) {
-            *sum += f64::from(*value);
+    let mut total = 0.0;
+    let mut rest = values;
+    if values.len() >= 16 {
+        let mut sums = [0.0f64; 8];
+        let (eights, remainder) = values.as_chunks::<8>();
+        for eight in eights {
+            for (sum, value) in sums.iter_mut().zip(eight) {
+                *sum += f64::from(*value);
+            }
         }
+        total = (sums[0] + sums[1] + (sums[2] + sums[3])) + (sums[4] + sums[5] + (sums[6] + sums[7]));
+        rest = remainder;
     }
-    for (sum, value) in sums.iter_mut().zip(eights.remainder()) {
-        *sum += f64::from(*value);
-    }
-    (sums[0] + sums[1] + (sums[2] + sums[3])) + (sums[4] + sums[5] + (sums[6] + sums[7]))
+    rest.iter().fold(total, |total, value| total + f64::from(*value))
 }
 
 #[inline(always)]

@@ -1,6 +1,6 @@
 //! The solids over a square of columns, with those just outside on the sides that are turned to the camera.
 
-use crate::terrain::tree::{Square, Stacks};
+use crate::terrain::tree::Layer;
 use crate::terrain::{Plane, Solid, Surface};
 
 /// Columns along one side of a tile.
@@ -47,17 +47,15 @@ impl Tile {
         self.occupied = 0;
     }
 
-    /// Takes the solids of a column at (i, j) from the tile's corner, -1 to 16 along each axis.
-    pub fn take(
-        &mut self,
-        at: [i32; 2],
-        column: &Square,
-        stacks: &Stacks,
-        planes: &[Plane],
-        surface: Surface,
-    ) {
+    /// Takes the solids of a column at (i, j) from the tile's corner; one that is neither in the tile nor next to it is
+    /// let go.
+    #[inline]
+    pub fn take(&mut self, at: [i32; 2], column: &[Layer], planes: &[Plane], surface: Surface) {
+        if at.iter().any(|place| !(-1..=SIDE as i32).contains(place)) {
+            return;
+        }
         let first = self.pieces.len() as u32;
-        for (solid, run) in Solid::of_column(stacks.layers(column), planes, surface) {
+        for (solid, run) in Solid::of_column(column, planes, surface) {
             let [x, y] = solid.plane.slope().map(|slope| 0.5 * slope);
             let top = solid.top();
             let tops = [top - x - y, top + x - y, top - x + y, top + x + y];

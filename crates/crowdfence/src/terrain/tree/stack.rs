@@ -1,6 +1,6 @@
 //! The tree from above: squares of the grid, each with the nodes that lie over it.
 
-use super::{SIDE, SIDE_BITS, Tree};
+use super::{SIDE, SIDE_BITS, Tree, set_bits};
 
 /// A part of the tree in one stack: a node, or a voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +30,13 @@ pub(crate) struct Square {
 }
 
 impl Square {
+    /// Levels of a square of 4 x 4 columns.
+    pub const LEAF: u32 = 1;
+
+    pub fn is_leaf(&self) -> bool {
+        self.levels == Square::LEAF
+    }
+
     /// Voxels along one side.
     pub fn side(&self) -> u32 {
         1 << (SIDE_BITS * self.levels)
@@ -81,14 +88,14 @@ impl<'a> Stacks<'a> {
         (first < end).then_some(Square { low, levels, first, end })
     }
 
-    /// The column at a place, if there is anything in it.
-    pub fn column(&mut self, at: [u32; 2]) -> Option<Square> {
+    /// The square of a few levels that a place lies in, if there is anything in it.
+    pub fn square_at(&mut self, at: [u32; 2], levels: u32) -> Option<Square> {
         let start = self.layers.len();
         let mut square = self.root();
         if at.iter().any(|&coordinate| coordinate >= square.side()) {
             return None;
         }
-        while !square.is_column() {
+        while square.levels > levels {
             let shift = SIDE_BITS * (square.levels - 1);
             let [x, y] = at.map(|coordinate| coordinate >> shift & (SIDE - 1));
             let Some(child) = self.child(&square, x, y) else {
@@ -101,6 +108,28 @@ impl<'a> Stacks<'a> {
         self.layers.drain(start..square.first);
         let end = start + square.end - square.first;
         Some(Square { first: start, end, ..square })
+    }
+
+    /// The columns of a square of [`Square::LEAF`] levels that hold something, each by its place in the square and
+    /// its voxels from the lowest upwards.
+    #[inline]
+    pub fn for_columns(&self, square: &Square, mut each: impl FnMut([u32; 2], &[Layer])) {
+        /// Cell (0, 0, z) of a node for every z.
+        const COLUMN: u64 = 0x0001_0001_0001_0001;
+        let mut column = Vec::new();
+        for number in 0..SIDE * SIDE {
+            column.clear();
+            for layer in self.layers(square) {
+                let node = self.tree.node(0, layer.index);
+                for z in set_bits(node.mask >> number & COLUMN).map(|bit| bit / (SIDE * SIDE)) {
+                    let index = node.child(number + z * SIDE * SIDE);
+                    column.push(Layer { low: layer.low + z, index });
+                }
+            }
+            if !column.is_empty() {
+                each([number % SIDE, number / SIDE], &column);
+            }
+        }
     }
 
     /// Lets go of a square and of all that were taken after it.
@@ -142,6 +171,28 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_place_leads_to_its_column(
+            voxels in prop::collection::vec(prop::array::uniform3(0u32..64), 1..200),
+            place in prop::array::uniform2(0u32..70),
+        ) {
+            let tree = build(&voxels, 3);
+            let mut stacks = Stacks::new(&tree);
+            let expected: Vec<(u32, u32)> =
+                if place.iter().all(|&at| at < 64) { tree.column(place[0], place[1]).collect() } else { vec![] };
+            let mut found = Vec::new();
+            if let Some(leaf) = stacks.square_at(place, Square::LEAF) {
+                stacks.for_columns(&leaf, |[x, y], column| {
+                    if [leaf.low[0] + x, leaf.low[1] + y] == place {
+                        found.extend(column.iter().map(|layer| (layer.low, layer.voxel_id())));
+                    }
+                });
+                stacks.release(&leaf);
+            }
+            prop_assert_eq!(found, expected);
+            prop_assert_eq!(stacks.layers.len(), 1);
+        }
+
         #[test]
         fn the_walk_meets_every_voxel_once_in_its_column(
             mut voxels in prop::collection::vec(prop::array::uniform3(0u32..64), 1..200),
