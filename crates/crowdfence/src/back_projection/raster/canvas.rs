@@ -241,7 +241,7 @@ fn centers_between(low: f64, high: f64, count: usize) -> Range<usize> {
 fn sum(values: &[f32]) -> f64 {
     let mut total = 0.0;
     let mut rest = values;
-    if values.len() >= 16 {
+    if values.len() >= 8 {
         let mut sums = [0.0f64; 8];
         let (eights, remainder) = values.as_chunks::<8>();
         for eight in eights {
