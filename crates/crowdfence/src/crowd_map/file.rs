@@ -232,7 +232,7 @@ fn take_looks(
     }
     for (_, code) in looks.values() {
         if let Look::At(slot) = Look::from_code(code) {
-            history.instants.enter(slot);
+            history.instants.enter(slot, 1);
         }
     }
     (0..named.len() as u32).for_each(|slot| history.instants.close(slot));

@@ -36,6 +36,8 @@ impl FusionMethod for Paper {
     /// P~ as of the last look: decayed once, when read.
     type Belief = f64;
     const NO_BELIEF: f64 = 0.0;
+    /// beta of equation 3.
+    type Fading = f64;
     const NAME: &'static str = "paper";
     const ORDER: InstantOrder = InstantOrder::ByTime;
 
@@ -43,19 +45,23 @@ impl FusionMethod for Paper {
         Some(self.fleet_size)
     }
 
-    fn update(&self, before: Option<(f64, Elapsed)>, looks: &[VoxelLook]) -> f64 {
-        let pooled = self.pool.pool(looks.iter().map(|look| look.mean), self.fleet_size); // equations 1-2
-        let (previous, elapsed) = match (before, self.initial) {
-            (Some((previous, since)), _) => (previous, self.counted(since)),
-            (None, Initial::Zero) => (0.0, 0.0),
-            (None, Initial::Prior) => (self.pool.prior(), 0.0),
-            (None, Initial::FirstLook) => return pooled,
-        };
-        self.blend.blend(previous, elapsed, pooled) // equation 3
+    fn fading(&self, since: Elapsed) -> f64 {
+        self.blend.beta(self.counted(since))
     }
 
-    fn probability(&self, belief: f64, since: Elapsed) -> f64 {
-        self.blend.fade(belief, self.counted(since)) // equation 3 without a look
+    fn update(&self, before: Option<(f64, f64)>, looks: &[VoxelLook]) -> f64 {
+        let pooled = self.pool.pool(looks.iter().map(|look| look.mean), self.fleet_size); // equations 1-2
+        let faded = match (before, self.initial) {
+            (Some((previous, beta)), _) => beta * previous,
+            (None, Initial::Zero) => 0.0,
+            (None, Initial::Prior) => self.pool.prior(),
+            (None, Initial::FirstLook) => return pooled,
+        };
+        self.blend.join(faded, pooled) // equation 3
+    }
+
+    fn probability(&self, belief: f64, beta: f64) -> f64 {
+        beta * belief // equation 3 without a look
     }
 
     fn unseen_probability(&self) -> f64 {
