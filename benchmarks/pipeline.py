@@ -101,7 +101,7 @@ class Stages:
         for instant in self.recording.instants():
             self._read(instant, models)
             self._fuse(instant, loop, beside)
-        return len(loop.crowd_map.seen_ids())
+        return loop.crowd_map.seen_count
 
     def _stage(self, name: str) -> Stage:
         return self.by_name.setdefault(name, Stage())

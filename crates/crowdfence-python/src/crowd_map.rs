@@ -321,13 +321,14 @@ impl PyCrowdMap {
     }
 
     /// How many voxels somebody has seen.
+    #[getter]
     fn seen_count(&self, py: Python<'_>) -> PyResult<usize> {
         self.read(py, |map| Ok(map.seen_count()))
     }
 
-    /// The voxels that somebody has seen, as sorted ids [N] int64, and their probability of crowd [N] float64
-    /// at a stamp not before the newest instant. Costs what was seen, not the map. StampError for an
-    /// earlier stamp.
+    /// The voxels that somebody has seen, sorted ids [N] int64, and their probability of crowd [N]
+    /// float64 at a stamp not before the newest instant. Costs what was seen, not the map. StampError
+    /// for an earlier stamp.
     fn seen_probability<'py>(
         &self,
         py: Python<'py>,
