@@ -128,6 +128,9 @@ impl PyCrowdMap {
     }
 }
 
+/// Ids and probability.
+type SeenProbability<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
 #[pymethods]
 impl PyCrowdMap {
     #[new]
@@ -333,7 +336,7 @@ impl PyCrowdMap {
         &self,
         py: Python<'py>,
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
-    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<SeenProbability<'py>> {
         let (ids, probability) = self.read(py, |map| map.seen_probability(stamp_ns))?;
         Ok((id_array(py, &ids), probability.into_pyarray(py)))
     }
