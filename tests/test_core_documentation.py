@@ -54,6 +54,7 @@ REFUSALS = {
     "CrowdMap.integrate_observations": ["MapFileError"],
     "CrowdMap.probability": ["StampError", "CrowdfenceError"],
     "CrowdMap.state": ["StampError", "CrowdfenceError"],
+    "CrowdMap.seen_probability": ["StampError"],
     "CrowdMap.crowd_columns": ["StampError", "CrowdfenceError"],
     "CrowdMap.last_seen_ns": ["CrowdfenceError"],
     "CrowdMap.seen_by": ["CrowdfenceError"],

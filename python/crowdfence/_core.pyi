@@ -859,6 +859,14 @@ class CrowdMap:
         """Union of the fields of view so far (equation 4): [V] bool per voxel."""
     def seen_ids(self) -> NDArray[np.int64]:
         """The same as sorted voxel ids [N] int64. Costs what was seen, not the map."""
+    @property
+    def seen_count(self) -> int:
+        """How many voxels somebody has seen."""
+    def seen_probability(self, stamp_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The voxels that somebody has seen, sorted ids [N] int64, and their probability of crowd [N]
+        float64 at a stamp not before the newest instant. Costs what was seen, not the map. StampError
+        for an earlier stamp.
+        """
     def last_seen_ns(self, ids: ArrayLike | None = None) -> NDArray[np.int64]:
         """Stamp of the last look per voxel [V] int64, or at the voxels `ids` [N]; -1 = never.
 

@@ -37,9 +37,9 @@ def described(terrain: Terrain) -> dict[str, Any]:
 
 def annotated(data: bytes, content: dict[str, Any]) -> bytes:
     """The file with the comment after its first line."""
-    first_line, rest = data.split(b"\n", 1)
-    # ASCII JSON has no line breaks, whatever the mission is called.
-    return b"\n".join([first_line, _MARK + json.dumps(content).encode("ascii"), rest])
+    rest = data.index(b"\n") + 1
+    # ASCII JSON has no line breaks, whatever the mission is called. A view, because a map has many bytes.
+    return b"".join([data[:rest], _MARK, json.dumps(content).encode("ascii"), b"\n", memoryview(data)[rest:]])
 
 
 def read_frame(data: bytes) -> OctomapFrame | None:

@@ -291,6 +291,10 @@ def test_states_through_python() -> None:
     assert (crowd_map.state(_at(31.0), threshold=0.5, stale_after_s=31.0) == state).all()
     np.testing.assert_array_equal(crowd_map.seen(), in_view)
     np.testing.assert_array_equal(crowd_map.seen_ids(), np.flatnonzero(in_view))
+    assert crowd_map.seen_count == np.count_nonzero(in_view)
+    seen_ids, probability = crowd_map.seen_probability(_at(31.0))
+    np.testing.assert_array_equal(seen_ids, np.flatnonzero(in_view))
+    np.testing.assert_array_equal(probability, crowd_map.probability(_at(31.0), seen_ids))
 
 
 # --- what is refused

@@ -41,7 +41,7 @@ def test_a_step_says_what_was_seen_what_is_crowd_and_where_the_fence_stands() ->
     ]
     step = loop.step(views, START_NS, [lost])
     assert (step.stamp_ns, step.drones, step.refused) == (START_NS, ("a", "b"), (lost,))
-    assert len(step.seen_ids) == len(step.update.voxel_ids) == 2 * 48
+    assert step.seen_count == len(step.update.voxel_ids) == 2 * 48
     x, y, _ = FLOOR.voxel_indices(step.crowd_ids).T
     assert set(zip(x.tolist(), y.tolist(), strict=True)) == {
         *((i, j) for i in (4, 5, 6) for j in (11, 12)),
@@ -61,7 +61,7 @@ def test_zones_follow_the_map_from_step_to_step() -> None:
     away = loop.step([view("a", 28.0, NONE, START_NS + SECOND_NS)], START_NS + SECOND_NS)
     back = loop.step([view("a", 8.0, NONE, START_NS + 2 * SECOND_NS)], START_NS + 2 * SECOND_NS)
     assert [len(step.zones) for step in (first, away, back)] == [1, 1, 0]
-    assert [len(step.seen_ids) for step in (first, away, back)] == [48, 96, 96]
+    assert [step.seen_count for step in (first, away, back)] == [48, 96, 96]
 
 
 def test_the_loop_knows_where_each_drones_crowd_went() -> None:

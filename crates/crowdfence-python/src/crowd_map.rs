@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
-use crowdfence::{CrowdMap, Update, View};
+use crowdfence::{CrowdMap, Observation, Update, View};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -27,12 +27,11 @@ pub struct PyUpdate {
 
 impl PyUpdate {
     fn new(update: Update) -> Self {
-        let observations = update.observations.into_iter();
         PyUpdate {
             stamp_ns: update.stamp_ns,
             voxel_ids: update.voxel_ids,
             probability: update.probability,
-            observations: observations.map(|observation| PyObservation(Arc::new(observation))).collect(),
+            observations: update.observations.into_iter().map(PyObservation).collect(),
         }
     }
 }
@@ -129,6 +128,9 @@ impl PyCrowdMap {
         checked_ids(&self.terrain.borrow(py).terrain, ids)
     }
 }
+
+/// Ids and probability.
+type SeenProbability<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
 #[pymethods]
 impl PyCrowdMap {
@@ -245,7 +247,8 @@ impl PyCrowdMap {
         observations: Vec<PyRef<'_, PyObservation>>,
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
     ) -> PyResult<PyUpdate> {
-        let observations = observations.iter().map(|observation| (*observation.0).clone()).collect();
+        let observations: Vec<Arc<Observation>> =
+            observations.iter().map(|observation| observation.0.clone()).collect();
         py.detach(|| {
             let mut map = self.map.write().expect("no writer panics");
             map.integrate_observations(observations, stamp_ns)
@@ -327,6 +330,24 @@ impl PyCrowdMap {
     /// The same as sorted voxel ids [N] int64. Costs what was seen, not the map.
     fn seen_ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         Ok(id_array(py, &self.read(py, |map| Ok(map.seen_ids()))?))
+    }
+
+    /// How many voxels somebody has seen.
+    #[getter]
+    fn seen_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.read(py, |map| Ok(map.seen_count()))
+    }
+
+    /// The voxels that somebody has seen, sorted ids [N] int64, and their probability of crowd [N]
+    /// float64 at a stamp not before the newest instant. Costs what was seen, not the map. StampError
+    /// for an earlier stamp.
+    fn seen_probability<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+    ) -> PyResult<SeenProbability<'py>> {
+        let (ids, probability) = self.read(py, |map| map.seen_probability(stamp_ns))?;
+        Ok((id_array(py, &ids), probability.into_pyarray(py)))
     }
 
     /// Stamp of the last look per voxel [V] int64, or at the voxels `ids` [N]; -1 = never.

@@ -6,19 +6,21 @@
 mod beliefs;
 mod columns;
 mod file;
+mod fuse;
 mod history;
 mod instants;
 mod pages;
+mod reading;
 mod voxel_state;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use crate::back_projection::{Projection, project};
 use crate::error::{Error, Result, require};
-use crate::method::{FusionMethod, InstantOrder, Method, VoxelLook, each_method};
+use crate::method::{FusionMethod, InstantOrder, Method, each_method};
 use crate::observation::Observation;
 use crate::stamp::{check_stamp, check_unit, seconds_between};
 use crate::terrain::Terrain;
@@ -28,8 +30,10 @@ pub use columns::{CrowdColumn, CrowdColumns};
 pub use voxel_state::VoxelState;
 
 use beliefs::Beliefs;
+use fuse::{Fused, fuse};
 use history::{History, Look};
 use instants::Instant;
+use reading::Reading;
 
 /// A view stamped this close to its instant counts as taken then. One that is older counts at its own stamp: what
 /// it saw is as old as it is.
@@ -52,7 +56,7 @@ pub struct Update {
     pub voxel_ids: Vec<u32>,
     pub probability: Vec<f64>,
     /// One per view, in the order given.
-    pub observations: Vec<Observation>,
+    pub observations: Vec<Arc<Observation>>,
 }
 
 impl CrowdMap {
@@ -88,50 +92,25 @@ impl CrowdMap {
     /// The same for views that were projected before, here or on another machine.
     pub fn integrate_observations(
         &mut self,
-        observations: Vec<Observation>,
+        observations: Vec<impl Into<Arc<Observation>>>,
         stamp_ns: i64,
     ) -> Result<Update> {
+        let observations: Vec<Arc<Observation>> = observations.into_iter().map(Into::into).collect();
         self.check_instant(stamp_ns, observations.iter().map(|seen| (seen.drone(), seen.stamp_ns())))?;
         for observation in &observations {
             self.terrain.key().check_same(observation.terrain(), "observation")?;
         }
-        let now = self.instants_of(&observations, stamp_ns);
-        let looks = looks_by_voxel(&observations);
-        self.beliefs.update(&looks, &self.history, &now);
-        let voxel_ids = self.remember(&observations, &looks, &now, stamp_ns);
-        let after = Instant { stamp_ns, number: self.history.instants.integrated - 1 };
-        let probability = voxel_ids.par_iter().map(|&id| self.probability_at(id, after)).collect();
+        let now = Instant { stamp_ns, number: self.history.instants.integrated };
+        let taken = instants_of(&observations, now);
+        let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
+            fuse(beliefs, &mut self.history, &observations, &taken, now)
+        });
+        self.remember(&observations, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
-    /// When each view counts as taken.
-    fn instants_of(&self, observations: &[Observation], stamp_ns: i64) -> Vec<Instant> {
-        let number = self.history.instants.integrated;
-        let taken_ns = |view_ns| {
-            let is_simultaneous = seconds_between(view_ns, stamp_ns) <= SIMULTANEOUS_S;
-            if is_simultaneous { stamp_ns } else { view_ns }
-        };
-        observations.iter().map(|seen| Instant { stamp_ns: taken_ns(seen.stamp_ns()), number }).collect()
-    }
-
-    /// Stores who saw what when, and returns the voxels that were seen.
-    fn remember(
-        &mut self,
-        observations: &[Observation],
-        looks: &[VoxelLook],
-        now: &[Instant],
-        stamp_ns: i64,
-    ) -> Vec<u32> {
-        let slots: BTreeMap<Instant, u32> = BTreeSet::from_iter(now)
-            .into_iter()
-            .map(|&instant| (instant, self.history.instants.open(instant)))
-            .collect();
-        let mut voxel_ids = Vec::with_capacity(looks.len());
-        for looks in looks.chunk_by(|a, b| a.voxel_id == b.voxel_id) {
-            self.history.see(looks[0].voxel_id, slots[&newest(looks, now)]);
-            voxel_ids.push(looks[0].voxel_id);
-        }
-        slots.into_values().for_each(|slot| self.history.instants.close(slot));
+    /// Stores who saw what, and what nobody could see.
+    fn remember(&mut self, observations: &[Arc<Observation>], stamp_ns: i64) {
         for observation in observations {
             observation.occluded_ids().iter().for_each(|&id| self.history.hide(id));
             self.history.add_seen(observation.drone(), observation.voxel_ids());
@@ -139,50 +118,74 @@ impl CrowdMap {
         self.history.instants.integrated += 1;
         let (first_ns, newest_ns) = self.history.instants.span_ns.unwrap_or((stamp_ns, stamp_ns));
         self.history.instants.span_ns = Some((first_ns.min(stamp_ns), newest_ns.max(stamp_ns)));
-        voxel_ids
     }
 
     /// Probability of crowd of every voxel at a stamp not before the last instant. A voxel that nobody has seen
     /// holds the method's initial value, which says nothing about the place: see [`CrowdMap::state`].
     pub fn probability(&self, stamp_ns: i64) -> Result<Vec<f64>> {
-        let now = self.reading(stamp_ns)?;
         let ids = (0..self.terrain.voxel_count() as u32).into_par_iter();
-        Ok(ids.map(|id| self.probability_at(id, now)).collect())
+        self.probability_at(ids, stamp_ns)
     }
 
     /// The same for some voxels.
     pub fn probability_of(&self, ids: &[u32], stamp_ns: i64) -> Result<Vec<f64>> {
-        let now = self.reading(stamp_ns)?;
-        Ok(ids.par_iter().map(|&id| self.probability_at(id, now)).collect())
+        self.probability_at(ids.par_iter().copied(), stamp_ns)
     }
 
-    fn probability_at(&self, id: u32, now: Instant) -> f64 {
-        self.beliefs.probability(id, self.history.elapsed(id, now))
+    fn probability_at(
+        &self,
+        ids: impl IndexedParallelIterator<Item = u32>,
+        stamp_ns: i64,
+    ) -> Result<Vec<f64>> {
+        let now = self.moment(stamp_ns)?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            ids.map(|id| reading.probability(id)).collect()
+        }))
+    }
+
+    /// The voxels that somebody has seen, sorted, and their probability of crowd, in one go.
+    pub fn seen_probability(&self, stamp_ns: i64) -> Result<(Vec<u32>, Vec<f64>)> {
+        let now = self.moment(stamp_ns)?;
+        let seen = each_method!(&self.beliefs, Beliefs, beliefs => {
+            Reading::new(beliefs, &self.history, now).of_seen(|id, p| Some((id, p)))
+        });
+        Ok(seen.into_iter().unzip())
     }
 
     /// What is known about every voxel: crowd is P >= `threshold`, and what is not crowd is stale once its last
     /// look is more than `stale_after_s` old.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
-        let now = self.reading(stamp_ns)?;
+        let now = self.moment(stamp_ns)?;
         check_threshold(threshold)?;
         require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
-        let state = |id: u32| match self.history.look(id) {
-            Look::Never => VoxelState::NeverSeen,
-            Look::Occluded => VoxelState::Occluded,
-            Look::At(_) if self.probability_at(id, now) >= threshold => VoxelState::Crowd,
-            Look::At(slot) => {
-                let last_ns = self.history.instants.at(slot).stamp_ns;
-                let is_stale = seconds_between(last_ns, stamp_ns) > stale_after_s;
-                if is_stale { VoxelState::Stale } else { VoxelState::Empty }
-            }
+        let is_stale = |slot| {
+            let last_ns = self.history.instants.at(slot).stamp_ns;
+            seconds_between(last_ns, stamp_ns) > stale_after_s
         };
-        Ok((0..self.terrain.voxel_count() as u32).into_par_iter().map(state).collect())
+        let ids = (0..self.terrain.voxel_count() as u32).into_par_iter();
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            ids.map(|id| match self.history.look(id) {
+                Look::Never => VoxelState::NeverSeen,
+                Look::Occluded => VoxelState::Occluded,
+                Look::At(_) if reading.probability(id) >= threshold => VoxelState::Crowd,
+                Look::At(slot) if is_stale(slot) => VoxelState::Stale,
+                Look::At(_) => VoxelState::Empty,
+            })
+            .collect()
+        }))
     }
 
     /// Voxels that somebody has seen, sorted: the union of the fields of view so far (equation 4). Costs what
     /// was seen, not the map.
     pub fn seen_ids(&self) -> Vec<u32> {
         self.history.seen_ids()
+    }
+
+    /// How many voxels somebody has seen.
+    pub fn seen_count(&self) -> usize {
+        self.history.instants.voxels()
     }
 
     /// Stamp of the last look at every voxel, None = never.
@@ -286,7 +289,7 @@ impl CrowdMap {
     }
 
     /// The moment at which the map is read.
-    fn reading(&self, stamp_ns: i64) -> Result<Instant> {
+    fn moment(&self, stamp_ns: i64) -> Result<Instant> {
         check_stamp(stamp_ns)?;
         match self.history.instants.newest_ns() {
             Some(last_ns) if stamp_ns < last_ns => Err(Error::ReadInPast { stamp_ns, last_ns }),
@@ -304,29 +307,13 @@ fn order_of<M: FusionMethod>(_: &M) -> InstantOrder {
     M::ORDER
 }
 
-/// When a voxel was seen by the newest of the views that see it.
-fn newest(looks: &[VoxelLook], now: &[Instant]) -> Instant {
-    looks.iter().map(|look| now[look.view as usize]).max().expect("a voxel that was seen has looks")
-}
-
-/// What the views say about each voxel, sorted by voxel and then in the order of the views.
-fn looks_by_voxel(observations: &[Observation]) -> Vec<VoxelLook> {
-    let count = observations.iter().map(|seen| seen.voxel_ids().len()).sum();
-    let mut looks = Vec::with_capacity(count);
-    for (view, observation) in observations.iter().enumerate() {
-        let seen = observation.seen();
-        looks.extend((0..seen.ids.len()).map(|row| VoxelLook {
-            voxel_id: seen.ids[row],
-            view: view as u32,
-            mean: seen.mean[row],
-            pixel_count: seen.pixel_count[row],
-            range_m: seen.range_m[row],
-            tilt_deg: seen.tilt_deg[row],
-        }));
-    }
-    // Every observation is sorted already: a stable sort merges them and keeps the order of the views.
-    looks.sort_by_key(|look| look.voxel_id);
-    looks
+/// When each view of the instant `now` counts as taken.
+fn instants_of(observations: &[Arc<Observation>], now: Instant) -> Vec<Instant> {
+    let taken_ns = |view_ns| {
+        let is_simultaneous = seconds_between(view_ns, now.stamp_ns) <= SIMULTANEOUS_S;
+        if is_simultaneous { now.stamp_ns } else { view_ns }
+    };
+    observations.iter().map(|seen| Instant { stamp_ns: taken_ns(seen.stamp_ns()), ..now }).collect()
 }
 
 #[cfg(test)]

@@ -47,18 +47,24 @@ pub trait FusionMethod: Clone + Send + Sync {
     type Belief: Copy + Send + Sync;
     /// Fills a page of beliefs before its voxels are seen; never read.
     const NO_BELIEF: Self::Belief;
+    /// What time leaves of a belief: the same for all voxels that were last seen together, so worked out once
+    /// for them.
+    type Fading: Copy + Send + Sync;
     const NAME: &'static str;
     const ORDER: InstantOrder;
 
     /// Most drones that may ever give a view; None = any number.
     fn max_drones(&self) -> Option<usize>;
 
+    /// What is left of a belief that long after its last look.
+    fn fading(&self, since: Elapsed) -> Self::Fading;
+
     /// The belief after the views `looks` (at least one, each of another drone) of one instant; `before` is
     /// None for a voxel that nobody has seen yet.
-    fn update(&self, before: Option<(Self::Belief, Elapsed)>, looks: &[VoxelLook]) -> Self::Belief;
+    fn update(&self, before: Option<(Self::Belief, Self::Fading)>, looks: &[VoxelLook]) -> Self::Belief;
 
-    /// Probability of crowd that a belief stands for, that long after its last look.
-    fn probability(&self, belief: Self::Belief, since: Elapsed) -> f64;
+    /// Probability of crowd that is left of a belief.
+    fn probability(&self, belief: Self::Belief, fading: Self::Fading) -> f64;
 
     /// The same where nobody has looked yet, which says nothing about the place.
     fn unseen_probability(&self) -> f64;

@@ -60,6 +60,8 @@ pub struct OpinionPool {
     b_threshold: f64,
     unseen: Unseen,
     normalise: bool,
+    post_positive: f64,
+    post_negative: f64,
 }
 
 impl OpinionPool {
@@ -74,7 +76,19 @@ impl OpinionPool {
     ) -> Result<OpinionPool> {
         require(prior > 0.0 && prior < 1.0, "prior", prior, "strictly between 0 and 1")?;
         require((0.0..=1.0).contains(&b_threshold), "b_threshold", b_threshold, "inside [0, 1]")?;
-        Ok(OpinionPool { rates, prior, b_threshold, unseen, normalise })
+        let posterior = |given_crowd: f64, given_none: f64| {
+            let crowd = given_crowd * prior;
+            crowd / (crowd + given_none * (1.0 - prior))
+        };
+        Ok(OpinionPool {
+            rates,
+            prior,
+            b_threshold,
+            unseen,
+            normalise,
+            post_positive: posterior(rates.true_positive, rates.false_positive),
+            post_negative: posterior(1.0 - rates.true_positive, 1.0 - rates.false_positive),
+        })
     }
 
     pub fn rates(&self) -> Rates {
@@ -99,17 +113,12 @@ impl OpinionPool {
 
     /// P(A = 1 | B = 1) by Bayes' rule.
     pub fn post_positive(&self) -> f64 {
-        self.posterior(self.rates.true_positive, self.rates.false_positive)
+        self.post_positive
     }
 
     /// P(A = 1 | B = 0) by Bayes' rule.
     pub fn post_negative(&self) -> f64 {
-        self.posterior(1.0 - self.rates.true_positive, 1.0 - self.rates.false_positive)
-    }
-
-    fn posterior(&self, given_crowd: f64, given_none: f64) -> f64 {
-        let crowd = given_crowd * self.prior;
-        crowd / (crowd + given_none * (1.0 - self.prior))
+        self.post_negative
     }
 
     /// Pooled probability of one voxel. `m` gives the mean heatmap value of each drone that sees it, at most
@@ -127,7 +136,7 @@ impl OpinionPool {
         if n == 0 {
             return self.prior;
         }
-        let (positive, negative) = (self.post_positive(), self.post_negative());
+        let (positive, negative) = (self.post_positive, self.post_negative);
         let weight = |m: f64| (m - 0.5).abs() / (0.5 * n as f64); // equation 2
         let blind = (n - seeing) as f64 * weight(0.0);
         let (probability, weights) = m.fold((blind * negative, blind), |(p, w), m| {

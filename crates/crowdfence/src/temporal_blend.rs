@@ -29,14 +29,24 @@ impl TemporalBlend {
         self.decay
     }
 
+    /// beta: what `elapsed` without a look leaves of P~.
+    pub fn beta(&self, elapsed: f64) -> f64 {
+        (-self.decay * elapsed).exp()
+    }
+
     /// P~ after `elapsed` without a look.
     pub fn fade(&self, previous: f64, elapsed: f64) -> f64 {
-        (-self.decay * elapsed).exp() * previous
+        self.beta(elapsed) * previous
     }
 
     /// P~ after a look that pooled to `pooled`.
     pub fn blend(&self, previous: f64, elapsed: f64, pooled: f64) -> f64 {
-        self.alpha * pooled + (1.0 - self.alpha) * self.fade(previous, elapsed)
+        self.join(self.fade(previous, elapsed), pooled)
+    }
+
+    /// The same where `faded` is already what is left of the P~ before.
+    pub fn join(&self, faded: f64, pooled: f64) -> f64 {
+        self.alpha * pooled + (1.0 - self.alpha) * faded
     }
 
     /// The same for arrays of equal length; where `seen` is false P~ only fades.

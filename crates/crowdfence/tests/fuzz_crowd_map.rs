@@ -33,7 +33,7 @@ static TERRAIN: LazyLock<Arc<Terrain>> = LazyLock::new(|| {
 });
 
 /// That of the files in `reference/`.
-static VERSION_1_TERRAIN: LazyLock<Arc<Terrain>> =
+static OLDER_TERRAIN: LazyLock<Arc<Terrain>> =
     LazyLock::new(|| Arc::new(Terrain::from_indices(&[[0, 0, 0], [50, 0, 0]], 1.0, DVec3::ZERO).unwrap()));
 
 fn read(data: &[u8]) -> Result<CrowdMap, Error> {
@@ -202,13 +202,13 @@ proptest! {
         check(&file);
     }
 
-    /// The reader of version 1, on files that its last build wrote.
+    /// The readers of older versions, on files that their last builds wrote.
     #[test]
-    fn mutated_files_of_version_1(
-        which in 0..2_usize, mutations in prop::collection::vec(mutation(), 0..6), numbers in
+    fn mutated_files_of_older_versions(
+        which in 0..4_usize, mutations in prop::collection::vec(mutation(), 0..6), numbers in
         prop::collection::vec((place(), telling_number()), 0..3),
     ) {
-        let name = ["paper_v1", "or_v1"][which];
+        let name = ["paper_v1", "or_v1", "paper_v2", "or_v2"][which];
         let path = format!("{}/../../reference/{name}.crowdmap", env!("CARGO_MANIFEST_DIR"));
         let mut file = std::fs::read(path).unwrap();
         mutations.iter().for_each(|mutation| mutation.apply(&mut file));
@@ -218,10 +218,10 @@ proptest! {
             }
         }
         repair(&mut file);
-        match CrowdMap::from_bytes(&file, VERSION_1_TERRAIN.clone()) {
+        match CrowdMap::from_bytes(&file, OLDER_TERRAIN.clone()) {
             Ok(map) => {
                 let bytes = map.to_bytes();
-                let again = CrowdMap::from_bytes(&bytes, VERSION_1_TERRAIN.clone()).unwrap();
+                let again = CrowdMap::from_bytes(&bytes, OLDER_TERRAIN.clone()).unwrap();
                 prop_assert_eq!(again.to_bytes(), bytes);
             }
             Err(error) => check_error(&error, file.len()),

@@ -113,13 +113,14 @@ def score(
         for instant in recording.instants(first.grouping.tolerance_ms):
             found = detect(instant)
             # Views are projected once; the other maps take the observations.
-            step = loops[0].step(found.views, instant.stamp_ns, found.refused)
-            observations = step.update.observations
-            others = (loop.step_observed(observations, instant.stamp_ns) for loop in loops[1:])
-            crowd = crowds.at(instant)[step.seen_ids]
-            for sweep, probability in zip(sweeps, (one.probability for one in (step, *others)), strict=True):
-                sweep.update(probability, crowd)
-            refused += step.refused
+            update = loops[0].integrate(found.views, instant.stamp_ns)
+            for loop in loops[1:]:
+                loop.integrate_observed(update.observations, instant.stamp_ns)
+            crowd = crowds.at(instant)
+            for loop, sweep in zip(loops, sweeps, strict=True):
+                seen_ids, probability = loop.crowd_map.seen_probability(instant.stamp_ns)
+                sweep.update(probability, crowd[seen_ids])
+            refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
     rows = [_score(*parts) for parts in zip(configs, loops, sweeps, strict=True)]

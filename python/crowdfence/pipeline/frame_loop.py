@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
-from crowdfence.zones import ZoneSet, find_zones
+from crowdfence.zones import ZoneSet, zones_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,19 +24,14 @@ class Step:
     refused: tuple[RefusedFrame, ...]
     """Frames of the instant that could not be used, and why."""
     update: Update
-    seen_ids: NDArray[np.int64]
-    """Voxels seen at this instant or any earlier one [S], sorted."""
-    probability: NDArray[np.float64]
-    """Their probability of crowd after the instant [S]."""
+    seen_count: int
+    """How many voxels were seen at this instant or any earlier one."""
+    crowd_ids: NDArray[np.int64]
+    """Those of them at or above the threshold after the instant, sorted."""
     threshold: float
     """Probability from which they are crowd."""
     zones: ZoneSet
     """The no-fly zones as of this instant."""
-
-    @property
-    def crowd_ids(self) -> NDArray[np.int64]:
-        """Voxels at or above the threshold after the instant, sorted."""
-        return self.seen_ids[self.probability >= self.threshold]
 
     @property
     def crowd_mass(self) -> CrowdMass:
@@ -62,31 +57,40 @@ class FrameLoop:
     def step(self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()) -> Step:
         """Take in the views of one instant, each drone at most once. `refused` are frames that did not become
         views. StampError or ViewError where the instant cannot be integrated; nothing has changed then."""
-        return self._happened(self.crowd_map.integrate(views, stamp_ns), refused)
+        return self._happened(self.integrate(views, stamp_ns), refused)
 
     def step_observed(
         self, observations: Sequence[Observation], stamp_ns: int, refused: Sequence[RefusedFrame] = ()
     ) -> Step:
         """The same for views that were projected before, by another loop on this terrain or elsewhere."""
-        return self._happened(self.crowd_map.integrate_observations(observations, stamp_ns), refused)
+        return self._happened(self.integrate_observed(observations, stamp_ns), refused)
 
-    def _happened(self, update: Update, refused: Sequence[RefusedFrame]) -> Step:
+    def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
+        """The first half of `step`, for those who want the map without zones."""
+        return self._counted(self.crowd_map.integrate(views, stamp_ns))
+
+    def integrate_observed(self, observations: Sequence[Observation], stamp_ns: int) -> Update:
+        """The first half of `step_observed`."""
+        return self._counted(self.crowd_map.integrate_observations(observations, stamp_ns))
+
+    def _counted(self, update: Update) -> Update:
         for observation in update.observations:
             so_far = self.crowd_mass.get(observation.drone, CrowdMass())
             self.crowd_mass[observation.drone] = so_far + observation.crowd_mass
-        seen_ids = self.crowd_map.seen_ids()
+        return update
+
+    def _happened(self, update: Update, refused: Sequence[RefusedFrame]) -> Step:
+        # One reading of the map serves the zones and what is counted.
+        crowd = self.crowd_map.crowd_columns(update.stamp_ns, threshold=self.threshold)
         return Step(
             stamp_ns=update.stamp_ns,
             drones=tuple(observation.drone for observation in update.observations),
             refused=tuple(refused),
             update=update,
-            seen_ids=seen_ids,
-            probability=self.crowd_map.probability(update.stamp_ns, seen_ids),
+            seen_count=self.crowd_map.seen_count,
+            crowd_ids=np.sort(crowd.voxel_ids),
             threshold=self.threshold,
-            zones=find_zones(
-                self.crowd_map,
-                update.stamp_ns,
-                threshold=self.threshold,
-                min_area_m2=self._zones.min_area_m2,
+            zones=zones_of(
+                crowd, self.crowd_map, threshold=self.threshold, min_area_m2=self._zones.min_area_m2
             ),
         )

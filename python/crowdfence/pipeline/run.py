@@ -122,7 +122,7 @@ def run(
                 on_step(instant, last)
     if last is None:
         raise ValueError(f"no frame of {recording.name} can be used{_first_reason(refused)}")
-    if last.seen_ids.size == 0:
+    if last.seen_count == 0:
         raise ValueError(
             f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
             "do map and poses share one frame?"
@@ -152,7 +152,7 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
         drones=step.drones,
         frames_refused=len(step.refused),
         voxels_seen=len(step.update.voxel_ids),
-        voxels_seen_so_far=len(step.seen_ids),
+        voxels_seen_so_far=step.seen_count,
         crowd_voxels=len(step.crowd_ids),
         crowd_area_m2=step.zones.area_m2 + step.zones.dropped_area_m2,
         zones=len(step.zones),

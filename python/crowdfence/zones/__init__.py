@@ -9,7 +9,7 @@ The first simple form: columns at or above a threshold, grouped into connected r
 Nothing is simplified, smoothed or buffered here, so a zone covers its crowd cells and nothing else.
 """
 
-from crowdfence.zones.find import find_zones
+from crowdfence.zones.find import find_zones, zones_of
 from crowdfence.zones.zone import MAX_ID_LENGTH, Zone, ZoneSet
 
-__all__ = ["MAX_ID_LENGTH", "Zone", "ZoneSet", "find_zones"]
+__all__ = ["MAX_ID_LENGTH", "Zone", "ZoneSet", "find_zones", "zones_of"]

@@ -28,11 +28,18 @@ def find_zones(
     Raises StampError for an earlier stamp, ValueError for a parameter out of bounds and for more zones than
     there are ids.
     """
-    if not 0.0 <= min_area_m2 < np.inf:
-        raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     if threshold is None:
         threshold = crowd_map.default_threshold()
     crowd = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
+    return zones_of(crowd, crowd_map, threshold=threshold, min_area_m2=min_area_m2)
+
+
+def zones_of(
+    crowd: CrowdColumns, crowd_map: CrowdMap, *, threshold: float, min_area_m2: float = 0.0
+) -> ZoneSet:
+    """The same of the columns that `crowd_map` gave for `threshold`, and as it was then."""
+    if not 0.0 <= min_area_m2 < np.inf:
+        raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     runs = Runs.of(crowd.indices)
     region = largest_first(runs)
     column_count = np.bincount(region, weights=runs.length).astype(np.int64)

@@ -2,9 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::instants::Instant;
+use super::beliefs::Beliefs;
+use super::reading::Reading;
 use super::{CrowdMap, check_threshold};
 use crate::error::Result;
+use crate::method::{FusionMethod, each_method};
 
 /// Crowd seen from above.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -43,9 +45,11 @@ impl CrowdMap {
     /// The columns that hold crowd, P >= `threshold`, at a stamp not before the last instant. Costs what was
     /// seen, not the map.
     pub fn crowd_columns(&self, stamp_ns: i64, threshold: f64) -> Result<CrowdColumns> {
-        let now = self.reading(stamp_ns)?;
+        let now = self.moment(stamp_ns)?;
         check_threshold(threshold)?;
-        let mut crowd = self.crowd_voxels(now, threshold);
+        let mut crowd = each_method!(&self.beliefs, Beliefs, beliefs => {
+            self.crowd_voxels(Reading::new(beliefs, &self.history, now), threshold)
+        });
         crowd.par_sort_unstable_by_key(|voxel| (voxel.index[0], voxel.index[1], voxel.id));
         let columns = crowd
             .par_chunk_by(|a, b| a.index[..2] == b.index[..2])
@@ -54,10 +58,9 @@ impl CrowdMap {
         Ok(CrowdColumns { columns, voxel_ids: crowd.into_iter().map(|voxel| voxel.id).collect() })
     }
 
-    fn crowd_voxels(&self, now: Instant, threshold: f64) -> Vec<CrowdVoxel> {
-        let seen = self.seen_ids();
-        let beliefs = seen.par_iter().map(|&id| (id, self.probability_at(id, now)));
-        let (ids, probability): (Vec<u32>, Vec<f64>) = beliefs.filter(|&(_, p)| p >= threshold).unzip();
+    fn crowd_voxels<M: FusionMethod>(&self, reading: Reading<'_, M>, threshold: f64) -> Vec<CrowdVoxel> {
+        let crowd = reading.of_seen(|id, p| (p >= threshold).then_some((id, p)));
+        let (ids, probability): (Vec<u32>, Vec<f64>) = crowd.into_iter().unzip();
         let indices = self.terrain.indices_of(&ids);
         (0..ids.len())
             .map(|row| CrowdVoxel { id: ids[row], index: indices[row], probability: probability[row] })

@@ -1,4 +1,4 @@
-//! The crowd map's file format, version 2, in the frame of [`crate::sealed`]; version 1 is read too.
+//! The crowd map's file format, version 3, in the frame of [`crate::sealed`]; versions 1 and 2 are read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
@@ -13,7 +13,7 @@
 //! drones           u32 count, then per drone: name (u32 length, UTF-8), pages of u64: a bit a voxel that it saw
 //! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! version 1 differs after max_gap_s:
+//! version 2 differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
 //!   drones         u32 count, names
 //!   instants       u32 count, i64 stamps, strictly increasing
 //!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
@@ -41,7 +41,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
     (Coverage::Full, Surface::Planes),
 ];
 
-const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 2 };
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 3 };
 
 impl CrowdMap {
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -83,7 +83,7 @@ impl CrowdMap {
         let mut map = CrowdMap::new(terrain, method, projection, reader.f64()?)?;
         match version {
             1 => read_version_1(&mut reader, &mut map)?,
-            _ => read_version_2(&mut reader, &mut map)?,
+            _ => read_since_version_2(&mut reader, &mut map, version)?,
         }
         reader.end()?;
         Ok(map)
@@ -151,7 +151,7 @@ fn page_number(reader: &mut Reader<'_>, lowest: usize, count: usize) -> Result<u
     }
 }
 
-fn read_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap) -> Result<()> {
+fn read_since_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap, version: u32) -> Result<()> {
     let history = &mut map.history;
     let (integrated, first_ns, newest_ns) = (reader.u64()?, reader.i64()?, reader.i64()?);
     if first_ns < 0 || newest_ns < first_ns || integrated > u64::from(u32::MAX) << 16 {
@@ -172,12 +172,12 @@ fn read_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap) -> Result<()> {
     let mut looks = Pages::new(map.terrain.voxel_count(), Look::NEVER);
     read_pages(reader, &mut looks, |reader| reader.numbers(PAGE_LENGTH, u32::from_le_bytes))?;
     take_looks(reader, history, &named, looks)?;
-    each_method!(&mut map.beliefs, Beliefs, beliefs => read_beliefs(reader, beliefs))?;
+    each_method!(&mut map.beliefs, Beliefs, beliefs => read_beliefs(reader, beliefs, version))?;
     read_drones(reader, history)
 }
 
-fn read_beliefs<M: Stored>(reader: &mut Reader<'_>, beliefs: &mut BeliefsOf<M>) -> Result<()> {
-    read_pages(reader, &mut beliefs.pages, |reader| M::read_beliefs(reader, KIND.version, PAGE_LENGTH))
+fn read_beliefs<M: Stored>(reader: &mut Reader<'_>, beliefs: &mut BeliefsOf<M>, version: u32) -> Result<()> {
+    read_pages(reader, &mut beliefs.pages, |reader| M::read_beliefs(reader, version, PAGE_LENGTH))
 }
 
 fn read_drones(reader: &mut Reader<'_>, history: &mut History) -> Result<()> {
@@ -242,7 +242,7 @@ fn take_looks(
     }
     for (_, code) in looks.values() {
         if let Look::At(slot) = Look::from_code(code) {
-            history.instants.enter(slot);
+            history.instants.enter(slot, 1);
         }
     }
     (0..named.len() as u32).for_each(|slot| history.instants.close(slot));

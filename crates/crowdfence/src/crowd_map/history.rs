@@ -4,8 +4,6 @@ use std::collections::BTreeMap;
 
 use super::instants::{Instant, Instants};
 use super::pages::Pages;
-use crate::method::Elapsed;
-use crate::stamp::seconds_between;
 
 #[derive(Debug, Clone)]
 pub(super) struct History {
@@ -43,6 +41,14 @@ impl Look {
 /// Voxels of which a word of bits says whether a drone has seen them.
 const WORD_VOXELS: usize = u64::BITS as usize;
 
+fn word(id: u32) -> usize {
+    id as usize / WORD_VOXELS
+}
+
+fn bit(id: u32) -> u64 {
+    1 << (id as usize % WORD_VOXELS)
+}
+
 impl History {
     pub fn new(voxel_count: usize) -> History {
         History {
@@ -64,26 +70,6 @@ impl History {
         }
     }
 
-    /// Time from the last look at a voxel to `now`, none where `now` is older; None where nobody has looked.
-    pub fn elapsed(&self, id: u32, now: Instant) -> Option<Elapsed> {
-        let last = self.last_look(id)?;
-        Some(Elapsed {
-            seconds: seconds_between(last.stamp_ns, now.stamp_ns).max(0.0),
-            instants: now.number.saturating_sub(last.number),
-        })
-    }
-
-    /// A look at the instant of `slot`, which is open. An older look than the last one changes nothing.
-    pub fn see(&mut self, id: u32, slot: u32) {
-        match self.look(id) {
-            Look::At(last) if self.instants.at(last) > self.instants.at(slot) => return,
-            Look::At(last) => self.instants.leave(last),
-            Look::Never | Look::Occluded => (),
-        }
-        self.instants.enter(slot);
-        *self.looks.get_mut(id as usize) = slot;
-    }
-
     /// Something hides the voxel from a camera. What was seen before stays seen.
     pub fn hide(&mut self, id: u32) {
         let look = self.looks.get_mut(id as usize);
@@ -98,8 +84,8 @@ impl History {
             self.drones.insert(drone.to_owned(), self.none_seen());
         }
         let seen = self.drones.get_mut(drone).expect("just inserted");
-        for &id in ids {
-            *seen.get_mut(id as usize / WORD_VOXELS) |= 1 << (id as usize % WORD_VOXELS);
+        for ids in ids.chunk_by(|&a, &b| word(a) == word(b)) {
+            *seen.get_mut(word(ids[0])) |= ids.iter().fold(0, |bits, &id| bits | bit(id));
         }
     }
 
@@ -118,9 +104,7 @@ impl History {
 
     /// Drones that have ever seen one of the voxels, by name.
     pub fn seen_by(&self, ids: &[u32]) -> Vec<&str> {
-        let sees = |seen: &Pages<u64>| {
-            ids.iter().any(|&id| seen.get(id as usize / WORD_VOXELS) >> (id as usize % WORD_VOXELS) & 1 != 0)
-        };
+        let sees = |seen: &Pages<u64>| ids.iter().any(|&id| seen.get(word(id)) & bit(id) != 0);
         self.drones.iter().filter(|(_, seen)| sees(seen)).map(|(drone, _)| drone.as_str()).collect()
     }
 

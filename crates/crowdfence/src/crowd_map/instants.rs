@@ -1,6 +1,9 @@
 //! The instants at which voxels were last seen. A voxel names its instant by a slot, and a slot that no voxel
 //! names is used again: a process that runs for weeks keeps as many instants as it needs, not as many as it saw.
 
+use crate::method::Elapsed;
+use crate::stamp::seconds_between;
+
 #[derive(Debug, Clone, Default)]
 pub(super) struct Instants {
     slots: Vec<Slot>,
@@ -53,19 +56,32 @@ impl Instants {
         }
     }
 
-    /// One more voxel names `slot`, which is open.
-    pub fn enter(&mut self, slot: u32) {
-        self.slots[slot as usize].voxels += 1;
+    /// So many voxels more name `slot`, which is open.
+    pub fn enter(&mut self, slot: u32, voxels: u32) {
+        self.slots[slot as usize].voxels += voxels;
     }
 
-    /// One voxel fewer names `slot`, which is closed.
-    pub fn leave(&mut self, slot: u32) {
-        self.slots[slot as usize].voxels -= 1;
+    /// So many voxels fewer name `slot`, which is closed.
+    pub fn leave(&mut self, slot: u32, voxels: u32) {
+        self.slots[slot as usize].voxels -= voxels;
         self.close(slot);
     }
 
     pub fn at(&self, slot: u32) -> Instant {
         self.slots[slot as usize].instant
+    }
+
+    /// Time from the instant of each slot to `now`, none where `now` is older.
+    pub fn elapsed(&self, now: Instant) -> impl Iterator<Item = Elapsed> + '_ {
+        self.slots.iter().map(move |Slot { instant, .. }| Elapsed {
+            seconds: seconds_between(instant.stamp_ns, now.stamp_ns).max(0.0),
+            instants: now.number.saturating_sub(instant.number),
+        })
+    }
+
+    /// How many voxels name an instant: those that somebody has seen.
+    pub fn voxels(&self) -> usize {
+        self.slots.iter().map(|slot| slot.voxels as usize).sum()
     }
 
     /// Slots that voxels name, oldest instant first.

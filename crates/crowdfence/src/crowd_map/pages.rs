@@ -1,5 +1,7 @@
 //! One value per voxel, in pages that exist only where something was written.
 
+use std::mem;
+
 pub(super) const PAGE_LENGTH: usize = 1024;
 
 #[derive(Debug, Clone)]
@@ -22,6 +24,23 @@ impl<T: Copy> Pages<T> {
         let absent = self.absent;
         let page = self.pages[at / PAGE_LENGTH].get_or_insert_with(|| vec![absent; PAGE_LENGTH].into());
         &mut page[at % PAGE_LENGTH]
+    }
+
+    /// The pages of these numbers, increasing; made where nothing was written.
+    pub fn open(&mut self, numbers: &[usize]) -> Vec<&mut [T]> {
+        let absent = self.absent;
+        let (mut rest, mut passed) = (self.pages.as_mut_slice(), 0);
+        let open = |&number| {
+            let (page, after) = mem::take(&mut rest)[number - passed..].split_first_mut().expect("a page");
+            (rest, passed) = (after, number + 1);
+            &mut **page.get_or_insert_with(|| vec![absent; PAGE_LENGTH].into())
+        };
+        numbers.iter().map(open).collect()
+    }
+
+    /// Page `number`, if anything was written there.
+    pub fn page(&self, number: usize) -> Option<&[T]> {
+        self.pages[number].as_deref()
     }
 
     /// Number of pages, written or not.

@@ -13,6 +13,8 @@ impl FusionMethod for Or {
     /// Whether any view ever called it crowd.
     type Belief = bool;
     const NO_BELIEF: bool = false;
+    /// Nothing fades.
+    type Fading = ();
     const NAME: &'static str = "or";
     const ORDER: InstantOrder = InstantOrder::Any;
 
@@ -20,12 +22,14 @@ impl FusionMethod for Or {
         None
     }
 
-    fn update(&self, before: Option<(bool, Elapsed)>, looks: &[VoxelLook]) -> bool {
+    fn fading(&self, _since: Elapsed) {}
+
+    fn update(&self, before: Option<(bool, ())>, looks: &[VoxelLook]) -> bool {
         let crowd_before = before.is_some_and(|(crowd, _)| crowd);
         crowd_before || looks.iter().any(|look| look.mean > self.b_threshold)
     }
 
-    fn probability(&self, crowd: bool, _since: Elapsed) -> f64 {
+    fn probability(&self, crowd: bool, _fading: ()) -> f64 {
         f64::from(u8::from(crowd))
     }
 

@@ -1,0 +1,208 @@
+//! One instant taken in, page by page: every voxel that was seen is looked up once.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::beliefs::BeliefsOf;
+use super::history::{History, Look};
+use super::instants::{Instant, Instants};
+use super::pages::PAGE_LENGTH;
+use super::reading::fading;
+use crate::method::{FusionMethod, VoxelLook};
+use crate::observation::Observation;
+
+/// So many pages are one piece of work.
+const PAGES_AT_ONCE: usize = 8;
+
+/// Voxels that were seen, sorted, and their probability after the instant.
+#[derive(Debug, Default)]
+pub(super) struct Fused {
+    pub voxel_ids: Vec<u32>,
+    pub probability: Vec<f64>,
+}
+
+/// Lets the method update what it believes about the voxels of `observations`, and remembers when they were seen.
+/// `taken` is when each view counts as taken, `now` the instant itself.
+pub(super) fn fuse<M: FusionMethod>(
+    beliefs: &mut BeliefsOf<M>,
+    history: &mut History,
+    observations: &[Arc<Observation>],
+    taken: &[Instant],
+    now: Instant,
+) -> Fused {
+    let times = Times::open(&beliefs.method, &mut history.instants, taken, now);
+    let rows = rows_by_page(observations);
+    let pages: Vec<&[Rows]> = rows.chunk_by(|a, b| a.page == b.page).collect();
+    let numbers: Vec<usize> = pages.iter().map(|rows| rows[0].page).collect();
+    let (looks, believed) = (history.looks.open(&numbers), beliefs.pages.open(&numbers));
+    let (method, instants) = (&beliefs.method, &history.instants);
+    let seen: Vec<PageSeen> = (pages, looks, believed)
+        .into_par_iter()
+        .with_min_len(PAGES_AT_ONCE)
+        .map(|(rows, looks, beliefs)| {
+            let mut page = Page { looks, beliefs, seen: PageSeen::new(&times) };
+            page.take_in(rows, observations, method, instants, &times);
+            page.seen
+        })
+        .collect();
+    let mut fused = Fused::default();
+    for page in seen {
+        fused.voxel_ids.extend(page.voxel_ids);
+        fused.probability.extend(page.probability);
+        times.slots.iter().zip(page.entered).for_each(|(&slot, count)| history.instants.enter(slot, count));
+        page.left.into_iter().for_each(|(slot, count)| history.instants.leave(slot, count));
+    }
+    times.slots.iter().for_each(|&slot| history.instants.close(slot));
+    fused
+}
+
+/// The different instants at which the views were taken, oldest first.
+struct Times<M: FusionMethod> {
+    instants: Vec<Instant>,
+    /// Slot of each.
+    slots: Vec<u32>,
+    /// What is left at each of the beliefs of every slot.
+    fading: Vec<Vec<M::Fading>>,
+    /// What is left of them after the instant.
+    fading_after: Vec<M::Fading>,
+    /// Position in `instants` for each view.
+    of_view: Vec<usize>,
+}
+
+impl<M: FusionMethod> Times<M> {
+    /// Opens the slots.
+    fn open(method: &M, known: &mut Instants, taken: &[Instant], now: Instant) -> Times<M> {
+        let mut instants = taken.to_vec();
+        instants.sort_unstable();
+        instants.dedup();
+        let slots = instants.iter().map(|&instant| known.open(instant)).collect();
+        let fading_at = |&instant: &Instant| fading(method, known, instant);
+        let place = |instant: &Instant| instants.binary_search(instant).expect("it is one of them");
+        Times {
+            slots,
+            fading: instants.iter().map(fading_at).collect(),
+            fading_after: fading_at(&now),
+            of_view: taken.iter().map(place).collect(),
+            instants,
+        }
+    }
+}
+
+/// Rows of one view's observation, all of one page.
+struct Rows {
+    page: usize,
+    view: usize,
+    rows: Range<usize>,
+}
+
+/// Sorted by page, then in the order of the views.
+fn rows_by_page(observations: &[Arc<Observation>]) -> Vec<Rows> {
+    let page = |id: u32| id as usize / PAGE_LENGTH;
+    let mut all = Vec::new();
+    for (view, observation) in observations.iter().enumerate() {
+        let mut start = 0;
+        for ids in observation.voxel_ids().chunk_by(|&a, &b| page(a) == page(b)) {
+            all.push(Rows { page: page(ids[0]), view, rows: start..start + ids.len() });
+            start += ids.len();
+        }
+    }
+    // Every view is sorted already: a stable sort merges them and keeps their order.
+    all.sort_by_key(|rows| rows.page);
+    all
+}
+
+/// What an instant shows of one page of voxels.
+struct PageSeen {
+    voxel_ids: Vec<u32>,
+    probability: Vec<f64>,
+    /// How many of its voxels name each of the slots of [`Times`] now.
+    entered: Vec<u32>,
+    /// Slots that they named before, and how many.
+    left: Vec<(u32, u32)>,
+}
+
+impl PageSeen {
+    fn new<M: FusionMethod>(times: &Times<M>) -> PageSeen {
+        PageSeen { voxel_ids: vec![], probability: vec![], entered: vec![0; times.slots.len()], left: vec![] }
+    }
+
+    fn leave(&mut self, slot: u32) {
+        match self.left.last_mut() {
+            Some((last, count)) if *last == slot => *count += 1,
+            _ => self.left.push((slot, 1)),
+        }
+    }
+}
+
+struct Page<'a, M: FusionMethod> {
+    looks: &'a mut [u32],
+    beliefs: &'a mut [M::Belief],
+    seen: PageSeen,
+}
+
+impl<M: FusionMethod> Page<'_, M> {
+    /// `rows` are those of this page.
+    fn take_in(
+        &mut self,
+        rows: &[Rows],
+        observations: &[Arc<Observation>],
+        method: &M,
+        instants: &Instants,
+        times: &Times<M>,
+    ) {
+        let mut next: Vec<Range<usize>> = rows.iter().map(|rows| rows.rows.clone()).collect();
+        let mut looks = Vec::with_capacity(rows.len());
+        let next_id = |rows: &Rows, next: &Range<usize>| {
+            (!next.is_empty()).then(|| observations[rows.view].voxel_ids()[next.start])
+        };
+        while let Some(id) = rows.iter().zip(&next).filter_map(|(rows, next)| next_id(rows, next)).min() {
+            looks.clear();
+            for (rows, next) in rows.iter().zip(&mut next) {
+                if next_id(rows, next) == Some(id) {
+                    looks.push(look(&observations[rows.view], rows.view, next.start));
+                    next.start += 1;
+                }
+            }
+            self.see(id, &looks, method, instants, times);
+        }
+    }
+
+    fn see(&mut self, id: u32, looks: &[VoxelLook], method: &M, instants: &Instants, times: &Times<M>) {
+        let at = id as usize % PAGE_LENGTH;
+        let taken = looks.iter().map(|look| times.of_view[look.view as usize]);
+        let newest = taken.max().expect("a voxel that was seen has looks");
+        let last = match Look::from_code(self.looks[at]) {
+            Look::At(slot) => Some(slot),
+            Look::Never | Look::Occluded => None,
+        };
+        let before = last.map(|slot| (self.beliefs[at], times.fading[newest][slot as usize]));
+        let belief = method.update(before, looks);
+        self.beliefs[at] = belief;
+        let slot = match last {
+            // An older look than the last one does not make it older.
+            Some(slot) if instants.at(slot) > times.instants[newest] => slot,
+            _ => {
+                last.into_iter().for_each(|slot| self.seen.leave(slot));
+                self.seen.entered[newest] += 1;
+                times.slots[newest]
+            }
+        };
+        self.looks[at] = slot;
+        self.seen.voxel_ids.push(id);
+        self.seen.probability.push(method.probability(belief, times.fading_after[slot as usize]));
+    }
+}
+
+fn look(observation: &Observation, view: usize, row: usize) -> VoxelLook {
+    let seen = observation.seen();
+    VoxelLook {
+        voxel_id: seen.ids[row],
+        view: view as u32,
+        mean: seen.mean[row],
+        pixel_count: seen.pixel_count[row],
+        range_m: seen.range_m[row],
+        tilt_deg: seen.tilt_deg[row],
+    }
+}
