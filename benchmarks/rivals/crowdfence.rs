@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crowdfence::method::{DecayUnit, Initial};
+use crowdfence::terrain::Surface;
 use crowdfence::terrain::height_map::HeightMap;
 use crowdfence::view::Pose;
 use crowdfence::{
@@ -91,14 +92,8 @@ impl Scene {
             return Ok(ground);
         }
         let above = Terrain::from_triangles(&self.vertices, &self.triangles, voxel_size_m, origin)?;
-        let mut indices = all_indices(&ground);
-        indices.extend(all_indices(&above));
-        Ok(Terrain::from_indices(&indices, voxel_size_m, origin)?)
+        Ok(ground.joined(&above)?)
     }
-}
-
-fn all_indices(terrain: &Terrain) -> Vec<[i32; 3]> {
-    terrain.indices_of(&(0..terrain.voxel_count() as u32).collect::<Vec<_>>())
 }
 
 /// The voxels column by column, from south-west to north-east and upwards: the order in which all rivals count cells.
@@ -235,9 +230,11 @@ impl Bench {
 }
 
 /// `mode` names the coverage.
+/// "rays" and "full" onto the surface, "voxels" by rays onto the cubes.
 fn projection(mode: &str) -> Result<Projection> {
     let coverage = if mode == "full" { Coverage::Full } else { Coverage::Rays };
-    Ok(Projection::new(MAX_RANGE_M, 0.0, coverage)?)
+    let surface = if mode == "voxels" { Surface::Voxels } else { Surface::Planes };
+    Ok(Projection::new(MAX_RANGE_M, 0.0, coverage)?.with_surface(surface))
 }
 
 /// The parameters are those of `Fusion` in `rival.h`.

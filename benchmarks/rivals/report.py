@@ -74,9 +74,11 @@ Milliseconds of CPU time on one thread for one view, from heatmap to belief: ray
 range 300 m. Mean of 12 views from 20 to 80 m above ground, 10 to 60 degrees down, 90 degrees wide; per view
 the fastest of {results["passes"]} passes. A star marks figures extrapolated from every 4th (OpenVDB at
 1920x1080), 32nd or 72nd row of pixels (OctoMap and numpy, at 640x480 and 1920x1080); their averaging and
-fusion are Embree's. Embree's mode is the best of three on other views. OpenVDB, OctoMap and numpy trace the
-voxels, Embree and Open3D the triangles between the centres of the height map. The memory floor reads the
-heatmap once and reads and writes each touched cell once.
+fusion are Embree's. Embree's mode is the best of three on other views. crowdfence traces the planes in the
+voxels, by pixel centres (`rays`) or with what lies between them (`full`, its default), or the voxels as
+cubes (`voxels`). OpenVDB, OctoMap and numpy trace the voxels, Embree and Open3D the triangles between the
+centres of the height map. The memory floor reads the heatmap once and reads and writes each touched cell
+once.
 
 ![Time of one view](times.svg)
 """
@@ -162,7 +164,7 @@ def _agreement(results: Json) -> str:
         "Three views at 640x480: share of pixels that hit something, and of these the share (at most: pixels",
         "are counted by cell) on the same cell as Embree's triangles and as OpenVDB's voxels. Voxels stand",
         "up to one voxel above the surface they hold, so the two kinds differ by nature, most where the view",
-        "is flat.\n",
+        "is flat. A plane a column and triangles between the centres differ where the ground bends.\n",
         "| map | program | hit | cells touched | same cell as Embree | same cell as OpenVDB |",
         "|---|---|---|---|---|---|",
     ]
