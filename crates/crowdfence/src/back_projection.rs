@@ -154,7 +154,7 @@ fn observation(
 
 /// Of a line of sight, below the horizon.
 fn tilt_deg(line: DVec3) -> f32 {
-    (-line.z).atan2(line.truncate().length()).to_degrees() as f32
+    (-line.z as f32).atan2(line.truncate().length() as f32).to_degrees()
 }
 
 #[cfg(test)]

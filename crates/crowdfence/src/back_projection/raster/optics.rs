@@ -81,8 +81,9 @@ impl Optics {
         for at in 0..MAX_CORNERS {
             let image = |axis: DVec3| axis.x * x[at] + axis.y * y[at] + axis.z * z[at];
             depth[at] = image(self.depth);
-            polygon.x[at] = image(self.u) / depth[at];
-            polygon.y[at] = image(self.v) / depth[at];
+            let inverse = 1.0 / depth[at];
+            polygon.x[at] = image(self.u) * inverse;
+            polygon.y[at] = image(self.v) * inverse;
         }
         (polygon, lowest(&depth))
     }
