@@ -176,24 +176,54 @@ impl<'a> Painter<'a> {
         (own..count).chain((0..own).rev())
     }
 
-    /// False only when nothing of a square is in range and in the image.
-    fn may_show(&self, square: &Square) -> bool {
+    /// Corners of a box around all that stands on a square.
+    fn bounds(&self, square: &Square) -> (DVec3, DVec3) {
         let (lowest, highest) = self.stacks.span(square);
         let side = f64::from(square.side());
         let [x, y] = square.low.map(f64::from);
         let low = DVec3::new(x, y, f64::from(lowest) - f64::from(Solid::SINK)) - self.origin;
         let high = DVec3::new(x + side, y + side, f64::from(highest + Solid::RISE)) - self.origin;
+        (low, high)
+    }
+
+    /// Whether all that stands on a square lies behind what has been painted.
+    fn is_covered(&self, square: &Square) -> bool {
+        let (low, high) = self.bounds(square);
+        self.optics.around(low, high).is_some_and(|(low, high)| self.canvas.is_covered(low, high))
+    }
+
+    /// False only when nothing of a square is in range and in the image.
+    fn may_show(&self, square: &Square) -> bool {
+        let (low, high) = self.bounds(square);
         let nearest = DVec3::ZERO.clamp(low, high);
         nearest.length_squared() <= self.range * self.range && self.optics.may_show(low, high)
     }
 
     fn paint_tile(&mut self, square: &Square) {
+        let is_covered = self.is_covered(square);
+        if is_covered && !self.between_pixels {
+            return;
+        }
         let mut tile = std::mem::take(&mut self.tile);
         tile.clear();
         self.gather(square, square.low, &mut tile);
-        self.gather_rim(square, &mut tile);
-        pulp::Arch::new().dispatch(PaintColumns { painter: self, square, tile: &tile });
+        if is_covered {
+            self.paint_middles(square, &tile);
+        } else {
+            self.gather_rim(square, &mut tile);
+            pulp::Arch::new().dispatch(PaintColumns { painter: self, square, tile: &tile });
+        }
         self.tile = tile;
+    }
+
+    /// Of a tile on which no pixel is free.
+    fn paint_middles(&mut self, square: &Square, tile: &Tile) {
+        let side = square.side() as i32;
+        for at in (0..side).flat_map(|i| (0..side).map(move |j| [i, j])) {
+            for piece in tile.column(at) {
+                self.paint_middle(piece, &self.place(square.low, at));
+            }
+        }
     }
 
     #[inline(always)]

@@ -173,6 +173,30 @@ impl<'a> Canvas<'a> {
         (rows, centers_between(middle.x - reach.x, middle.x + reach.x, self.width))
     }
 
+    /// Whether every pixel of a rectangle of the image, that of a pinhole, is painted on.
+    pub fn is_covered(&self, low: DVec2, high: DVec2) -> bool {
+        let (rows, columns) = match self.lens {
+            None => (centers_between(low.y, high.y, self.height), centers_between(low.x, high.x, self.width)),
+            Some((camera, pixels)) => {
+                let (least, most) = pixels.bounds();
+                self.pixels_around(camera, pixels, low.clamp(least, most), high.clamp(least, most))
+            }
+        };
+        if columns.is_empty() {
+            return true;
+        }
+        let (first, last) = (columns.start / WORD, (columns.end - 1) / WORD);
+        rows.into_iter().all(|row| {
+            let words = &self.covered[row * self.words_a_row..][first..=last];
+            words.iter().zip(first..).all(|(covered, word)| {
+                let start = columns.start.max(word * WORD);
+                let end = columns.end.min((word + 1) * WORD);
+                let span = (u64::MAX >> (WORD - (end - start))) << (start % WORD);
+                span & !covered == 0
+            })
+        })
+    }
+
     /// Whether any pixel of a rectangle is free; true without a look where it is large.
     #[inline(always)]
     fn is_free(&self, rows: &Range<usize>, columns: &Range<usize>) -> bool {

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::canvas::{MAX_CORNERS, Polygon, lowest};
+use super::canvas::{MAX_CORNERS, Polygon, highest, lowest};
 use crate::camera::IdealPixels;
 use crate::view::View;
 
@@ -91,6 +91,18 @@ impl Optics {
     /// Direction of the ray through a place of the image, of any length.
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
         self.world_from_camera * ((pixel - self.principal) / self.focal).extend(1.0)
+    }
+
+    /// The rectangle of the image around a box; None when a part of it is beside or behind the camera.
+    pub fn around(&self, low: DVec3, high: DVec3) -> Option<(DVec2, DVec2)> {
+        let corners = std::array::from_fn(|number| {
+            let is_high = |axis: usize| number >> axis & 1 != 0;
+            DVec3::from_array(std::array::from_fn(|axis| if is_high(axis) { high[axis] } else { low[axis] }))
+        });
+        let (polygon, depth) = self.polygon(&corners);
+        let low = DVec2::new(lowest(&polygon.x), lowest(&polygon.y));
+        let high = DVec2::new(highest(&polygon.x), highest(&polygon.y));
+        (depth > NEAR).then_some((low, high))
     }
 
     /// Whether a box may have a part in the image: false when all of its corners lie beyond one side of it, or
