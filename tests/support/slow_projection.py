@@ -147,14 +147,14 @@ def project_tops(
 ) -> tuple[dict[int, float], set[int]]:
     """Cells with the middle of their top in view -> heatmap value there; and cells whose top is hidden.
 
-    A top has no occupied cell above it, and its middle is in the image and in range; it is in view when it is turned
-    to the camera and the line of sight to its middle is free.
+    A top has no occupied cell above it, and its middle is in the image and in range; it is in view when it is
+    turned to the camera and the line of sight to its middle is free.
     """
     position = view.world_from_camera[:3, 3]
     cells = np.flatnonzero(dense.occupied)
     indices = np.stack(np.unravel_index(cells, dense.occupied.shape), axis=1)
-    to_top = dense.centres(cells) + (0.0, 0.0, dense.voxel_size_m / 2) - position
-    bare = ~dense.is_occupied(indices + (0, 0, 1))
+    to_top = dense.centres(cells) + np.array([0.0, 0.0, dense.voxel_size_m / 2]) - position
+    bare = ~dense.is_occupied(indices + np.array([0, 0, 1]))
     near = np.linalg.norm(to_top, axis=1) <= max_range_m
     pixel = image_points(view.camera, to_top @ view.world_from_camera[:3, :3])
     inside = ((pixel >= 0.0) & (pixel < (view.camera.width, view.camera.height))).all(axis=1)
