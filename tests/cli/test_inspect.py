@@ -317,7 +317,7 @@ def test_landing_prior_or_the_reason_for_none(tmp_path: Path) -> None:
     assert flat["landing_prior"] is None
     assert "14400 of 14400 columns are suitable" in flat["no_landing_prior"]
     height_m = np.zeros((60, 60))
-    height_m[40:] = 2.0 * np.arange(20)[:, None]  # a third is a slope of 63 degrees
+    height_m[40:] = 2.0 * np.arange(1, 21)[:, None]  # a third is a slope of 63 degrees
     terrain = Terrain.from_height_map(height_m, 1.0)
     content = report(write_octomap(tmp_path / "slope.bt", terrain))
     assert content["landing_prior"] == pytest.approx(landing_prior(terrain))
