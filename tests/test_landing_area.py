@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from crowdfence import landing_area as module
 from crowdfence._core import Terrain
 from crowdfence.landing_area import (
-    VOXEL_SLOPE_WINDOW,
-    column_tops_m,
+    column_surface_m,
     landing_prior,
     landing_suitable,
     slope_deg,
@@ -105,52 +104,55 @@ def test_stricter_limits_never_add_ground(
 @given(st.floats(0, 10), st.floats(20, 60), st.floats(0, 360))
 @settings(max_examples=20)
 def test_steps_of_voxels_are_not_taken_for_slopes(gentle: float, steep: float, azimuth: float) -> None:
-    """Rounded up to whole voxels, a plane of up to 10 degrees passes a limit of 15 and one of 20 does not."""
+    """Bare voxels of a plane of up to 10 degrees pass a limit of 15, those of one of 20 do not."""
 
     def voxel_slopes(slope: float) -> np.ndarray:
-        tops = np.ceil(plane(slope, azimuth))
-        return slope_deg(tops, 1.0, window_cells=VOXEL_SLOPE_WINDOW)[5:-5, 5:-5]
+        closed = Terrain.from_height_map(plane(slope, azimuth), 1.0)
+        bare = Terrain.from_indices(closed.voxel_indices(np.arange(closed.voxel_count)), 1.0)
+        return slope_deg(column_surface_m(bare), 1.0)[5:-5, 5:-5]
 
     assert (voxel_slopes(gentle) <= 15.0).all()
     assert (voxel_slopes(steep) > 15.0).all()
 
 
+# Columns of 2 m: level up to i = 19, then 0.4 m up per column to i = 29, then 4 m.
+TERRACE_M = np.cumsum([0.0] * 20 + [0.4] * 10 + [4.0] * 10)
+
+
 def terrace_terrain() -> Terrain:
-    """40 x 20 columns of 2 m: flat up to i = 19, then two voxels up per column; not at index 0."""
-    occupied = np.zeros((43, 21, 48), np.bool_)
-    for i in range(40):
-        occupied[i + 3, 1:, 5 + 2 * max(i - 19, 0)] = True
-    return Terrain.from_occupancy(occupied, 2.0, origin=(-500.0, 1000.0, 300.0))
+    """40 x 20 columns; the first of them is not at index 0."""
+    height_m = np.full((43, 21), np.nan)
+    height_m[3:, 1:] = TERRACE_M[:, None]
+    return Terrain.from_height_map(height_m, 2.0, origin=(-500.0, 1000.0, 300.0))
 
 
-def test_column_tops() -> None:
-    """The top of the lowest voxel is one voxel, 2 m, above the lowest corner."""
-    tops = column_tops_m(terrace_terrain())
-    expected = 2.0 + 4.0 * np.maximum(np.arange(40) - 19, 0)
-    np.testing.assert_array_equal(tops, expected[:, None].repeat(20, axis=1))
+def test_column_surface() -> None:
+    """The level ground lies in the lowest face of its voxels."""
+    surface_m = column_surface_m(terrace_terrain())
+    np.testing.assert_allclose(surface_m, TERRACE_M[:, None].repeat(20, axis=1), atol=0.001)
 
 
 def test_the_highest_voxel_of_a_column_counts_and_gaps_are_holes() -> None:
-    occupied = np.zeros((3, 1, 4), np.bool_)
+    """Bare voxels without neighbours: their surface is taken to be half way up."""
+    occupied = np.zeros((5, 1, 4), np.bool_)
     occupied[0, 0, [0, 3]] = True
-    occupied[2, 0, 1] = True
-    np.testing.assert_array_equal(
-        column_tops_m(Terrain.from_occupancy(occupied, 0.5))[:, 0], [2.0, np.nan, 1.0]
-    )
+    occupied[4, 0, 1] = True
+    surface_m = column_surface_m(Terrain.from_occupancy(occupied, 0.5))[:, 0]
+    np.testing.assert_array_equal(surface_m, [1.75, np.nan, np.nan, np.nan, 0.75])
 
 
 def test_prior_of_a_terrace() -> None:
-    """Nine cells, sum of squared offsets 60. Column 16 has one raised, at offset 4: 2 * 4 / 60, 7.6 degrees.
-    Column 17 has two: (2 * 3 + 4 * 4) / 60, 20 degrees. So 17 of 40 columns up to 15 degrees, 16 up to 5."""
+    """Column 19 has 0.4 m over the 4 m between its neighbours, 5.7 degrees; those up to 28 have 0.8 m, 11.3
+    degrees; column 29 has 4.4 m, 48 degrees. So 29 of 40 columns up to 15 degrees, 19 up to 5."""
     terrain = terrace_terrain()
-    assert landing_prior(terrain) == pytest.approx(17 / 40)
-    assert landing_prior(terrain, 5.0, 100.0) == pytest.approx(16 / 40)
-    assert landing_prior(terrain, 15.0, 17 * 20 * 4.0) == pytest.approx(17 / 40)
+    assert landing_prior(terrain) == pytest.approx(29 / 40)
+    assert landing_prior(terrain, 5.0, 100.0) == pytest.approx(19 / 40)
+    assert landing_prior(terrain, 15.0, 29 * 20 * 4.0) == pytest.approx(29 / 40)
 
 
 def test_a_prior_of_zero_or_one_is_refused() -> None:
     with pytest.raises(ValueError, match=r"0 of 800 columns .* must lie inside \(0, 1\)"):
-        landing_prior(terrace_terrain(), 15.0, 17 * 20 * 4.0 + 1.0)
+        landing_prior(terrace_terrain(), 15.0, 29 * 20 * 4.0 + 1.0)
     flat = Terrain.from_occupancy(np.ones((12, 12, 1), np.bool_), 1.0)
     with pytest.raises(ValueError, match="144 of 144 columns"):
         landing_prior(flat)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from crowdfence import Detector
-from crowdfence.cli.options import Coverage, MethodName
+from crowdfence.cli.options import Coverage, MethodName, Surface
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -80,7 +80,7 @@ def status_table() -> dict[str, str]:
 
 
 def test_the_status_table_names_what_there_is_and_nothing_that_is_still_to_come() -> None:
-    known = {*commands(), *(method.value for method in MethodName), *(one.value for one in Coverage)}
+    known = {*commands(), *(one.value for choice in (MethodName, Coverage, Surface) for one in choice)}
     known.add(Detector().contract.name)
     named: dict[bool, set[str]] = {True: set(), False: set()}
     for part, status in status_table().items():

@@ -103,7 +103,7 @@ def test_a_crowd_map_gives_the_grid_of_its_arrays() -> None:
     pose[:3, 3] = (0.0, 0.0, 125.0)
     camera = Camera.pinhole(60, 40, 250.0, 250.0, 30.0, 20.0)
     heatmap = np.zeros((40, 60), dtype=np.float32)
-    heatmap[:, 45:] = 1.0
+    heatmap[:, 44:] = 1.0
     crowd_map.integrate([View("uav1", 7, camera, pose, heatmap)], 7)
     grid = SurfaceGrid.from_crowd_map(crowd_map, 7, crop="surface")
     ids = np.arange(terrain.voxel_count)
@@ -117,8 +117,10 @@ def test_a_crowd_map_gives_the_grid_of_its_arrays() -> None:
     )
     for name in ("probability", "state", "top_index", "bottom_index", "last_seen_ns"):
         np.testing.assert_array_equal(getattr(grid, name), getattr(expected, name), err_msg=name)
-    # The picture is 6 m wide on the ground: x from -3 to 3, and the crowd begins at 1.5.
-    assert grid.state[:, 4].tolist() == [0, 0, 0, 0, 0, 0, EMPTY, CROWD, CROWD, 0, 0, 0]
+    # The ground is 24.5 m below: the picture shows x from -2.94 to 2.94, and the crowd begins at 1.37. The
+    # western half of it is hidden by the roof.
+    hidden, unseen = [OCCLUDED] * 3, [NEVER] * 3
+    assert grid.state[:, 4].tolist() == [*unseen, *hidden, EMPTY, CROWD, CROWD, *unseen]
     assert grid.seen[3:6, 4].all()  # the roof, whose column stays unknown for the ground below
     cropped = SurfaceGrid.from_crowd_map(crowd_map, 7, margin_m=0.0)
     assert cropped.bounds_m == (-3.0, -2.0, 3.0, 2.0)

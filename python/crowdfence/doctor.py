@@ -198,7 +198,7 @@ def _core() -> str:
 
     from crowdfence import _core
 
-    terrain = _core.Terrain.from_occupancy(np.ones((40, 40, 1), dtype=np.bool_), 1.0, (-20.0, -20.0, -1.0))
+    terrain = _core.Terrain.from_height_map(np.zeros((40, 40)), 1.0, origin=(-20.0, -20.0, 0.0))
     camera = _core.Camera.pinhole(100, 100, 50.0, 50.0, 50.0, 50.0)
     looking_down = np.diag([1.0, -1.0, -1.0, 1.0])
     looking_down[2, 3] = 10.0

@@ -17,12 +17,6 @@ from crowdfence.surface_grid import MAX_COLUMNS
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
 
-VOXEL_SLOPE_WINDOW = 9
-"""Cells along which the slope of a voxel terrain is measured. Voxel tops are whole steps: across 3 cells a
-single step reads as 27 degrees, and gentle slopes fall apart into strips. Across 9 cells it reads as at most
-9.5, planes of 8 degrees and more come out with a standard deviation of at most 1 degree, and a wall two
-voxels high still reads as 18."""
-
 _VOXELS_PER_BLOCK = 1 << 20
 _CELLS_PER_STRIP = 1 << 21
 
@@ -32,18 +26,19 @@ def landing_prior(
     max_slope_deg: float = 15.0,
     min_area_m2: float = 100.0,
     *,
-    window_cells: int = VOXEL_SLOPE_WINDOW,
+    window_cells: int = 3,
 ) -> float:
     """Share of the terrain's columns that are suitable for landing, as a prior inside (0, 1).
 
-    The surface is the top of the highest voxel of each column, so roofs and tree crowns count as surface: for
+    The surface is that of the highest voxel of each column, so roofs and tree crowns count as surface: for
     the ground alone, build the terrain from ground points. See `landing_suitable` for the criteria; the paper
-    states neither limit, the defaults are ours.
+    states neither limit, the defaults are ours. In bare voxels, as of an OctoMap, a single step on level
+    ground reads as a slope of up to 13.4 degrees: for limits below that, widen the window.
 
     Raises ValueError when the share is exactly 0 or 1 (such a prior would decide every voxel before the
     first look), for an empty terrain, and for one that spans too many columns to grid.
     """
-    height_m = column_tops_m(terrain)
+    height_m = column_surface_m(terrain)
     suitable = landing_suitable(
         height_m, terrain.voxel_size_m, max_slope_deg, min_area_m2, window_cells=window_cells
     )
@@ -117,8 +112,9 @@ def slope_deg(height_m: ArrayLike, cell_size_m: float, *, window_cells: int = 3)
     return slopes
 
 
-def column_tops_m(terrain: Terrain) -> NDArray[np.float32]:
-    """Height [X, Y] of the top of the highest voxel of each column, metres above the terrain's lowest face.
+def column_surface_m(terrain: Terrain) -> NDArray[np.float32]:
+    """Height [X, Y] of the highest surface over the middle of each column, metres above the terrain's lowest
+    face.
 
     Cell (0, 0) is the column of the smallest grid indices in use; NaN is a column without a voxel. Voxels are
     read in blocks. ValueError for a terrain without voxels or with more than `MAX_COLUMNS` columns.
@@ -133,15 +129,14 @@ def column_tops_m(terrain: Terrain) -> NDArray[np.float32]:
             f"the terrain spans {shape[0]} x {shape[1]} columns, more than {MAX_COLUMNS}; "
             "cut it to the area of the flight or use larger voxels"
         )
-    top = np.zeros(shape[0] * shape[1], np.int32)  # in voxels above the lowest face, 0 = no voxel
+    height_m = np.full(shape[0] * shape[1], -np.inf, np.float32)
     for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
         ids = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count))
-        i, j, k = (terrain.voxel_indices(ids) - lowest).T
-        np.maximum.at(top, i * shape[1] + j, (k + 1).astype(np.int32))
-    height_m = top.reshape(shape).astype(np.float32)
-    height_m[height_m == 0.0] = np.nan
-    height_m *= np.float32(terrain.voxel_size_m)
-    return height_m
+        i, j, _ = (terrain.voxel_indices(ids) - lowest).T
+        above_m = terrain.surface_heights(ids) - terrain.bounds[0, 2]
+        np.maximum.at(height_m, i * shape[1] + j, above_m.astype(np.float32))
+    height_m[np.isneginf(height_m)] = np.nan
+    return height_m.reshape(shape)
 
 
 def _strips(shape: tuple[int, ...]) -> Iterator[slice]:

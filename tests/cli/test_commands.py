@@ -194,7 +194,7 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
         Image.fromarray(heatmap).save(tmp_path / "heatmaps" / f"uav1_{stamp}.png")
         regions = np.kron(crowd // 255, np.ones((10, 10), np.uint8))
         Image.fromarray(regions).save(tmp_path / "truth" / "regions" / f"uav1_{stamp}.png")
-    rows = "".join(f"uav1,{stamp},10,10,10,0,1,0,0\n" for stamp in stamps)  # half a turn about east: down
+    rows = "".join(f"uav1,{stamp},10,10,9.5,0,1,0,0\n" for stamp in stamps)  # half a turn about east: down
     (tmp_path / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{rows}")
     camera = {"width": 100, "height": 100, "fx": 100, "fy": 100, "cx": 50, "cy": 50}
     (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))
@@ -218,13 +218,14 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
 
 def write_crowd_over_plain(folder: Path, hole: set[tuple[int, int]]) -> Path:
     """A drone 30 m above the middle of a plain of 40 x 40 voxels of 1 m sees 30 x 30 of them, a pixel each,
-    and 12 x 12 m of crowd in the middle. In the map the columns `hole` are missing."""
+    and 12 x 12 m of crowd in the middle. In the map the columns `hole` are missing. An OctoMap does not say
+    where in its voxels the ground is: half way up, at z = -0.5."""
     crowd = np.zeros((30, 30), np.uint8)
     crowd[9:21, 9:21] = 255
     for name, picture in (("heatmaps", crowd), ("truth/regions", crowd // 255)):
         (folder / name).mkdir(parents=True)
         Image.fromarray(picture).save(folder / name / f"uav1_{EPOCH_NS}.png")
-    row = f"uav1,{EPOCH_NS},20,20,30,0,1,0,0"  # half a turn about east: down
+    row = f"uav1,{EPOCH_NS},20,20,29.5,0,1,0,0"  # half a turn about east: down
     (folder / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{row}\n")
     camera = {"width": 30, "height": 30, "fx": 30, "fy": 30, "cx": 15, "cy": 15}
     (folder / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))

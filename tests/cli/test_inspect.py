@@ -22,7 +22,8 @@ from support.small_recordings import flight, write_airsim
 
 EPOCH_NS = 1_760_000_000_000_000_000
 MS = 1_000_000
-HEIGHT_M = 10.0
+GROUND_M = -0.5  # half way up the voxels, where an OctoMap does not say more
+HEIGHT_M = 10.0  # above the ground
 # Straight down from 10 m with 90 degrees: 20 x 20 m of ground, 20 x 20 pixels of one metre.
 SIDE_PX = 20
 LOOKING_DOWN = (0.0, 1.0, 0.0, 0.0)  # quaternion w x y z: x stays east, y becomes south, z down
@@ -63,10 +64,10 @@ def write_octomap(path: Path, terrain: Terrain) -> Path:
 
 
 def plain() -> Terrain:
-    """Level ground at z = 0, voxels of 1 m, from -60 to 60 m; echo flies beside it."""
+    """Level ground, voxels of 1 m from z = -1 to 0, from -60 to 60 m; echo flies beside it."""
     side = np.arange(-59.5, 60.0)
     east, north = (grid.ravel() for grid in np.meshgrid(side, side))
-    return Terrain.from_points(np.stack([east, north, np.full(east.shape, -0.5)], axis=-1), 1.0)
+    return Terrain.from_points(np.stack([east, north, np.full(east.shape, GROUND_M)], axis=-1), 1.0)
 
 
 def write_flight(folder: Path) -> Path:
@@ -79,7 +80,7 @@ def write_flight(folder: Path) -> Path:
             if drone == "delta" and 60 < time_ms < 360:
                 continue
             north_m = SPEED_M_PER_S * (time_ms - DELAY_MS[drone]) / 1e3
-            cells = [drone, EPOCH_NS + time_ms * MS, east_m, north_m, HEIGHT_M, *LOOKING_DOWN]
+            cells = [drone, EPOCH_NS + time_ms * MS, east_m, north_m, GROUND_M + HEIGHT_M, *LOOKING_DOWN]
             lines.append(",".join(map(str, cells)))
         for frame_ms in FRAME_MS:
             stamp_ns = EPOCH_NS + (frame_ms + DELAY_MS[drone]) * MS
@@ -276,7 +277,7 @@ def test_reasons_that_differ_in_numbers_are_one() -> None:
 @pytest.mark.parametrize("error_m", [0.0, 0.5, -2.0])
 def test_recorded_depth_against_terrain(error_m: float) -> None:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = HEIGHT_M
+    pose[2, 3] = GROUND_M + HEIGHT_M
     camera = Camera.pinhole(20, 20, 10.0, 10.0, 10.0, 10.0)
     # Seen from above, every point of the plane has the same depth along the optical axis.
     depth_m = np.full((20, 20), HEIGHT_M + error_m, dtype=np.float32)
@@ -316,7 +317,7 @@ def test_landing_prior_or_the_reason_for_none(tmp_path: Path) -> None:
     assert flat["landing_prior"] is None
     assert "14400 of 14400 columns are suitable" in flat["no_landing_prior"]
     height_m = np.zeros((60, 60))
-    height_m[40:] = 2.0 * np.arange(20)[:, None]  # a third is a slope of 63 degrees
+    height_m[40:] = 2.0 * np.arange(1, 21)[:, None]  # a third is a slope of 63 degrees
     terrain = Terrain.from_height_map(height_m, 1.0)
     content = report(write_octomap(tmp_path / "slope.bt", terrain))
     assert content["landing_prior"] == pytest.approx(landing_prior(terrain))
@@ -383,7 +384,7 @@ def crowd_map(tmp_path: Path) -> Path:
     """One look from 10 m at 400 of the plain's 14400 voxels, all crowd, and its map beside it."""
     terrain = Terrain.open(write_octomap(tmp_path / "plain.bt", plain()))
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = HEIGHT_M
+    pose[2, 3] = GROUND_M + HEIGHT_M
     camera = Camera.pinhole(20, 20, 10.0, 10.0, 10.0, 10.0)
     method = Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, fleet_size=1)
     fused = CrowdMap(terrain, method)

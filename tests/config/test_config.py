@@ -59,7 +59,8 @@ def test_reports_show_what_the_map_was_told() -> None:
         "initial": "zero",
         "max_range_m": 150.0,
         "target_height_m": 0.0,
-        "coverage": "rays",
+        "coverage": "full",
+        "surface": "planes",
         "tolerance_ms": 100.0,
     }
 

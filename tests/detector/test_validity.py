@@ -26,12 +26,15 @@ RATES = {
     "voxel_size_m": 0.5,
     "b_threshold": 0.5,
     "coverage": "full",
+    "surface": "planes",
 }
+HERE = {"voxel_size_m": 0.5, "b_threshold": 0.5, "coverage": "full", "surface": "planes"}
+"""The setting that `RATES` were measured in."""
 
 
 def plain() -> Terrain:
     """Level ground at height 0, 800 m wide, the origin in its middle."""
-    return Terrain.from_height_map(np.full((400, 400), -0.5), 2.0, 2.0, (-400.0, -400.0, 0.0))
+    return Terrain.from_height_map(np.zeros((400, 400)), 2.0, 2.0, (-400.0, -400.0, 0.0))
 
 
 def looking(height_m: float, tilt_deg: float) -> NDArray[np.float64]:
@@ -122,18 +125,27 @@ def test_the_flight_is_sampled_from_its_beginning_to_its_end() -> None:
     ],
 )
 def test_what_the_contract_leaves_open_is_said(changes: dict, expected: list[str]) -> None:
-    warnings = statement_warnings(
-        replace(CONTRACT, **changes), voxel_size_m=0.5, b_threshold=0.5, coverage="full", rates_given=False
-    )
+    warnings = statement_warnings(replace(CONTRACT, **changes), **HERE, rates_given=False)
     assert len(warnings) == len(expected)
     assert all(part in warning for part, warning in zip(expected, warnings, strict=True))
 
 
 def test_rates_that_were_measured_in_another_setting() -> None:
     measured = replace(CONTRACT, calibration={}, validity=Validity(), rates=RATES)
-    other = {"voxel_size_m": 2.0, "b_threshold": 0.3, "coverage": "rays"}
-    voxels, threshold, coverage = statement_warnings(measured, **other, rates_given=False)
-    assert "voxels of 0.5 m, this map has 2 m" in voxels
-    assert "b_threshold 0.5, this run has 0.3" in threshold
-    assert "coverage full, this run has rays" in coverage
+    other = {"voxel_size_m": 2.0, "b_threshold": 0.3, "coverage": "rays", "surface": "voxels"}
+    assert statement_warnings(measured, **other, rates_given=False) == [
+        "the rates of net were measured with voxels of 0.5 m, b_threshold 0.5, coverage full, "
+        "surface planes; this run has voxels of 2 m, b_threshold 0.3, coverage rays, surface voxels"
+    ]
     assert statement_warnings(measured, **other, rates_given=True) == []
+    (finer,) = statement_warnings(measured, **HERE | {"voxel_size_m": 0.25}, rates_given=False)
+    assert finer.endswith("were measured with voxels of 0.5 m; this run has voxels of 0.25 m")
+
+
+def test_rates_without_a_surface_are_of_voxels() -> None:
+    """They are from before there was another one."""
+    old = {key: value for key, value in RATES.items() if key != "surface"}
+    measured = replace(CONTRACT, calibration={}, validity=Validity(), rates=old)
+    (warning,) = statement_warnings(measured, **HERE, rates_given=False)
+    assert warning == "the rates of net were measured with surface voxels; this run has surface planes"
+    assert statement_warnings(measured, **HERE | {"surface": "voxels"}, rates_given=False) == []

@@ -142,7 +142,7 @@ def test_the_crop_keeps_every_crowd_cell_and_track() -> None:
 
 
 def test_a_footprint_of_a_camera_that_looks_down() -> None:
-    terrain = Terrain.from_occupancy(np.ones((100, 100, 1), dtype=bool), 1.0, (-50.0, -50.0, -1.0))
+    terrain = Terrain.from_height_map(np.zeros((100, 100)), 1.0, origin=(-50.0, -50.0, 0.0))
     camera = Camera.pinhole(200, 100, 100.0, 100.0, 100.0, 50.0)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])  # x right = east, y down = south, z forward = down
     pose[:3, 3] = (10.0, 5.0, 20.0)

@@ -119,7 +119,8 @@ def test_a_contract_fills_in_what_the_configuration_leaves_open(
         "b_threshold": 0.5,
         "max_range_m": 300.0,
         "target_height_m": 1.5,
-        "coverage": "rays",
+        "coverage": "full",
+        "surface": "planes",
         "tolerance_ms": 100.0,
     }
 
@@ -218,8 +219,9 @@ def test_run_says_which_detector_it_used(recorded: Path, model: Path, tmp_path: 
     assert used["ranges"]["gsd_m"]["tested"] == [0.001, 0.002]
     assert used["ranges"]["gsd_m"]["share_above"] == 1.0
     assert summary["parameters"]["true_positive_rate"] == 0.8
-    calibration, gsd = summary["warnings"][:2]
+    calibration, rates, gsd = summary["warnings"][:3]
     assert "states no calibration" in calibration
+    assert "were measured with surface voxels; this run has surface planes" in rates
     assert "metres per pixel: 100% of the ground seen lies above 0.002 m" in gsd
     assert "lies above 0.002 m" in " ".join(done.stderr.split())
 

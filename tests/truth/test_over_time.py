@@ -36,7 +36,7 @@ def test_the_crowds_of_the_demo_stand_where_its_people_do() -> None:
 def test_a_label_stays_until_the_place_is_seen_again() -> None:
     """From 10 m above a plain of 1 m voxels, 10 px show one voxel: two looks at places that do not overlap,
     then a second look at the first, now empty."""
-    plain = Terrain.from_occupancy(np.ones((40, 20, 1), np.bool_), 1.0, (0.0, 0.0, -1.0))
+    plain = Terrain.from_height_map(np.zeros((40, 20)), 1.0)
     camera = Camera.pinhole(100, 100, 100.0, 100.0, 50.0, 50.0)
 
     def look(stamp_ns: int, east_m: float, crowd: bool) -> Frame:

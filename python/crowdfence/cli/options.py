@@ -197,7 +197,7 @@ CoverageOption = Annotated[
     typer.Option(
         "--coverage",
         rich_help_panel=_MAP,
-        help="All visible voxels, or those that pixel rays hit (the paper).",
+        help="All ground in view, or what the rays of pixels hit (the paper).",
     ),
 ]
 SurfaceOption = Annotated[
@@ -205,7 +205,7 @@ SurfaceOption = Annotated[
     typer.Option(
         "--surface",
         rich_help_panel=_MAP,
-        help="Where the surface lies in the voxels, or the voxels as cubes (the paper).",
+        help="Rays meet the surface in the voxels, or the voxels as cubes (the paper).",
     ),
 ]
 ToleranceMs = Annotated[

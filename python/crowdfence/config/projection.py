@@ -18,7 +18,7 @@ class ProjectionConfig:
     target_height_m: float | None = None
     """Height above ground at which people are marked, >= 0; None: the detector's own, or 0 (the paper)."""
     coverage: Literal["rays", "full"] = "full"
-    """Voxels hit by pixel rays only, as in the paper, or also those that pixels step over."""
+    """All ground in view, also between the pixels, or what the rays of pixels hit, as in the paper."""
     surface: Literal["planes", "voxels"] = "planes"
     """Rays meet the surface in the voxels, or the voxels as cubes, as in the paper."""
 

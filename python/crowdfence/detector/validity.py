@@ -146,14 +146,12 @@ def statement_warnings(
             "measure yours or give --tpr and --fpr"
         )
         return warnings
-    measured = rates.get("voxel_size_m")
-    if isinstance(measured, (int, float)) and measured > 0:
-        ratio = voxel_size_m / measured
+    differences = []
+    measured_m = rates.get("voxel_size_m")
+    if isinstance(measured_m, (int, float)) and measured_m > 0:
+        ratio = voxel_size_m / measured_m
         if max(ratio, 1 / ratio) > MOST_VOXEL_RATIO:
-            warnings.append(
-                f"the rates of {name} were measured on voxels of {measured:g} m, this map has "
-                f"{voxel_size_m:g} m"
-            )
+            differences.append((f"voxels of {measured_m:g} m", f"voxels of {voxel_size_m:g} m"))
     # Rates that name no surface are from before there was another one than the voxels.
     for key, used, unnamed in (
         ("b_threshold", b_threshold, b_threshold),
@@ -162,7 +160,10 @@ def statement_warnings(
     ):
         stated = rates.get(key, unnamed)
         if stated != used:
-            warnings.append(f"the rates of {name} were measured with {key} {stated}, this run has {used}")
+            differences.append((f"{key} {stated}", f"{key} {used}"))
+    if differences:
+        measured, here = (", ".join(settings) for settings in zip(*differences, strict=True))
+        warnings.append(f"the rates of {name} were measured with {measured}; this run has {here}")
     return warnings
 
 

@@ -34,10 +34,10 @@ class FlightReport:
     speed_m_per_s: Range | None
     """Mean speed between consecutive frames, climbing included."""
     height_above_terrain_m: Range | None
-    """From the camera straight down to the first voxel, over the frames that have one below; None without
+    """From the camera straight down to the terrain, over the frames that have some below; None without
     terrain as well."""
     frames_beside_terrain: int | None
-    """Frames with no voxel straight below the camera: beside the map, over a hole of it, or under it. None
+    """Frames with no terrain straight below the camera: beside the map, over a hole of it, or under it. None
     without terrain."""
 
     @staticmethod
@@ -59,7 +59,7 @@ class FlightReport:
 
 
 def heights_above(terrain: Terrain, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance [N] straight down from positions [N, 3] to the first voxel, inf where there is none."""
+    """Distance [N] straight down from positions [N, 3] to the terrain, inf where there is none."""
     if len(positions) == 0:
         return np.empty(0)
     depth_m = float(positions[:, 2].max() - terrain.bounds[0, 2])

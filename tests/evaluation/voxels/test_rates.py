@@ -196,13 +196,13 @@ def test_the_middle_holds_its_share(values: list[float]) -> None:
     assert ObservedRange(np.arange(3.0)).middle() is None
 
 
-# A camera 20 m above a plane, looking straight down: voxel (i, j) of 1 m fills 5 x 5 pixels exactly.
+# A camera 20 m above a plane at z = 0, looking straight down: voxel (i, j) of 1 m fills 5 x 5 pixels exactly.
 SIDE, HEIGHT_M, FOCAL = 20, 20.0, 100.0
 CROWD_FEET = np.array([[5.8, 5.8, 0.0], [6.2, 5.8, 0.0], [5.8, 6.2, 0.0], [6.2, 6.2, 0.0], [15.5, 15.5, 0.0]])
 
 
 def plane() -> Terrain:
-    return Terrain.from_occupancy(np.ones((SIDE, SIDE, 1), np.bool_), 1.0, (0.0, 0.0, -1.0))
+    return Terrain.from_height_map(np.zeros((SIDE, SIDE)), 1.0)
 
 
 def looking_down(label: NDArray[np.bool_] | None = None) -> Frame:
@@ -252,9 +252,9 @@ def test_observations_of_a_plane_match_where_people_stand() -> None:
     np.testing.assert_array_equal(seen.crowd, ((i == 5) | (i == 6)) & ((j == 5) | (j == 6)))
     np.testing.assert_array_equal(seen.near_edge, (i >= 4) & (i <= 7) & (j >= 4) & (j <= 7))
     below = (i == 10) & (j == 10)
-    to_centre = np.sqrt(0.5**2 + 0.5**2 + 20.5**2)
+    to_centre = np.sqrt(0.5**2 + 0.5**2 + 19.5**2)  # ground at 0 lies in voxels from 0 to 1
     assert seen.distance_m[below] == pytest.approx(to_centre)
-    assert seen.tilt_deg[below] == pytest.approx(np.degrees(np.arcsin(20.5 / to_centre)))
+    assert seen.tilt_deg[below] == pytest.approx(np.degrees(np.arcsin(19.5 / to_centre)))
     assert seen.gsd_m[below] == pytest.approx(to_centre / FOCAL)
 
 

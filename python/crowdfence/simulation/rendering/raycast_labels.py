@@ -59,7 +59,7 @@ class LabelRaycaster:
         ground = scene.landscape.ground
         low = ground.vertices.min(axis=0) - 2.0
         step_m = 2.0 * scene.landscape.surface.lattice.step_m
-        # The voxels hold every ground triangle, so the first one along a ray is no farther than the ground.
+        # The voxels hold every ground triangle, so the first cube along a ray is no farther than the ground.
         self._voxels = Terrain.from_triangles(ground.vertices, ground.triangles, step_m, tuple(low))
         u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         rays = camera.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
@@ -99,7 +99,7 @@ class LabelRaycaster:
 
     def _ground_depth(self, origin: Array, rays: Array) -> Array:
         def skip(points: Array, directions: Array) -> Array:
-            _, distance = self._voxels.raycast(points, directions, _MAX_RANGE_M)
+            _, distance = self._voxels.raycast(points, directions, _MAX_RANGE_M, surface="voxels")
             return distance / np.linalg.norm(directions, axis=1)
 
         return ground_hits(self._scene.landscape.surface, origin, rays, skip)
