@@ -11,6 +11,7 @@ mod plane;
 mod plane_fit;
 mod point_means;
 mod solid;
+mod terraces;
 pub(crate) mod tree;
 pub mod triangles;
 mod upper_envelope;
@@ -42,6 +43,9 @@ pub const MAX_OCTOMAP_VOXELS: u64 = 1 << 27;
 /// What places the grid in the world.
 const FRAME: [&str; 4] = ["voxel_size_m", "origin x", "origin y", "origin z"];
 
+/// Grid index of a voxel.
+type Index = [i32; 3];
+
 #[derive(Debug, Clone)]
 pub struct Terrain {
     origin: DVec3,
@@ -63,7 +67,8 @@ impl Terrain {
     /// estimated from the voxels around.
     pub fn from_indices(indices: &[[i32; 3]], voxel_size_m: f64, origin: DVec3) -> Result<Terrain> {
         let terrain = Terrain::of_cubes(indices, voxel_size_m, origin)?;
-        let planes = estimate::planes(&terrain, None);
+        let mut planes = estimate::planes(&terrain, None);
+        terraces::ramp(&terrain, &mut planes);
         Ok(Terrain { planes, ..terrain })
     }
 
@@ -360,7 +365,7 @@ impl Terrain {
         (0..i64::from(self.extent[axis])).contains(&coordinate).then_some(coordinate as u32)
     }
 
-    fn index_at(&self, coordinate: [u32; 3]) -> [i32; 3] {
+    fn index_at(&self, coordinate: [u32; 3]) -> Index {
         std::array::from_fn(|k| self.base[k].wrapping_add_unsigned(coordinate[k]))
     }
 }

@@ -11,10 +11,10 @@
 //! | sheet | RMS error | worst |
 //! |---|---|---|
 //! | level, rising by whole numbers, or nearly so | 0.27 | 0.5 |
-//! | rising 0.1 | 0.16 | 0.28 |
+//! | rising 0.1 (with [`super::terraces`]) | 0.07 | 0.28 |
 //! | rising 0.3 along x, 0.1 along y | 0.04 | 0.07 |
 //! | rising 1.3 along x, falling 0.8 along y | 0.03 | 0.03 |
-//! | hills of 4 voxels, dents of 0.6 voxels 6 columns apart | 0.14 | 0.46 |
+//! | hills of 4 voxels, dents of 0.6 voxels 6 columns apart | 0.15 | 0.65 |
 
 use std::ops::Range;
 
@@ -317,7 +317,7 @@ mod tests {
         for (slope, stated) in [
             ([0.0, 0.0], [0.14, 0.14, 0.00]),
             ([0.02, 0.01], [0.27, 0.46, 0.08]),
-            ([0.1, 0.0], [0.17, 0.29, 0.13]),
+            ([0.1, 0.0], [0.08, 0.29, 0.06]),
             ([0.3, 0.1], [0.05, 0.08, 0.05]),
             ([0.71, -0.3], [0.04, 0.09, 0.04]),
             ([1.3, -0.8], [0.03, 0.03, 0.03]),
@@ -335,7 +335,7 @@ mod tests {
         for terrain in [by_heights(rough), by_triangles(rough)] {
             let found = errors(&terrain, rough);
             assert!(
-                found.iter().zip([0.14, 0.47, 0.10]).all(|(&found, stated)| found <= stated),
+                found.iter().zip([0.16, 0.65, 0.11]).all(|(&found, stated)| found <= stated),
                 "{found:?}"
             );
         }
