@@ -314,7 +314,7 @@ class Terrain:
         """Memory of voxels and surface in bytes."""
     @property
     def planes(self) -> NDArray[np.uint32]:
-        """Where in each voxel the surface lies [V] uint32, for `from_voxels`; `surface_heights` has metres."""
+        """Where in each voxel the surface lies [V] uint32: numbers for `from_voxels`."""
     @property
     def fingerprint(self) -> int:
         """Checksum of geometry and voxels; equal terrains have equal fingerprints."""

@@ -276,7 +276,7 @@ impl PyTerrain {
         self.terrain.bytes()
     }
 
-    /// Where in each voxel the surface lies [V] uint32, for `from_voxels`; `surface_heights` has metres.
+    /// Where in each voxel the surface lies [V] uint32: numbers for `from_voxels`.
     #[getter]
     fn planes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         let planes: Vec<u32> = self.terrain.planes().iter().map(|plane| plane.to_bits()).collect();
