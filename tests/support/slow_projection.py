@@ -86,7 +86,14 @@ def pixel_centre_rays(camera: Camera) -> Array:
 
 
 def image_points(camera: Camera, points_camera: Array) -> Array:
-    """Pixel coordinates [N, 2] of points in camera axes; NaN behind the camera. Not for fisheyes."""
+    """Pixel coordinates [N, 2] of points in camera axes; NaN behind a camera that is no fisheye."""
+    if camera.model == "kannala_brandt":
+        off_axis = np.hypot(points_camera[:, 0], points_camera[:, 1])
+        angle = np.arctan2(off_axis, points_camera[:, 2])
+        k1, k2, k3, k4 = camera.distortion
+        distorted = angle * (1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8)
+        x, y = (points_camera[:, :2] * (distorted / off_axis)[:, None]).T
+        return np.stack([x * camera.fx + camera.cx, y * camera.fy + camera.cy], axis=1)
     z = np.where(points_camera[:, 2] > 0.0, points_camera[:, 2], np.nan)
     x, y = _brown_conrady(points_camera[:, 0] / z, points_camera[:, 1] / z, camera.distortion)
     return np.stack([x * camera.fx + camera.cx, y * camera.fy + camera.cy], axis=1)
