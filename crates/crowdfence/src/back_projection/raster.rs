@@ -145,6 +145,7 @@ impl<'a> Painter<'a> {
         }
     }
 
+    /// Paints what stands on a square, outward from the camera.
     fn walk(&mut self, square: &Square) {
         if !self.may_show(square) {
             return;
@@ -152,16 +153,11 @@ impl<'a> Painter<'a> {
         if square.side() as usize <= tile::SIDE {
             return self.paint_tile(square);
         }
-        self.for_children(square, Painter::walk);
-    }
-
-    /// The children of a square that hold something, outward from the camera.
-    fn for_children(&mut self, square: &Square, each: impl Fn(&mut Self, &Square)) {
         let side = square.side() / Stacks::SIDE;
         for x in self.outward(0, square.low[0], side, Stacks::SIDE) {
             for y in self.outward(1, square.low[1], side, Stacks::SIDE) {
                 if let Some(child) = self.stacks.child(square, x, y) {
-                    each(self, &child);
+                    self.walk(&child);
                     self.stacks.release(&child);
                 }
             }
@@ -353,8 +349,7 @@ impl<'a> Painter<'a> {
     /// higher above it than half a voxel and half a pixel.
     #[inline(always)]
     fn shows_middle(&self, piece: &Piece, middle: DVec3, owner: u32) -> bool {
-        let [x, y] = piece.solid.plane.slope();
-        let normal = DVec3::new(-x, -y, 1.0);
+        let normal = piece.solid.plane.normal();
         let (height, distance) = (-normal.dot(middle), middle.length());
         if height <= 0.0 {
             return false; // turned away

@@ -69,14 +69,14 @@ impl Vantage<'_> {
     fn middle_of_top(&self, id: u32) -> Option<(DVec3, DVec3)> {
         let terrain = self.terrain;
         let index = terrain.index(id);
+        let top = terrain.top_plane(id, index)?;
         let plane = match self.surface {
-            Surface::Planes => terrain.top_plane(id, index)?,
-            Surface::Voxels => terrain.top_plane(id, index).map(|_| Plane::CEILING)?,
+            Surface::Planes => top,
+            Surface::Voxels => Plane::CEILING,
         };
-        let [slope_x, slope_y] = plane.slope();
         // A hair inside the solid, so that the ray to its top enters it.
         let height = plane.height() - 1e-6;
         let middle = terrain.center(id) + DVec3::Z * (height - 0.5) * terrain.voxel_size_m();
-        Some((middle, DVec3::new(-slope_x, -slope_y, 1.0)))
+        Some((middle, plane.normal()))
     }
 }

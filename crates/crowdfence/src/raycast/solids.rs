@@ -114,11 +114,9 @@ impl Search<'_> {
 
     /// Distance at which the ray is first inside a solid, in the part of it over the solid's column.
     fn meets(&self, solid: &Solid, center: DVec3, mut enter: f64, mut leave: f64) -> Option<f64> {
-        let [slope_x, slope_y] = solid.plane.slope();
-        let normal = DVec3::new(-slope_x, -slope_y, 1.0);
         let top = center.with_z(solid.top());
         let bottom = center.with_z(solid.bottom);
-        for (normal, point) in [(normal, top), (DVec3::NEG_Z, bottom)] {
+        for (normal, point) in [(solid.plane.normal(), top), (DVec3::NEG_Z, bottom)] {
             let (above, climb) = (normal.dot(self.origin - point), normal.dot(self.direction));
             if climb == 0.0 {
                 if above > 0.0 {

@@ -4,6 +4,8 @@
 //! its top is the plane of its uppermost voxel; the planes of the voxels below are not looked at. It is the idea of
 //! the contours of sparse voxel octrees (Laine and Karras, 2010), with one sheet a column in the place of two.
 
+use glam::DVec3;
+
 /// A plane over the column of a voxel: height at the column's centre and slopes, in voxels. It may leave its voxel
 /// by [`Plane::RISE`] upwards and [`Plane::DROP`] downwards, so that a slope is one surface a column and not a stair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +61,12 @@ impl Plane {
     /// Rise along x and y, voxels a voxel.
     pub fn slope(self) -> [f64; 2] {
         self.slope.map(|rise| f64::from(rise) / SLOPE_STEPS)
+    }
+
+    /// Away from the solid under it, 1 upwards.
+    pub fn normal(self) -> DVec3 {
+        let [x, y] = self.slope();
+        DVec3::new(-x, -y, 1.0)
     }
 
     /// Height at the lowest corner of the column, voxels above the voxel's floor.

@@ -8,6 +8,8 @@ use glam::DVec2;
 use crate::camera::{Camera, IdealPixels};
 use crate::view::View;
 
+/// Rows up to which a rectangle of pixels is small.
+const FEW_ROWS: usize = 8;
 const WORD: usize = u64::BITS as usize;
 /// Owner of a pixel on which nothing is painted.
 pub const NOBODY: u32 = u32::MAX;
@@ -92,13 +94,17 @@ impl<'a> Canvas<'a> {
         owner: u32,
         accepts: Option<&dyn Fn(DVec2) -> bool>,
     ) -> Painted {
-        if self.lens.is_some() {
-            return self.paint_through_lens(polygon, owner, accepts);
+        if let Some(lens) = self.lens {
+            return self.paint_through_lens(lens, polygon, owner, accepts);
         }
         let mut painted = Painted::default();
         let rows = centers_between(lowest(&polygon.y), highest(&polygon.y), self.height);
         let columns = centers_between(lowest(&polygon.x), highest(&polygon.x), self.width);
-        if rows.is_empty() || columns.is_empty() || !self.is_free(&rows, &columns) {
+        if rows.is_empty() || columns.is_empty() {
+            return painted;
+        }
+        // Of a small one it pays to look before anything is worked out.
+        if rows.len() <= FEW_ROWS && columns.len() <= WORD && self.are_covered(rows.clone(), &columns) {
             return painted;
         }
         let outline = Outline::of(polygon);
@@ -115,14 +121,12 @@ impl<'a> Canvas<'a> {
     /// The same through a lens that distorts, pixel by pixel.
     fn paint_through_lens(
         &mut self,
+        (camera, pixels): (&Camera, &IdealPixels),
         polygon: &Polygon,
         owner: u32,
         accepts: Option<&dyn Fn(DVec2) -> bool>,
     ) -> Painted {
         let mut painted = Painted::default();
-        let Some((camera, pixels)) = self.lens else {
-            return painted;
-        };
         let low = DVec2::new(lowest(&polygon.x), lowest(&polygon.y));
         let high = DVec2::new(highest(&polygon.x), highest(&polygon.y));
         let (least, most) = pixels.bounds();
@@ -182,30 +186,16 @@ impl<'a> Canvas<'a> {
                 self.pixels_around(camera, pixels, low.clamp(least, most), high.clamp(least, most))
             }
         };
-        if columns.is_empty() {
-            return true;
-        }
-        let (first, last) = (columns.start / WORD, (columns.end - 1) / WORD);
-        rows.into_iter().all(|row| {
-            let words = &self.covered[row * self.words_a_row..][first..=last];
-            words.iter().zip(first..).all(|(covered, word)| {
-                let start = columns.start.max(word * WORD);
-                let end = columns.end.min((word + 1) * WORD);
-                let span = (u64::MAX >> (WORD - (end - start))) << (start % WORD);
-                span & !covered == 0
-            })
-        })
+        columns.is_empty() || self.are_covered(rows, &columns)
     }
 
-    /// Whether any pixel of a rectangle is free; true without a look where it is large.
+    /// The same of pixels by their rows and columns, at least one of these.
     #[inline(always)]
-    fn is_free(&self, rows: &Range<usize>, columns: &Range<usize>) -> bool {
-        let word = columns.start / WORD;
-        if word != (columns.end - 1) / WORD || rows.len() > 8 {
-            return true;
-        }
-        let span = (u64::MAX >> (WORD - columns.len())) << (columns.start % WORD);
-        rows.clone().any(|row| span & !self.covered[row * self.words_a_row + word] != 0)
+    fn are_covered(&self, mut rows: Range<usize>, columns: &Range<usize>) -> bool {
+        rows.all(|row| {
+            let words = &self.covered[row * self.words_a_row..];
+            spans(columns).all(|(word, columns)| bits(&columns) & !words[word] == 0)
+        })
     }
 
     #[inline(always)]
@@ -218,10 +208,8 @@ impl<'a> Canvas<'a> {
     ) -> Painted {
         let mut painted = Painted::default();
         let start = row * self.width;
-        for word in columns.start / WORD..=(columns.end - 1) / WORD {
-            let first = columns.start.max(word * WORD);
-            let end = columns.end.min((word + 1) * WORD);
-            let span = (u64::MAX >> (WORD - (end - first))) << (first % WORD);
+        for (word, columns) in spans(&columns) {
+            let span = bits(&columns);
             let covered = &mut self.covered[row * self.words_a_row + word];
             let mut free = span & !*covered;
             if free == 0 {
@@ -229,9 +217,10 @@ impl<'a> Canvas<'a> {
             }
             if free == span && accepts.is_none() {
                 *covered |= span;
-                painted.sum += sum(&self.values[start + first..start + end]);
-                self.owner[start + first..start + end].fill(owner);
-                painted.count += (end - first) as u32;
+                let pixels = start + columns.start..start + columns.end;
+                painted.sum += sum(&self.values[pixels.clone()]);
+                self.owner[pixels].fill(owner);
+                painted.count += columns.len() as u32;
                 continue;
             }
             while free != 0 {
@@ -249,6 +238,20 @@ impl<'a> Canvas<'a> {
         }
         painted
     }
+}
+
+/// Columns in a row, at least one, cut at the words that hold their bits, each part with its word.
+#[inline(always)]
+fn spans(columns: &Range<usize>) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
+    let Range { start, end } = *columns;
+    let cut = move |word: usize| (word, start.max(word * WORD)..end.min((word + 1) * WORD));
+    (start / WORD..end.div_ceil(WORD)).map(cut)
+}
+
+/// Of columns, at least one, that lie in one word.
+#[inline(always)]
+fn bits(columns: &Range<usize>) -> u64 {
+    (u64::MAX >> (WORD - columns.len())) << (columns.start % WORD)
 }
 
 /// Pixels along one axis whose centres lie between two coordinates.

@@ -7,6 +7,7 @@ use super::canvas::Painted;
 use super::optics::before_camera;
 use super::tile::{Piece, Tile, corner};
 use super::{Painter, Place};
+use crate::terrain::Solid;
 
 /// Four corners, clockwise as the camera sees them, and the plane they lie in.
 struct Face {
@@ -100,9 +101,8 @@ impl Painter<'_> {
 
 /// The top, when the camera is above its plane.
 #[inline(always)]
-fn top(place: &Place, solid: &crate::terrain::Solid, tops: &[f64; 4], middle: DVec3) -> Option<Face> {
-    let [x, y] = solid.plane.slope();
-    let normal = DVec3::new(-x, -y, 1.0);
+fn top(place: &Place, solid: &Solid, tops: &[f64; 4], middle: DVec3) -> Option<Face> {
+    let normal = solid.plane.normal();
     let at = |x, y| place.corner(x, y, tops[corner(x, y)]);
     let corners = [at(0, 0), at(0, 1), at(1, 1), at(1, 0)];
     (normal.dot(middle) < 0.0).then_some(Face { corners, normal })

@@ -62,9 +62,8 @@ impl Painter<'_> {
             return None;
         }
         // Height of the camera over the plane of the top.
-        let [slope_x, slope_y] = solid.plane.slope();
         let middle = place.middle(solid.top() - self.origin.z);
-        let above = slope_x * middle.x + slope_y * middle.y - middle.z;
+        let above = -solid.plane.normal().dot(middle);
         if above + drop <= 0.0 {
             return None;
         }
