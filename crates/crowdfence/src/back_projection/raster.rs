@@ -12,6 +12,7 @@
 
 mod canvas;
 mod faces;
+mod ground;
 mod optics;
 mod prism;
 mod tile;
@@ -24,6 +25,7 @@ use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
 use canvas::{Canvas, NOBODY, Painted};
 use optics::Optics;
+use ground::Frame;
 use tile::{Piece, Tile};
 
 /// A view painted on.
@@ -42,7 +44,7 @@ impl Raster {
     pub fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixels: bool) -> Raster {
         let mut painter = Painter::new(vantage, lens, between_pixels);
         let root = painter.stacks.root();
-        painter.walk(&root);
+        painter.walk(&root, &mut Box::default());
         let Painter { canvas, rows, mut occluded_ids, .. } = painter;
         let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
         radsort::sort_by_key(&mut order, |&(id, _)| id);
@@ -77,7 +79,6 @@ struct Painter<'a> {
     optics: Optics,
     stacks: Stacks<'a>,
     canvas: Canvas<'a>,
-    tile: Tile,
     rows: Vec<Row>,
     occluded_ids: Vec<u32>,
     /// Camera, tree coordinates. All other places are relative to it.
@@ -89,18 +90,18 @@ struct Painter<'a> {
 
 /// The work on one tile, compiled for every width of vectors and run with the widest of this machine: on all the same
 /// sums in the same order.
-struct PaintColumns<'p, 'a> {
+struct PaintTile<'p, 'a> {
     painter: &'p mut Painter<'a>,
     square: &'p Square,
-    tile: &'p Tile,
+    tile: &'p mut Tile,
 }
 
-impl pulp::WithSimd for PaintColumns<'_, '_> {
+impl pulp::WithSimd for PaintTile<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.painter.paint_columns(self.square, self.tile);
+        self.painter.paint_tile(self.square, self.tile);
     }
 }
 
@@ -135,8 +136,7 @@ impl<'a> Painter<'a> {
             vantage,
             optics: Optics::of(vantage.view, lens),
             stacks: Stacks::new(terrain.tree()),
-            canvas: Canvas::new(vantage.view, lens),
-            tile: Tile::default(),
+            canvas: Canvas::new(vantage.view, lens, between_pixels),
             rows: Vec::new(),
             occluded_ids: Vec::new(),
             origin: terrain.tree_from_world(vantage.origin),
@@ -146,18 +146,18 @@ impl<'a> Painter<'a> {
     }
 
     /// Paints what stands on a square, outward from the camera.
-    fn walk(&mut self, square: &Square) {
+    fn walk(&mut self, square: &Square, tile: &mut Tile) {
         if !self.may_show(square) {
             return;
         }
         if square.side() as usize <= tile::SIDE {
-            return self.paint_tile(square);
+            return pulp::Arch::new().dispatch(PaintTile { painter: self, square, tile });
         }
         let side = square.side() / Stacks::SIDE;
         for x in self.outward(0, square.low[0], side, Stacks::SIDE) {
             for y in self.outward(1, square.low[1], side, Stacks::SIDE) {
                 if let Some(child) = self.stacks.child(square, x, y) {
-                    self.walk(&child);
+                    self.walk(&child, tile);
                     self.stacks.release(&child);
                 }
             }
@@ -167,9 +167,15 @@ impl<'a> Painter<'a> {
     /// Numbers of cells in a row along an axis, so that each comes after those between it and the camera.
     #[inline(always)]
     fn outward(&self, axis: usize, low: u32, side: u32, count: u32) -> impl Iterator<Item = u32> + use<> {
-        let own = (self.origin[axis] - f64::from(low)) / f64::from(side);
-        let own = own.clamp(0.0, f64::from(count - 1)) as u32;
+        let own = self.own(axis, low, side, count);
         (own..count).chain((0..own).rev())
+    }
+
+    /// The one of these cells that the camera is in or next to.
+    #[inline(always)]
+    fn own(&self, axis: usize, low: u32, side: u32, count: u32) -> u32 {
+        let own = (self.origin[axis] - f64::from(low)) / f64::from(side);
+        own.clamp(0.0, f64::from(count - 1)) as u32
     }
 
     /// Corners of a box around all that stands on a square.
@@ -182,12 +188,6 @@ impl<'a> Painter<'a> {
         (low, high)
     }
 
-    /// Whether all that stands on a square lies behind what has been painted.
-    fn is_covered(&self, square: &Square) -> bool {
-        let (low, high) = self.bounds(square);
-        self.optics.around(low, high).is_some_and(|(low, high)| self.canvas.is_covered(low, high))
-    }
-
     /// False only when nothing of a square is in range and in the image.
     fn may_show(&self, square: &Square) -> bool {
         let (low, high) = self.bounds(square);
@@ -195,125 +195,113 @@ impl<'a> Painter<'a> {
         nearest.length_squared() <= self.range * self.range && self.optics.may_show(low, high)
     }
 
-    fn paint_tile(&mut self, square: &Square) {
-        let is_covered = self.is_covered(square);
+    #[inline(always)]
+    fn paint_tile(&mut self, square: &Square, tile: &mut Tile) {
+        let (low, high) = self.bounds(square);
+        let around = self.optics.around(low, high);
+        // All that stands on the square may lie behind what has been painted.
+        let is_covered = match around {
+            Some((low, high)) => self.canvas.is_covered(low, high),
+            None => false,
+        };
         if is_covered && !self.between_pixels {
             return;
         }
-        let mut tile = std::mem::take(&mut self.tile);
-        tile.clear();
-        self.gather(square, square.low, &mut tile);
-        if is_covered {
-            self.paint_middles(square, &tile);
-        } else {
-            self.gather_rim(square, &mut tile);
-            pulp::Arch::new().dispatch(PaintColumns { painter: self, square, tile: &tile });
+        if let Some((low, high)) = around.filter(|_| !is_covered) {
+            self.canvas.ask_for(low, high);
         }
-        self.tile = tile;
+        self.gather(square, !is_covered, tile);
+        if is_covered {
+            self.paint_middles(square, tile);
+        } else {
+            self.paint_columns(square, tile);
+        }
     }
 
     /// Of a tile on which no pixel is free.
     fn paint_middles(&mut self, square: &Square, tile: &Tile) {
         let side = square.side() as i32;
         for at in (0..side).flat_map(|i| (0..side).map(move |j| [i, j])) {
-            for piece in tile.column(at) {
-                self.paint_middle(piece, &self.place(square.low, at));
+            let place = self.place(square.low, at);
+            for piece in tile.lowest(at).iter().chain(tile.upper(at)) {
+                self.paint_middle(piece, &place);
             }
         }
     }
 
     #[inline(always)]
     fn paint_columns(&mut self, square: &Square, tile: &Tile) {
+        if let Some(frame) = Frame::of(self, square, tile) {
+            return self.paint_rows(square, tile, &frame);
+        }
         let side = square.side();
         for i in self.outward(0, square.low[0], 1, side) {
             for j in self.outward(1, square.low[1], 1, side) {
-                let at = [i as i32, j as i32];
-                if !tile.column(at).is_empty() {
-                    let place = self.place(square.low, at);
-                    self.paint_column(tile, &place);
-                }
+                let place = self.place(square.low, [i as i32, j as i32]);
+                self.paint_column(tile, &place);
             }
         }
     }
 
     #[inline(always)]
     fn place(&self, corner: [u32; 2], at: [i32; 2]) -> Place {
-        let low: [f64; 2] =
-            std::array::from_fn(|axis| f64::from(corner[axis]) + f64::from(at[axis]) - self.origin[axis]);
-        let side = low.map(|low| {
-            if low >= 0.0 {
-                1
-            } else if low <= -1.0 {
-                -1
-            } else {
-                0
-            }
-        });
+        let (mut low, mut side) = ([0.0; 2], [0; 2]);
+        for axis in 0..2 {
+            low[axis] = f64::from(corner[axis]) + f64::from(at[axis]) - self.origin[axis];
+            side[axis] = i32::from(low[axis] >= 0.0) - i32::from(low[axis] <= -1.0);
+        }
         Place { at, low, side }
     }
 
-    /// The columns of a square that may show something.
-    fn gather(&mut self, square: &Square, corner: [u32; 2], tile: &mut Tile) {
-        if square.is_leaf() {
-            let at = std::array::from_fn(|axis| (square.low[axis] - corner[axis]) as i32);
-            return self.take(square, at, tile);
-        }
-        for x in 0..Stacks::SIDE {
-            for y in 0..Stacks::SIDE {
-                if let Some(child) = self.stacks.child(square, x, y) {
-                    if self.may_show(&child) {
-                        self.gather(&child, corner, tile);
-                    }
-                    self.stacks.release(&child);
-                }
-            }
-        }
-    }
-
-    /// The columns of a square of 4 x 4, of which the first is at a place of the tile.
-    fn take(&self, leaf: &Square, at: [i32; 2], tile: &mut Tile) {
-        let planes = self.vantage.terrain.planes();
-        self.stacks.for_columns(leaf, |[x, y], column| {
-            tile.take([at[0] + x as i32, at[1] + y as i32], column, planes, self.vantage.surface);
-        });
-    }
-
-    /// The columns just outside, on the sides that are turned to the camera.
-    fn gather_rim(&mut self, square: &Square, tile: &mut Tile) {
-        let (side, leaf_side) = (square.side() as i32, Stacks::SIDE as i32);
-        let along = self.place(square.low, [0, 0]).side;
-        let beyond = self.place(square.low, [side - 1, side - 1]).side;
+    /// What stands on a square and, with a rim, just outside on the sides that are turned to the camera.
+    #[inline(always)]
+    fn gather(&mut self, square: &Square, with_rim: bool, tile: &mut Tile) {
+        let mut beyond = Vec::with_capacity(2);
+        let side = square.side() as i32;
+        let near = self.place(square.low, [0, 0]).side;
+        let far = self.place(square.low, [side - 1, side - 1]).side;
         for axis in 0..2 {
-            let outside = match (along[axis], beyond[axis]) {
-                (1, _) => -leaf_side,
+            let outside = match (near[axis], far[axis]) {
+                (1, _) => -side,
                 (_, -1) => side,
                 _ => continue,
             };
-            for other in (0..side).step_by(leaf_side as usize) {
-                let at = if axis == 0 { [outside, other] } else { [other, outside] };
-                let [x, y] = std::array::from_fn(|axis| square.low[axis].checked_add_signed(at[axis]));
-                let Some((x, y)) = x.zip(y) else { continue };
-                if let Some(leaf) = self.stacks.square_at([x, y], Square::LEAF) {
-                    self.take(&leaf, at, tile);
-                    self.stacks.release(&leaf);
-                }
+            let from = std::array::from_fn(|other| if other == axis { outside } else { 0 });
+            let [x, y] = std::array::from_fn(|axis| square.low[axis].checked_add_signed(from[axis]));
+            if let Some(at) = x.zip(y).filter(|_| with_rim)
+                && let Some(square) = self.stacks.square_at([at.0, at.1], square.levels())
+            {
+                beyond.push((square, from));
             }
         }
+        tile.gather(&self.stacks, square, &beyond, self.vantage.terrain.planes(), self.vantage.surface);
+        beyond.first().into_iter().for_each(|(square, _)| self.stacks.release(square));
     }
 
     /// What stands on one column: what is at the camera's height, then downwards and upwards.
     #[inline(always)]
     fn paint_column(&mut self, tile: &Tile, place: &Place) {
-        let pieces = tile.column(place.at);
-        let below = pieces.partition_point(|piece| piece.solid.bottom <= self.origin.z);
-        for piece in pieces[..below].iter().rev().chain(&pieces[below..]) {
-            let painted = match self.paint_prism(tile, piece, place) {
-                Some(painted) => painted,
-                None => self.paint_faces(tile, piece, place),
-            };
-            if painted.count == 0 && self.between_pixels {
-                self.paint_middle(piece, place);
-            }
+        let upper = tile.upper(place.at);
+        let below = upper.partition_point(|piece| piece.solid.bottom <= self.origin.z);
+        for piece in upper[..below].iter().rev() {
+            self.paint_piece(tile, piece, place);
+        }
+        if let Some(piece) = tile.lowest(place.at) {
+            self.paint_piece(tile, &piece, place);
+        }
+        for piece in &upper[below..] {
+            self.paint_piece(tile, piece, place);
+        }
+    }
+
+    #[inline(always)]
+    fn paint_piece(&mut self, tile: &Tile, piece: &Piece, place: &Place) {
+        let painted = match self.paint_prism(tile, piece, place) {
+            Some(painted) => painted,
+            None => self.paint_faces(tile, piece, place),
+        };
+        if painted.count == 0 && self.between_pixels {
+            self.paint_middle(piece, place);
         }
     }
 

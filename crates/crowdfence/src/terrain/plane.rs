@@ -63,6 +63,14 @@ impl Plane {
         self.slope.map(|rise| f64::from(rise) / SLOPE_STEPS)
     }
 
+    /// Height and slopes in half the width, as exact.
+    #[inline(always)]
+    pub fn single(self) -> (f32, [f32; 2]) {
+        let [x, y] = self.slope;
+        let (step, slope_step) = (1.0 / HEIGHT_STEPS as f32, 1.0 / SLOPE_STEPS as f32);
+        (f32::from(self.height) * step, [f32::from(x) * slope_step, f32::from(y) * slope_step])
+    }
+
     /// Away from the solid under it, 1 upwards.
     pub fn normal(self) -> DVec3 {
         let [x, y] = self.slope();
@@ -93,6 +101,14 @@ mod tests {
             assert!(plane.slope().iter().zip(slope).all(|(kept, rise)| (kept - rise).abs() <= 0.5 / 64.0));
         }
         assert_eq!(Plane::new(1.0, [0.0, 0.0]), Plane::CEILING);
+    }
+
+    #[test]
+    fn half_the_width_is_as_exact() {
+        for plane in [Plane::CEILING, Plane::new(-1.7, [1.98, -0.02]), Plane::new(0.1234, [0.5, -1.9])] {
+            let (height, slope) = plane.single();
+            assert_eq!((f64::from(height), slope.map(f64::from)), (plane.height(), plane.slope()));
+        }
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub(crate) struct Solid {
 impl Solid {
     /// How far the lowest solid of a column reaches below its voxels. The voxels of a wall end just above the
     /// neighbour's surface at its centre; at its edge, that may be two voxels lower.
-    const SKIRT: f64 = 2.0;
+    pub const SKIRT: f64 = 2.0;
     /// How far a solid may reach below its voxels and above them.
     pub const SINK: u32 = Plane::DROP;
     pub const RISE: u32 = Plane::RISE;
@@ -63,13 +63,13 @@ impl Solid {
         })
     }
 
-    fn under_plane(lowest: u32, uppermost: u32, plane: Plane, is_lowest: bool) -> Solid {
+    pub fn under_plane(lowest: u32, uppermost: u32, plane: Plane, is_lowest: bool) -> Solid {
         let floor = f64::from(lowest) - if is_lowest { Solid::SKIRT } else { 0.0 };
         let bottom = floor.min(f64::from(uppermost) + plane.lowest_corner());
         Solid { lowest, uppermost, plane, bottom }
     }
 
-    fn of_cubes(lowest: u32, uppermost: u32) -> Solid {
+    pub fn of_cubes(lowest: u32, uppermost: u32) -> Solid {
         Solid { lowest, uppermost, plane: Plane::CEILING, bottom: f64::from(lowest) }
     }
 

@@ -11,7 +11,7 @@ mod stack;
 
 pub(crate) use ascent::Ascent;
 pub(crate) use descent::{Descent, Place};
-pub(crate) use stack::{Layer, Square, Stacks};
+pub(crate) use stack::{Brick, Layer, Square, Stacks};
 
 /// Bits of a coordinate that one level takes: a node has 4 cells along each side.
 const SIDE_BITS: u32 = 2;

@@ -31,13 +31,24 @@ impl std::ops::AddAssign for Painted {
     }
 }
 
+/// Pixels of a part of the image, up to eight rows of eight.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Block {
+    pub column: i32,
+    pub row: i32,
+    pub columns: i32,
+    pub rows: i32,
+    /// Eight bits a row; those beyond the columns and rows do not count.
+    pub bits: u64,
+}
+
 pub struct Canvas<'a> {
     width: usize,
     height: usize,
     words_a_row: usize,
     /// A bit a pixel.
     covered: Vec<u64>,
-    /// Who painted each pixel, row after row.
+    /// Who painted each pixel, row after row; nothing when nobody asks.
     owner: Vec<u32>,
     /// Heatmap value of each pixel, row after row.
     values: Cow<'a, [f32]>,
@@ -46,16 +57,18 @@ pub struct Canvas<'a> {
 }
 
 impl<'a> Canvas<'a> {
-    pub fn new(view: &'a View, lens: Option<&'a IdealPixels>) -> Canvas<'a> {
+    /// With owners if it will be asked for them.
+    pub fn new(view: &'a View, lens: Option<&'a IdealPixels>, with_owners: bool) -> Canvas<'a> {
         let lens = lens.map(|pixels| (view.camera.as_ref(), pixels));
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
-        let words_a_row = width.div_ceil(WORD);
+        // One to spare, so that what is looked at over the end of a word has another behind it.
+        let words_a_row = width.div_ceil(WORD) + 1;
         Canvas {
             width,
             height,
             words_a_row,
             covered: vec![0; words_a_row * height],
-            owner: vec![NOBODY; width * height],
+            owner: if with_owners { vec![NOBODY; width * height] } else { Vec::new() },
             values: view.pixel_values(),
             lens,
         }
@@ -83,7 +96,26 @@ impl<'a> Canvas<'a> {
 
     /// Whether each pixel, row after row, is painted on.
     pub fn painted(&self) -> Vec<bool> {
-        self.owner.iter().map(|&owner| owner != NOBODY).collect()
+        let rows = self.covered.chunks_exact(self.words_a_row);
+        rows.flat_map(|words| (0..self.width).map(|column| words[column / WORD] >> (column % WORD) & 1 != 0)).collect()
+    }
+
+    /// Has the heatmap fetched under a part of the image, all of it at once: one by one, the values would be waited for.
+    #[inline(always)]
+    pub fn ask_for(&self, low: DVec2, high: DVec2) {
+        /// Values in a line of the cache.
+        const LINE: usize = 16;
+        let mut asked_for = 0;
+        let columns = centers_between(low.x, high.x, self.width);
+        for row in centers_between(low.y, high.y, self.height) {
+            let start = row * self.width;
+            let mut at = start + columns.start;
+            while at < start + columns.end {
+                asked_for ^= self.values[at].to_bits();
+                at += LINE;
+            }
+        }
+        std::hint::black_box(asked_for);
     }
 
     /// Paints the pixels whose centres lie in a polygon and that are still free. `accepts` has the last word on each.
@@ -116,6 +148,42 @@ impl<'a> Canvas<'a> {
             }
         }
         painted
+    }
+
+    /// Paints those of a block that are still free, through a pinhole.
+    #[inline(always)]
+    pub fn paint_block(&mut self, block: &Block, owner: u32) -> Painted {
+        let mut painted = Painted::default();
+        let (column, row) = (block.column as usize, block.row as usize);
+        let (word, shift) = (column / WORD, column % WORD);
+        let mut sum = 0.0;
+        for line in 0..block.rows as usize {
+            let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
+            let at = (row + line) * self.words_a_row + word;
+            let [first, second] = &mut self.covered[at..at + 2] else { unreachable!() };
+            let covered = *first >> shift | *second << 1 << (WORD - 1 - shift);
+            let free = bits & !covered;
+            if free == 0 {
+                continue;
+            }
+            *first |= free << shift;
+            *second |= free >> 1 >> (WORD - 1 - shift);
+            painted.count += free.count_ones();
+            let at = (row + line) * self.width + column;
+            let mut rest = free;
+            while rest != 0 {
+                let bit = rest.trailing_zeros() as usize;
+                rest &= rest - 1;
+                sum += self.values[at + bit];
+                own(&mut self.owner, at + bit, owner);
+            }
+        }
+        painted.sum = f64::from(sum);
+        painted
+    }
+
+    pub fn is_of_pinhole(&self) -> bool {
+        self.lens.is_none()
     }
 
     /// The same through a lens that distorts, pixel by pixel.
@@ -154,7 +222,7 @@ impl<'a> Canvas<'a> {
                     let at = row * self.width + column;
                     painted.sum += f64::from(self.values[at]);
                     painted.count += 1;
-                    self.owner[at] = owner;
+                    own(&mut self.owner, at, owner);
                 }
             }
         }
@@ -219,7 +287,9 @@ impl<'a> Canvas<'a> {
                 *covered |= span;
                 let pixels = start + columns.start..start + columns.end;
                 painted.sum += sum(&self.values[pixels.clone()]);
-                self.owner[pixels].fill(owner);
+                if let Some(owners) = self.owner.get_mut(pixels) {
+                    owners.fill(owner);
+                }
                 painted.count += columns.len() as u32;
                 continue;
             }
@@ -232,11 +302,18 @@ impl<'a> Canvas<'a> {
                     *covered |= 1 << bit;
                     painted.sum += f64::from(self.values[start + column]);
                     painted.count += 1;
-                    self.owner[start + column] = owner;
+                    own(&mut self.owner, start + column, owner);
                 }
             }
         }
         painted
+    }
+}
+
+#[inline(always)]
+fn own(owners: &mut [u32], at: usize, owner: u32) {
+    if let Some(pixel) = owners.get_mut(at) {
+        *pixel = owner;
     }
 }
 

@@ -55,7 +55,7 @@ impl Painter<'_> {
             let below = underside(place, bottom).filter(|_| is_lowest);
             let painted = self.paint_all(&[face(0), face(1), below], cut);
             let middle = place.middle(f64::from(z) + 0.5 - self.origin.z);
-            self.add(tile.id(piece, z), painted, middle);
+            self.add(tile.id(place.at, z), painted, middle);
         }
     }
 

@@ -32,12 +32,12 @@ impl Imaged {
 /// Image of points that are given relative to the camera in the directions of the world.
 #[derive(Debug, Clone)]
 pub struct Optics {
-    u: DVec3,
-    v: DVec3,
-    depth: DVec3,
+    pub u: DVec3,
+    pub v: DVec3,
+    pub depth: DVec3,
     /// Between these pixel coordinates lies the image.
-    low: DVec2,
-    high: DVec2,
+    pub low: DVec2,
+    pub high: DVec2,
     /// Pixels per radian at the centre, the smaller of the two.
     pub focal_px: f64,
     world_from_camera: glam::DMat3,

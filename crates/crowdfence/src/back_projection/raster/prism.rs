@@ -9,7 +9,7 @@ use super::{Painter, Place};
 
 /// How much deeper than the edge of the column before it a side is painted, in voxels: more than any rounding, so
 /// that no pixel falls between the two. What is too much is hidden.
-const OVERLAP: f64 = 1e-3;
+pub const OVERLAP: f64 = 1e-3;
 /// Nearest depth at which nothing has to be cut off, in voxels.
 const CLEAR: f64 = 0.05;
 
@@ -26,17 +26,17 @@ impl Painter<'_> {
         let (near_x, near_y) = (usize::from(side_x < 0), usize::from(side_y < 0));
         let (far_x, far_y) = (1 - near_x, 1 - near_y);
         let [i, j] = place.at;
-        let before_x = before(tile.column([i - side_x, j]), piece)?;
-        let before_y = before(tile.column([i, j - side_y]), piece)?;
+        let before_x = before(tile, [i - side_x, j], piece)?;
+        let before_y = before(tile, [i, j - side_y], piece)?;
         let tops = &piece.tops;
         let step = |own: (usize, usize), before: &Piece, same: (usize, usize)| {
             tops[corner(own.0, own.1)] - before.tops[corner(same.0, same.1)]
         };
         let drop = [
-            step((near_x, near_y), before_x, (far_x, near_y)),
-            step((near_x, far_y), before_x, (far_x, far_y)),
-            step((near_x, near_y), before_y, (near_x, far_y)),
-            step((far_x, near_y), before_y, (far_x, far_y)),
+            step((near_x, near_y), &before_x, (far_x, near_y)),
+            step((near_x, far_y), &before_x, (far_x, far_y)),
+            step((near_x, near_y), &before_y, (near_x, far_y)),
+            step((far_x, near_y), &before_y, (far_x, far_y)),
         ];
         let drop = drop.into_iter().fold(0.0, |most, step| if step > most { step } else { most }) + OVERLAP;
 
@@ -83,7 +83,16 @@ impl Painter<'_> {
 }
 
 /// The solid in the column before a piece that hides its side: the one that reaches below its top.
-fn before<'t>(column: &'t [Piece], piece: &Piece) -> Option<&'t Piece> {
+#[inline(always)]
+fn before(tile: &Tile, at: [i32; 2], piece: &Piece) -> Option<Piece> {
     let reached = piece.solid.top();
-    column.iter().rev().find(|other| other.solid.bottom <= reached)
+    for upper in tile.upper(at).iter().rev() {
+        if upper.solid.bottom <= reached {
+            return Some(*upper);
+        }
+    }
+    match tile.lowest(at) {
+        Some(lowest) if lowest.solid.bottom <= reached => Some(lowest),
+        _ => None,
+    }
 }

@@ -45,7 +45,7 @@ fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: 
     let vantage = Vantage { view, terrain, surface, origin: view.world_from_camera.translation, max_range_m };
     let mut painter = Painter::new(&vantage, lens_of(view), true);
     let root = painter.stacks.root();
-    painter.walk(&root);
+    painter.walk(&root, &mut Box::default());
     let mut counts = [0; 2];
     for pixel in 0..WIDTH * HEIGHT {
         let (column, row) = (pixel % WIDTH, pixel / WIDTH);

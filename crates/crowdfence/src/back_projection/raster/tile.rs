@@ -1,12 +1,20 @@
-//! The solids over a square of columns, with those just outside on the sides that are turned to the camera.
+//! The solids over a square of columns, with those just outside on the sides that are turned to the camera. The lowest
+//! solid of every column, its ground, is kept as numbers side by side.
 
-use crate::terrain::tree::Layer;
+use crate::terrain::tree::{Brick, Square, Stacks};
 use crate::terrain::{Plane, Solid, Surface};
 
 /// Columns along one side of a tile.
 pub const SIDE: usize = 16;
-/// With a column outside on either side.
-const RIM: usize = SIDE + 2;
+/// Columns of a brick along one side: so wide is the rim, of which the columns next to the tile are filled.
+const RIM: usize = Brick::SIDE as usize;
+/// From a row of columns to the next.
+pub const STRIDE: usize = SIDE + 2 * RIM;
+pub const COLUMNS: usize = STRIDE * STRIDE;
+/// Bricks along one side, with the rim.
+const BRICKS: usize = STRIDE / RIM;
+/// Id of the ground where there is none.
+pub const NOTHING: u32 = u32::MAX;
 
 /// A solid as it is painted.
 #[derive(Debug, Clone, Copy)]
@@ -18,8 +26,6 @@ pub struct Piece {
     pub is_lowest: bool,
     /// Of the uppermost voxel.
     pub id: u32,
-    /// Place of the ids of all its voxels among those of the tile.
-    run: u32,
 }
 
 /// Number of a corner of a column: 0 and 1 along x, 0 and 2 along y.
@@ -27,69 +33,352 @@ pub fn corner(x: usize, y: usize) -> usize {
     x + 2 * y
 }
 
-#[derive(Default)]
+impl Piece {
+    #[inline(always)]
+    fn new(solid: Solid, id: u32, is_lowest: bool) -> Piece {
+        let [x, y] = solid.plane.slope().map(|slope| 0.5 * slope);
+        let top = solid.top();
+        Piece { solid, tops: [top - x - y, top + x - y, top - x + y, top + x + y], is_lowest, id }
+    }
+}
+
+/// The lowest solids of all columns, by [`index`]. Heights are above [`Tile::level`] and exact.
+pub struct Ground {
+    /// Of the top over the centre of the column.
+    pub top: [f32; COLUMNS],
+    /// Rise of the top over half a column.
+    pub rise: [[f32; COLUMNS]; 2],
+    /// Infinite where there is no ground.
+    pub bottom: [f32; COLUMNS],
+    /// Down to where the side of a column is its uppermost voxel.
+    pub shoulder: [f32; COLUMNS],
+    /// Bottom of the next solid of the column, infinite when there is none.
+    pub next_bottom: [f32; COLUMNS],
+    lowest: [u32; COLUMNS],
+    uppermost: [u32; COLUMNS],
+    plane: [Plane; COLUMNS],
+    /// Of the uppermost voxel.
+    pub id: [u32; COLUMNS],
+}
+
+impl Default for Ground {
+    fn default() -> Ground {
+        Ground {
+            top: [0.0; COLUMNS],
+            rise: [[0.0; COLUMNS]; 2],
+            bottom: [f32::INFINITY; COLUMNS],
+            shoulder: [0.0; COLUMNS],
+            next_bottom: [f32::INFINITY; COLUMNS],
+            lowest: [0; COLUMNS],
+            uppermost: [0; COLUMNS],
+            plane: [Plane::CEILING; COLUMNS],
+            id: [NOTHING; COLUMNS],
+        }
+    }
+}
+
+impl Ground {
+    /// The numbers from the voxels and planes.
+    #[inline(always)]
+    fn level(&mut self, level: u32, surface: Surface) {
+        let (skirt, sink) = match surface {
+            Surface::Planes => (Solid::SKIRT as f32, f32::INFINITY),
+            Surface::Voxels => (0.0, f32::NEG_INFINITY),
+        };
+        for at in (RIM - 1) * STRIDE..(RIM + SIDE + 1) * STRIDE {
+            let plane = self.plane[at];
+            let (lowest, uppermost) = (above(self.lowest[at], level), above(self.uppermost[at], level));
+            let (height, [slope_x, slope_y]) = plane.single();
+            let (rise_x, rise_y) = (0.5 * slope_x, 0.5 * slope_y);
+            let corner = height - rise_x.abs() - rise_y.abs();
+            let (floor, least) = (lowest - skirt, uppermost + corner);
+            let bottom = if least < floor && least < sink { least } else { floor };
+            let shoulder = uppermost + if corner < 0.0 { corner } else { 0.0 };
+            self.top[at] = uppermost + height;
+            self.rise[0][at] = rise_x;
+            self.rise[1][at] = rise_y;
+            self.bottom[at] = if self.id[at] == NOTHING { f32::INFINITY } else { bottom };
+            self.shoulder[at] = if lowest == uppermost { bottom } else { shoulder };
+        }
+    }
+}
+
+#[inline(always)]
+fn above(z: u32, level: u32) -> f32 {
+    z.wrapping_sub(level) as i32 as f32
+}
+
 pub struct Tile {
-    /// Per column, row after row along x, where its solids begin and end.
-    columns: Vec<(u32, u32)>,
-    pieces: Vec<Piece>,
-    ids: Vec<u32>,
-    /// Columns with something in them, without the rim.
-    occupied: usize,
+    pub ground: Ground,
+    /// Height that the ground's is relative to.
+    pub level: u32,
+    surface: Surface,
+    /// By the place of their columns, from the lowest upwards.
+    bricks: [Vec<Brick>; BRICKS * BRICKS],
+    /// Solids that do not lie lowest in their column, and where those of a column begin and end.
+    upper: Vec<Piece>,
+    upper_of: Vec<(u32, u32)>,
+    /// Bit j of row i for a column of the tile with something in it, and with more than its lowest solid.
+    occupied: [u32; SIDE],
+    stacked: [u32; SIDE],
+}
+
+impl Default for Tile {
+    fn default() -> Tile {
+        Tile {
+            ground: Ground::default(),
+            level: 0,
+            surface: Surface::default(),
+            bricks: [const { Vec::new() }; BRICKS * BRICKS],
+            upper: Vec::new(),
+            upper_of: Vec::new(),
+            occupied: [0; SIDE],
+            stacked: [0; SIDE],
+        }
+    }
 }
 
 impl Tile {
-    /// Empties the tile.
-    pub fn clear(&mut self) {
-        self.columns.clear();
-        self.columns.resize(RIM * RIM, (0, 0));
-        self.pieces.clear();
-        self.ids.clear();
-        self.occupied = 0;
-    }
-
-    /// Takes the solids of a column at (i, j) from the tile's corner; one that is neither in the tile nor next to it is
-    /// let go.
-    #[inline]
-    pub fn take(&mut self, at: [i32; 2], column: &[Layer], planes: &[Plane], surface: Surface) {
-        if at.iter().any(|place| !(-1..=SIDE as i32).contains(place)) {
-            return;
-        }
-        let first = self.pieces.len() as u32;
-        for (solid, run) in Solid::of_column(column, planes, surface) {
-            let [x, y] = solid.plane.slope().map(|slope| 0.5 * slope);
-            let top = solid.top();
-            let tops = [top - x - y, top + x - y, top - x + y, top + x + y];
-            let uppermost = run[run.len() - 1].voxel_id();
-            let start = self.ids.len() as u32;
-            self.ids.extend(run.iter().map(|layer| layer.voxel_id()));
-            let is_lowest = self.pieces.len() as u32 == first;
-            self.pieces.push(Piece { solid, tops, is_lowest, id: uppermost, run: start });
-        }
-        let is_inside = at.iter().all(|place| (0..SIDE as i32).contains(place));
-        self.occupied += usize::from(is_inside);
-        self.columns[index(at)] = (first, self.pieces.len() as u32);
-    }
-
-    /// From the lowest upwards.
+    /// What stands on a square and in a row around it. `beyond` are squares beside it, of the same size, each with the
+    /// place of its lowest corner relative to that of the square.
     #[inline(always)]
-    pub fn column(&self, at: [i32; 2]) -> &[Piece] {
-        let (first, end) = self.columns[index(at)];
-        &self.pieces[first as usize..end as usize]
+    pub fn gather(
+        &mut self,
+        stacks: &Stacks,
+        square: &Square,
+        beyond: &[(Square, [i32; 2])],
+        planes: &[Plane],
+        surface: Surface,
+    ) {
+        self.surface = surface;
+        let (lowest, highest) = stacks.span(square);
+        self.level = lowest.midpoint(highest);
+        self.clear();
+        let mut asked_for = 0;
+        for (square, from) in [(*square, [0; 2])].iter().chain(beyond) {
+            stacks.for_bricks(square, |place, brick| {
+                let at = std::array::from_fn(|axis| from[axis] + (place[axis] * Brick::SIDE) as i32);
+                if at.iter().all(|at| (-(Brick::SIDE as i32)..=SIDE as i32).contains(at)) {
+                    // Asked for here, the planes come from memory while the other bricks are found.
+                    asked_for ^= planes[brick.first_id() as usize].to_bits();
+                    self.bricks[brick_index(at)].push(brick);
+                }
+            });
+        }
+        std::hint::black_box(asked_for);
+        for number in 0..BRICKS * BRICKS {
+            let at = [number / BRICKS, number % BRICKS].map(|place| (place as i32 - 1) * Brick::SIDE as i32);
+            self.take(at, planes);
+        }
+        self.ground.level(self.level, surface);
+    }
+
+    fn clear(&mut self) {
+        self.ground.id = [NOTHING; COLUMNS];
+        self.bricks.iter_mut().for_each(Vec::clear);
+        if !self.upper.is_empty() || self.upper_of.is_empty() {
+            self.ground.next_bottom = [f32::INFINITY; COLUMNS];
+            self.upper.clear();
+            self.upper_of.clear();
+            self.upper_of.resize(COLUMNS, (0, 0));
+        }
+        self.occupied = [0; SIDE];
+        self.stacked = [0; SIDE];
+    }
+
+    /// The 4 x 4 columns of a stack of bricks, the first of them at a place; but for those beyond the rim.
+    #[inline(always)]
+    fn take(&mut self, at: [i32; 2], planes: &[Plane]) {
+        let bricks = std::mem::take(&mut self.bricks[brick_index(at)]);
+        let wanted = wanted(at);
+        let first = index(at);
+        // Columns of which the lowest solid has begun, and has ended; those with another above it; and the level below.
+        let (mut begun, mut ended, mut stacked, mut below) = (0, 0, 0, 0);
+        for (number, brick) in bricks.iter().enumerate() {
+            let is_under = |next: &&Brick| next.low == brick.low + Brick::SIDE;
+            let above = bricks.get(number + 1).filter(is_under).map_or(0, |next| next.level(0));
+            if number > 0 && bricks[number - 1].low + Brick::SIDE != brick.low {
+                below = 0;
+            }
+            for z in 0..Brick::SIDE {
+                let level = brick.level(z) & wanted;
+                let next = if z + 1 < Brick::SIDE { brick.level(z + 1) } else { above };
+                let begins = level & !below;
+                stacked |= begins & begun;
+                self.begin(first, begins & !begun, brick.low + z);
+                begun |= level;
+                let ends = level & !next & !ended;
+                self.end(first, ends, brick, z, planes);
+                ended |= ends;
+                below = level;
+            }
+        }
+        if (0..SIDE as i32).contains(&at[0]) && (0..SIDE as i32).contains(&at[1]) {
+            for x in 0..Brick::SIDE {
+                // Every fourth bit, side by side.
+                let column = |of: u16| {
+                    let bits = u32::from(of >> x) & 0x1111;
+                    (bits | bits >> 3 | bits >> 6 | bits >> 9) & 0xf
+                };
+                let row = at[0] as usize + x as usize;
+                self.occupied[row] |= column(begun) << at[1];
+                self.stacked[row] |= column(stacked) << at[1];
+            }
+        }
+        let mut left = stacked;
+        while left != 0 {
+            let number = left.trailing_zeros();
+            left &= left - 1;
+            self.take_upper(place_of(at, number), &bricks, number, planes);
+        }
+        self.bricks[brick_index(at)] = bricks;
+    }
+
+    /// The lowest solids of some columns of a brick begin at a height.
+    #[inline(always)]
+    fn begin(&mut self, first: usize, mut columns: u16, z: u32) {
+        while columns != 0 {
+            let at = first + offset(columns.trailing_zeros());
+            columns &= columns - 1;
+            self.ground.lowest[at] = z;
+        }
+    }
+
+    /// They end at a height above the brick's lowest.
+    #[inline(always)]
+    fn end(&mut self, first: usize, mut columns: u16, brick: &Brick, z: u32, planes: &[Plane]) {
+        while columns != 0 {
+            let number = columns.trailing_zeros();
+            columns &= columns - 1;
+            let (at, id) = (first + offset(number), brick.voxel_id(number, z));
+            self.ground.uppermost[at] = brick.low + z;
+            self.ground.id[at] = id;
+            self.ground.plane[at] = match self.surface {
+                Surface::Planes => planes[id as usize],
+                Surface::Voxels => Plane::CEILING,
+            };
+        }
+    }
+
+    /// The solids of a column above its lowest.
+    #[inline(never)]
+    fn take_upper(&mut self, place: [i32; 2], bricks: &[Brick], number: u32, planes: &[Plane]) {
+        let at = index(place);
+        let begin = self.upper.len() as u32;
+        let mut run: Option<(u32, u32, u32)> = None;
+        for brick in bricks {
+            for z in (0..Brick::SIDE).filter(|&z| brick.level(z) >> number & 1 != 0) {
+                let (height, id) = (brick.low + z, brick.voxel_id(number, z));
+                run = match run {
+                    Some((lowest, uppermost, _)) if uppermost + 1 == height => Some((lowest, height, id)),
+                    _ => {
+                        self.push_upper(run, at, planes);
+                        Some((height, height, id))
+                    }
+                };
+            }
+        }
+        self.push_upper(run, at, planes);
+        self.upper_of[at] = (begin, self.upper.len() as u32);
+        self.ground.next_bottom[at] = (self.upper[begin as usize].solid.bottom - f64::from(self.level)) as f32;
+    }
+
+    /// A run of voxels, lowest, uppermost and id of that, unless it is the lowest of its column.
+    fn push_upper(&mut self, run: Option<(u32, u32, u32)>, at: usize, planes: &[Plane]) {
+        if let Some((lowest, uppermost, id)) = run.filter(|run| run.0 != self.ground.lowest[at]) {
+            let plane = planes.get(id as usize).copied().unwrap_or(Plane::CEILING);
+            self.upper.push(Piece::new(self.solid(lowest, uppermost, plane, false), id, false));
+        }
+    }
+
+    #[inline(always)]
+    fn solid(&self, lowest: u32, uppermost: u32, plane: Plane, is_lowest: bool) -> Solid {
+        match self.surface {
+            Surface::Planes => Solid::under_plane(lowest, uppermost, plane, is_lowest),
+            Surface::Voxels => Solid::of_cubes(lowest, uppermost),
+        }
+    }
+
+    /// The lowest solid of a column.
+    #[inline(always)]
+    pub fn lowest(&self, at: [i32; 2]) -> Option<Piece> {
+        let (at, ground) = (index(at), &self.ground);
+        if ground.id[at] == NOTHING {
+            return None;
+        }
+        let solid = self.solid(ground.lowest[at], ground.uppermost[at], ground.plane[at], true);
+        Some(Piece::new(solid, ground.id[at], true))
+    }
+
+    /// The others, from below.
+    #[inline(always)]
+    pub fn upper(&self, at: [i32; 2]) -> &[Piece] {
+        let (first, end) = self.upper_of[index(at)];
+        &self.upper[first as usize..end as usize]
     }
 
     /// Whether there is something in every column.
     #[inline(always)]
     pub fn is_full(&self) -> bool {
-        self.occupied == SIDE * SIDE
+        self.occupied.iter().all(|columns| columns.count_ones() as usize == SIDE)
     }
 
-    /// Id of a voxel of a solid by its z.
-    pub fn id(&self, piece: &Piece, z: u32) -> u32 {
-        self.ids[(piece.run + z - piece.solid.lowest) as usize]
+    /// Bit j for a column of row i with something in it.
+    #[inline(always)]
+    pub fn occupied(&self, i: usize) -> u32 {
+        self.occupied[i]
+    }
+
+    /// The same for those with more than their lowest solid.
+    #[inline(always)]
+    pub fn stacked(&self, i: usize) -> u32 {
+        self.stacked[i]
+    }
+
+    /// Id of the voxel of a solid at a height.
+    pub fn id(&self, at: [i32; 2], z: u32) -> u32 {
+        let brick = self.bricks[brick_index(at)].iter().find(|brick| brick.contains(z)).expect("a voxel of the tile");
+        let [x, y] = at.map(|place| place.rem_euclid(Brick::SIDE as i32) as u32);
+        brick.voxel_id(x + y * Brick::SIDE, z)
     }
 }
 
+/// Columns of a brick at a place, a bit each, that lie in the tile or right beside it.
 #[inline(always)]
-fn index(at: [i32; 2]) -> usize {
-    (at[0] + 1) as usize * RIM + (at[1] + 1) as usize
+fn wanted(at: [i32; 2]) -> u16 {
+    const BEFORE: i32 = -(Brick::SIDE as i32);
+    let x = match at[0] {
+        BEFORE => 0x8888,
+        outside if outside == SIDE as i32 => 0x1111,
+        _ => 0xffff,
+    };
+    let y = match at[1] {
+        BEFORE => 0xf000,
+        outside if outside == SIDE as i32 => 0x000f,
+        _ => 0xffff,
+    };
+    x & y
+}
+
+/// Place of column x + 4 y of a brick at a place.
+#[inline(always)]
+fn place_of(at: [i32; 2], number: u32) -> [i32; 2] {
+    [at[0] + (number % Brick::SIDE) as i32, at[1] + (number / Brick::SIDE) as i32]
+}
+
+/// From the first column of a brick to column x + 4 y.
+#[inline(always)]
+fn offset(number: u32) -> usize {
+    (number % Brick::SIDE) as usize * STRIDE + (number / Brick::SIDE) as usize
+}
+
+#[inline(always)]
+pub fn index(at: [i32; 2]) -> usize {
+    (at[0] + RIM as i32) as usize * STRIDE + (at[1] + RIM as i32) as usize
+}
+
+#[inline(always)]
+fn brick_index(at: [i32; 2]) -> usize {
+    let [x, y] = at.map(|place| (place + Brick::SIDE as i32) as usize / Brick::SIDE as usize);
+    x * BRICKS + y
 }

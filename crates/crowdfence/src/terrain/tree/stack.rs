@@ -1,6 +1,6 @@
 //! The tree from above: squares of the grid, each with the nodes that lie over it.
 
-use super::{SIDE, SIDE_BITS, Tree, set_bits};
+use super::{Node, SIDE, SIDE_BITS, SIDE_MASK, Tree, set_bits};
 
 /// A part of the tree in one stack: a node, or a voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,43 @@ impl Layer {
     /// Of a layer of a column.
     pub fn voxel_id(self) -> u32 {
         self.index
+    }
+}
+
+/// A node of the lowest level: the voxels of 4 x 4 columns, four on each.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Brick {
+    /// Lowest z.
+    pub low: u32,
+    node: Node,
+}
+
+impl Brick {
+    /// Columns along one side, and voxels upwards.
+    pub const SIDE: u32 = SIDE;
+
+    /// Bit x + 4 y for the voxel of each column at a height from 0 to 3.
+    #[inline(always)]
+    pub fn level(&self, z: u32) -> u16 {
+        (self.node.mask >> (z * SIDE * SIDE)) as u16
+    }
+
+    /// Of a voxel of column x + 4 y that is there.
+    #[inline(always)]
+    pub fn voxel_id(&self, number: u32, z: u32) -> u32 {
+        self.node.child(number + (z & SIDE_MASK) * SIDE * SIDE)
+    }
+
+    /// Its ids follow each other.
+    #[inline(always)]
+    pub fn first_id(&self) -> u32 {
+        self.node.base
+    }
+
+    /// Whether a height lies in it.
+    #[inline(always)]
+    pub fn contains(&self, z: u32) -> bool {
+        self.low == z & !SIDE_MASK
     }
 }
 
@@ -33,8 +70,8 @@ impl Square {
     /// Levels of a square of 4 x 4 columns.
     pub const LEAF: u32 = 1;
 
-    pub fn is_leaf(&self) -> bool {
-        self.levels == Square::LEAF
+    pub fn levels(&self) -> u32 {
+        self.levels
     }
 
     /// Voxels along one side.
@@ -110,24 +147,20 @@ impl<'a> Stacks<'a> {
         Some(Square { first: start, end, ..square })
     }
 
-    /// The columns of a square of [`Square::LEAF`] levels that hold something, each by its place in the square and
-    /// its voxels from the lowest upwards.
-    #[inline]
-    pub fn for_columns(&self, square: &Square, mut each: impl FnMut([u32; 2], &[Layer])) {
-        /// Cell (0, 0, z) of a node for every z.
-        const COLUMN: u64 = 0x0001_0001_0001_0001;
-        let mut column = Vec::new();
-        for number in 0..SIDE * SIDE {
-            column.clear();
-            for layer in self.layers(square) {
-                let node = self.tree.node(0, layer.index);
-                for z in set_bits(node.mask >> number & COLUMN).map(|bit| bit / (SIDE * SIDE)) {
-                    let index = node.child(number + z * SIDE * SIDE);
-                    column.push(Layer { low: layer.low + z, index });
-                }
+    /// The bricks over a square of one or two levels, each with the place of its columns among the 4 x 4 of the square;
+    /// those of one place from the lowest upwards.
+    #[inline(always)]
+    pub fn for_bricks(&self, square: &Square, mut each: impl FnMut([u32; 2], Brick)) {
+        for layer in self.layers(square) {
+            let brick = |low, index| Brick { low, node: self.tree.node(0, index) };
+            if square.levels == Square::LEAF {
+                each([0; 2], brick(layer.low, layer.index));
+                continue;
             }
-            if !column.is_empty() {
-                each([number % SIDE, number / SIDE], &column);
+            let node = self.tree.node(1, layer.index);
+            for (number, index) in set_bits(node.mask).zip(node.base..) {
+                let [x, y, z] = super::corner(number);
+                each([x, y], brick(layer.low + z * SIDE, index));
             }
         }
     }
@@ -181,13 +214,17 @@ mod tests {
             let expected: Vec<(u32, u32)> =
                 if place.iter().all(|&at| at < 64) { tree.column(place[0], place[1]).collect() } else { vec![] };
             let mut found = Vec::new();
-            if let Some(leaf) = stacks.square_at(place, Square::LEAF) {
-                stacks.for_columns(&leaf, |[x, y], column| {
-                    if [leaf.low[0] + x, leaf.low[1] + y] == place {
-                        found.extend(column.iter().map(|layer| (layer.low, layer.voxel_id())));
+            if let Some(tile) = stacks.square_at(place, 2) {
+                let [x, y] = place.map(|at| at % 16);
+                let number = x % 4 + 4 * (y % 4);
+                stacks.for_bricks(&tile, |at, brick| {
+                    if at == [x / 4, y / 4] {
+                        let heights = (brick.low..brick.low + 4).filter(|z| brick.level(z - brick.low) >> number & 1 != 0);
+                        found.extend(heights.map(|z| (z, brick.voxel_id(number, z))));
+                        assert!(brick.contains(brick.low + 3) && !brick.contains(brick.low + 4));
                     }
                 });
-                stacks.release(&leaf);
+                stacks.release(&tile);
             }
             prop_assert_eq!(found, expected);
             prop_assert_eq!(stacks.layers.len(), 1);
