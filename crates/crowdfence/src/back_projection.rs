@@ -1,9 +1,11 @@
 //! View -> observation: which voxels the camera saw, the mean heatmap value of each, and where its crowd went.
 
 mod fates;
+mod pixel_set;
 mod projection;
 mod raster;
 mod rays;
+mod sighting;
 mod tops;
 mod viewing_cone;
 
@@ -18,8 +20,9 @@ use crate::view::View;
 pub use projection::{Coverage, DEFAULT_CROWD_THRESHOLD, Projection};
 
 use fates::{Fate, crowd_mass, shows_crowd};
-use raster::Raster;
+use pixel_set::PixelSet;
 use rays::PixelHits;
+use sighting::{Sighting, seen_voxels};
 
 /// Back-projects a view. A camera inside the terrain, or one that `target_height_m` would push through it, sees
 /// nothing: its rays would pass below the surface and mark places it never saw.
@@ -35,7 +38,7 @@ pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Obser
         },
     };
     let between_pixels = projection.coverage() == Coverage::Full;
-    with_vantage(view, terrain, projection, |vantage| Raster::paint(vantage, lens, between_pixels))
+    with_vantage(view, terrain, projection, |vantage| raster::paint(vantage, lens, between_pixels))
 }
 
 /// The same by casting the ray of every pixel: the reference for [`project`], and many times slower.
@@ -43,41 +46,51 @@ pub fn project_by_rays(view: &View, terrain: &Terrain, projection: &Projection) 
     with_vantage(view, terrain, projection, |vantage| {
         let hits = PixelHits::cast(vantage);
         let (sightings, on_ground) = (hits.sightings(vantage), hits.on_ground(view));
-        match projection.coverage() {
-            Coverage::Rays => Raster { sightings, occluded_ids: Vec::new(), on_ground },
+        let (sightings, occluded_ids) = match projection.coverage() {
+            Coverage::Rays => (sightings, Vec::new()),
             Coverage::Full => {
                 let (beside, occluded_ids) = tops::beside_rays(vantage, &sightings);
-                Raster { sightings: merged(sightings, beside), occluded_ids, on_ground }
+                (merged(sightings, beside), occluded_ids)
             }
-        }
+        };
+        let count = sightings.len();
+        Looked { seen: seen_voxels(sightings.into_iter(), count), occluded_ids, on_ground }
     })
+}
+
+/// What a look at the terrain shows.
+struct Looked {
+    seen: SeenVoxels,
+    /// Tops in the image and in range behind something, sorted.
+    occluded_ids: Vec<u32>,
+    /// The pixels that show ground in range.
+    on_ground: PixelSet,
 }
 
 fn with_vantage(
     view: &View,
     terrain: &Terrain,
     projection: &Projection,
-    look: impl FnOnce(&Vantage) -> Raster,
+    look: impl FnOnce(&Vantage) -> Looked,
 ) -> Observation {
     let threshold = projection.crowd_threshold();
     let Some(vantage) = Vantage::new(view, terrain, projection) else {
         let unusable = crowd_mass(view, threshold, |_, _| Fate::Unusable);
-        return observation(view, terrain, &[], Vec::new(), unusable);
+        return observation(view, terrain, SeenVoxels::default(), Vec::new(), unusable);
     };
-    let raster = look(&vantage);
-    let crowd_mass = crowd_mass_of(&vantage, &raster.on_ground, threshold);
-    observation(view, terrain, &raster.sightings, raster.occluded_ids, crowd_mass)
+    let looked = look(&vantage);
+    let crowd_mass = crowd_mass_of(&vantage, &looked.on_ground, threshold);
+    observation(view, terrain, looked.seen, looked.occluded_ids, crowd_mass)
 }
 
 /// Where the crowd of a view went, whatever the coverage: it is a matter of pixels.
-fn crowd_mass_of(vantage: &Vantage, on_ground: &[bool], threshold: f64) -> CrowdMass {
+fn crowd_mass_of(vantage: &Vantage, on_ground: &PixelSet, threshold: f64) -> CrowdMass {
     let view = vantage.view;
     if !shows_crowd(view, threshold) {
         return CrowdMass::default();
     }
-    let width = view.camera.width();
     crowd_mass(view, threshold, |column, row| {
-        let is_on_ground = on_ground[(row * width + column) as usize];
+        let is_on_ground = on_ground.contains(column as usize, row as usize);
         if is_on_ground { Fate::Ground } else { vantage.fate_of_lost(column, row) }
     })
 }
@@ -118,43 +131,22 @@ impl<'a> Vantage<'a> {
     }
 }
 
-/// What is seen of one voxel: a row of the observation.
-struct Sighting {
-    voxel_id: u32,
-    mean: f64,
-    pixel_count: u32,
-    /// From where rays start to the voxel's part of the surface, metres.
-    line: DVec3,
-}
-
 fn merged(mut some: Vec<Sighting>, others: Vec<Sighting>) -> Vec<Sighting> {
     some.extend(others);
     some.sort_unstable_by_key(|sighting| sighting.voxel_id);
     some
 }
 
-/// From rows and ids that are sorted: the one place that makes an observation.
+/// The one place that makes an observation.
 fn observation(
     view: &View,
     terrain: &Terrain,
-    rows: &[Sighting],
+    seen: SeenVoxels,
     occluded_ids: Vec<u32>,
     crowd_mass: CrowdMass,
 ) -> Observation {
-    let seen = SeenVoxels {
-        ids: rows.iter().map(|sighting| sighting.voxel_id).collect(),
-        mean: rows.iter().map(|sighting| sighting.mean).collect(),
-        pixel_count: rows.iter().map(|sighting| sighting.pixel_count).collect(),
-        range_m: rows.iter().map(|sighting| sighting.line.length() as f32).collect(),
-        tilt_deg: rows.iter().map(|sighting| tilt_deg(sighting.line)).collect(),
-    };
     Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids, crowd_mass)
         .expect("rows are sorted, and values of a heatmap lie in [0, 1]")
-}
-
-/// Of a line of sight, below the horizon.
-fn tilt_deg(line: DVec3) -> f32 {
-    (-line.z as f32).atan2(line.truncate().length() as f32).to_degrees()
 }
 
 #[cfg(test)]

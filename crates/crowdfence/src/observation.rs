@@ -109,6 +109,17 @@ impl Observation {
 }
 
 impl SeenVoxels {
+    /// None yet, with room for so many.
+    pub(crate) fn with_capacity(count: usize) -> SeenVoxels {
+        SeenVoxels {
+            ids: Vec::with_capacity(count),
+            mean: Vec::with_capacity(count),
+            pixel_count: Vec::with_capacity(count),
+            range_m: Vec::with_capacity(count),
+            tilt_deg: Vec::with_capacity(count),
+        }
+    }
+
     fn check_lengths(&self) -> Result<()> {
         let expected = self.ids.len();
         for (name, actual) in [

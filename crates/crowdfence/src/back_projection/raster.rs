@@ -17,45 +17,31 @@ mod optics;
 mod prism;
 mod tile;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use super::{Sighting, Vantage};
+use super::sighting::{Sighting, seen_voxels};
+use super::{Looked, Vantage};
 use crate::camera::IdealPixels;
 use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
 use canvas::{Canvas, NOBODY, Painted};
-use optics::Optics;
 use ground::Frame;
+use optics::Optics;
 use tile::{Piece, Tile};
 
-/// A view painted on.
-pub(super) struct Raster {
-    /// Sorted by id.
-    pub sightings: Vec<Sighting>,
-    /// Tops in the image and in range behind something, sorted.
-    pub occluded_ids: Vec<u32>,
-    /// Of each pixel, row after row.
-    pub on_ground: Vec<bool>,
-}
-
-impl Raster {
-    /// Of a view through a pinhole, or through a lens by its ideal pixels. With `between_pixels`, voxels that no pixel
-    /// centre hits are seen as well.
-    pub fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixels: bool) -> Raster {
-        let mut painter = Painter::new(vantage, lens, between_pixels);
-        let root = painter.stacks.root();
-        painter.walk(&root, &mut Box::default());
-        let Painter { canvas, rows, mut occluded_ids, .. } = painter;
-        let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
-        radsort::sort_by_key(&mut order, |&(id, _)| id);
-        radsort::sort(&mut occluded_ids);
-        let voxel_size_m = vantage.terrain.voxel_size_m();
-        Raster {
-            sightings: order.iter().map(|&(_, row)| rows[row as usize].sighting(voxel_size_m)).collect(),
-            occluded_ids,
-            on_ground: canvas.painted(),
-        }
-    }
+/// Looks through a pinhole, or through a lens by its ideal pixels. With `between_pixels`, voxels that no pixel centre
+/// hits are seen as well.
+pub(super) fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixels: bool) -> Looked {
+    let mut painter = Painter::new(vantage, lens, between_pixels);
+    let root = painter.stacks.root();
+    painter.walk(&root, &mut Box::default());
+    let Painter { canvas, rows, mut occluded_ids, .. } = painter;
+    let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
+    radsort::sort_by_key(&mut order, |&(id, _)| id);
+    radsort::sort(&mut occluded_ids);
+    let voxel_size_m = vantage.terrain.voxel_size_m();
+    let sightings = order.iter().map(|&(_, row)| rows[row as usize].sighting(voxel_size_m));
+    Looked { seen: seen_voxels(sightings, rows.len()), occluded_ids, on_ground: canvas.into_painted() }
 }
 
 /// What has been painted for one voxel.
@@ -63,14 +49,14 @@ struct Row {
     id: u32,
     painted: Painted,
     /// A point of it, relative to the camera.
-    place: DVec3,
+    place: Vec3,
 }
 
 impl Row {
     fn sighting(&self, voxel_size_m: f64) -> Sighting {
         let Painted { sum, count } = self.painted;
         let mean = (sum / f64::from(count.max(1))).min(1.0);
-        Sighting { voxel_id: self.id, mean, pixel_count: count, line: self.place * voxel_size_m }
+        Sighting { voxel_id: self.id, mean, pixel_count: count, line: self.place.as_dvec3() * voxel_size_m }
     }
 }
 
@@ -308,7 +294,7 @@ impl<'a> Painter<'a> {
     #[inline(always)]
     fn add(&mut self, id: u32, painted: Painted, place: DVec3) {
         if painted.count > 0 {
-            self.rows.push(Row { id, painted, place });
+            self.rows.push(Row { id, painted, place: place.as_vec3() });
         }
     }
 
@@ -323,11 +309,17 @@ impl<'a> Painter<'a> {
         let Some((column, row)) = self.canvas.pixel_at(image.pixel()) else {
             return;
         };
-        if self.shows_middle(piece, middle, self.canvas.owner(column, row)) {
+        self.paint_top(piece.id, piece.solid.plane.normal(), middle, column, row);
+    }
+
+    /// The same by its middle and the pixel over that.
+    #[inline(always)]
+    fn paint_top(&mut self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) {
+        if self.shows_middle(normal, middle, self.canvas.owner(column, row)) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
-            self.rows.push(Row { id: piece.id, painted, place: middle });
+            self.rows.push(Row { id, painted, place: middle.as_vec3() });
         } else {
-            self.occluded_ids.push(piece.id);
+            self.occluded_ids.push(id);
         }
     }
 
@@ -336,8 +328,7 @@ impl<'a> Painter<'a> {
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and no
     /// higher above it than half a voxel and half a pixel.
     #[inline(always)]
-    fn shows_middle(&self, piece: &Piece, middle: DVec3, owner: u32) -> bool {
-        let normal = piece.solid.plane.normal();
+    fn shows_middle(&self, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
         if height <= 0.0 {
             return false; // turned away
@@ -345,7 +336,7 @@ impl<'a> Painter<'a> {
         if owner == NOBODY {
             return true;
         }
-        let nearer = self.rows[owner as usize].place;
+        let nearer = self.rows[owner as usize].place.as_dvec3();
         let pixel = distance / self.optics.focal_px;
         let footprint = pixel * distance * normal.length() / height;
         let gap = distance - nearer.length();

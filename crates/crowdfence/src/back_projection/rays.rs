@@ -3,6 +3,7 @@
 
 use rayon::prelude::*;
 
+use super::pixel_set::PixelSet;
 use super::{Sighting, Vantage};
 use crate::view::View;
 
@@ -47,10 +48,13 @@ impl PixelHits {
             .collect()
     }
 
-    /// Whether each pixel of the image, row after row, met ground.
-    pub fn on_ground(&self, view: &View) -> Vec<bool> {
-        let mut on_ground = vec![false; view.camera.height() as usize * view.camera.width() as usize];
-        self.hits.iter().for_each(|&hit| on_ground[hit as u32 as usize] = true);
+    /// The pixels that met ground.
+    pub fn on_ground(&self, view: &View) -> PixelSet {
+        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        let mut on_ground = PixelSet::empty(width, height);
+        for pixel in self.hits.iter().map(|&hit| hit as u32 as usize) {
+            on_ground.insert(pixel % width, pixel / width);
+        }
         on_ground
     }
 }

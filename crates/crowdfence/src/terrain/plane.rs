@@ -40,6 +40,7 @@ impl Plane {
     }
 
     /// As one number, for files and pickles.
+    #[inline(always)]
     pub fn to_bits(self) -> u32 {
         let [x, y] = self.slope.map(|rise| rise as u8);
         let [low, high] = self.height.to_le_bytes();
@@ -63,12 +64,12 @@ impl Plane {
         self.slope.map(|rise| f64::from(rise) / SLOPE_STEPS)
     }
 
-    /// Height and slopes in half the width, as exact.
+    /// Height and slopes in half the width, as exact, of a plane as one number.
     #[inline(always)]
-    pub fn single(self) -> (f32, [f32; 2]) {
-        let [x, y] = self.slope;
+    pub fn single(bits: u32) -> (f32, [f32; 2]) {
         let (step, slope_step) = (1.0 / HEIGHT_STEPS as f32, 1.0 / SLOPE_STEPS as f32);
-        (f32::from(self.height) * step, [f32::from(x) * slope_step, f32::from(y) * slope_step])
+        let slope = |shift: u32| f32::from((bits >> shift) as i8) * slope_step;
+        (f32::from(bits as i16) * step, [slope(16), slope(24)])
     }
 
     /// Away from the solid under it, 1 upwards.
@@ -106,7 +107,7 @@ mod tests {
     #[test]
     fn half_the_width_is_as_exact() {
         for plane in [Plane::CEILING, Plane::new(-1.7, [1.98, -0.02]), Plane::new(0.1234, [0.5, -1.9])] {
-            let (height, slope) = plane.single();
+            let (height, slope) = Plane::single(plane.to_bits());
             assert_eq!((f64::from(height), slope.map(f64::from)), (plane.height(), plane.slope()));
         }
     }

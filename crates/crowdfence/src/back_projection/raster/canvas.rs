@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use glam::DVec2;
 
+use crate::back_projection::pixel_set::PixelSet;
 use crate::camera::{Camera, IdealPixels};
 use crate::view::View;
 
@@ -45,9 +46,8 @@ pub struct Block {
 pub struct Canvas<'a> {
     width: usize,
     height: usize,
-    words_a_row: usize,
-    /// A bit a pixel.
-    covered: Vec<u64>,
+    /// What is painted on.
+    covered: PixelSet,
     /// Who painted each pixel, row after row; nothing when nobody asks.
     owner: Vec<u32>,
     /// Heatmap value of each pixel, row after row.
@@ -61,13 +61,10 @@ impl<'a> Canvas<'a> {
     pub fn new(view: &'a View, lens: Option<&'a IdealPixels>, with_owners: bool) -> Canvas<'a> {
         let lens = lens.map(|pixels| (view.camera.as_ref(), pixels));
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
-        // One to spare, so that what is looked at over the end of a word has another behind it.
-        let words_a_row = width.div_ceil(WORD) + 1;
         Canvas {
             width,
             height,
-            words_a_row,
-            covered: vec![0; words_a_row * height],
+            covered: PixelSet::empty(width, height),
             owner: if with_owners { vec![NOBODY; width * height] } else { Vec::new() },
             values: view.pixel_values(),
             lens,
@@ -94,10 +91,9 @@ impl<'a> Canvas<'a> {
         self.owner[row * self.width + column]
     }
 
-    /// Whether each pixel, row after row, is painted on.
-    pub fn painted(&self) -> Vec<bool> {
-        let rows = self.covered.chunks_exact(self.words_a_row);
-        rows.flat_map(|words| (0..self.width).map(|column| words[column / WORD] >> (column % WORD) & 1 != 0)).collect()
+    /// The pixels painted on.
+    pub fn into_painted(self) -> PixelSet {
+        self.covered
     }
 
     /// Has the heatmap fetched under a part of the image, all of it at once: one by one, the values would be waited for.
@@ -159,8 +155,8 @@ impl<'a> Canvas<'a> {
         let mut sum = 0.0;
         for line in 0..block.rows as usize {
             let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
-            let at = (row + line) * self.words_a_row + word;
-            let [first, second] = &mut self.covered[at..at + 2] else { unreachable!() };
+            let at = (row + line) * self.covered.words_a_row + word;
+            let [first, second] = &mut self.covered.words[at..at + 2] else { unreachable!() };
             let covered = *first >> shift | *second << 1 << (WORD - 1 - shift);
             let free = bits & !covered;
             if free == 0 {
@@ -206,7 +202,7 @@ impl<'a> Canvas<'a> {
         let outline = Outline::of(polygon);
         for row in rows {
             for column in columns.clone() {
-                let covered = &mut self.covered[row * self.words_a_row + column / WORD];
+                let covered = &mut self.covered.words[row * self.covered.words_a_row + column / WORD];
                 if *covered >> (column % WORD) & 1 != 0 {
                     continue;
                 }
@@ -261,7 +257,7 @@ impl<'a> Canvas<'a> {
     #[inline(always)]
     fn are_covered(&self, mut rows: Range<usize>, columns: &Range<usize>) -> bool {
         rows.all(|row| {
-            let words = &self.covered[row * self.words_a_row..];
+            let words = &self.covered.words[row * self.covered.words_a_row..];
             spans(columns).all(|(word, columns)| bits(&columns) & !words[word] == 0)
         })
     }
@@ -278,7 +274,7 @@ impl<'a> Canvas<'a> {
         let start = row * self.width;
         for (word, columns) in spans(&columns) {
             let span = bits(&columns);
-            let covered = &mut self.covered[row * self.words_a_row + word];
+            let covered = &mut self.covered.words[row * self.covered.words_a_row + word];
             let mut free = span & !*covered;
             if free == 0 {
                 continue;

@@ -8,10 +8,10 @@
 
 use glam::DVec3;
 
-use super::{Painter, Place};
 use super::canvas::{Block, Painted};
 use super::prism::OVERLAP;
 use super::tile::{COLUMNS, SIDE, STRIDE, Tile, index};
+use super::{Painter, Place};
 use crate::terrain::tree::Square;
 
 /// Pixels along each side of the image of a column up to which it is painted here.
@@ -64,6 +64,9 @@ struct Outlines {
     /// First column and row of pixels, and their number.
     first: [[i32; SIDE]; 2],
     count: [[i32; SIDE]; 2],
+    /// The pixel over the middle of its top, and 1 where that is one of the image.
+    middle: [[i32; SIDE]; 2],
+    in_image: [i32; SIDE],
     /// How near to a side no pixel may lie.
     unsure_within: Row,
     /// Negative when a column has to be painted with more care.
@@ -79,6 +82,8 @@ pub(super) struct Shapes {
     bits: [[u32; SIDE]; 2],
     /// A bit for each column that may show something.
     may_show: u32,
+    /// The same for those that are sure and have their middle in the image.
+    in_image: u32,
     pixel: [i32; 2],
 }
 
@@ -117,6 +122,15 @@ impl Shapes {
             rows,
             bits: u64::from(self.bits[0][j]) | u64::from(self.bits[1][j]) << 32,
         }))
+    }
+}
+
+impl Shapes {
+    /// Column and row of the pixel over the middle of a column.
+    #[inline(always)]
+    fn middle(&self, j: usize) -> (usize, usize) {
+        let [columns, rows] = &self.outlines.middle;
+        ((columns[j] + self.pixel[0]) as usize, (rows[j] + self.pixel[1]) as usize)
     }
 }
 
@@ -168,7 +182,8 @@ impl Frame {
     #[inline(always)]
     pub fn shapes(&self, tile: &Tile, i: usize, side_x: f32, side_y: &Row) -> Shapes {
         let outlines = self.outlines(tile, i, side_x, side_y);
-        let mut shapes = Shapes { outlines, bits: [[0; SIDE]; 2], may_show: 0, pixel: self.pixel };
+        let mut shapes =
+            Shapes { outlines, bits: [[0; SIDE]; 2], may_show: 0, in_image: 0, pixel: self.pixel };
         shapes.fill();
         shapes
     }
@@ -195,10 +210,7 @@ impl Frame {
     /// The pixel before which a bound lies, cut to the image.
     #[inline(always)]
     fn bound(&self, at: f32, axis: usize) -> i32 {
-        /// Added to a number of less than four millions, it leaves no bits for what is behind the point.
-        const WHOLE: f32 = 12_582_912.0;
-        let cut = least(most(at + self.middle_px[axis], self.low[axis]), self.high[axis]);
-        ((cut + WHOLE).to_bits() as i32).wrapping_sub(WHOLE.to_bits() as i32)
+        nearest(least(most(at + self.middle_px[axis], self.low[axis]), self.high[axis]))
     }
 
     #[inline(always)]
@@ -208,14 +220,17 @@ impl Frame {
         let beside = if side_x > 0.0 { at - STRIDE } else { at + STRIDE };
         let (low, high) = (at - 1, at + 1);
         let [rises_x, rises_y] = &ground.rise;
-        let (top, shoulder, bottom) = (row(&ground.top, at), row(&ground.shoulder, at), row(&ground.bottom, at));
+        let (top, shoulder, bottom) =
+            (row(&ground.top, at), row(&ground.shoulder, at), row(&ground.bottom, at));
         let (rise_x, rise_y) = (row(rises_x, at), row(rises_y, at));
-        let (top_x, top_low, top_high) = (row(&ground.top, beside), row(&ground.top, low), row(&ground.top, high));
+        let (top_x, top_low, top_high) =
+            (row(&ground.top, beside), row(&ground.top, low), row(&ground.top, high));
         let (x_rise_x, x_rise_y) = (row(rises_x, beside), row(rises_y, beside));
         let (low_rise_x, low_rise_y) = (row(rises_x, low), row(rises_y, low));
         let (high_rise_x, high_rise_y) = (row(rises_x, high), row(rises_y, high));
         let bottoms = &ground.bottom;
-        let (bottom_x, bottom_low, bottom_high) = (row(bottoms, beside), row(bottoms, low), row(bottoms, high));
+        let (bottom_x, bottom_low, bottom_high) =
+            (row(bottoms, beside), row(bottoms, low), row(bottoms, high));
         let nexts = &ground.next_bottom;
         let (next_x, next_low, next_high) = (row(nexts, beside), row(nexts, low), row(nexts, high));
         let holes = if tile.is_full() { f32::INFINITY } else { 0.0 };
@@ -227,6 +242,8 @@ impl Frame {
             along: [[[0.0; SIDE]; EDGES]; 2],
             first: [[0; SIDE]; 2],
             count: [[0; SIDE]; 2],
+            middle: [[0; SIDE]; 2],
+            in_image: [0; SIDE],
             unsure_within: [0.0; SIDE],
             sure: [0.0; SIDE],
             reach: [0.0; SIDE],
@@ -242,7 +259,8 @@ impl Frame {
             let bottom_y = if is_high { bottom_high[j] } else { bottom_low[j] };
             let next_y = if is_high { next_high[j] } else { next_low[j] };
             // How far the edges turned to the camera stand above those of the columns before them.
-            let step_x = top - rise_x * side_x - (top_x[j] + x_rise_x[j] * side_x) + (rise_y - x_rise_y[j]).abs();
+            let step_x =
+                top - rise_x * side_x - (top_x[j] + x_rise_x[j] * side_x) + (rise_y - x_rise_y[j]).abs();
             let step_y = top - rise_y * side_y - (top_y + y_rise_y * side_y) + (rise_x - y_rise_x).abs();
             let step = most(most(step_x, step_y), 0.0);
             let drop = step + OVERLAP as f32;
@@ -255,7 +273,8 @@ impl Frame {
             let mut sure = least(lowest - shoulder[j], top - bottom_before);
             sure = least(sure, next_before - top - SURE);
             sure = least(sure, bottom[j] - bottom_before + holes);
-            let (middle_x, middle_y, middle_z) = (x + self.middle[0], y + self.middle[1], top + self.middle[2]);
+            let (middle_x, middle_y, middle_z) =
+                (x + self.middle[0], y + self.middle[1], top + self.middle[2]);
             let above = 2.0 * (rise_x * middle_x + rise_y * middle_y) - middle_z;
             sure = least(sure, above.abs() - SURE);
             let distance = (middle_x * middle_x + middle_y * middle_y + middle_z * middle_z).sqrt();
@@ -292,6 +311,12 @@ impl Frame {
             let (column, line) = (self.bound(lowest_x - margin, 0), self.bound(lowest_y - margin, 1));
             outlines.first[0][j] = column;
             outlines.first[1][j] = line;
+            let (u, v) = self.image(x, y, top);
+            let (u, v) = (u + self.middle_px[0], v + self.middle_px[1]);
+            let is_in = (u >= self.low[0]) & (u < self.high[0]) & (v >= self.low[1]) & (v < self.high[1]);
+            outlines.middle[0][j] = below(u);
+            outlines.middle[1][j] = below(v);
+            outlines.in_image[j] = i32::from(is_in);
             let columns = self.bound(highest_x + margin, 0).wrapping_sub(column);
             outlines.count[0][j] = if is_hidden { 0 } else { columns };
             outlines.count[1][j] = self.bound(highest_y + margin, 1).wrapping_sub(line);
@@ -323,7 +348,7 @@ impl Shapes {
     /// Finds the pixels.
     #[inline(always)]
     fn fill(&mut self) {
-        let Outlines { value, along, count, unsure_within, sure, reach, .. } = &mut self.outlines;
+        let Outlines { value, along, count, in_image, unsure_within, sure, reach, .. } = &mut self.outlines;
         let (mut columns, mut rows) = (0, 0);
         for j in 0..SIDE {
             let is_small = count[0][j] <= LARGEST && count[1][j] <= LARGEST;
@@ -356,11 +381,27 @@ impl Shapes {
         }
         for j in 0..SIDE {
             let is_large = count[0][j] > LARGEST || count[1][j] > LARGEST;
-            let has_pixels = count[0][j] > 0 && count[1][j] > 0 && (is_large || self.bits[0][j] | self.bits[1][j] != 0);
+            let has_pixels =
+                count[0][j] > 0 && count[1][j] > 0 && (is_large || self.bits[0][j] | self.bits[1][j] != 0);
             let is_sure = sure[j] >= 0.0;
             self.may_show |= u32::from((has_pixels || !is_sure) && reach[j] >= 0.0) << j;
+            self.in_image |= u32::from(is_sure && in_image[j] != 0) << j;
         }
     }
+}
+
+/// The nearest whole number, of a number of less than four millions.
+#[inline(always)]
+fn nearest(number: f32) -> i32 {
+    /// Added to it, it leaves no bits for what is behind the point.
+    const WHOLE: f32 = 12_582_912.0;
+    ((number + WHOLE).to_bits() as i32).wrapping_sub(WHOLE.to_bits() as i32)
+}
+
+/// The whole number below, or on a whole number itself one of the two around.
+#[inline(always)]
+fn below(number: f32) -> i32 {
+    nearest(number - 0.5)
 }
 
 #[inline(always)]
@@ -404,11 +445,9 @@ impl Painter<'_> {
             let side_x = self.place(square.low, [i as i32, 0]).side[0];
             let beside = if side_x == 0 { u32::MAX } else { beside_y };
             let shapes = frame.shapes(tile, i as usize, side_x as f32, &side_y);
-            let mut wanted = shapes.may_show | beside | tile.stacked(i as usize);
-            if self.between_pixels {
-                wanted = u32::MAX;
-            }
-            wanted &= tile.occupied(i as usize);
+            let middles = if self.between_pixels { shapes.in_image } else { 0 };
+            let wanted = shapes.may_show | beside | tile.stacked(i as usize) | middles;
+            let wanted = wanted & tile.occupied(i as usize);
             // Onwards from the camera, then backwards.
             let (mut onwards, mut backwards) = (wanted >> own_j << own_j, wanted & ((1 << own_j) - 1));
             while onwards | backwards != 0 {
@@ -425,27 +464,36 @@ impl Painter<'_> {
                 match shown {
                     Shown::OutOfRange => (),
                     Shown::Unsure => self.paint_column(tile, &place),
-                    Shown::Pixels(block) => self.paint_shape(tile, &place, block),
+                    Shown::Pixels(block) => {
+                        let middle = (middles >> j & 1 != 0).then(|| shapes.middle(j as usize));
+                        self.paint_shape(tile, &place, block, middle);
+                    }
                 }
             }
         }
     }
 
-    /// Of a column with nothing above its ground.
+    /// Of a column with nothing above its ground; with the pixel over its middle where that is in the image.
     #[inline(always)]
-    fn paint_shape(&mut self, tile: &Tile, place: &Place, block: Option<Block>) {
+    fn paint_shape(
+        &mut self,
+        tile: &Tile,
+        place: &Place,
+        block: Option<Block>,
+        middle_px: Option<(usize, usize)>,
+    ) {
         let painted = match block {
             Some(block) => self.canvas.paint_block(&block, self.rows.len() as u32),
             None => Painted::default(),
         };
+        let (at, id) = (index(place.at), tile.lowest_id(place.at));
+        let middle = place.middle(f64::from(tile.ground.top[at]) + f64::from(tile.level) - self.origin.z);
         if painted.count > 0 {
-            let at = index(place.at);
-            let top = f64::from(tile.ground.top[at]) + f64::from(tile.level);
-            self.add(tile.ground.id[at], painted, place.middle(top - self.origin.z));
-        } else if self.between_pixels
-            && let Some(piece) = tile.lowest(place.at)
-        {
-            self.paint_middle(&piece, place);
+            self.add(id, painted, middle);
+        } else if let Some((column, row)) = middle_px {
+            let [rise_x, rise_y] = &tile.ground.rise;
+            let normal = DVec3::new(-2.0 * f64::from(rise_x[at]), -2.0 * f64::from(rise_y[at]), 1.0);
+            self.paint_top(id, normal, middle, column, row);
         }
     }
 }

@@ -14,7 +14,7 @@ pub const COLUMNS: usize = STRIDE * STRIDE;
 /// Bricks along one side, with the rim.
 const BRICKS: usize = STRIDE / RIM;
 /// Id of the ground where there is none.
-pub const NOTHING: u32 = u32::MAX;
+const NOTHING: u32 = u32::MAX;
 
 /// A solid as it is painted.
 #[derive(Debug, Clone, Copy)]
@@ -54,11 +54,48 @@ pub struct Ground {
     pub shoulder: [f32; COLUMNS],
     /// Bottom of the next solid of the column, infinite when there is none.
     pub next_bottom: [f32; COLUMNS],
-    lowest: [u32; COLUMNS],
-    uppermost: [u32; COLUMNS],
-    plane: [Plane; COLUMNS],
-    /// Of the uppermost voxel.
-    pub id: [u32; COLUMNS],
+    solids: Lowest<COLUMNS>,
+}
+
+/// The lowest solids of columns as the tree tells them.
+struct Lowest<const N: usize> {
+    lowest: [u32; N],
+    uppermost: [u32; N],
+    /// As one number, see [`Plane::to_bits`].
+    plane: [u32; N],
+    /// Of the uppermost voxel, or [`NOTHING`].
+    id: [u32; N],
+}
+
+impl<const N: usize> Lowest<N> {
+    const NONE: Lowest<N> = Lowest { lowest: [0; N], uppermost: [0; N], plane: [0; N], id: [NOTHING; N] };
+}
+
+impl Lowest<16> {
+    /// Of some columns of a brick, a bit each: they begin at a height.
+    #[inline(always)]
+    fn begin(&mut self, mut columns: u16, z: u32) {
+        while columns != 0 {
+            self.lowest[columns.trailing_zeros() as usize & 15] = z;
+            columns &= columns - 1;
+        }
+    }
+
+    /// They end at a height above the brick's lowest.
+    #[inline(always)]
+    fn end(&mut self, mut columns: u16, brick: &Brick, z: u32, planes: &[Plane], surface: Surface) {
+        while columns != 0 {
+            let number = columns.trailing_zeros() & 15;
+            columns &= columns - 1;
+            let id = brick.voxel_id(number, z);
+            self.uppermost[number as usize] = brick.low + z;
+            self.id[number as usize] = id;
+            self.plane[number as usize] = match surface {
+                Surface::Planes => planes[id as usize].to_bits(),
+                Surface::Voxels => Plane::CEILING.to_bits(),
+            };
+        }
+    }
 }
 
 impl Default for Ground {
@@ -69,15 +106,24 @@ impl Default for Ground {
             bottom: [f32::INFINITY; COLUMNS],
             shoulder: [0.0; COLUMNS],
             next_bottom: [f32::INFINITY; COLUMNS],
-            lowest: [0; COLUMNS],
-            uppermost: [0; COLUMNS],
-            plane: [Plane::CEILING; COLUMNS],
-            id: [NOTHING; COLUMNS],
+            solids: Lowest::NONE,
         }
     }
 }
 
 impl Ground {
+    /// The columns of a brick, from a place on.
+    #[inline(always)]
+    fn put(&mut self, solids: &Lowest<16>, at: usize) {
+        for x in 0..RIM {
+            let at = at + x * STRIDE;
+            put_row(&mut self.solids.lowest, at, &solids.lowest, x);
+            put_row(&mut self.solids.uppermost, at, &solids.uppermost, x);
+            put_row(&mut self.solids.plane, at, &solids.plane, x);
+            put_row(&mut self.solids.id, at, &solids.id, x);
+        }
+    }
+
     /// The numbers from the voxels and planes.
     #[inline(always)]
     fn level(&mut self, level: u32, surface: Surface) {
@@ -85,22 +131,31 @@ impl Ground {
             Surface::Planes => (Solid::SKIRT as f32, f32::INFINITY),
             Surface::Voxels => (0.0, f32::NEG_INFINITY),
         };
-        for at in (RIM - 1) * STRIDE..(RIM + SIDE + 1) * STRIDE {
-            let plane = self.plane[at];
-            let (lowest, uppermost) = (above(self.lowest[at], level), above(self.uppermost[at], level));
-            let (height, [slope_x, slope_y]) = plane.single();
+        let Lowest { lowest, uppermost, plane, id } = &self.solids;
+        let [rises_x, rises_y] = &mut self.rise;
+        // Without branches, so that it becomes vectors.
+        for at in 0..COLUMNS {
+            let (lowest, uppermost) = (above(lowest[at], level), above(uppermost[at], level));
+            let (height, [slope_x, slope_y]) = Plane::single(plane[at]);
             let (rise_x, rise_y) = (0.5 * slope_x, 0.5 * slope_y);
             let corner = height - rise_x.abs() - rise_y.abs();
             let (floor, least) = (lowest - skirt, uppermost + corner);
-            let bottom = if least < floor && least < sink { least } else { floor };
+            let bottom = if (least < floor) & (least < sink) { least } else { floor };
             let shoulder = uppermost + if corner < 0.0 { corner } else { 0.0 };
             self.top[at] = uppermost + height;
-            self.rise[0][at] = rise_x;
-            self.rise[1][at] = rise_y;
-            self.bottom[at] = if self.id[at] == NOTHING { f32::INFINITY } else { bottom };
+            rises_x[at] = rise_x;
+            rises_y[at] = rise_y;
+            self.bottom[at] = if id[at] == NOTHING { f32::INFINITY } else { bottom };
             self.shoulder[at] = if lowest == uppermost { bottom } else { shoulder };
         }
     }
+}
+
+/// Row x of the columns x + 4 y of a brick.
+#[inline(always)]
+fn put_row<T: Copy>(to: &mut [T; COLUMNS], at: usize, from: &[T; 16], x: usize) {
+    let row: &mut [T; RIM] = (&mut to[at..at + RIM]).try_into().expect("as long");
+    *row = [from[x], from[x + 4], from[x + 8], from[x + 12]];
 }
 
 #[inline(always)]
@@ -174,7 +229,7 @@ impl Tile {
     }
 
     fn clear(&mut self) {
-        self.ground.id = [NOTHING; COLUMNS];
+        self.ground.solids.id = [NOTHING; COLUMNS];
         self.bricks.iter_mut().for_each(Vec::clear);
         if !self.upper.is_empty() || self.upper_of.is_empty() {
             self.ground.next_bottom = [f32::INFINITY; COLUMNS];
@@ -191,7 +246,7 @@ impl Tile {
     fn take(&mut self, at: [i32; 2], planes: &[Plane]) {
         let bricks = std::mem::take(&mut self.bricks[brick_index(at)]);
         let wanted = wanted(at);
-        let first = index(at);
+        let mut solids = Lowest::<16>::NONE;
         // Columns of which the lowest solid has begun, and has ended; those with another above it; and the level below.
         let (mut begun, mut ended, mut stacked, mut below) = (0, 0, 0, 0);
         for (number, brick) in bricks.iter().enumerate() {
@@ -205,14 +260,15 @@ impl Tile {
                 let next = if z + 1 < Brick::SIDE { brick.level(z + 1) } else { above };
                 let begins = level & !below;
                 stacked |= begins & begun;
-                self.begin(first, begins & !begun, brick.low + z);
+                solids.begin(begins & !begun, brick.low + z);
                 begun |= level;
                 let ends = level & !next & !ended;
-                self.end(first, ends, brick, z, planes);
+                solids.end(ends, brick, z, planes, self.surface);
                 ended |= ends;
                 below = level;
             }
         }
+        self.ground.put(&solids, index(at));
         if (0..SIDE as i32).contains(&at[0]) && (0..SIDE as i32).contains(&at[1]) {
             for x in 0..Brick::SIDE {
                 // Every fourth bit, side by side.
@@ -232,32 +288,6 @@ impl Tile {
             self.take_upper(place_of(at, number), &bricks, number, planes);
         }
         self.bricks[brick_index(at)] = bricks;
-    }
-
-    /// The lowest solids of some columns of a brick begin at a height.
-    #[inline(always)]
-    fn begin(&mut self, first: usize, mut columns: u16, z: u32) {
-        while columns != 0 {
-            let at = first + offset(columns.trailing_zeros());
-            columns &= columns - 1;
-            self.ground.lowest[at] = z;
-        }
-    }
-
-    /// They end at a height above the brick's lowest.
-    #[inline(always)]
-    fn end(&mut self, first: usize, mut columns: u16, brick: &Brick, z: u32, planes: &[Plane]) {
-        while columns != 0 {
-            let number = columns.trailing_zeros();
-            columns &= columns - 1;
-            let (at, id) = (first + offset(number), brick.voxel_id(number, z));
-            self.ground.uppermost[at] = brick.low + z;
-            self.ground.id[at] = id;
-            self.ground.plane[at] = match self.surface {
-                Surface::Planes => planes[id as usize],
-                Surface::Voxels => Plane::CEILING,
-            };
-        }
     }
 
     /// The solids of a column above its lowest.
@@ -280,12 +310,13 @@ impl Tile {
         }
         self.push_upper(run, at, planes);
         self.upper_of[at] = (begin, self.upper.len() as u32);
-        self.ground.next_bottom[at] = (self.upper[begin as usize].solid.bottom - f64::from(self.level)) as f32;
+        self.ground.next_bottom[at] =
+            (self.upper[begin as usize].solid.bottom - f64::from(self.level)) as f32;
     }
 
     /// A run of voxels, lowest, uppermost and id of that, unless it is the lowest of its column.
     fn push_upper(&mut self, run: Option<(u32, u32, u32)>, at: usize, planes: &[Plane]) {
-        if let Some((lowest, uppermost, id)) = run.filter(|run| run.0 != self.ground.lowest[at]) {
+        if let Some((lowest, uppermost, id)) = run.filter(|run| run.0 != self.ground.solids.lowest[at]) {
             let plane = planes.get(id as usize).copied().unwrap_or(Plane::CEILING);
             self.upper.push(Piece::new(self.solid(lowest, uppermost, plane, false), id, false));
         }
@@ -302,12 +333,19 @@ impl Tile {
     /// The lowest solid of a column.
     #[inline(always)]
     pub fn lowest(&self, at: [i32; 2]) -> Option<Piece> {
-        let (at, ground) = (index(at), &self.ground);
-        if ground.id[at] == NOTHING {
+        let (at, solids) = (index(at), &self.ground.solids);
+        if solids.id[at] == NOTHING {
             return None;
         }
-        let solid = self.solid(ground.lowest[at], ground.uppermost[at], ground.plane[at], true);
-        Some(Piece::new(solid, ground.id[at], true))
+        let plane = Plane::from_bits(solids.plane[at]);
+        let solid = self.solid(solids.lowest[at], solids.uppermost[at], plane, true);
+        Some(Piece::new(solid, solids.id[at], true))
+    }
+
+    /// Id of its uppermost voxel.
+    #[inline(always)]
+    pub fn lowest_id(&self, at: [i32; 2]) -> u32 {
+        self.ground.solids.id[index(at)]
     }
 
     /// The others, from below.
@@ -337,7 +375,8 @@ impl Tile {
 
     /// Id of the voxel of a solid at a height.
     pub fn id(&self, at: [i32; 2], z: u32) -> u32 {
-        let brick = self.bricks[brick_index(at)].iter().find(|brick| brick.contains(z)).expect("a voxel of the tile");
+        let brick =
+            self.bricks[brick_index(at)].iter().find(|brick| brick.contains(z)).expect("a voxel of the tile");
         let [x, y] = at.map(|place| place.rem_euclid(Brick::SIDE as i32) as u32);
         brick.voxel_id(x + y * Brick::SIDE, z)
     }
@@ -364,12 +403,6 @@ fn wanted(at: [i32; 2]) -> u16 {
 #[inline(always)]
 fn place_of(at: [i32; 2], number: u32) -> [i32; 2] {
     [at[0] + (number % Brick::SIDE) as i32, at[1] + (number / Brick::SIDE) as i32]
-}
-
-/// From the first column of a brick to column x + 4 y.
-#[inline(always)]
-fn offset(number: u32) -> usize {
-    (number % Brick::SIDE) as usize * STRIDE + (number / Brick::SIDE) as usize
 }
 
 #[inline(always)]
