@@ -12,6 +12,7 @@
 
 mod canvas;
 mod faces;
+mod frame;
 mod ground;
 mod optics;
 mod prism;
@@ -25,7 +26,7 @@ use crate::camera::IdealPixels;
 use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
 use canvas::{Canvas, NOBODY, Painted};
-use ground::Frame;
+use frame::Frame;
 use optics::Optics;
 use tile::{Piece, Tile};
 

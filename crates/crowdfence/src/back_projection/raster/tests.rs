@@ -135,6 +135,33 @@ fn a_pixel_belongs_to_what_its_ray_meets() {
     assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
 }
 
+/// Open hills without walls, where columns are painted a row at once; from low and high, along the ground and straight
+/// down, with the camera over and beside the map and the range ending on it.
+#[test]
+fn a_pixel_of_smooth_ground_belongs_to_what_its_ray_meets() {
+    let height = |x: f64, y: f64| 9.0 * (0.05 * x).sin() * (0.06 * y).cos() + 0.7 * (0.4 * x + 0.3 * y).sin();
+    let heights: Vec<f32> =
+        (0..128 * 128).map(|cell| height((cell / 128) as f64, (cell % 128) as f64) as f32).collect();
+    let map = HeightMap::new(&heights, [128, 128], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    let (mut pixels, mut one_sided, mut elsewhere) = (0, 0, 0);
+    for number in 0..40 {
+        let turn = f64::from(number);
+        let (x, y) = (6.1 + (37.7 * turn) % 116.0, 3.3 + (53.9 * turn) % 120.0);
+        let above = [1.7, 4.0, 12.0, 40.0, 90.0][number as usize % 5];
+        let tilt = [0.02, 0.2, 0.6, 1.1, 1.5708][number as usize / 5 % 5];
+        let rotation = looking(0.7 * turn, tilt, 0.1 * (turn % 5.0 - 2.0));
+        let at = DVec3::new(x, y, height(x, y) + above);
+        let focal = [30.0, 60.0, 200.0][number as usize % 3];
+        let counts = disagreements(&terrain, Surface::Planes, &view(at, rotation, focal), 70.0);
+        pixels += (WIDTH * HEIGHT) as usize;
+        one_sided += counts[0];
+        elsewhere += counts[1];
+    }
+    assert_eq!(one_sided, 0, "of {pixels} pixels");
+    assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
+}
+
 /// Tops between the pixels: seen by the raster and by their own ray, by one of the two alone, by neither.
 fn between_pixels(terrain: &Terrain, view: &View, max_range_m: f64) -> [usize; 4] {
     let projection = Projection::new(max_range_m, 0.0, Coverage::Full).unwrap();
