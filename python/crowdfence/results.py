@@ -13,6 +13,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMass
 from crowdfence.atomic_file import write_bytes
+from crowdfence.atomic_folder import whole_folder
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
@@ -37,13 +38,17 @@ FILES = {
 }
 
 
-def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
-    """Write the files of `FILES` into `folder` (made when missing) and return the summary.
+def write_results(run: Run, folder: str | PathLike[str], *, force: bool = False) -> dict[str, Any]:
+    """Write the files of `FILES` as the folder `folder` and return the summary.
 
-    OSError when a file cannot be written.
+    The folder is whole or absent: what fails, or is killed, leaves what was there. `force` replaces a folder
+    that a run wrote. FileExistsError without it, OSError when a file cannot be written.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    with whole_folder(folder, contents=FILES, force=force) as beside:
+        return _write_files(run, beside)
+
+
+def _write_files(run: Run, folder: Path) -> dict[str, Any]:
     config, crowd_map = run.config, run.crowd_map
     grid = SurfaceGrid.from_crowd_map(
         crowd_map,

@@ -67,6 +67,18 @@ def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path
     assert rows[0] == rows[1]
 
 
+def test_convert_replaces_a_file_only_by_force(airsim: Path, mission: Path, tmp_path: Path) -> None:
+    output = tmp_path / "old.mcap"
+    output.write_text("mine")
+    assert "old.mcap exists; --force replaces it" in error_line(crowdfence("convert", airsim, "-o", output))
+    assert output.read_text() == "mine"
+    assert crowdfence("convert", airsim, "-o", output, "--force").returncode == 0
+    assert output.read_bytes() == mission.read_bytes()
+    before = output.read_bytes()
+    line = error_line(crowdfence("convert", output, "-o", output, "--force"))
+    assert "is the recording itself" in line and output.read_bytes() == before
+
+
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "folder"
     done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")

@@ -124,6 +124,7 @@ ContractPath = Annotated[
     Path | None,
     typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_folder
+from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
@@ -53,6 +54,7 @@ def run(
     threshold: options.Threshold = None,
     min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
@@ -69,11 +71,18 @@ def run(
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.sources import open_recording
 
-    with writable_folder(output, parents=True):
+    with result_folder(output, force=force):
         source = open_recording(recording)
         chosen = choose_detector(source, detector, contract=contract)
         ground = read_map(source, terrain, **map_options)
-        fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
+        fuse_and_report(source, ground, config, output, detector=chosen, force=force, as_json=as_json)
+
+
+def result_folder(output: Path, *, force: bool) -> AbstractContextManager[None]:
+    """Checked before the first frame: that a result folder can be written, and replaces nothing unasked."""
+    from crowdfence.results import FILES
+
+    return replaceable_folder(output, contents=FILES, force=force)
 
 
 def fuse_and_report(
@@ -83,6 +92,7 @@ def fuse_and_report(
     output: Path,
     *,
     detector: Detector | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """The whole job with progress, then the summary."""
@@ -100,7 +110,7 @@ def fuse_and_report(
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
-    summary = write_results(finished, output)
+    summary = write_results(finished, output, force=force)
     if as_json:
         console.print_json(summary)
     else:
