@@ -15,6 +15,11 @@ from crowdfence.zones.simplify import simplified, vertex_count
 CELLS = hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12))).filter(np.any)
 
 
+def same(outline: shapely.Geometry, expected: shapely.Geometry) -> bool:
+    """Up to the micrometre by which changed outlines are larger."""
+    return bool(outline.covers(expected) and shapely.symmetric_difference(outline, expected).area < 1e-4)
+
+
 def outline(cells: NDArray[np.bool_]) -> shapely.Polygon | shapely.MultiPolygon:
     """Of cells that may touch at corners only."""
     return shapely.union_all([shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(cells)])
@@ -24,8 +29,8 @@ def test_a_staircase_becomes_the_line_over_its_steps() -> None:
     steps = outline(np.tri(5, dtype=bool))
     result = simplified(steps, tolerance_m=0.8)
     # Five steps of 1 m: their inner corners lie 1 / sqrt(2) below the line.
-    assert result.equals(shapely.Polygon([(0, 0), (5, 0), (5, 5), (4, 5), (0, 1)]))
-    assert simplified(steps, tolerance_m=0.7).equals(steps)
+    assert same(result, shapely.Polygon([(0, 0), (5, 0), (5, 5), (4, 5), (0, 1)]))
+    assert same(simplified(steps, tolerance_m=0.7), steps)
 
 
 def test_a_notch_deeper_than_the_tolerance_stays() -> None:
@@ -38,7 +43,7 @@ def test_a_notch_deeper_than_the_tolerance_stays() -> None:
 def test_a_budget_takes_the_cheapest_ground_first() -> None:
     house = shapely.Polygon([(0, 0), (10, 0), (10, 9), (9, 10), (0, 10)])
     assert simplified(house, max_vertices=5).equals(house)
-    assert simplified(house, max_vertices=4).equals(shapely.box(0, 0, 10, 10))  # half a square metre
+    assert same(simplified(house, max_vertices=4), shapely.box(0, 0, 10, 10))  # half a square metre
     triangle = simplified(house, max_vertices=3)
     assert vertex_count(triangle) == 3 and triangle.covers(house)
     assert triangle.area == pytest.approx(200.0, rel=1e-6)  # twice the square
@@ -47,10 +52,10 @@ def test_a_budget_takes_the_cheapest_ground_first() -> None:
 def test_parts_and_holes_go_only_when_the_budget_asks() -> None:
     ring = shapely.box(0, 0, 9, 9) - shapely.box(3, 3, 6, 6)
     assert len(simplified(ring, max_vertices=7).interiors) == 1
-    assert simplified(ring, max_vertices=4).equals(shapely.box(0, 0, 9, 9))
+    assert same(simplified(ring, max_vertices=4), shapely.box(0, 0, 9, 9))
     two = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(5, 0, 6, 1)])
     assert simplified(two, max_vertices=8).equals(two)
-    assert simplified(two, max_vertices=4).equals(shapely.box(0, 0, 6, 1))
+    assert same(simplified(two, max_vertices=4), shapely.box(0, 0, 6, 1))
 
 
 @settings(max_examples=300, deadline=None)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 MARGIN_M = 1e-6
-"""Outweighs the rounding of corners that are computed."""
+"""Added all around an outline that was changed: outweighs the rounding of corners that are computed, and of
+those who ask whether an edge runs past a corner."""
 LEAST_VERTICES = 3
 _MITRE_LIMIT = 1e3  # every corner stays one corner
 _STRAIGHT = 1e-9
@@ -77,13 +78,14 @@ def _within_budget(outline: Polygon | MultiPolygon, budget: int) -> Polygon | Mu
 
 
 def _covering(outline: Polygon | MultiPolygon, shape: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
-    """`shape`, or a little more of it, as long as it covers the outline; the outline where nothing helps."""
+    """A little more than `shape`, which covers the outline; the outline where it does not, or has no fewer
+    corners."""
     import shapely
 
-    for margin_m in (0.0, MARGIN_M, 1e3 * MARGIN_M):
-        result = shape
-        if margin_m:
-            result = shapely.buffer(shape, margin_m, join_style="mitre", mitre_limit=_MITRE_LIMIT)
+    if vertex_count(shape) >= vertex_count(outline):
+        return outline
+    for margin_m in (MARGIN_M, 1e3 * MARGIN_M):
+        result = shapely.buffer(shape, margin_m, join_style="mitre", mitre_limit=_MITRE_LIMIT)
         if result.is_valid and result.covers(outline):
             return result
     return outline
