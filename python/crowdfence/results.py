@@ -28,6 +28,7 @@ PICTURE_MARGIN_M = 60.0
 
 FILES = {
     "zones.geojson": "no-fly polygons",
+    "zone_history.jsonl": "zones, their evidence and what became of them, at every instant",
     "crowd_map.tif": "probability and state per ground cell",
     "crowd_map.png": "the map as a picture",
     "terrain.bt": "OctoMap: the terrain, occupied",
@@ -60,6 +61,7 @@ def _write_files(run: Run, folder: Path) -> dict[str, Any]:
     description, georeference = run.description, run.georeference
 
     write_geojson(folder / "zones.geojson", run.zones, description, georeference)
+    run.history.write(folder / "zone_history.jsonl")
     write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
     write_picture(
         folder / "crowd_map.png", grid, run.zones, description, tracks=_tracks(run), georeference=georeference
@@ -107,12 +109,29 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         },
         "crowd_mass": _crowd_mass(run),
         "zones": [
-            {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
+            {
+                "id": zone.id,
+                "area_m2": zone.area_m2,
+                "closed_m2": zone.polygon.area,
+                "probability_max": zone.probability_max,
+                "valid_until": None if zone.valid_until_ns is None else iso_utc(zone.valid_until_ns),
+                "reason": zone.reason,
+            }
             for zone in run.zones
         ],
+        "zones_of_the_mission": _zone_counts(run),
+        "unseen_closed_m2": sum(zone.polygon.area for zone in run.zones.unseen),
+        "static_zones": len(run.zones.static),
         "dropped_regions": run.zones.dropped_count,
+        "min_area_m2": run.zones.min_area_m2,
         "dropped_area_m2": run.zones.dropped_area_m2,
     }
+
+
+def _zone_counts(run: Run) -> dict[str, int]:
+    """How often what became of a zone, over all instants."""
+    kinds = Counter(event.kind for event in run.history.events)
+    return {kind: kinds[kind] for kind in ("created", "split", "merged", "expired")}
 
 
 def _crowd_mass(run: Run) -> dict[str, Any]:

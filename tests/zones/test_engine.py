@@ -273,12 +273,12 @@ def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
     step = zones.step(probability)
     (crowd,), (unseen,) = step.zones, step.unseen
     assert crowd.polygon.equals(shapely.box(1, 1, 2, 2))
-    assert unseen.polygon.area == 30 - 12 and unseen.kind == "unseen" and unseen.id == "U1"
+    assert unseen.polygon.area == 30 - 12 and unseen.kind == "unseen" and unseen.id == "UNSEEN"
     assert unseen.reason == "never_cleared" and step.area_m2 == 1.0
     # 11 s later everything but the crowd is stale.
     later = zones.engine.step(zones.stamp_ns + 11 * SECOND_NS)
     assert sum(zone.polygon.area for zone in later.unseen) == 29.0
-    assert ids(later) == ["Z1"] and ids(later.unseen) == ["U1"]
+    assert ids(later) == ["Z1"] and ids(later.unseen) == ["UNSEEN"]
 
 
 def test_the_same_instants_give_the_same_zones_to_the_bit() -> None:

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 MOST_ZONES_SHOWN = 12
+WHY = {
+    "seen": "crowd seen just now",
+    "not_cleared": "looked at, not cleared",
+    "not_looked_at": "nobody has looked since",
+    "held": "below the threshold, held",
+}
 
 
 def run(
@@ -52,7 +58,16 @@ def run(
     surface: options.SurfaceOption = options.Surface.planes,
     tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
+    off_threshold: options.OffThreshold = None,
     min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
+    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
+    buffer: options.Buffer = None,
+    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
+    max_vertices: options.MaxVertices = None,
+    lower_m: options.LowerM = DEFAULT.zones.lower_m,
+    upper_m: options.UpperM = DEFAULT.zones.upper_m,
+    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
+    close_unseen: options.CloseUnseen = False,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -64,7 +79,7 @@ def run(
         if method is options.MethodName.or_
         else options.part(PaperConfig, context.params)
     )
-    config = options.run_config(context.params, chosen_method)
+    config = options.run_config(options.zone_parameters(context.params), chosen_method)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
@@ -133,7 +148,8 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
-                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
+                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}{_left_out(summary)}",
+                **_also_closed(summary),
                 "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago",
             },
         )
@@ -142,6 +158,28 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
     for reason in [*summary["warnings"], *summary["refused"]]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+
+
+def _left_out(summary: dict[str, Any]) -> str:
+    """Crowd that no zone covers is never left out in silence."""
+    regions = summary["dropped_regions"]
+    if not regions:
+        return ""
+    return (
+        f", of it {summary['dropped_area_m2']:.0f} m2 in {regions} regions below "
+        f"{summary['min_area_m2']:g} m2 that no zone covers"
+    )
+
+
+def _also_closed(summary: dict[str, Any]) -> dict[str, str]:
+    closed = {}
+    if summary["unseen_closed_m2"]:
+        closed["unseen"] = (
+            f"{summary['unseen_closed_m2']:.0f} m2 closed because they are not known to be empty"
+        )
+    if summary["static_zones"]:
+        closed["zones of others"] = str(summary["static_zones"])
+    return closed
 
 
 def _heatmaps(detector: dict[str, Any]) -> str:
@@ -166,14 +204,27 @@ def _method(summary: dict[str, Any]) -> str:
 def _zone_table(summary: dict[str, Any]) -> Any:
     from rich.table import Table
 
-    zones = summary["zones"]
+    zones, counts = summary["zones"], summary["zones_of_the_mission"]
     more = f", the largest {MOST_ZONES_SHOWN}" if len(zones) > MOST_ZONES_SHOWN else ""
+    ever = counts["created"] + counts["split"]
+    if ever > len(zones):
+        more += f"; {ever} during the mission"
     table = Table(title=f"{len(zones)} zones{more}", title_justify="left", title_style="bold", box=None)
     table.add_column("zone")
-    table.add_column("area m2", justify="right")
+    table.add_column("crowd m2", justify="right")
+    table.add_column("closed m2", justify="right")
     table.add_column("largest P", justify="right")
+    table.add_column("until")
+    table.add_column("why")
     for zone in zones[:MOST_ZONES_SHOWN]:
-        table.add_row(zone["id"], f"{zone['area_m2']:.0f}", f"{zone['probability_max']:.2f}")
+        table.add_row(
+            zone["id"],
+            f"{zone['area_m2']:.0f}",
+            f"{zone['closed_m2']:.0f}",
+            f"{zone['probability_max']:.2f}",
+            "no end" if zone["valid_until"] is None else f"{zone['valid_until'][:19]}Z",
+            WHY[zone["reason"]],
+        )
     return table
 
 

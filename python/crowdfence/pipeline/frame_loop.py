@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
-from crowdfence.zones import ZoneEngine, ZoneSet
+from crowdfence.zones import Zone, ZoneEngine, ZoneSet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,12 +46,13 @@ class FrameLoop:
     A step costs what was seen so far, never the map.
     """
 
-    def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig) -> None:
+    def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig, static_zones: Sequence[Zone] = ()) -> None:
+        """`static_zones` are zones that somebody else drew: they are part of every step's zones."""
         self.crowd_map = crowd_map
         rules = zones.rules(crowd_map.default_threshold())
         self.threshold = rules.threshold
         """Probability from which ground is crowd."""
-        self._engine = ZoneEngine(crowd_map, rules)
+        self._engine = ZoneEngine(crowd_map, rules, static_zones)
         self.crowd_mass: dict[str, CrowdMass] = {}
         """Where the crowd in the pictures of each drone went, over all steps."""
 

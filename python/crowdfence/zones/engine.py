@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 NEVER_NS = -1
+UNSEEN_ID = "UNSEEN"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +54,6 @@ class ZoneEngine:
         self._static = tuple(static)
         nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
-        self._unseen = _Followed(ZoneTracker("U"), crowd_map.terrain, rules)
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
         self._closed = np.empty(0, dtype=np.int64)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
@@ -173,36 +173,34 @@ class ZoneEngine:
         return "not_cleared" if looks_now else "not_looked_at"
 
     def _unknown_ground(self, stamp_ns: int) -> tuple[Zone, ...]:
+        """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing."""
         if self._standing is None:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
         keys = self._standing.unknown(self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s)
+        if not len(keys):
+            return ()
         runs = Runs.of(column_places(keys))
-        region = np.repeat(largest_first(runs), runs.length)
-        tracks, shapes, _ = self._unseen.step(region, keys, stamp_ns)
+        (outline,) = outlines(runs, np.zeros(len(runs), dtype=np.int64), terrain)
         lowest_m, highest_m = (float(height) for height in terrain.bounds[:, 2])
-        return tuple(
-            Zone(
-                id=track.id,
-                polygon=shape.closed,
-                cell_count=len(track.columns),
-                area_m2=len(track.columns) * terrain.voxel_size_m**2,
-                probability_max=float("nan"),
-                probability_mean=float("nan"),
-                lower_m=lowest_m,
-                upper_m=highest_m,
-                last_seen_ns=NEVER_NS,
-                oldest_look_ns=NEVER_NS,
-                seen_by=(),
-                kind="unseen",
-                restriction=rules.restriction,
-                band=rules.band,
-                crowd_outline=None if shape.closed is shape.crowd else shape.crowd,
-                created_ns=track.created_ns,
-                reason="never_cleared",
-            )
-            for track, shape in zip(tracks, shapes, strict=True)
+        zone = Zone(
+            id=UNSEEN_ID,
+            polygon=outline,
+            cell_count=len(keys),
+            area_m2=len(keys) * terrain.voxel_size_m**2,
+            probability_max=float("nan"),
+            probability_mean=float("nan"),
+            lower_m=lowest_m,
+            upper_m=highest_m,
+            last_seen_ns=NEVER_NS,
+            oldest_look_ns=NEVER_NS,
+            seen_by=(),
+            kind="unseen",
+            restriction=rules.restriction,
+            band=rules.band,
+            reason="never_cleared",
         )
+        return (zone,)
 
 
 class _Followed:
