@@ -16,6 +16,7 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
+from crowdfence.cli.export import export
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.model import app as model
 from crowdfence.cli.run import run
@@ -35,6 +36,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data on stdout, progress on stderr.",
 )
 app.command("run")(run)
+app.command("export")(export)
 app.command("inspect")(inspect)
 app.command("convert")(convert)
 app.command("detect")(detect)

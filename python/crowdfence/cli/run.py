@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -68,6 +69,7 @@ def run(
     upper_m: options.UpperM = DEFAULT.zones.upper_m,
     restriction: options.RestrictionOption = options.RestrictionName.prohibited,
     close_unseen: options.CloseUnseen = False,
+    static_zones: options.StaticZones = None,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -90,7 +92,16 @@ def run(
         source = open_recording(recording)
         chosen = choose_detector(source, detector, contract=contract)
         ground = read_map(source, terrain, **map_options)
-        fuse_and_report(source, ground, config, output, detector=chosen, force=force, as_json=as_json)
+        fuse_and_report(
+            source,
+            ground,
+            config,
+            output,
+            detector=chosen,
+            static_zones=static_zones or (),
+            force=force,
+            as_json=as_json,
+        )
 
 
 def result_folder(output: Path, *, force: bool) -> AbstractContextManager[None]:
@@ -109,11 +120,17 @@ def fuse_and_report(
     detector: Detector | None,
     force: bool,
     as_json: bool,
+    static_zones: Sequence[Path] = (),
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
     from crowdfence.results import write_results
+    from crowdfence.static_zones import read_static_zones
 
+    georeference = recording.georeference or ground.terrain.georeference
+    others, left_out = read_static_zones(list(static_zones), georeference)
+    for reason in left_out:
+        console.warn(reason)
     started = time.perf_counter()
     with console.progress("fusing", len(recording.frames), "frames") as advance:
         finished = pipeline.run(
@@ -122,6 +139,7 @@ def fuse_and_report(
             config,
             detector=detector,
             holes=ground.holes,
+            static_zones=others,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started

@@ -19,6 +19,7 @@ from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
 from crowdfence.zones.belief import ColumnBelief, column_belief
 from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
 from crowdfence.zones.find import zones_of_regions
+from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.grow import grown, without_small_holes
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
@@ -55,6 +56,7 @@ class ZoneEngine:
         nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
+        self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
         self._closed = np.empty(0, dtype=np.int64)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
@@ -151,11 +153,14 @@ class ZoneEngine:
         """The zone with its name, what it closes and what it rests on."""
         evidence = self._evidence[track.id]
         until_ns, interval = belief.valid_until_ns, belief.interval
+        lower_m, upper_m = self._ground(zone, shape)
         return replace(
             zone,
             id=track.id,
             polygon=shape.closed,
             crowd_outline=None if shape.closed is shape.crowd else shape.crowd,
+            lower_m=lower_m,
+            upper_m=upper_m,
             restriction=self.rules.restriction,
             band=self.rules.band,
             created_ns=track.created_ns,
@@ -164,6 +169,15 @@ class ZoneEngine:
             evidence=tuple(evidence[drone] for drone in sorted(evidence)),
             reason=self._reason(zone, self._looks_now[track.id]),
         )
+
+    def _ground(self, zone: Zone, shape: _Shape) -> tuple[float, float]:
+        """Lowest and highest ground of all that is closed."""
+        if self._heights is None or shape.closed is shape.crowd:
+            return zone.lower_m, zone.upper_m
+        around = self._heights.within(shape.closed)
+        if around is None:
+            return zone.lower_m, zone.upper_m
+        return min(zone.lower_m, around[0]), max(zone.upper_m, around[1])
 
     def _reason(self, zone: Zone, looks_now: Sequence[DroneEvidence]) -> Reason:
         if any(look.value > self._crowd_map.method.b_threshold for look in looks_now):

@@ -42,6 +42,12 @@ class ZoneRules:
     """From which height to which; above ground."""
     restriction: Restriction = "prohibited"
 
+    @property
+    def closes_more_than_crowd(self) -> bool:
+        """Whether a zone may hold ground beside its columns of crowd."""
+        grows = self.buffer_m > 0.0 or self.simplify_m > 0.0 or self.max_hole_m2 > 0.0
+        return grows or self.max_vertices is not None
+
     def __post_init__(self) -> None:
         if not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")

@@ -44,9 +44,10 @@ class Zone:
     probability_max: float
     probability_mean: float
     lower_m: float
-    """Local height of the underside of the lowest terrain voxel in the zone's columns."""
+    """Local height of the underside of the lowest terrain voxel in the zone's columns (where more than these
+    is closed: in the bounds of all that is)."""
     upper_m: float
-    """Local height of the top of the highest terrain voxel in the zone's columns."""
+    """Local height of the top of the highest terrain voxel, likewise."""
     last_seen_ns: int
     """Newest look at any of its cells."""
     oldest_look_ns: int
