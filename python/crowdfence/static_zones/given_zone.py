@@ -23,6 +23,9 @@ NO_CEILING_M = 99_999.0
 _MAX_EDGE_DEG = 1e-3
 """Longer edges are straight in longitude and latitude only: between such corners they bow by 0.3 mm."""
 _CIRCLE_CORNERS = 64
+_HIGHER_GROUND = 1.001
+"""A circle on the ellipsoid is so much wider 6 km above it."""
+_MAX_LATITUDE_DEG = 89.0
 _NEVER_NS = -1
 
 
@@ -96,6 +99,8 @@ def _polygon(given: GivenZone, georeference: Georeference) -> Polygon:
 
     if not given.rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in given.rings):
         raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
+    if abs(given.rings[0][:, 1]).max() > _MAX_LATITUDE_DEG:
+        raise ValueError(f"zone {given.name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
     unwrapped = [_beside(ring, georeference) for ring in given.rings]
     shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
     if not shape.is_valid or shape.is_empty:
@@ -113,7 +118,7 @@ def _circle(given: GivenZone, georeference: Georeference) -> Polygon:
         raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
     middle = _local(np.array([given.centre]), georeference)[0]
     angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
-    reach_m = given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
+    reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
     return shapely.Polygon(middle + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 

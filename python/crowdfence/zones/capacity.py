@@ -128,6 +128,10 @@ class _Shape:
         self.shape, self._next = self.next[0], False
 
 
+_Joins = dict[tuple[_Shape, _Shape], _Shape]
+"""Shapes around two others, by these."""
+
+
 def circle_around(outline: Polygon | MultiPolygon) -> Circle:
     """The smallest circle that covers an outline, a little larger."""
     import shapely
@@ -140,40 +144,48 @@ def circle_around(outline: Polygon | MultiPolygon) -> Circle:
 
 def _reduce(shapes: list[_Shape], max_items: int, circles: bool) -> None:
     """Make the cheapest moves, in place, until the shapes fit."""
+    known: _Joins = {}
     while sum(shape.items for shape in shapes) > max_items:
         moves = [(shape.next[1], 0, number, number) for number, shape in enumerate(shapes) if shape.next]
-        moves += [(cost, 1, first, second) for cost, first, second in _joins(shapes, circles)]
-        _, kind, first, second = min(moves)
-        if kind == 0:
-            shapes[first].take()
-        else:
-            joined = _around([shapes[first], shapes[second]], circles)
-            if circles and shapes[first].items + shapes[second].items <= joined.items:
-                joined.shape = circle_around(joined.covered)
+        for first, second in _neighbours(shapes):
+            joined = _joined(shapes[first], shapes[second], circles, known)
+            items, area_m2 = shapes[first].items + shapes[second].items, _area_m2(shapes, first, second)
+            if joined.items < items:
+                moves.append(((joined.area_m2 - area_m2) / (items - joined.items), 1, first, second))
+        _, is_join, first, second = min(moves)
+        if is_join:
+            shapes[first] = _joined(shapes[first], shapes[second], circles, known)
             del shapes[second]
-            shapes[first] = joined
+        else:
+            shapes[first].take()
 
 
-def _joins(shapes: Sequence[_Shape], circles: bool) -> list[tuple[float, int, int]]:
-    """(ground added per item saved, positions of two neighbours)."""
+def _neighbours(shapes: Sequence[_Shape]) -> list[tuple[int, int]]:
+    """Positions of shapes that lie next to each other."""
     from scipy.spatial import cKDTree
 
     if len(shapes) < 2:
         return []
     places = _places(shapes)
     _, near = cKDTree(places).query(places, k=min(len(shapes), _NEIGHBOURS + 1))
-    pairs = {(min(a, b), max(a, b)) for a, row in enumerate(near.tolist()) for b in row if a != b}
-    found = []
-    for first, second in sorted(pairs):
-        joined = _around([shapes[first], shapes[second]], circles)
-        items, area_m2 = joined.items, joined.area_m2
-        before = shapes[first].items + shapes[second].items
-        if items >= before and circles:
-            items, area_m2 = 1, circle_around(joined.covered).area_m2
-        if items < before:
-            added_m2 = area_m2 - shapes[first].area_m2 - shapes[second].area_m2
-            found.append((added_m2 / (before - items), first, second))
-    return found
+    return sorted({(min(a, b), max(a, b)) for a, row in enumerate(near.tolist()) for b in row if a != b})
+
+
+def _joined(first: _Shape, second: _Shape, circles: bool, known: _Joins) -> _Shape:
+    """One shape around two; a circle where the convex one would save nothing."""
+    if (first, second) not in known:
+        joined = _around([first, second], circles)
+        if circles and joined.items >= first.items + second.items:
+            joined.shape = circle_around(joined.covered)
+        known[first, second] = joined
+    joined = known[first, second]
+    if circles and joined.items >= first.items + second.items:  # they became smaller since
+        joined.shape = circle_around(joined.covered)
+    return joined
+
+
+def _area_m2(shapes: Sequence[_Shape], first: int, second: int) -> float:
+    return shapes[first].area_m2 + shapes[second].area_m2
 
 
 def _around(group: Sequence[_Shape], circles: bool) -> _Shape:
