@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence import CrowdMap, Terrain
+from crowdfence import CrowdMap, Observation, Terrain
 from crowdfence.config import ZoneConfig
 from crowdfence.zones import ZoneEngine, ZoneSet
 from support.small_crowd_maps import SURE, look
@@ -26,13 +26,29 @@ class DrawnZones:
         self.engine = ZoneEngine(self.crowd_map, config.rules(0.5))
         self.stamp_ns = -SECOND_NS
 
-    def step(self, probability: NDArray[np.float64]) -> ZoneSet:
-        """A second later one drone sees everything anew: P [X, Y], NaN = not looked at."""
+    def step(self, probability: NDArray[np.float64], evidence_of: str | None = None) -> ZoneSet:
+        """A second later one drone sees everything anew: P [X, Y], NaN = not looked at. The zones are told of a
+        look at everything where a drone is named, of 0.9 from 40 m."""
         self.stamp_ns += SECOND_NS
         wanted = np.asarray(probability, dtype=float).ravel()
         seen = np.flatnonzero(~np.isnan(wanted))
         look(self.crowd_map, "uav1", self.stamp_ns, self._ids[seen], (1.0 + wanted[seen]) / 2.0)
-        return self.engine.step(self.stamp_ns)
+        looks = [] if evidence_of is None else [self._look(evidence_of)]
+        return self.engine.step(self.stamp_ns, looks)
+
+    def _look(self, drone: str) -> Observation:
+        count = self.terrain.voxel_count
+        return Observation(
+            self.terrain,
+            drone,
+            self.stamp_ns,
+            voxel_ids=np.arange(count),
+            mean=np.full(count, 0.9),
+            pixel_count=np.ones(count, int),
+            range_m=np.full(count, 40.0),
+            tilt_deg=np.full(count, 60.0),
+            occluded_ids=[],
+        )
 
     def probability(self) -> NDArray[np.float64]:
         """P [X, Y] as the map holds it."""

@@ -23,6 +23,7 @@ _RESTRICTIONS = {"prohibited": "PROHIBITED", "no_sustained_flight": "CONDITIONAL
 
 def ed269(export: ZoneExport, *, as_list: bool = False) -> str:
     """A document with the zones under "features" or, `as_list`, "UASZoneList"; both are in use."""
+    export.country_code()  # also where there is no zone to name it
     zones = [_zone(zone, export) for zone in export.zones]
     if as_list:
         head = {"formatVersion": "1.0.0", "createdAt": rfc3339(export.stamp_ns)}

@@ -16,6 +16,7 @@ _CONDITION = "No sustained flight above the zone."
 
 def ed318(export: ZoneExport) -> str:
     """A collection with one feature per zone. ValueError without a country."""
+    export.country_code()  # also where there is no zone to name it
     start = rfc3339(export.stamp_ns)
     document = {
         "type": "FeatureCollection",
