@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
@@ -39,17 +40,32 @@ FILES = {
 }
 
 
-def write_results(run: Run, folder: str | PathLike[str], *, force: bool = False) -> dict[str, Any]:
-    """Write the files of `FILES` as the folder `folder` and return the summary.
+ALWAYS = ("zones.geojson", "zone_history.jsonl", "summary.json")
+"""What a run writes whatever files are chosen."""
+
+
+def chosen_files(names: Collection[str] | None) -> frozenset[str]:
+    """Names of `FILES`, those of `ALWAYS` among them; all for None. ValueError for a name that is none."""
+    unknown = set(names or ()) - FILES.keys()
+    if unknown:
+        raise ValueError(f"{sorted(unknown)[0]!r} is no file of a run; there are {', '.join(FILES)}")
+    return frozenset(FILES if names is None else (*ALWAYS, *names))
+
+
+def write_results(
+    run: Run, folder: str | PathLike[str], *, force: bool = False, files: Collection[str] | None = None
+) -> dict[str, Any]:
+    """Write the files of `FILES` as the folder `folder` and return the summary; `files` chooses among them.
 
     The folder is whole or absent: what fails, or is killed, leaves what was there. `force` replaces a folder
     that a run wrote. FileExistsError without it, OSError when a file cannot be written.
     """
+    wanted = chosen_files(files)
     with whole_folder(folder, contents=FILES, force=force) as beside:
-        return _write_files(run, beside)
+        return _write_files(run, beside, wanted)
 
 
-def _write_files(run: Run, folder: Path) -> dict[str, Any]:
+def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, Any]:
     config, crowd_map = run.config, run.crowd_map
     grid = SurfaceGrid.from_crowd_map(
         crowd_map,
@@ -62,20 +78,31 @@ def _write_files(run: Run, folder: Path) -> dict[str, Any]:
 
     write_geojson(folder / "zones.geojson", run.zones, description, georeference)
     run.history.write(folder / "zone_history.jsonl")
-    write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
-    write_picture(
-        folder / "crowd_map.png", grid, run.zones, description, tracks=_tracks(run), georeference=georeference
-    )
-    write_terrain_octomap(folder / "terrain.bt", run.terrain)
-    write_coloured_octomap(
-        folder / "crowd_map.ot",
-        run.terrain,
-        crowd_map.probability(run.stamp_ns),
-        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
-        description,
-    )
-    write_frames_csv(folder / "frames.csv", run.rows)
-    crowd_map.save(folder / "crowd_map.crowdmap")
+    if "crowd_map.tif" in wanted:
+        write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
+    if "crowd_map.png" in wanted:
+        write_picture(
+            folder / "crowd_map.png",
+            grid,
+            run.zones,
+            description,
+            tracks=_tracks(run),
+            georeference=georeference,
+        )
+    if "terrain.bt" in wanted:
+        write_terrain_octomap(folder / "terrain.bt", run.terrain)
+    if "crowd_map.ot" in wanted:
+        write_coloured_octomap(
+            folder / "crowd_map.ot",
+            run.terrain,
+            crowd_map.probability(run.stamp_ns),
+            crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
+            description,
+        )
+    if "frames.csv" in wanted:
+        write_frames_csv(folder / "frames.csv", run.rows)
+    if "crowd_map.crowdmap" in wanted:
+        crowd_map.save(folder / "crowd_map.crowdmap")
     summary = summarise(run, grid)
     write_bytes(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
     return summary

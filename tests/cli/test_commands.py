@@ -109,6 +109,20 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
         assert (output / name).stat().st_size > 100
 
 
+def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
+    common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
+    done = crowdfence(*common, "--files", "crowd_map.tif")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "zones.geojson",
+        "zone_history.jsonl",
+        "summary.json",
+        "crowd_map.tif",
+    }
+    line = error_line(crowdfence(*common, "--force", "--files", "picture"))
+    assert "'picture' is no file of a run; there are zones.geojson, zone_history.jsonl" in line
+
+
 def test_unseen_ground_is_never_written_as_empty(airsim: Path, tmp_path: Path) -> None:
     assert crowdfence("run", airsim, *RECORDED, "-o", tmp_path, "--prior", 0.2).returncode == 0
     with rasterio.open(tmp_path / "crowd_map.tif") as raster:

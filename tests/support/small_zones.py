@@ -27,8 +27,8 @@ class DrawnZones:
         self.stamp_ns = -SECOND_NS
 
     def step(self, probability: NDArray[np.float64], evidence_of: str | None = None) -> ZoneSet:
-        """A second later one drone sees everything anew: P [X, Y], NaN = not looked at. The zones are told of a
-        look at everything where a drone is named, of 0.9 from 40 m."""
+        """A second later one drone sees everything anew: P [X, Y], NaN = not looked at. The zones are told of
+        a look at everything where a drone is named, of 0.9 from 40 m."""
         self.stamp_ns += SECOND_NS
         wanted = np.asarray(probability, dtype=float).ravel()
         seen = np.flatnonzero(~np.isnan(wanted))

@@ -133,6 +133,15 @@ ContractPath = Annotated[
     typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+Files = Annotated[
+    str | None,
+    typer.Option(
+        "--files",
+        metavar="NAME,...",
+        help="Files to write, such as crowd_map.png,crowd_map.tif. Zones, their history and the summary are "
+        "always written. Default: all.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]

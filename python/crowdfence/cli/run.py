@@ -71,6 +71,7 @@ def run(
     close_unseen: options.CloseUnseen = False,
     static_zones: options.StaticZones = None,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
+    files: options.Files = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -86,8 +87,10 @@ def run(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
     from crowdfence.pipeline import choose_detector, read_map
+    from crowdfence.results import chosen_files
     from crowdfence.sources import open_recording
 
+    wanted = chosen_files(None if files is None else files.split(","))
     with result_folder(output, force=force):
         source = open_recording(recording)
         chosen = choose_detector(source, detector, contract=contract)
@@ -99,6 +102,7 @@ def run(
             output,
             detector=chosen,
             static_zones=static_zones or (),
+            files=wanted,
             force=force,
             as_json=as_json,
         )
@@ -121,6 +125,7 @@ def fuse_and_report(
     force: bool,
     as_json: bool,
     static_zones: Sequence[Path] = (),
+    files: frozenset[str] | None = None,
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
@@ -143,14 +148,14 @@ def fuse_and_report(
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
-    summary = write_results(finished, output, force=force)
+    summary = write_results(finished, output, force=force, files=files)
     if as_json:
         console.print_json(summary)
     else:
-        _report(summary, finished, seconds, output)
+        _report(summary, finished, seconds, output, _written(files))
 
 
-def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> None:
+def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, written: list[str]) -> None:
     out = console.stdout()
     frames = sum(summary["frames"].values())
     area = summary["area_m2"]
@@ -175,7 +180,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
     out.print(_zone_table(summary))
     for reason in [*summary["warnings"], *summary["refused"]]:
         console.warn(reason)
-    out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+    out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
 
 
 def _left_out(summary: dict[str, Any]) -> str:
@@ -246,7 +251,7 @@ def _zone_table(summary: dict[str, Any]) -> Any:
     return table
 
 
-def _written() -> list[str]:
+def _written(files: frozenset[str] | None) -> list[str]:
     from crowdfence.results import FILES
 
-    return list(FILES)
+    return [name for name in FILES if files is None or name in files]
