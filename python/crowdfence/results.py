@@ -142,6 +142,9 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
                 "closed_m2": zone.polygon.area,
                 "probability_max": zone.probability_max,
                 "valid_until": None if zone.valid_until_ns is None else iso_utc(zone.valid_until_ns),
+                "valid_for_s": None
+                if zone.valid_until_ns is None
+                else (zone.valid_until_ns - run.stamp_ns) / 1e9,
                 "reason": zone.reason,
             }
             for zone in run.zones

@@ -237,7 +237,7 @@ def _zone_table(summary: dict[str, Any]) -> Any:
     table.add_column("crowd m2", justify="right")
     table.add_column("closed m2", justify="right")
     table.add_column("largest P", justify="right")
-    table.add_column("until")
+    table.add_column("ends unseen", justify="right")
     table.add_column("why")
     for zone in zones[:MOST_ZONES_SHOWN]:
         table.add_row(
@@ -245,7 +245,7 @@ def _zone_table(summary: dict[str, Any]) -> Any:
             f"{zone['area_m2']:.0f}",
             f"{zone['closed_m2']:.0f}",
             f"{zone['probability_max']:.2f}",
-            "no end" if zone["valid_until"] is None else f"{zone['valid_until'][:19]}Z",
+            "never" if zone["valid_for_s"] is None else f"in {zone['valid_for_s']:.0f} s",
             WHY[zone["reason"]],
         )
     return table
