@@ -312,3 +312,15 @@ def test_rules_out_of_bounds_are_refused(field: str, value: object, message: str
         ZoneConfig(threshold=0.5, **{field: value})  # type: ignore[arg-type]
         ZoneConfig(**{field: value}).rules(0.5)  # type: ignore[arg-type]
     assert message in str(refused.value)
+
+
+def test_ten_thousand_zones_at_once() -> None:
+    crowd = np.zeros((300, 300))
+    crowd[::3, ::3] = 1.0  # zones of one voxel
+    zones = DrawnZones((300, 300))
+    first = zones.step(crowd, evidence_of="uav1")
+    again = zones.step(crowd, evidence_of="uav1")
+    assert len(first) == len({zone.id for zone in first}) == 10_000
+    assert max(len(zone.id) for zone in first) == 4  # "Z7PS"
+    assert ids(again) == ids(first) and told(again) == []
+    assert all(zone.area_m2 == 1.0 and zone.evidence[0].looks == 2 for zone in again)

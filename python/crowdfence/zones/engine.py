@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
 from crowdfence.zones.belief import ColumnBelief, column_belief
 from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
-from crowdfence.zones.find import zones_of_regions
+from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.grow import grown, without_small_holes
 from crowdfence.zones.outline import outlines
@@ -81,11 +81,13 @@ class ZoneEngine:
         region, dropped = self._without_small(region, keys)
         tracks, shapes, events = self._crowd.step(region, keys, stamp_ns)
         self._follow_evidence(tracks, events, columns, region, list(observations))
+        order, first = by_region(region, len(tracks))
+        inside = np.split(order, first[1:]) if tracks else []
         zones = zones_of_regions(self._crowd_map, columns, region, [shape.crowd for shape in shapes])
         return ZoneSet(
             zones=tuple(
-                self._told(zone, track, shape, belief, region == number)
-                for number, (zone, track, shape) in enumerate(zip(zones, tracks, shapes, strict=True))
+                self._told(zone, track, shape, belief, members)
+                for zone, track, shape, members in zip(zones, tracks, shapes, inside, strict=True)
             ),
             threshold=rules.threshold,
             min_area_m2=rules.min_area_m2,
@@ -132,11 +134,11 @@ class ZoneEngine:
             if event.other is not None:
                 old, new = (event.other, event.id) if event.kind == "split" else (event.id, event.other)
                 origins.setdefault(new, []).append(old)
-        voxel_region = np.repeat(region, columns.crowd_count)
-        for number, track in enumerate(tracks):
+        order, first = by_region(np.repeat(region, columns.crowd_count), len(tracks))
+        voxels = np.split(columns.voxel_ids[order], first[1:])
+        for track, voxel_ids in zip(tracks, voxels, strict=False):
             known = joined(before.get(name, {}) for name in (track.id, *origins.get(track.id, [])))
-            voxel_ids = np.sort(columns.voxel_ids[voxel_region == number])
-            after[track.id] = with_looks(known, voxel_ids, observations)
+            after[track.id] = with_looks(known, np.sort(voxel_ids), observations)
             self._looks_now[track.id] = [
                 look for drone, look in after[track.id].items() if look is not known.get(drone)
             ]
@@ -148,9 +150,9 @@ class ZoneEngine:
         track: Track,
         shape: _Shape,
         belief: ColumnBelief,
-        is_inside: NDArray[np.bool_],
+        inside: NDArray[np.int64],
     ) -> Zone:
-        """The zone with its name, what it closes and what it rests on."""
+        """The zone with its name, what it closes and what it rests on; `inside` are its columns."""
         evidence = self._evidence[track.id]
         until_ns, interval = belief.valid_until_ns, belief.interval
         lower_m, upper_m = self._ground(zone, shape)
@@ -164,8 +166,8 @@ class ZoneEngine:
             restriction=self.rules.restriction,
             band=self.rules.band,
             created_ns=track.created_ns,
-            valid_until_ns=None if until_ns is None else int(until_ns[is_inside].max()),
-            interval=None if interval is None else _largest(interval[is_inside]),
+            valid_until_ns=None if until_ns is None else int(until_ns[inside].max()),
+            interval=None if interval is None else _largest(interval[inside]),
             evidence=tuple(evidence[drone] for drone in sorted(evidence)),
             reason=self._reason(zone, self._looks_now[track.id]),
         )

@@ -67,8 +67,8 @@ def zones_of_regions(
         return
     zone_id(count)
     terrain = crowd_map.terrain
-    columns, first = _by_region(column_region, count)
-    voxels, first_voxel = _by_region(np.repeat(column_region, crowd.crowd_count), count)
+    columns, first = by_region(column_region, count)
+    voxels, first_voxel = by_region(np.repeat(column_region, crowd.crowd_count), count)
     lower_m = _height_m(np.minimum.reduceat(crowd.bottom_index[columns], first), terrain)
     upper_m = _height_m(np.maximum.reduceat(crowd.top_index[columns], first) + 1, terrain)
     last_seen_ns = crowd.last_seen_ns[columns]
@@ -92,7 +92,7 @@ def zones_of_regions(
         )
 
 
-def _by_region(region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def by_region(region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Positions in `region` of the numbers 0 to `count` - 1, one region after the other and sorted within
     each; where each begins [count]. Other numbers are left out."""
     kept = np.flatnonzero((region >= 0) & (region < count))
