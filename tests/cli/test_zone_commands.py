@@ -55,7 +55,9 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("kind", [kind.value for kind in ExportFormat])
+@pytest.mark.parametrize(
+    "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap")]
+)
 def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kind: str) -> None:
     for at, count in (("first", 2), ("+1.5", 1), ("2026-01-01T00:00:01Z", 1), ("last", 0)):
         output = tmp_path / f"{at[:2]}.{kind}"
@@ -66,6 +68,14 @@ def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kin
         assert output.stat().st_size > 10
     message = refused("export", run, "-f", kind, "--country", "GRC", "-o", output)
     assert "exists; --force replaces it" in message
+
+
+@pytest.mark.parametrize("kind", ["state", "costmap"])
+def test_rasters_need_the_map_of_the_run(run: Path, tmp_path: Path, kind: str) -> None:
+    arguments = ("export", run, "-f", kind, "-o", tmp_path / "map")
+    assert "holds no crowd_map.tif" in refused(*arguments)
+    (run / "crowd_map.tif").touch()
+    assert "is of the last instant only" in refused(*arguments, "--at", "first")
 
 
 def test_zones_of_others_join_an_export(run: Path, tmp_path: Path) -> None:

@@ -29,6 +29,11 @@ class ExportFormat(str, Enum):
     multidrone = "multidrone"
     qgc = "qgc"
     csv = "csv"
+    state = "state"
+    costmap = "costmap"
+
+
+_RASTERS = (ExportFormat.state, ExportFormat.costmap)
 
 
 class DatumName(str, Enum):
@@ -53,7 +58,12 @@ At = Annotated[
 def export(
     run: RunFolder,
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
-    kind: Annotated[ExportFormat, typer.Option("--format", "-f", help="What to write.")],
+    kind: Annotated[
+        ExportFormat,
+        typer.Option(
+            "--format", "-f", help="What to write; state: GeoTIFF with colours, costmap: YAML and PGM."
+        ),
+    ],
     at: At = "last",
     country: Annotated[
         str | None, typer.Option("--country", help="For ED-318 and ED-269: ISO 3166, three letters.")
@@ -90,8 +100,10 @@ def export(
         # Zones hold from the instant that found them, not from when somebody asks.
         stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
-        if kind is ExportFormat.geojson:
-            text = _geojson(history, stamp_ns)
+        if kind in _RASTERS:
+            _write_raster(kind, output, run, history, stamp_ns)
+        elif kind is ExportFormat.geojson:
+            write_bytes(output, _geojson(history, stamp_ns).encode())
         else:
             zones = _zone_export(
                 history,
@@ -102,8 +114,7 @@ def export(
                 datum=datum.value,
                 max_items=max_items,
             )
-            text = _text(kind, zones, plan, report)
-        write_bytes(output, text.encode())
+            write_bytes(output, _text(kind, zones, plan, report).encode())
     zones_at = history.at(stamp_ns)
     report |= {
         "stamp_ns": stamp_ns,
@@ -113,6 +124,23 @@ def export(
         "left_out": left_out,
     }
     _report(report, as_json)
+
+
+def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int) -> None:
+    """From the map of the last instant, which is the one that a run keeps."""
+    from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
+
+    crowd_map = run / "crowd_map.tif"
+    if not crowd_map.exists():
+        raise FileNotFoundError(f"{run} holds no crowd_map.tif, which --format {kind.value} is made from")
+    if stamp_ns != history.stamps_ns[-1]:
+        raise ValueError(
+            f"--format {kind.value} is of the last instant only, because a run keeps no other map"
+        )
+    if kind is ExportFormat.state:
+        write_state_geotiff(output, crowd_map)
+    else:
+        write_costmap(output, crowd_map, history.at(stamp_ns).closed)
 
 
 def _geojson(history: ZoneHistory, stamp_ns: int) -> str:
