@@ -60,6 +60,8 @@ class ZoneEngine:
         self._closed = np.empty(0, dtype=np.int64)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
+        # A method without this parameter weighs values in its own way.
+        self._shows_crowd = float(crowd_map.method.parameters.get("b_threshold", 0.5))
         self._evidence: dict[str, dict[str, DroneEvidence]] = {}
         self._looks_now: dict[str, list[DroneEvidence]] = {}
 
@@ -182,7 +184,7 @@ class ZoneEngine:
         return min(zone.lower_m, around[0]), max(zone.upper_m, around[1])
 
     def _reason(self, zone: Zone, looks_now: Sequence[DroneEvidence]) -> Reason:
-        if any(look.value > self._crowd_map.method.b_threshold for look in looks_now):
+        if any(look.value > self._shows_crowd for look in looks_now):
             return "seen"
         if zone.probability_max < self.rules.threshold:
             return "held"

@@ -3,8 +3,8 @@
 A region of columns continues the zones whose columns it shares; where it shares none, the nearest zone that
 nobody else continues, within a distance, so that an id survives a step of motion. Zones choose by age, the
 oldest first: each keeps the region that shares most with it, unless an older zone has that one. A merge
-therefore keeps the oldest id, a split leaves the id with the largest part, and the same regions give the same
-ids whatever order they come in.
+therefore keeps the oldest id and a split leaves the id with the part that shares most; of equal shares the
+first region's counts, and regions come in a fixed order (`regions.largest_first`).
 """
 
 from __future__ import annotations
