@@ -106,6 +106,17 @@ def test_a_fence_says_what_it_closes_for_nothing(run: Path, tmp_path: Path) -> N
     assert tight["fence_items"] == 1 and tight["over_coverage_m2"] == pytest.approx(75.1, abs=0.5)
 
 
+def test_a_plan_that_exists_leaves_less_room(run: Path, tmp_path: Path) -> None:
+    full = tmp_path / "full.plan"
+    arguments = ("export", run, "-f", "qgc", "--at", "first", "--json")
+    alone = json.loads(command(*arguments, "-o", full, "--max-items", 20))
+    beside = json.loads(command(*arguments, "-o", tmp_path / "both.plan", "--plan", full, "--max-items", 10))
+    assert alone["fence_items"] == 8 and beside["fence_items"] <= 2
+    assert beside["over_coverage_m2"] > alone["over_coverage_m2"] == 0.0
+    full.write_text("{")
+    assert "full.plan is no plan" in refused(*arguments, "-o", tmp_path / "x.plan", "--plan", full)
+
+
 def test_local_runs_are_written_as_local_metres_only(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     history(None).write(tmp_path / "run" / "zone_history.jsonl")

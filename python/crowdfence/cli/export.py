@@ -173,9 +173,20 @@ def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict
 
     if kind is not ExportFormat.qgc:
         return ZONE_FORMATS[kind.value](zones)
-    fence = fence_of(zones)
+    existing = None if plan is None else _read_plan(plan)
+    fence = fence_of(zones, existing)
     report |= {"fence_items": fence.items, "over_coverage_m2": fence.over_coverage_m2}
-    return qgc_plan(zones, None if plan is None else json.loads(plan.read_bytes()))
+    return qgc_plan(zones, existing)
+
+
+def _read_plan(path: Path) -> dict[str, Any]:
+    try:
+        plan = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path} is no plan: {error}") from error
+    if not isinstance(plan, dict):
+        raise ValueError(f"{path} is no plan: it holds no object")
+    return plan
 
 
 def _report(report: dict[str, Any], as_json: bool) -> None:

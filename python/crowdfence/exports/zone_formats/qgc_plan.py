@@ -31,17 +31,18 @@ def qgc_plan(export: ZoneExport, plan: dict[str, Any] | None = None) -> str:
     for a fence that is full."""
     result = _empty_plan(export) if plan is None else _checked(plan)
     fence = result["geoFence"]
-    taken = sum(len(one["polygon"]) for one in fence["polygons"]) + len(fence["circles"])
-    ours = fence_of(export, taken)
+    ours = fence_of(export, None if plan is None else result)
     fence["polygons"] += [_polygon(one, export) for one in ours.polygons]
     fence["circles"] += [_circle(one, export) for one in ours.circles]
     return json.dumps(result, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
 
 
-def fence_of(export: ZoneExport, taken: int = 0) -> Fence:
-    """What is put into the fence, of which `taken` items are in use. ValueError where there is no room."""
+def fence_of(export: ZoneExport, plan: dict[str, Any] | None = None) -> Fence:
+    """What is put into the fence beside what a plan holds. ValueError where there is no room."""
     if not export.zones:
         return Fence((), (), 0.0, 0.0)
+    there = {"polygons": [], "circles": []} if plan is None else _checked(plan)["geoFence"]
+    taken = sum(len(one["polygon"]) for one in there["polygons"]) + len(there["circles"])
     return fitted([zone.polygon for zone in export.zones], export.max_items - taken)
 
 
