@@ -13,7 +13,7 @@ help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 demo: setup ## fuse the bundled three-drone recording into out/demo/
-	$(BIN)/crowdfence demo -o out/demo
+	$(BIN)/crowdfence demo -o out/demo --force
 
 test: lint test-rust test-python ## everything CI runs
 

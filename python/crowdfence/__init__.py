@@ -51,14 +51,18 @@ if TYPE_CHECKING:
     from crowdfence.georeference import Georeference
     from crowdfence.landing_area import landing_prior
     from crowdfence.pipeline import FrameLoop, Run, Step, open_terrain, run
+    from crowdfence.planner import ClearAir, safe_route
     from crowdfence.results import write_results
     from crowdfence.sources import open_recording
     from crowdfence.sources.recording import Recording
+    from crowdfence.static_zones import open_static_zones
     from crowdfence.surface_grid import SurfaceGrid
-    from crowdfence.zones import Zone, ZoneSet, find_zones
+    from crowdfence.zones import Zone, ZoneEngine, ZoneSet, find_zones, safety_distance_m
+    from crowdfence.zones.history import ZoneHistory
 
 __all__ = [
     "Camera",
+    "ClearAir",
     "Contract",
     "CrowdColumns",
     "CrowdMap",
@@ -91,6 +95,8 @@ __all__ = [
     "VoxelState",
     "Zone",
     "ZoneConfig",
+    "ZoneEngine",
+    "ZoneHistory",
     "ZoneSet",
     "__version__",
     "blend",
@@ -99,16 +105,20 @@ __all__ = [
     "landing_prior",
     "mean_iou",
     "open_recording",
+    "open_static_zones",
     "open_terrain",
     "pool",
     "project",
     "run",
+    "safe_route",
+    "safety_distance_m",
     "write_geojson",
     "write_geotiff",
     "write_results",
 ]
 
 _LAZY = {
+    "ClearAir": "crowdfence.planner",
     "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
     "FrameLoop": "crowdfence.pipeline",
@@ -124,14 +134,19 @@ _LAZY = {
     "SurfaceGrid": "crowdfence.surface_grid",
     "Zone": "crowdfence.zones",
     "ZoneConfig": "crowdfence.config",
+    "ZoneEngine": "crowdfence.zones",
+    "ZoneHistory": "crowdfence.zones.history",
     "ZoneSet": "crowdfence.zones",
     "detector_rates": "crowdfence.evaluation.cells.rates",
     "find_zones": "crowdfence.zones",
     "landing_prior": "crowdfence.landing_area",
     "mean_iou": "crowdfence.evaluation.iou",
     "open_recording": "crowdfence.sources",
+    "open_static_zones": "crowdfence.static_zones",
     "open_terrain": "crowdfence.pipeline",
     "run": "crowdfence.pipeline",
+    "safe_route": "crowdfence.planner",
+    "safety_distance_m": "crowdfence.zones",
     "write_geojson": "crowdfence.exports.geojson",
     "write_geotiff": "crowdfence.exports.geotiff",
     "write_results": "crowdfence.results",

@@ -1,7 +1,9 @@
-"""Where an OctoMap of ours lies: a comment line in the file, which every OctoMap reader skips.
+"""Where an OctoMap of ours lies.
 
-An OctoMap's grid always starts at zero, so the origin of the terrain's grid and the anchor of the local frame
-stand in the comment `# crowdfence {"origin_m": [x, y, z], "anchor_wgs84": [lat, lon, height], ...}`.
+An OctoMap's grid always starts at zero. Voxels are therefore moved by as many whole voxels as bring them to
+where they are (`in_place`): other programs find them within half a voxel of their local metres. What is left,
+how far they were moved, and the anchor of the local frame stand in a comment that every OctoMap reader skips:
+`# crowdfence {"origin_m": [x, y, z], "moved": [i, j, k], "anchor_wgs84": [lat, lon, height], ...}`.
 """
 
 from __future__ import annotations
@@ -9,10 +11,15 @@ from __future__ import annotations
 import json
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 
 _MARK = b"# crowdfence "
+LARGEST_KEY = 1 << 15
+"""OctoMap's grid indices end below it."""
 LONGEST_HEADER = 1 << 16
 """Bytes of a file that are searched for the comment; it stands on the second line."""
 
@@ -23,12 +30,47 @@ class OctomapFrame(NamedTuple):
     origin_m: tuple[float, float, float]
     """Added to tree coordinates gives local ENU metres."""
     georeference: Georeference | None
+    moved: tuple[int, int, int] = (0, 0, 0)
+    """By how many voxels the terrain's grid was moved."""
+    grid_origin_m: tuple[float, float, float] | None = None
+    """Origin of the terrain's grid where it was moved."""
+
+
+def shift_of(terrain: Terrain) -> NDArray[np.int64]:
+    """Whole voxels [3] from the tree's zero to the terrain's grid; none where OctoMap's keys do not reach."""
+    shift = np.rint(np.array(terrain.origin) / terrain.voxel_size_m).astype(np.int64)
+    low, high = (terrain.bounds - np.array(terrain.origin)) / terrain.voxel_size_m
+    if (low + shift < -LARGEST_KEY).any() or (high + shift > LARGEST_KEY).any():
+        return np.zeros(3, dtype=np.int64)
+    return shift
+
+
+def in_place(terrain: Terrain, ids: NDArray[np.int64]) -> tuple[Terrain, NDArray[np.int64]]:
+    """A terrain of the voxels `ids` [N] that lie where they are in the tree, and their ids in it."""
+    shift = shift_of(terrain)
+    if not shift.any():
+        return terrain, ids
+    indices = terrain.voxel_indices(ids) + shift
+    moved = Terrain.from_indices(indices, terrain.voxel_size_m)
+    return moved, moved.voxel_ids(indices)
+
+
+def moved_back(terrain: Terrain, frame: OctomapFrame) -> Terrain:
+    """The terrain as it was before it was written."""
+    if frame.grid_origin_m is None:
+        return terrain
+    every_id = np.arange(terrain.voxel_count, dtype=np.int64)
+    indices = terrain.voxel_indices(every_id) - np.array(frame.moved)
+    return Terrain.from_indices(indices, terrain.voxel_size_m, frame.grid_origin_m)
 
 
 def described(terrain: Terrain) -> dict[str, Any]:
     """The frame of a terrain, as the comment holds it."""
+    shift = shift_of(terrain)
     frame: dict[str, Any] = {"frame": "tree + origin_m = local east-north-up metres"}
-    frame["origin_m"] = list(terrain.origin)
+    frame["origin_m"] = (np.array(terrain.origin) - shift * terrain.voxel_size_m).tolist()
+    if shift.any():
+        frame |= {"moved": shift.tolist(), "grid_origin_m": list(terrain.origin)}
     if terrain.georeference is not None:
         anchor = terrain.georeference
         frame["anchor_wgs84"] = [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m]
@@ -57,6 +99,13 @@ def _parsed(text: bytes) -> OctomapFrame:
         content = json.loads(text)
         x, y, z = (float(value) for value in content["origin_m"])
         anchor = content.get("anchor_wgs84")
-        return OctomapFrame((x, y, z), None if anchor is None else Georeference(*map(float, anchor)))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        i, j, k = (int(value) for value in content.get("moved", (0, 0, 0)))
+        grid = content.get("grid_origin_m")
+        return OctomapFrame(
+            (x, y, z),
+            None if anchor is None else Georeference(*map(float, anchor)),
+            (i, j, k),
+            None if grid is None else (float(grid[0]), float(grid[1]), float(grid[2])),
+        )
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"the crowdfence comment in the header cannot be read: {error}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMass
 from crowdfence.atomic_file import write_bytes
+from crowdfence.atomic_folder import whole_folder
 from crowdfence.exports.frames_csv import write_frames_csv
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
@@ -27,6 +29,7 @@ PICTURE_MARGIN_M = 60.0
 
 FILES = {
     "zones.geojson": "no-fly polygons",
+    "zone_history.jsonl": "zones, their evidence and what became of them, at every instant",
     "crowd_map.tif": "probability and state per ground cell",
     "crowd_map.png": "the map as a picture",
     "terrain.bt": "OctoMap: the terrain, occupied",
@@ -37,13 +40,32 @@ FILES = {
 }
 
 
-def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
-    """Write the files of `FILES` into `folder` (made when missing) and return the summary.
+ALWAYS = ("zones.geojson", "zone_history.jsonl", "summary.json")
+"""What a run writes whatever files are chosen."""
 
-    OSError when a file cannot be written.
+
+def chosen_files(names: Collection[str] | None) -> frozenset[str]:
+    """Names of `FILES`, those of `ALWAYS` among them; all for None. ValueError for a name that is none."""
+    unknown = set(names or ()) - FILES.keys()
+    if unknown:
+        raise ValueError(f"{sorted(unknown)[0]!r} is no file of a run; there are {', '.join(FILES)}")
+    return frozenset(FILES if names is None else (*ALWAYS, *names))
+
+
+def write_results(
+    run: Run, folder: str | PathLike[str], *, force: bool = False, files: Collection[str] | None = None
+) -> dict[str, Any]:
+    """Write the files of `FILES` as the folder `folder` and return the summary; `files` chooses among them.
+
+    The folder is whole or absent: what fails, or is killed, leaves what was there. `force` replaces a folder
+    that a run wrote. FileExistsError without it, OSError when a file cannot be written.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    wanted = chosen_files(files)
+    with whole_folder(folder, contents=FILES, force=force) as beside:
+        return _write_files(run, beside, wanted)
+
+
+def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, Any]:
     config, crowd_map = run.config, run.crowd_map
     grid = SurfaceGrid.from_crowd_map(
         crowd_map,
@@ -55,20 +77,32 @@ def write_results(run: Run, folder: str | PathLike[str]) -> dict[str, Any]:
     description, georeference = run.description, run.georeference
 
     write_geojson(folder / "zones.geojson", run.zones, description, georeference)
-    write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
-    write_picture(
-        folder / "crowd_map.png", grid, run.zones, description, tracks=_tracks(run), georeference=georeference
-    )
-    write_terrain_octomap(folder / "terrain.bt", run.terrain)
-    write_coloured_octomap(
-        folder / "crowd_map.ot",
-        run.terrain,
-        crowd_map.probability(run.stamp_ns),
-        crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
-        description,
-    )
-    write_frames_csv(folder / "frames.csv", run.rows)
-    crowd_map.save(folder / "crowd_map.crowdmap")
+    run.history.write(folder / "zone_history.jsonl")
+    if "crowd_map.tif" in wanted:
+        write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
+    if "crowd_map.png" in wanted:
+        write_picture(
+            folder / "crowd_map.png",
+            grid,
+            run.zones,
+            description,
+            tracks=_tracks(run),
+            georeference=georeference,
+        )
+    if "terrain.bt" in wanted:
+        write_terrain_octomap(folder / "terrain.bt", run.terrain)
+    if "crowd_map.ot" in wanted:
+        write_coloured_octomap(
+            folder / "crowd_map.ot",
+            run.terrain,
+            crowd_map.probability(run.stamp_ns),
+            crowd_map.state(run.stamp_ns, threshold=run.threshold, stale_after_s=config.zones.stale_after_s),
+            description,
+        )
+    if "frames.csv" in wanted:
+        write_frames_csv(folder / "frames.csv", run.rows)
+    if "crowd_map.crowdmap" in wanted:
+        crowd_map.save(folder / "crowd_map.crowdmap")
     summary = summarise(run, grid)
     write_bytes(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
     return summary
@@ -102,12 +136,32 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         },
         "crowd_mass": _crowd_mass(run),
         "zones": [
-            {"id": zone.id, "area_m2": zone.area_m2, "probability_max": zone.probability_max}
+            {
+                "id": zone.id,
+                "area_m2": zone.area_m2,
+                "closed_m2": zone.polygon.area,
+                "probability_max": zone.probability_max,
+                "valid_until": None if zone.valid_until_ns is None else iso_utc(zone.valid_until_ns),
+                "valid_for_s": None
+                if zone.valid_until_ns is None
+                else (zone.valid_until_ns - run.stamp_ns) / 1e9,
+                "reason": zone.reason,
+            }
             for zone in run.zones
         ],
+        "zones_of_the_mission": _zone_counts(run),
+        "unseen_closed_m2": sum(zone.polygon.area for zone in run.zones.unseen),
+        "static_zones": len(run.zones.static),
         "dropped_regions": run.zones.dropped_count,
+        "min_area_m2": run.zones.min_area_m2,
         "dropped_area_m2": run.zones.dropped_area_m2,
     }
+
+
+def _zone_counts(run: Run) -> dict[str, int]:
+    """How often what became of a zone, over all instants."""
+    kinds = Counter(event.kind for event in run.history.events)
+    return {kind: kinds[kind] for kind in ("created", "split", "merged", "expired")}
 
 
 def _crowd_mass(run: Run) -> dict[str, Any]:

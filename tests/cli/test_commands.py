@@ -67,6 +67,18 @@ def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path
     assert rows[0] == rows[1]
 
 
+def test_convert_replaces_a_file_only_by_force(airsim: Path, mission: Path, tmp_path: Path) -> None:
+    output = tmp_path / "old.mcap"
+    output.write_text("mine")
+    assert "old.mcap exists; --force replaces it" in error_line(crowdfence("convert", airsim, "-o", output))
+    assert output.read_text() == "mine"
+    assert crowdfence("convert", airsim, "-o", output, "--force").returncode == 0
+    assert output.read_bytes() == mission.read_bytes()
+    before = output.read_bytes()
+    line = error_line(crowdfence("convert", output, "-o", output, "--force"))
+    assert "is the recording itself" in line and output.read_bytes() == before
+
+
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "folder"
     done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")
@@ -95,6 +107,20 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     )
     for name in ("crowd_map.png", "terrain.bt", "crowd_map.ot", "crowd_map.crowdmap"):
         assert (output / name).stat().st_size > 100
+
+
+def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
+    common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
+    done = crowdfence(*common, "--files", "crowd_map.tif")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "zones.geojson",
+        "zone_history.jsonl",
+        "summary.json",
+        "crowd_map.tif",
+    }
+    line = error_line(crowdfence(*common, "--force", "--files", "picture"))
+    assert "'picture' is no file of a run; there are zones.geojson, zone_history.jsonl" in line
 
 
 def test_unseen_ground_is_never_written_as_empty(airsim: Path, tmp_path: Path) -> None:

@@ -26,7 +26,8 @@ def terrain() -> Terrain:
 
 
 def tree_centres(terrain: Terrain) -> NDArray[np.float64]:
-    return terrain.voxel_centers(np.arange(terrain.voxel_count)) - ORIGIN
+    """Where other programs must find the voxels: where they are."""
+    return terrain.voxel_centers(np.arange(terrain.voxel_count))
 
 
 def comment(path: Path) -> dict[str, object]:
@@ -45,13 +46,15 @@ def test_the_terrain_file_holds_exactly_the_voxels(tmp_path: Path, terrain: Terr
     assert tree.getResolution() == 0.5
     for centre in tree_centres(terrain):
         assert tree.isNodeOccupied(tree.search(centre))
-    assert tree.search(np.array([1.25, 0.75, 0.75])) is None
-    assert comment(path)["origin_m"] == list(ORIGIN)
-    again = Terrain.from_octomap(path.read_bytes(), origin=ORIGIN)
-    assert again.voxel_count == 7
+    assert tree.search(np.array([1.25, 0.75, 0.75]) + ORIGIN) is None
+    assert comment(path)["origin_m"] == [0.0, 0.0, 0.0]
+    again = Terrain.open(path)
+    assert (again.fingerprint, again.voxel_count) == (terrain.fingerprint, 7)
 
 
-def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path, terrain: Terrain) -> None:
+def test_every_voxel_that_was_seen_is_occupied_and_has_the_colour_of_its_state(
+    tmp_path: Path, terrain: Terrain
+) -> None:
     terrain.georeference = Georeference(46.5, 8.0, 1200.0)
     never, occluded, empty, stale, crowd = VoxelState
     state = np.array([never, occluded, empty, stale, crowd, crowd, empty])
@@ -62,12 +65,13 @@ def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path,
     tree = pyoctomap.ColorOcTree(0.1)
     tree = tree.read(str(path)) or tree
     nodes = [tree.search(centre) for centre in tree_centres(terrain)]
+    assert nodes[:2] == [None, None]  # what nobody has seen is not in the file
     # Seen and empty ground is ground, not free space.
-    assert all(tree.isNodeOccupied(node) for node in nodes)
-    colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes]
-    assert colours[:4] == [STATE_COLOURS[known] for known in (never, occluded, empty, stale)]
-    assert colours[4] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
-    assert colours[5] == (112, 8, 38)  # certain: its dark red end
+    assert all(tree.isNodeOccupied(node) for node in nodes[2:])
+    colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes[2:]]
+    assert colours[:2] == [STATE_COLOURS[known] for known in (empty, stale)]
+    assert colours[2] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
+    assert colours[3] == (112, 8, 38)  # certain: its dark red end
     content = comment(path)
     assert content["mission"] == DESCRIPTION.mission
     assert content["anchor_wgs84"] == [46.5, 8.0, 1200.0]
@@ -78,3 +82,22 @@ def test_arrays_of_another_terrain_are_refused(tmp_path: Path, terrain: Terrain)
     with pytest.raises(ValueError, match=r"state must have shape \[7\], got \[6\]"):
         write_coloured_octomap(tmp_path / "x.ot", terrain, np.zeros(7), np.zeros(6), DESCRIPTION)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("origin", [(-768.3, 12.1, 55.0), (0.2, -0.2, 0.0), (20_000.0, 0.0, 0.0)])
+def test_other_programs_find_the_ground_within_half_a_voxel(
+    tmp_path: Path, origin: tuple[float, float, float]
+) -> None:
+    """The grid of a height model starts anywhere: at 0.5 m as far out as OctoMap's keys reach, 16 km."""
+    heights = np.random.default_rng(1).uniform(0.0, 8.0, (40, 30))
+    terrain = Terrain.from_height_map(heights, 0.5, origin=origin)
+    path = tmp_path / "terrain.bt"
+    write_terrain_octomap(path, terrain)
+    tree = pyoctomap.OcTree(0.1)
+    assert tree.readBinary(str(path))
+    if origin[0] < 16_000.0:
+        low, high = np.array(tree.getMetricMin()), np.array(tree.getMetricMax())
+        assert (np.abs([low, high] - terrain.bounds) <= 0.25 + 1e-9).all()
+    # And we find it exactly, planes and all.
+    again = Terrain.open(path)
+    assert (again.fingerprint, again.origin) == (terrain.fingerprint, terrain.origin)

@@ -225,7 +225,7 @@ def test_run_says_which_detector_it_used(recorded: Path, model: Path, tmp_path: 
     assert "metres per pixel: 100% of the ground seen lies above 0.002 m" in gsd
     assert "lies above 0.002 m" in " ".join(done.stderr.split())
 
-    plain = CliRunner().invoke(app, [*command[:-2], "--detector", "recorded"])
+    plain = CliRunner().invoke(app, [*command[:-2], "--force", "--detector", "recorded"])
     assert plain.exit_code == 0, plain.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["detector"] == {"heatmaps": "recorded"}

@@ -182,7 +182,7 @@ def test_a_crowd_over_a_bridged_hole_is_on_the_map(tmp_path: Path) -> None:
         "open": 1,
         "open_m2": 400.0,
     }
-    done = CliRunner().invoke(app, [*arguments, "--terrain-option", "max_hole_m2=0", "--json"])
+    done = CliRunner().invoke(app, [*arguments, "--force", "--terrain-option", "max_hole_m2=0", "--json"])
     assert json.loads(done.stdout)["area_m2"]["crowd"] == 0.0
 
 

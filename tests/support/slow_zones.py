@@ -29,7 +29,7 @@ def slow_zones(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> list[Zon
         crowd = [v for column in region for v in seen[column] if probability[v] >= threshold]
         zones.append(
             Zone(
-                id=f"Z{number}",
+                id=f"Z{np.base_repr(number, 36)}",
                 polygon=_union(region, terrain),
                 cell_count=len(region),
                 area_m2=len(region) * terrain.voxel_size_m**2,

@@ -16,8 +16,11 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
+from crowdfence.cli.explain import explain
+from crowdfence.cli.export import export
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.model import app as model
+from crowdfence.cli.route import route
 from crowdfence.cli.run import run
 from crowdfence.cli.simulate import simulate
 from crowdfence.cli.train import train
@@ -35,6 +38,9 @@ app = typer.Typer(
     epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data on stdout, progress on stderr.",
 )
 app.command("run")(run)
+app.command("export")(export)
+app.command("explain")(explain)
+app.command("route")(route)
 app.command("inspect")(inspect)
 app.command("convert")(convert)
 app.command("detect")(detect)

@@ -14,6 +14,7 @@ from crowdfence.cli import console, options
 def convert(
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
@@ -21,6 +22,7 @@ def convert(
     from crowdfence.sources.convert import convert as write_mission
 
     with writable_file(output):
+        _require_place(output, recording, force)
         source = open_recording(recording)
         with console.progress("converting", len(source.frames), "frames") as advance:
             conversion = write_mission(source, output, progress=lambda done, total: advance())
@@ -49,3 +51,12 @@ def convert(
     )
     for reason in [*map(str, conversion.refused), *conversion.omitted]:
         console.warn(reason)
+
+
+def _require_place(output: Path, recording: Path, force: bool) -> None:
+    if not output.exists():
+        return
+    if recording.exists() and output.samefile(recording):
+        raise FileExistsError(f"{output} is the recording itself; choose another file")
+    if not force:
+        raise FileExistsError(f"{output} exists; --force replaces it")

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from crowdfence.atomic_file import writable_folder
 from crowdfence.cli import options
-from crowdfence.cli.run import fuse_and_report
+from crowdfence.cli.run import fuse_and_report, result_folder
 from crowdfence.config import RunConfig, ZoneConfig
 
 RECORDING = Path(__file__).parent.parent / "demo_data" / "race.mcap"
@@ -20,14 +19,15 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
         "out/demo"
     ),
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Fuse the bundled recording: three drones above a mountain road with crowds at its side."""
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.sources import open_recording
 
-    with writable_folder(output, parents=True):
+    with result_folder(output, force=force):
         recording = open_recording(RECORDING)
         ground = read_map(recording)
         detector = choose_detector(recording, "auto")
-        fuse_and_report(recording, ground, CONFIG, output, detector=detector, as_json=as_json)
+        fuse_and_report(recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json)

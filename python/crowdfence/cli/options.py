@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 DEFAULT = RunConfig()
 PAPER = PaperConfig()
 PartT = TypeVar("PartT", PaperConfig, OrConfig, ProjectionConfig, GroupingConfig, ZoneConfig)
-_METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and zones"
+_METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and map"
+_ZONES = "Zones"
 
 
 class MethodName(str, Enum):
@@ -61,6 +62,13 @@ class Coverage(str, Enum):
 class Surface(str, Enum):
     planes = "planes"
     voxels = "voxels"
+
+
+class RestrictionName(str, Enum):
+    """What a zone forbids."""
+
+    prohibited = "prohibited"
+    no_sustained_flight = "no_sustained_flight"
 
 
 class TruthChoice(str, Enum):
@@ -123,6 +131,16 @@ DetectorChoice = Annotated[
 ContractPath = Annotated[
     Path | None,
     typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+Files = Annotated[
+    str | None,
+    typer.Option(
+        "--files",
+        metavar="NAME,...",
+        help="Files to write, such as crowd_map.png,crowd_map.tif. Zones, their history and the summary are "
+        "always written. Default: all.",
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -214,11 +232,84 @@ ToleranceMs = Annotated[
 Threshold = Annotated[
     float | None,
     typer.Option(
-        "--threshold", rich_help_panel=_MAP, help="Lowest probability that is crowd. Default: the method's."
+        "--threshold",
+        rich_help_panel=_ZONES,
+        help="Lowest probability that is crowd. Default: the method's.",
     ),
 ]
 MinAreaM2 = Annotated[
-    float, typer.Option("--min-area-m2", rich_help_panel=_MAP, help="Drop smaller zones (they are counted).")
+    float,
+    typer.Option("--min-area-m2", rich_help_panel=_ZONES, help="Drop smaller zones (they are counted)."),
+]
+OffThreshold = Annotated[
+    float | None,
+    typer.Option(
+        "--off-threshold",
+        rich_help_panel=_ZONES,
+        help="Ground leaves its zone below this probability. Default: the threshold.",
+    ),
+]
+MaxHoleM2 = Annotated[
+    float,
+    typer.Option(
+        "--max-hole-m2",
+        rich_help_panel=_ZONES,
+        help="Close ground that crowd encloses, up to this; inf: all.",
+    ),
+]
+Buffer = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--buffer",
+        metavar="RULE:NAME=VALUE,...",
+        rich_help_panel=_ZONES,
+        help="Distance around crowd: fixed:distance_m=30, one-to-one:height_m=60, "
+        "ballistic:speed_mps=10,height_m=60, parachute, glide, eu-a2, sts-01, contingency, map, pose, "
+        "motion. "
+        "May be repeated: the distances are added.",
+    ),
+]
+SimplifyM = Annotated[
+    float,
+    typer.Option(
+        "--simplify-m",
+        rich_help_panel=_ZONES,
+        help="Fewer corners, at most so far outside the exact outline.",
+    ),
+]
+MaxVertices = Annotated[
+    int | None,
+    typer.Option(
+        "--max-vertices",
+        rich_help_panel=_ZONES,
+        help="Most corners of a zone; it grows as far as that takes.",
+    ),
+]
+LowerM = Annotated[
+    float, typer.Option("--lower-m", rich_help_panel=_ZONES, help="Zones begin here, metres above ground.")
+]
+UpperM = Annotated[
+    float, typer.Option("--upper-m", rich_help_panel=_ZONES, help="Zones end here, metres above ground.")
+]
+RestrictionOption = Annotated[
+    RestrictionName,
+    typer.Option("--restriction", rich_help_panel=_ZONES, help="No flight, or none that stays above."),
+]
+CloseUnseen = Annotated[
+    bool,
+    typer.Option(
+        "--close-unseen",
+        rich_help_panel=_ZONES,
+        help="Close ground that is not known to be empty: never seen, hidden, stale.",
+    ),
+]
+StaticZones = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--static-zones",
+        rich_help_panel=_ZONES,
+        help="Zones of others that stay closed: ED-318, ED-269, GeoJSON or KML; may be repeated.",
+    ),
 ]
 StaleAfterS = Annotated[
     float, typer.Option("--stale-after-s", rich_help_panel=_MAP, help="Older empty ground counts as stale.")
@@ -243,6 +334,14 @@ def run_config(parameters: Mapping[str, Any], method: MethodConfig) -> RunConfig
         part(GroupingConfig, parameters),
         part(ZoneConfig, parameters),
     )
+
+
+def zone_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """A command's parameters with the safety distance of its --buffer rules. ValueError for a rule that
+    cannot be computed."""
+    from crowdfence.zones import safety_distance_m
+
+    return {**parameters, "buffer_m": safety_distance_m(parameters["buffer"] or [])}
 
 
 def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> PartT:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_folder
+from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
@@ -20,6 +22,12 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 MOST_ZONES_SHOWN = 12
+WHY = {
+    "seen": "crowd seen just now",
+    "not_cleared": "looked at, not cleared",
+    "not_looked_at": "nobody has looked since",
+    "held": "below the threshold, held",
+}
 
 
 def run(
@@ -51,8 +59,20 @@ def run(
     surface: options.SurfaceOption = options.Surface.planes,
     tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
+    off_threshold: options.OffThreshold = None,
     min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
+    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
+    buffer: options.Buffer = None,
+    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
+    max_vertices: options.MaxVertices = None,
+    lower_m: options.LowerM = DEFAULT.zones.lower_m,
+    upper_m: options.UpperM = DEFAULT.zones.upper_m,
+    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
+    close_unseen: options.CloseUnseen = False,
+    static_zones: options.StaticZones = None,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
+    files: options.Files = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
@@ -62,18 +82,37 @@ def run(
         if method is options.MethodName.or_
         else options.part(PaperConfig, context.params)
     )
-    config = options.run_config(context.params, chosen_method)
+    config = options.run_config(options.zone_parameters(context.params), chosen_method)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
     from crowdfence.pipeline import choose_detector, read_map
+    from crowdfence.results import chosen_files
     from crowdfence.sources import open_recording
 
-    with writable_folder(output, parents=True):
+    wanted = chosen_files(None if files is None else files.split(","))
+    with result_folder(output, force=force):
         source = open_recording(recording)
         chosen = choose_detector(source, detector, contract=contract)
         ground = read_map(source, terrain, **map_options)
-        fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
+        fuse_and_report(
+            source,
+            ground,
+            config,
+            output,
+            detector=chosen,
+            static_zones=static_zones or (),
+            files=wanted,
+            force=force,
+            as_json=as_json,
+        )
+
+
+def result_folder(output: Path, *, force: bool) -> AbstractContextManager[None]:
+    """Checked before the first frame: that a result folder can be written, and replaces nothing unasked."""
+    from crowdfence.results import FILES
+
+    return replaceable_folder(output, contents=FILES, force=force)
 
 
 def fuse_and_report(
@@ -83,12 +122,20 @@ def fuse_and_report(
     output: Path,
     *,
     detector: Detector | None,
+    force: bool,
     as_json: bool,
+    static_zones: Sequence[Path] = (),
+    files: frozenset[str] | None = None,
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
     from crowdfence.results import write_results
+    from crowdfence.static_zones import read_static_zones
 
+    georeference = recording.georeference or ground.terrain.georeference
+    others, left_out = read_static_zones(list(static_zones), georeference)
+    for reason in left_out:
+        console.warn(reason)
     started = time.perf_counter()
     with console.progress("fusing", len(recording.frames), "frames") as advance:
         finished = pipeline.run(
@@ -97,17 +144,18 @@ def fuse_and_report(
             config,
             detector=detector,
             holes=ground.holes,
+            static_zones=others,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
-    summary = write_results(finished, output)
+    summary = write_results(finished, output, force=force, files=files)
     if as_json:
         console.print_json(summary)
     else:
-        _report(summary, finished, seconds, output)
+        _report(summary, finished, seconds, output, _written(files))
 
 
-def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> None:
+def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, written: list[str]) -> None:
     out = console.stdout()
     frames = sum(summary["frames"].values())
     area = summary["area_m2"]
@@ -123,7 +171,8 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
-                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}",
+                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}{_left_out(summary)}",
+                **_also_closed(summary),
                 "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago",
             },
         )
@@ -131,7 +180,29 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path) -> 
     out.print(_zone_table(summary))
     for reason in [*summary["warnings"], *summary["refused"]]:
         console.warn(reason)
-    out.print(f"\nresults in [bold]{output}[/]: {', '.join(_written())}", soft_wrap=True)
+    out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
+
+
+def _left_out(summary: dict[str, Any]) -> str:
+    """Crowd that no zone covers is never left out in silence."""
+    regions = summary["dropped_regions"]
+    if not regions:
+        return ""
+    return (
+        f", of it {summary['dropped_area_m2']:.0f} m2 in {regions} regions below "
+        f"{summary['min_area_m2']:g} m2 that no zone covers"
+    )
+
+
+def _also_closed(summary: dict[str, Any]) -> dict[str, str]:
+    closed = {}
+    if summary["unseen_closed_m2"]:
+        closed["unseen"] = (
+            f"{summary['unseen_closed_m2']:.0f} m2 closed because they are not known to be empty"
+        )
+    if summary["static_zones"]:
+        closed["zones of others"] = str(summary["static_zones"])
+    return closed
 
 
 def _heatmaps(detector: dict[str, Any]) -> str:
@@ -156,18 +227,31 @@ def _method(summary: dict[str, Any]) -> str:
 def _zone_table(summary: dict[str, Any]) -> Any:
     from rich.table import Table
 
-    zones = summary["zones"]
+    zones, counts = summary["zones"], summary["zones_of_the_mission"]
     more = f", the largest {MOST_ZONES_SHOWN}" if len(zones) > MOST_ZONES_SHOWN else ""
+    ever = counts["created"] + counts["split"]
+    if ever > len(zones):
+        more += f"; {ever} during the mission"
     table = Table(title=f"{len(zones)} zones{more}", title_justify="left", title_style="bold", box=None)
     table.add_column("zone")
-    table.add_column("area m2", justify="right")
+    table.add_column("crowd m2", justify="right")
+    table.add_column("closed m2", justify="right")
     table.add_column("largest P", justify="right")
+    table.add_column("ends unseen", justify="right")
+    table.add_column("why")
     for zone in zones[:MOST_ZONES_SHOWN]:
-        table.add_row(zone["id"], f"{zone['area_m2']:.0f}", f"{zone['probability_max']:.2f}")
+        table.add_row(
+            zone["id"],
+            f"{zone['area_m2']:.0f}",
+            f"{zone['closed_m2']:.0f}",
+            f"{zone['probability_max']:.2f}",
+            "never" if zone["valid_for_s"] is None else f"in {zone['valid_for_s']:.0f} s",
+            WHY[zone["reason"]],
+        )
     return table
 
 
-def _written() -> list[str]:
+def _written(files: frozenset[str] | None) -> list[str]:
     from crowdfence.results import FILES
 
-    return list(FILES)
+    return [name for name in FILES if files is None or name in files]

@@ -61,8 +61,12 @@ class RunConfig:
             "tolerance_ms": self.grouping.tolerance_ms,
         }
 
+    def zone_parameters(self) -> dict[str, str | int | float | bool | None]:
+        """How zones were drawn, for files that explain themselves; an area without bound is None."""
+        return {name: None if value == float("inf") else value for name, value in asdict(self.zones).items()}
+
     def to_json(self) -> dict[str, Any]:
         """Every field by its name, ready for JSON."""
         parts = (self.method, self.projection, self.grouping, self.zones)
         fields = {name: value for part in parts for name, value in asdict(part).items()}
-        return {"method": self.method.name, **fields}
+        return {"method": self.method.name, **fields, **self.zone_parameters()}

@@ -4,23 +4,61 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
+from crowdfence.zones.rules import Restriction, ZoneRules
+
+_ANY_THRESHOLD = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class ZoneConfig:
-    """Checked here and not where it is used: that is after the last frame. ValueError for a value out of
+    """Checked here and not where it is used: that is after the first frame. ValueError for a value out of
     bounds."""
 
     threshold: float | None = None
     """Probability from which ground is crowd, in (0, 1]; None: the method's own."""
+    off_threshold: float | None = None
+    """Ground stays in its zone down to this probability, in (0, threshold]; None: `threshold`."""
     min_area_m2: float = 0.0
     """Smaller regions are dropped from the zones, and counted; finite and >= 0."""
+    max_hole_m2: float = 0.0
+    """Ground enclosed by crowd is closed too up to this area, >= 0; inf: always."""
+    buffer_m: float = 0.0
+    """Distance around the crowd that is closed too; finite and >= 0 (`safety_distance_m` has formulas)."""
+    simplify_m: float = 0.0
+    """How far an outline with fewer corners may reach beyond the exact one; finite and >= 0."""
+    max_vertices: int | None = None
+    """Most corners of a zone, >= 3; None: no limit."""
+    lower_m: float = DEFAULT_BAND.lower_m
+    """Zones begin here, metres above ground."""
+    upper_m: float = DEFAULT_BAND.upper_m
+    """Zones end here, metres above ground; above `lower_m`."""
+    restriction: Restriction = "prohibited"
+    """No flight, or none that stays above."""
+    close_unseen: bool = False
+    """Close ground that is not known to be empty: never seen, hidden, stale."""
     stale_after_s: float = 30.0
     """Empty ground not seen for longer is stale, >= 0: no evidence of absence any more."""
 
     def __post_init__(self) -> None:
         if self.threshold is not None and not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
-        if not 0.0 <= self.min_area_m2 < float("inf"):
-            raise ValueError(f"min_area_m2 is {self.min_area_m2:g}; it must be finite and >= 0")
-        if not self.stale_after_s >= 0.0:
-            raise ValueError(f"stale_after_s is {self.stale_after_s:g}; it must be >= 0")
+        self.rules(_ANY_THRESHOLD)
+
+    def rules(self, default_threshold: float) -> ZoneRules:
+        """For a zone engine; `default_threshold` is that of the method. ValueError where `off_threshold` is
+        above it."""
+        threshold = default_threshold if self.threshold is None else self.threshold
+        return ZoneRules(
+            threshold=threshold,
+            off_threshold=threshold if self.off_threshold is None else self.off_threshold,
+            min_area_m2=self.min_area_m2,
+            max_hole_m2=self.max_hole_m2,
+            buffer_m=self.buffer_m,
+            simplify_m=self.simplify_m,
+            max_vertices=self.max_vertices,
+            close_unseen=self.close_unseen,
+            stale_after_s=self.stale_after_s,
+            band=AltitudeBand(self.lower_m, self.upper_m, "AGL"),
+            restriction=self.restriction,
+        )

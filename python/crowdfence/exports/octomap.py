@@ -4,10 +4,11 @@ Two files, because the plain format can only say "occupied": a binary tree (`.bt
 ColorOcTree (`.ot`) whose voxels carry the colour of their state and probability (`colours.py`).
 
 In both every voxel is occupied, because it is solid ground. The probability of crowd is not written as
-occupancy: ground that was seen empty would then read as free space, to fly through.
+occupancy: ground that was seen empty would then read as free space, to fly through. The coloured tree holds
+what was seen and nothing else: ground that is not in it is not known, and the terrain is in the other file.
 
-OctoMap has no place for a frame, a stamp or a threshold. They stand in the header as a comment line,
-`# crowdfence {JSON}`, which readers skip.
+Voxels lie where they are in local metres, within half a voxel. OctoMap has no place for the rest, a stamp or
+a threshold: they stand in the header as a comment line, `# crowdfence {JSON}`, which readers skip.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.colours import STATE_COLOURS, state_colours
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.iso_time import iso_utc
-from crowdfence.octomap_frame import annotated, described
+from crowdfence.octomap_frame import annotated, described, in_place
+from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
@@ -38,7 +40,8 @@ def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
     """
     from crowdfence import _core
 
-    data = _core.write_octomap_binary(terrain, _every_id(terrain))
+    moved, ids = in_place(terrain, np.arange(terrain.voxel_count, dtype=np.int64))
+    data = _core.write_octomap_binary(moved, ids)
     write_bytes(path, annotated(data, described(terrain)))
 
 
@@ -49,12 +52,11 @@ def write_coloured_octomap(
     state: ArrayLike,
     description: MapDescription,
 ) -> None:
-    """Every voxel of the terrain as a coloured leaf of a ColorOcTree (`.ot`).
+    """Every voxel that was seen as a coloured leaf of a ColorOcTree (`.ot`).
 
-    probability [V] and state [V] (`VoxelState`) as `CrowdMap` returns them. Unseen voxels are written too, in
-    the grey of their state: leaving them out would make them look like free space.
-    Raises ValueError when the arrays do not have one entry per voxel or the terrain does not fit into an
-    OctoMap, OSError when the file cannot be written.
+    probability [V] and state [V] (`VoxelState`) as `CrowdMap` returns them. ValueError when the arrays do not
+    have one entry per voxel or the terrain does not fit into an OctoMap, OSError when the file cannot be
+    written.
     """
     from crowdfence import _core
 
@@ -62,14 +64,11 @@ def write_coloured_octomap(
     for name, array in (("probability", probabilities), ("state", states)):
         if array.shape != (terrain.voxel_count,):
             raise ValueError(f"{name} must have shape [{terrain.voxel_count}], got {list(array.shape)}")
-    colours = state_colours(probabilities, states, description.threshold)
-    occupancy = np.full(terrain.voxel_count, OCCUPIED)
-    data = _core.write_octomap_color(terrain, _every_id(terrain), colours, occupancy)
+    seen = np.flatnonzero((states != VoxelState.NEVER_SEEN) & (states != VoxelState.OCCLUDED))
+    colours = state_colours(probabilities[seen], states[seen], description.threshold)
+    moved, ids = in_place(terrain, seen)
+    data = _core.write_octomap_color(moved, ids, colours, np.full(len(seen), OCCUPIED))
     write_bytes(path, annotated(data, described(terrain) | _meaning(description)))
-
-
-def _every_id(terrain: Terrain) -> NDArray[np.int64]:
-    return np.arange(terrain.voxel_count, dtype=np.int64)
 
 
 def _meaning(description: MapDescription) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
-from crowdfence.zones import ZoneSet, zones_of
+from crowdfence.zones import Zone, ZoneEngine, ZoneSet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,11 +46,13 @@ class FrameLoop:
     A step costs what was seen so far, never the map.
     """
 
-    def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig) -> None:
+    def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig, static_zones: Sequence[Zone] = ()) -> None:
+        """`static_zones` are zones that somebody else drew: they are part of every step's zones."""
         self.crowd_map = crowd_map
-        self._zones = zones
-        self.threshold = crowd_map.default_threshold() if zones.threshold is None else zones.threshold
+        rules = zones.rules(crowd_map.default_threshold())
+        self.threshold = rules.threshold
         """Probability from which ground is crowd."""
+        self._engine = ZoneEngine(crowd_map, rules, static_zones)
         self.crowd_mass: dict[str, CrowdMass] = {}
         """Where the crowd in the pictures of each drone went, over all steps."""
 
@@ -80,17 +82,14 @@ class FrameLoop:
         return update
 
     def _happened(self, update: Update, refused: Sequence[RefusedFrame]) -> Step:
-        # One reading of the map serves the zones and what is counted.
-        crowd = self.crowd_map.crowd_columns(update.stamp_ns, threshold=self.threshold)
+        zones = self._engine.step(update.stamp_ns, update.observations)
         return Step(
             stamp_ns=update.stamp_ns,
             drones=tuple(observation.drone for observation in update.observations),
             refused=tuple(refused),
             update=update,
             seen_count=self.crowd_map.seen_count,
-            crowd_ids=np.sort(crowd.voxel_ids),
+            crowd_ids=self._engine.crowd_voxel_ids,
             threshold=self.threshold,
-            zones=zones_of(
-                crowd, self.crowd_map, threshold=self.threshold, min_area_m2=self._zones.min_area_m2
-            ),
+            zones=zones,
         )

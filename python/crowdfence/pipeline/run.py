@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
@@ -18,7 +18,8 @@ from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.history import ZoneHistory
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -42,6 +43,8 @@ class Run:
     rows: list[FrameRow]
     zones: ZoneSet
     """As of the last instant."""
+    history: ZoneHistory
+    """The zones at every instant."""
     refused: tuple[RefusedFrame, ...]
     """Every frame that took no part: those of the recording, then those met on the way."""
     last_views: dict[str, View]
@@ -88,6 +91,7 @@ def run(
     *,
     detector: Detector | HeatmapFunction | None = None,
     holes: MapHoles | None = None,
+    static_zones: Sequence[Zone] = (),
     on_step: OnStep | None = None,
 ) -> Run:
     """Fuse a whole recording (`open_recording`) onto a terrain (`Terrain.open`). `on_step` is called after
@@ -95,7 +99,7 @@ def run(
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
-    those of the map (`read_map`), for the summary.
+    those of the map (`read_map`), for the summary. `static_zones` are zones that somebody else drew.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
     saw any of it. Frames that cannot be used are in `Run.refused`.
@@ -106,8 +110,9 @@ def run(
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
     config = config.with_detector(heatmaps.contract)
-    loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones)
+    loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones, static_zones)
     rows: list[FrameRow] = []
+    zone_sets: list[ZoneSet] = []
     refused = list(recording.refused)
     last_views: dict[str, View] = {}
     last: Step | None = None
@@ -116,6 +121,7 @@ def run(
             found = detect(instant)
             last = loop.step(found.views, instant.stamp_ns, found.refused)
             rows.append(frame_row(last, terrain.voxel_size_m))
+            zone_sets.append(last.zones)
             refused += last.refused
             last_views.update({view.drone: view for view in found.views})
             if on_step is not None:
@@ -127,6 +133,8 @@ def run(
             f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
             "do map and poses share one frame?"
         )
+    stamps_ns = [row.stamp_ns for row in rows]
+    georeference = recording.georeference or terrain.georeference
     return Run(
         recording=recording,
         terrain=terrain,
@@ -137,11 +145,23 @@ def run(
         threshold=loop.threshold,
         rows=rows,
         zones=last.zones,
+        history=ZoneHistory(stamps_ns, zone_sets, georeference, _described(recording, config, loop)),
         refused=tuple(refused),
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
     )
+
+
+def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict[str, Any]:
+    """What the zones were made from, for files that explain themselves."""
+    return {
+        "mission": recording.name,
+        "drones": list(recording.drones),
+        "method": loop.crowd_map.method.name,
+        "threshold": loop.threshold,
+        "parameters": {**config.parameters(loop.crowd_map), **config.zone_parameters()},
+    }
 
 
 def frame_row(step: Step, voxel_size_m: float) -> FrameRow:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,11 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdColumns, CrowdMap, Terrain
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
-from crowdfence.zones.zone import MAX_ID_LENGTH, Zone, ZoneSet
+from crowdfence.zones.zone import Zone, ZoneSet
+from crowdfence.zones.zone_id import zone_id
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
 
 
 def find_zones(
@@ -23,7 +28,7 @@ def find_zones(
 
     Columns that touch at an edge or a corner belong to the same region. A column that was never seen is in no
     zone: a zone says where crowd is believed to be, its absence does not say that ground is clear (see
-    `CrowdMap.state`).
+    `CrowdMap.state`). This is one look at a map; a `ZoneEngine` follows zones over time.
 
     Raises StampError for an earlier stamp, ValueError for a parameter out of bounds and for more zones than
     there are ids.
@@ -31,13 +36,6 @@ def find_zones(
     if threshold is None:
         threshold = crowd_map.default_threshold()
     crowd = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
-    return zones_of(crowd, crowd_map, threshold=threshold, min_area_m2=min_area_m2)
-
-
-def zones_of(
-    crowd: CrowdColumns, crowd_map: CrowdMap, *, threshold: float, min_area_m2: float = 0.0
-) -> ZoneSet:
-    """The same of the columns that `crowd_map` gave for `threshold`, and as it was then."""
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     runs = Runs.of(crowd.indices)
@@ -45,8 +43,10 @@ def zones_of(
     column_count = np.bincount(region, weights=runs.length).astype(np.int64)
     column_area_m2 = crowd_map.terrain.voxel_size_m**2
     kept = int(np.count_nonzero(column_count * column_area_m2 >= min_area_m2))
+    is_kept = region < kept
+    polygons = outlines(runs[is_kept], region[is_kept], crowd_map.terrain)
     return ZoneSet(
-        zones=tuple(_zones(crowd_map, crowd, runs, region, kept)),
+        zones=tuple(zones_of_regions(crowd_map, crowd, np.repeat(region, runs.length), polygons)),
         threshold=threshold,
         min_area_m2=min_area_m2,
         dropped_count=len(column_count) - kept,
@@ -54,20 +54,21 @@ def zones_of(
     )
 
 
-def _zones(
-    crowd_map: CrowdMap, crowd: CrowdColumns, runs: Runs, region: NDArray[np.int64], count: int
+def zones_of_regions(
+    crowd_map: CrowdMap,
+    crowd: CrowdColumns,
+    column_region: NDArray[np.int64],
+    polygons: Sequence[Polygon | MultiPolygon],
 ) -> Iterator[Zone]:
-    """Zones of the regions below `count`; `region` [R] is that of each run."""
+    """What the map says about each region, one zone per polygon; `column_region` [C] is the region of each
+    column, others than those of the polygons are left out. Ids count from 1."""
+    count = len(polygons)
     if count == 0:
         return
-    if len(_zone_id(count)) > MAX_ID_LENGTH:
-        raise ValueError(f"{count} zones are more than there are ids; raise min_area_m2 or the threshold")
+    zone_id(count)
     terrain = crowd_map.terrain
-    is_kept = region < count
-    polygons = outlines(runs[is_kept], region[is_kept], terrain)
-    column_region = np.repeat(region, runs.length)
-    columns, first = _by_region(column_region, count)
-    voxels, first_voxel = _by_region(np.repeat(column_region, crowd.crowd_count), count)
+    columns, first = by_region(column_region, count)
+    voxels, first_voxel = by_region(np.repeat(column_region, crowd.crowd_count), count)
     lower_m = _height_m(np.minimum.reduceat(crowd.bottom_index[columns], first), terrain)
     upper_m = _height_m(np.maximum.reduceat(crowd.top_index[columns], first) + 1, terrain)
     last_seen_ns = crowd.last_seen_ns[columns]
@@ -77,7 +78,7 @@ def _zones(
     crowd_ids = np.split(crowd.voxel_ids[voxels], first_voxel[1:])
     for number, polygon in enumerate(polygons):
         yield Zone(
-            id=_zone_id(number + 1),
+            id=zone_id(number + 1),
             polygon=polygon,
             cell_count=len(probability[number]),
             area_m2=len(probability[number]) * terrain.voxel_size_m**2,
@@ -91,15 +92,12 @@ def _zones(
         )
 
 
-def _zone_id(number: int) -> str:
-    return f"Z{number}"
-
-
-def _by_region(region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Positions in `region` of the numbers below `count`, one region after the other and sorted within each;
-    where each begins [count]."""
-    size = np.bincount(region)[:count]
-    order = np.argsort(region, kind="stable")[: size.sum()]
+def by_region(region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Positions in `region` of the numbers 0 to `count` - 1, one region after the other and sorted within
+    each; where each begins [count]. Other numbers are left out."""
+    kept = np.flatnonzero((region >= 0) & (region < count))
+    size = np.bincount(region[kept], minlength=count)
+    order = kept[np.argsort(region[kept], kind="stable")]
     return order, np.cumsum(size) - size
 
 

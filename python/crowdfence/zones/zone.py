@@ -4,13 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Literal, overload
+
+from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
+from crowdfence.zones.evidence import DroneEvidence
+from crowdfence.zones.rules import Restriction
+from crowdfence.zones.tracker import ZoneEvent
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-MAX_ID_LENGTH = 7
-"""Longest identifier that ED-318 and ED-269 accept."""
+ZoneKind = Literal["crowd", "unseen", "static"]
+"""Crowd; ground that is not known to be empty; a zone that somebody else drew."""
+
+Reason = Literal["seen", "not_cleared", "not_looked_at", "held", "never_cleared", "given"]
+"""Why a zone is closed:
+
+seen           a drone saw crowd in it at this instant
+not_cleared    drones looked at it at this instant and saw too little to be sure that nobody is there
+not_looked_at  crowd was seen, nobody has looked since, and it is not forgotten yet
+held           below the threshold, but not below the one at which a zone ends
+never_cleared  ground that was never seen, is hidden, or was seen too long ago
+given          somebody else closed it
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,18 +34,20 @@ class Zone:
     """One connected region of crowd, in local metres."""
 
     id: str
-    """At most 7 characters, unique within one call of `find_zones` only."""
+    """At most 7 characters: `find_zones` counts, a `ZoneEngine` keeps it as long as the zone lives."""
     polygon: Polygon | MultiPolygon
-    """Outline in the local plane (x east, y north). A region whose cells touch only at corners is a
+    """What is closed, in the local plane (x east, y north). A region whose cells touch only at corners is a
     MultiPolygon; ground enclosed by crowd, but below the threshold, is a hole."""
     cell_count: int
     area_m2: float
+    """Of the columns that hold crowd; `polygon.area` is what is closed."""
     probability_max: float
     probability_mean: float
     lower_m: float
-    """Local height of the underside of the lowest terrain voxel in the zone's columns."""
+    """Local height of the underside of the lowest terrain voxel in the zone's columns (where more than these
+    is closed: in the bounds of all that is)."""
     upper_m: float
-    """Local height of the top of the highest terrain voxel in the zone's columns."""
+    """Local height of the top of the highest terrain voxel, likewise."""
     last_seen_ns: int
     """Newest look at any of its cells."""
     oldest_look_ns: int
@@ -37,11 +55,26 @@ class Zone:
     seen_by: tuple[str, ...]
     """Drones that have ever seen one of its crowd voxels, by name. A crowd map that was saved by a build that
     did not keep this knows nobody."""
+    kind: ZoneKind = "crowd"
+    restriction: Restriction = "prohibited"
+    band: AltitudeBand = DEFAULT_BAND
+    crowd_outline: Polygon | MultiPolygon | None = None
+    """The columns of crowd alone, where more is closed."""
+    created_ns: int | None = None
+    """Instant at which it appeared."""
+    valid_until_ns: int | None = None
+    """When the zone ends if nobody looks at it again; None where the method knows no such time."""
+    interval: tuple[float, float] | None = None
+    """Bounds of its largest probability, where the method has them."""
+    evidence: tuple[DroneEvidence, ...] = ()
+    """What each drone showed of it, by name, since it was created."""
+    reason: Reason | None = None
+    """Why it is closed at the instant of its zone set."""
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneSet(Sequence[Zone]):
-    """The zones of one call, largest first, and what was left out of them."""
+    """The zones of crowd of one moment, largest first, what was left out of them, and what else is closed."""
 
     zones: tuple[Zone, ...]
     threshold: float
@@ -49,6 +82,12 @@ class ZoneSet(Sequence[Zone]):
     dropped_count: int
     """Regions smaller than `min_area_m2`: crowd that no zone covers."""
     dropped_area_m2: float
+    unseen: tuple[Zone, ...] = ()
+    """Ground that is closed because it is not known to be empty."""
+    static: tuple[Zone, ...] = ()
+    """Zones that somebody else drew."""
+    events: tuple[ZoneEvent, ...] = ()
+    """What became of the zones at this instant."""
 
     @overload
     def __getitem__(self, index: int) -> Zone: ...
@@ -64,5 +103,11 @@ class ZoneSet(Sequence[Zone]):
         return iter(self.zones)
 
     @property
+    def closed(self) -> tuple[Zone, ...]:
+        """Everything that is closed: crowd, unseen ground, zones of others."""
+        return (*self.zones, *self.unseen, *self.static)
+
+    @property
     def area_m2(self) -> float:
+        """Of the crowd in the zones."""
         return sum(zone.area_m2 for zone in self.zones)

@@ -1,0 +1,152 @@
+"""`crowdfence explain`: why a zone is closed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+from crowdfence.cli.export import At, RunFolder
+from crowdfence.iso_time import iso_utc
+
+if TYPE_CHECKING:
+    from crowdfence.zones import Zone, ZoneEvent, ZoneSet
+    from crowdfence.zones.history import ZoneHistory
+
+REASONS = {
+    "seen": "a drone saw crowd in it at this instant",
+    "not_cleared": "drones looked at it at this instant and saw too little to be sure that nobody is there",
+    "not_looked_at": "crowd was seen, nobody has looked since, and it is not forgotten yet",
+    "held": "its probability is below the threshold at which zones begin, not below that at which they end",
+    "never_cleared": "never seen, hidden, or seen too long ago: not known to be empty",
+    "given": "somebody else closed it",
+}
+_HAPPENED = {
+    "created": "appeared",
+    "split": "came out of {other}",
+    "merged": "went into {other}",
+    "expired": "ended",
+}
+
+
+def explain(
+    run: RunFolder,
+    zone: Annotated[str, typer.Option("--zone", "-z", help="Id of the zone, such as Z1.")],
+    at: At = "last",
+    as_json: options.Json = False,
+) -> None:
+    """What a no-fly zone of a run rests on: who saw it, when, how sure, until when it holds, and why it is
+    still closed."""
+    from crowdfence.result_folder import open_history, stamp_of
+
+    history = open_history(run)
+    index = history.index_at(stamp_of(at, history))
+    stamp_ns, zones = history.stamps_ns[index], history.sets[index]
+    found = next((one for one in zones.closed if one.id == zone), None)
+    if found is None:
+        raise ValueError(_absent(zone, stamp_ns, zones, history))
+    events = [event for event in history.events if _concerns(event, zone) and event.stamp_ns <= stamp_ns]
+    if as_json:
+        console.print_json(_json(found, stamp_ns, events))
+        return
+    out = console.stdout()
+    out.print(console.facts(f"zone {found.id} at {iso_utc(stamp_ns)}", _facts(found, zones, stamp_ns)))
+    if found.evidence:
+        out.print(_evidence_table(found, stamp_ns))
+    for event in events:
+        if event.kind in _HAPPENED:
+            other = event.other if event.id == zone else event.id
+            verb = _HAPPENED[event.kind] if event.id == zone else _of_others(event)
+            out.print(f"{iso_utc(event.stamp_ns)}  {verb.format(other=other)}")
+
+
+def _concerns(event: ZoneEvent, zone: str) -> bool:
+    return zone in (event.id, event.other)
+
+
+def _of_others(event: ZoneEvent) -> str:
+    return "{other} came out of it" if event.kind == "split" else "{other} went into it"
+
+
+def _absent(zone: str, stamp_ns: int, zones: ZoneSet, history: ZoneHistory) -> str:
+    there = ", ".join(one.id for one in zones.closed) or "none"
+    past = [event for event in history.events if event.id == zone and event.kind != "updated"]
+    story = "; ".join(
+        f"{iso_utc(event.stamp_ns)} {_HAPPENED[event.kind].format(other=event.other)}" for event in past
+    )
+    return f"there is no zone {zone} at {iso_utc(stamp_ns)}; zones then: {there}" + (
+        f"; zone {zone}: {story}" if story else ""
+    )
+
+
+def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
+    band = zone.band
+    facts = {
+        "why closed": REASONS.get(zone.reason or "", "not known"),
+        "what": f"{zone.kind}, {zone.restriction.replace('_', ' ')}",
+        "closed": f"{zone.polygon.area:.0f} m2, {band.lower_m:g} to {band.upper_m:g} m {band.datum}",
+    }
+    if zone.kind != "crowd":
+        return facts
+    interval = "" if zone.interval is None else f", between {zone.interval[0]:.3f} and {zone.interval[1]:.3f}"
+    facts |= {
+        "crowd": f"{zone.area_m2:.0f} m2 in {zone.cell_count} columns",
+        "probability": f"up to {zone.probability_max:.3f}{interval}, mean {zone.probability_mean:.3f}; "
+        f"crowd from {zones.threshold:.3f}",
+        "last look": f"{_ago(zone.last_seen_ns, stamp_ns)}; at its oldest part "
+        f"{_ago(zone.oldest_look_ns, stamp_ns)}",
+        "since": "not known" if zone.created_ns is None else f"{_ago(zone.created_ns, stamp_ns)}",
+        "until": "no end is known: the method does not forget"
+        if zone.valid_until_ns is None
+        else f"{iso_utc(zone.valid_until_ns)} if nobody looks again",
+        "seen by": ", ".join(zone.seen_by) or "not known",
+    }
+    return facts
+
+
+def _ago(then_ns: int, now_ns: int) -> str:
+    return f"{(now_ns - then_ns) / 1e9:.1f} s ago"
+
+
+def _evidence_table(zone: Zone, stamp_ns: int) -> Any:
+    from rich.table import Table
+
+    table = Table(title="what the drones showed", title_justify="left", title_style="bold", box=None)
+    for name in ("drone", "last look", "largest value", "of the zone", "from", "looks"):
+        table.add_column(name, justify="left" if name == "drone" else "right")
+    for look in zone.evidence:
+        table.add_row(
+            look.drone,
+            _ago(look.last_look_ns, stamp_ns),
+            f"{look.value:.2f}",
+            f"{look.seen_share:.0%}",
+            f"{look.range_m:.0f} m",
+            str(look.looks),
+        )
+    return table
+
+
+def _json(zone: Zone, stamp_ns: int, events: list[ZoneEvent]) -> dict[str, Any]:
+    is_crowd = zone.kind == "crowd"
+    return {
+        "zone": zone.id,
+        "kind": zone.kind,
+        "restriction": zone.restriction,
+        "stamp_ns": stamp_ns,
+        "reason": zone.reason,
+        "why": REASONS.get(zone.reason or ""),
+        "closed_m2": zone.polygon.area,
+        "crowd_m2": zone.area_m2 if is_crowd else None,
+        "probability_max": zone.probability_max if is_crowd else None,
+        "probability_mean": zone.probability_mean if is_crowd else None,
+        "interval": zone.interval,
+        "last_seen_ns": zone.last_seen_ns if is_crowd else None,
+        "oldest_look_ns": zone.oldest_look_ns if is_crowd else None,
+        "created_ns": zone.created_ns,
+        "valid_until_ns": zone.valid_until_ns,
+        "seen_by": list(zone.seen_by),
+        "evidence": [asdict(look) for look in zone.evidence],
+        "events": [asdict(event) for event in events],
+    }

@@ -1,0 +1,208 @@
+"""`crowdfence export`: the zones of a run in the formats of others."""
+
+from __future__ import annotations
+
+import json
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.exports.zone_formats import ZoneExport
+    from crowdfence.zones.history import ZoneHistory
+
+
+class ExportFormat(str, Enum):
+    """Formats of zones."""
+
+    geojson = "geojson"
+    ed318 = "ed318"
+    ed269 = "ed269"
+    ed269_list = "ed269-list"
+    f3548 = "f3548"
+    kml = "kml"
+    multidrone = "multidrone"
+    qgc = "qgc"
+    csv = "csv"
+    state = "state"
+    costmap = "costmap"
+
+
+_RASTERS = (ExportFormat.state, ExportFormat.costmap)
+
+
+class DatumName(str, Enum):
+    """What heights are above."""
+
+    agl = "AGL"
+    amsl = "AMSL"
+    wgs84 = "WGS84"
+
+
+RunFolder = Annotated[Path, typer.Argument(help="Folder that `crowdfence run` wrote, or its zone history.")]
+At = Annotated[
+    str,
+    typer.Option(
+        "--at",
+        metavar="STAMP",
+        help="last, first, +SECONDS after the first instant, nanoseconds, or 2026-01-01T12:00:00Z.",
+    ),
+]
+
+
+def export(
+    run: RunFolder,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
+    kind: Annotated[
+        ExportFormat,
+        typer.Option(
+            "--format", "-f", help="What to write; state: GeoTIFF with colours, costmap: YAML and PGM."
+        ),
+    ],
+    at: At = "last",
+    country: Annotated[
+        str | None, typer.Option("--country", help="For ED-318 and ED-269: ISO 3166, three letters.")
+    ] = None,
+    authority: Annotated[
+        str, typer.Option("--authority", help="Who is responsible for the zones.")
+    ] = "fleet operator",
+    contact: Annotated[str | None, typer.Option("--contact", help="E-mail address of the authority.")] = None,
+    datum: Annotated[
+        DatumName, typer.Option("--datum", help="What heights are above: ground, sea (EGM96), ellipsoid.")
+    ] = DatumName.agl,
+    max_items: Annotated[
+        int, typer.Option("--max-items", help="Capacity of the fence for --format qgc: corners and circles.")
+    ] = 63,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="For qgc: a plan that exists, to which the fence is added.")
+    ] = None,
+    static_zones: options.StaticZones = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Write the no-fly zones of a run, as they were at an instant, for authorities, UTM, autopilots and
+    viewers."""
+    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.static_zones import read_static_zones
+    from crowdfence.zones.history import with_static
+
+    with writable_file(output):
+        if output.exists() and not force:
+            raise FileExistsError(f"{output} exists; --force replaces it")
+        history = open_history(run)
+        others, left_out = read_static_zones(static_zones or [], history.georeference)
+        history = with_static(history, others)
+        # Zones hold from the instant that found them, not from when somebody asks.
+        stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
+        report: dict[str, Any] = {"file": str(output), "format": kind.value}
+        if kind in _RASTERS:
+            _write_raster(kind, output, run, history, stamp_ns)
+        elif kind is ExportFormat.geojson:
+            write_bytes(output, _geojson(history, stamp_ns).encode())
+        else:
+            zones = _zone_export(
+                history,
+                stamp_ns,
+                country=country,
+                authority=authority,
+                contact=contact,
+                datum=datum.value,
+                max_items=max_items,
+            )
+            write_bytes(output, _text(kind, zones, plan, report).encode())
+    zones_at = history.at(stamp_ns)
+    report |= {
+        "stamp_ns": stamp_ns,
+        "zones": len(zones_at.closed),
+        "crowd_zones": len(zones_at),
+        "dropped_area_m2": zones_at.dropped_area_m2,
+        "left_out": left_out,
+    }
+    _report(report, as_json)
+
+
+def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int) -> None:
+    """From the map of the last instant, which is the one that a run keeps."""
+    from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
+
+    crowd_map = run / "crowd_map.tif"
+    if not crowd_map.exists():
+        raise FileNotFoundError(f"{run} holds no crowd_map.tif, which --format {kind.value} is made from")
+    if stamp_ns != history.stamps_ns[-1]:
+        raise ValueError(
+            f"--format {kind.value} is of the last instant only, because a run keeps no other map"
+        )
+    if kind is ExportFormat.state:
+        write_state_geotiff(output, crowd_map)
+    else:
+        write_costmap(output, crowd_map, history.at(stamp_ns).closed)
+
+
+def _geojson(history: ZoneHistory, stamp_ns: int) -> str:
+    from crowdfence.exports.geojson import zones_geojson
+    from crowdfence.result_folder import description_at
+
+    return zones_geojson(history.at(stamp_ns), description_at(history, stamp_ns), history.georeference)
+
+
+def _zone_export(history: ZoneHistory, stamp_ns: int, **how: Any) -> ZoneExport:
+    from crowdfence.exports.zone_formats import ZoneExport
+
+    if history.georeference is None:
+        raise ValueError("the run has no place on Earth; only --format geojson writes local metres")
+    zones = history.at(stamp_ns)
+    return ZoneExport(
+        zones=zones.closed,
+        stamp_ns=stamp_ns,
+        georeference=history.georeference,
+        mission=history.description.get("mission", ""),
+        method=history.description.get("method", ""),
+        threshold=zones.threshold,
+        **how,
+    )
+
+
+def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict[str, Any]) -> str:
+    from crowdfence.exports.zone_formats import ZONE_FORMATS, qgc_plan
+    from crowdfence.exports.zone_formats.qgc_plan import fence_of
+
+    if kind is not ExportFormat.qgc:
+        return ZONE_FORMATS[kind.value](zones)
+    existing = None if plan is None else _read_plan(plan)
+    fence = fence_of(zones, existing)
+    report |= {"fence_items": fence.items, "over_coverage_m2": fence.over_coverage_m2}
+    return qgc_plan(zones, existing)
+
+
+def _read_plan(path: Path) -> dict[str, Any]:
+    try:
+        plan = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path} is no plan: {error}") from error
+    if not isinstance(plan, dict):
+        raise ValueError(f"{path} is no plan: it holds no object")
+    return plan
+
+
+def _report(report: dict[str, Any], as_json: bool) -> None:
+    from crowdfence.iso_time import iso_utc
+
+    if as_json:
+        console.print_json(report)
+        return
+    out = console.stdout()
+    out.print(f"{report['zones']} zones of {iso_utc(report['stamp_ns'])} in {report['file']}", soft_wrap=True)
+    if "fence_items" in report:
+        over_m2 = report["over_coverage_m2"]
+        out.print(f"a fence of {report['fence_items']} items closes {over_m2:.0f} m2 more than the zones")
+    if report["dropped_area_m2"]:
+        console.warn(
+            f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"
+        )
+    for reason in report["left_out"]:
+        console.warn(reason)

@@ -1,0 +1,117 @@
+"""`crowdfence route`: a way round the zones of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.cli import console, options
+from crowdfence.cli.export import At, RunFolder
+
+if TYPE_CHECKING:
+    from crowdfence.georeference import Georeference
+    from crowdfence.planner import Route
+
+GATE_NOT_MET = 3
+
+
+def route(
+    run: RunFolder,
+    start: Annotated[str, typer.Option("--from", metavar="LAT,LON", help="Where the way begins.")],
+    goal: Annotated[str, typer.Option("--to", metavar="LAT,LON", help="Where it ends.")],
+    local: Annotated[
+        bool, typer.Option("--local", help="--from and --to are local metres, EAST,NORTH.")
+    ] = False,
+    clearance_m: Annotated[
+        float, typer.Option("--clearance-m", help="Distance that is kept from every zone.")
+    ] = 0.0,
+    at: At = "last",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="GeoJSON file for the way. Default: none.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="PNG of the way and the zones.")] = None,
+    static_zones: options.StaticZones = None,
+    as_json: options.Json = False,
+) -> None:
+    """The shortest way round the no-fly zones of a run as they were at an instant; exit code 3 where there is
+    none."""
+    from contextlib import ExitStack
+
+    from crowdfence.planner import NoRoute, safe_route
+    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.static_zones import read_static_zones
+
+    with ExitStack() as stack:
+        for path in filter(None, (output, picture)):
+            stack.enter_context(writable_file(path))
+        history = open_history(run)
+        others, left_out = read_static_zones(static_zones or [], history.georeference)
+        for reason in left_out:
+            console.warn(reason)
+        zones = (*history.at(stamp_of(at, history)).closed, *others)
+        frame = None if local else history.georeference
+        if frame is None and not local:
+            raise ValueError("the run has no place on Earth; give local metres with --local")
+        begin, end = _place(start, frame), _place(goal, frame)
+        try:
+            found = safe_route(begin, end, zones, clearance_m=clearance_m)
+        except NoRoute as reason:
+            console.fail(str(reason))
+            raise typer.Exit(GATE_NOT_MET) from None
+        report = _told(found, history.georeference)
+        if output is not None:
+            write_bytes(output, (json.dumps(_feature(report)) + "\n").encode())
+        if picture is not None:
+            from crowdfence.exports.route_picture import write_route_picture
+
+            write_route_picture(picture, found, zones, clearance_m)
+    if as_json:
+        console.print_json(report)
+        return
+    console.stdout().print(
+        f"{found.length_m:.1f} m over {len(found.waypoints) - 2} turns, "
+        f"{found.direct_m:.1f} m as the crow flies",
+        soft_wrap=True,
+    )
+    for place in report["waypoints"]:
+        console.stdout().print("  " + ", ".join(f"{name} {value}" for name, value in place.items()))
+
+
+def _place(text: str, georeference: Georeference | None) -> Any:
+    try:
+        first, second = map(float, text.split(","))
+    except ValueError:
+        raise ValueError(f"{text!r} must be two numbers with a comma between them") from None
+    if georeference is None:
+        return np.array([first, second])
+    return georeference.local_from_geodetic(first, second, georeference.height_m)[0, :2]
+
+
+def _told(found: Route, georeference: Georeference | None) -> dict[str, Any]:
+    waypoints: list[dict[str, float]] = [
+        {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
+    ]
+    if georeference is not None:
+        points = np.column_stack([found.waypoints, np.zeros(len(found.waypoints))])
+        latitude, longitude, _ = georeference.geodetic_from_local(points)
+        for waypoint, north, east in zip(waypoints, latitude.tolist(), longitude.tolist(), strict=True):
+            waypoint |= {"latitude": round(north, 8), "longitude": round(east, 8)}
+    return {"length_m": found.length_m, "direct_m": found.direct_m, "waypoints": waypoints}
+
+
+def _feature(report: dict[str, Any]) -> dict[str, Any]:
+    names = ("longitude", "latitude") if "latitude" in report["waypoints"][0] else ("east_m", "north_m")
+    corners = [[place[name] for name in names] for place in report["waypoints"]]
+    lengths = {name: report[name] for name in ("length_m", "direct_m")}
+    frame = {} if names[0] == "longitude" else {"crs": None}
+    return {
+        "type": "Feature",
+        **frame,
+        "geometry": {"type": "LineString", "coordinates": corners},
+        "properties": lengths,
+    }

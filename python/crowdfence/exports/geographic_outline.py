@@ -1,0 +1,155 @@
+"""Zones on Earth: outlines in longitude and latitude that cover what they closed in local metres.
+
+Every outline is grown by a margin of about a millimetre before it is written, which outweighs everything that
+writing takes away, so that no part of a crowd cell is ever cut off:
+
+- rounding to 9 decimals of a degree: below 0.08 mm;
+- edges of at most 25 m that are straight on the ground but bow in longitude and latitude: below
+  25^2 tan(latitude) / (8 * 6378 km), 0.7 mm at 89 degrees, where the writer stops;
+- the height at which the outline is placed, half way up the zone's ground: local verticals are parallel, real
+  ones are not, so ground dz above or below moves by dz * distance from the anchor / 6357 km. This one is
+  added to the margin (1 mm for 10 m at 640 m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.georeference import Georeference
+from crowdfence.zones import Zone
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+DECIMALS = 9
+MARGIN_M = 0.001
+MAX_EDGE_M = 25.0
+MAX_LATITUDE_DEG = 89.0
+
+_SMALLEST_EARTH_RADIUS_M = 6.356e6
+_ANY_CORNER = 1e3
+_DEGREE_M = 111_700.0
+"""The longest there is, of latitude at the poles."""
+
+
+def ellipsoidal_heights(zone: Zone, georeference: Georeference) -> tuple[float, float]:
+    """Lowest and highest ground above the WGS84 ellipsoid, rounded down and up to millimetres; local height 0
+    leaves the ellipsoid with the distance."""
+    import shapely
+
+    corners = shapely.get_coordinates(zone.polygon)
+    heights = [
+        georeference.geodetic_from_local(_at_height(corners, level))[2]
+        for level in (zone.lower_m, zone.upper_m)
+    ]
+    return (
+        float(np.floor(heights[0].min() * 1e3) / 1e3),
+        float(np.ceil(heights[1].max() * 1e3) / 1e3),
+    )
+
+
+def _at_height(corners: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+    return np.column_stack([corners, np.full(len(corners), height_m)])
+
+
+def geographic_outline(
+    zone: Zone, georeference: Georeference, *, max_edge_m: float | None = MAX_EDGE_M, decimals: int = DECIMALS
+) -> Polygon | MultiPolygon:
+    """Longitude and latitude outline that covers what the zone closes; see the head of this file.
+
+    max_edge_m  longer edges get corners between their ends; None where corners are counted: the outline is
+                then grown by as much as its longest edge bows
+    decimals    of a degree, for formats that keep fewer
+
+    ValueError for a zone within one degree of a pole, and for one too fine for the decimals.
+    """
+    import shapely
+
+    margin_m = _margin_m(zone) + _DEGREE_M * 10.0**-decimals
+    if max_edge_m is None:
+        margin_m += _bow_m(_longest_edge_m(zone.polygon), georeference)
+    # Mitre joins keep the square corners of the cells square, and every corner one where they are counted.
+    limit = 2.0 if max_edge_m is not None else _ANY_CORNER
+    grown = shapely.buffer(zone.polygon, margin_m, join_style="mitre", mitre_limit=limit)
+    if max_edge_m is not None:
+        grown = shapely.segmentize(grown, max_edge_m)
+    middle_m = (zone.lower_m + zone.upper_m) / 2
+
+    def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+        latitude, longitude, _ = georeference.geodetic_from_local(_at_height(corners, middle_m))
+        if np.abs(latitude).max() > MAX_LATITUDE_DEG:
+            raise ValueError(
+                f"zone {zone.id} reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are "
+                f"written up to {MAX_LATITUDE_DEG} degrees, because longitude loses its meaning at the poles"
+            )
+        # One branch of longitude around the anchor, so that no ring jumps across the antimeridian.
+        offset = (longitude - georeference.longitude_deg + 180.0) % 360.0 - 180.0
+        return np.column_stack([georeference.longitude_deg + offset, latitude])
+
+    unwrapped = shapely.transform(grown, longitude_latitude)
+    rounded = shapely.transform(_cut_at_antimeridian(unwrapped), lambda degrees: degrees.round(decimals))
+    if not rounded.is_valid:
+        raise ValueError(f"zone {zone.id} is too fine for {decimals} decimals of a degree; use larger voxels")
+    return rounded
+
+
+def _longest_edge_m(outline: Polygon | MultiPolygon) -> float:
+    import shapely
+
+    rings = shapely.get_rings(shapely.get_parts(outline))
+    corners = [shapely.get_coordinates(ring) for ring in rings]
+    return max(float(np.linalg.norm(np.diff(ring, axis=0), axis=1).max()) for ring in corners)
+
+
+def _bow_m(edge_m: float, georeference: Georeference) -> float:
+    """How far a straight edge bows in longitude and latitude, with a hundredth more for the zone's extent."""
+    latitude_deg = min(abs(georeference.latitude_deg) + 1.0, MAX_LATITUDE_DEG)
+    return 1.01 * edge_m**2 * float(np.tan(np.deg2rad(latitude_deg))) / (8 * _SMALLEST_EARTH_RADIUS_M)
+
+
+def _margin_m(zone: Zone) -> float:
+    west, south, east, north = zone.polygon.bounds
+    reach_m = float(np.hypot(max(abs(west), abs(east)), max(abs(south), abs(north))))
+    return MARGIN_M + reach_m * (zone.upper_m - zone.lower_m) / 2 / _SMALLEST_EARTH_RADIUS_M
+
+
+def _cut_at_antimeridian(outline: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
+    """RFC 7946, 3.1.9: an outline that crosses the antimeridian is cut there, into parts within +-180."""
+    import shapely
+
+    west, _, east, _ = outline.bounds
+    if west >= -180.0 and east <= 180.0:
+        return outline
+    turns = (-360.0, 0.0, 360.0)
+    parts = [
+        shapely.transform(
+            shapely.intersection(outline, shapely.box(-180.0 + turn, -90.0, 180.0 + turn, 90.0)),
+            lambda degrees, turn=turn: degrees - (turn, 0.0),
+        )
+        for turn in turns
+    ]
+    return shapely.MultiPolygon([polygon for part in parts for polygon in polygons_of(part)])
+
+
+def polygons_of(geometry: Any) -> Iterator[Polygon]:
+    for part in getattr(geometry, "geoms", [geometry]):
+        if part.geom_type == "Polygon" and not part.is_empty:
+            yield part
+
+
+def geojson_geometry(outline: Polygon | MultiPolygon) -> dict[str, Any]:
+    """Exterior rings counter-clockwise, holes clockwise (RFC 7946, 3.1.6)."""
+    from shapely.geometry.polygon import orient
+
+    polygons = [_rings(orient(polygon, 1.0)) for polygon in polygons_of(outline)]
+    if len(polygons) == 1:
+        return {"type": "Polygon", "coordinates": polygons[0]}
+    return {"type": "MultiPolygon", "coordinates": polygons}
+
+
+def _rings(polygon: Polygon) -> list[list[list[float]]]:
+    return [np.asarray(ring.coords).tolist() for ring in (polygon.exterior, *polygon.interiors)]

@@ -1,0 +1,90 @@
+"""A way round zones as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from crowdfence.atomic_file import atomic_path
+from crowdfence.zones import Zone
+
+_COLOURS = {"crowd": "#b40826", "unseen": "#9a9a9a", "static": "#1e5ab4"}
+_NAMES = {"crowd": "crowd", "unseen": "not known to be empty", "static": "closed by others"}
+_INCHES = 8.0
+_MARGIN = 0.15
+"""Of the way's extent, around it."""
+
+
+def write_route_picture(
+    path: str | PathLike[str], route: Any, zones: Sequence[Zone], clearance_m: float
+) -> None:
+    """The way, the zones near it and what is kept clear around them, north up, in local metres. `route` has
+    `waypoints` [N, 2] and lengths. OSError when the file cannot be written."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_INCHES, _INCHES), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for kind in ("unseen", "static", "crowd"):
+        members = [zone for zone in zones if zone.kind == kind]
+        _draw_zones(axes, members, kind, clearance_m)
+    way = route.waypoints
+    axes.plot(*way[[0, -1]].T, color="#666666", linestyle=":", linewidth=1.2, label="as the crow flies")
+    axes.plot(*way.T, color="#0b7a3b", linewidth=2.2, label=f"way, {route.length_m:.0f} m")
+    axes.plot(*way[1:-1].T, "o", color="#0b7a3b", markersize=4)
+    for name, place in (("start", way[0]), ("goal", way[-1])):
+        axes.plot(*place, "o", color="#0b7a3b", markersize=8, markeredgecolor="white", zorder=4)
+        axes.annotate(name, place, xytext=(-10, -16), textcoords="offset points")
+    low, high = way.min(axis=0), way.max(axis=0)
+    reach = max(float((high - low).max()), 10.0) * (0.5 + _MARGIN)
+    middle = (low + high) / 2
+    axes.set_xlim(middle[0] - reach, middle[0] + reach)
+    axes.set_ylim(middle[1] - reach, middle[1] + reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    axes.grid(color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.legend(loc="upper left", framealpha=0.95)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _draw_zones(axes: Any, zones: Sequence[Zone], kind: str, clearance_m: float) -> None:
+    from matplotlib.patches import PathPatch
+
+    label: str | None = _NAMES[kind]
+    for zone in zones:
+        if clearance_m > 0.0:
+            near = _path(zone.polygon.buffer(clearance_m))
+            axes.add_patch(PathPatch(near, facecolor=_COLOURS[kind], alpha=0.12, linewidth=0))
+        inside = _path(zone.polygon)
+        axes.add_patch(PathPatch(inside, facecolor=_COLOURS[kind], alpha=0.55, linewidth=1, label=label))
+        label = None
+        if kind == "crowd":
+            place = zone.polygon.representative_point()
+            axes.annotate(
+                zone.id,
+                (place.x, place.y),
+                ha="center",
+                va="center",
+                color="white",
+                weight="bold",
+                clip_on=True,
+            )
+
+
+def _path(outline: Any) -> Any:
+    """Rings as one path, so that holes are holes."""
+    from matplotlib.path import Path as Outline
+
+    rings = [
+        Outline(np.asarray(ring.coords), closed=True)
+        for part in getattr(outline, "geoms", [outline])
+        for ring in (part.exterior, *part.interiors)
+    ]
+    return Outline.make_compound_path(*rings)

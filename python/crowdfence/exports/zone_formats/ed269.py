@@ -1,0 +1,68 @@
+"""Zones as ED-269 (EUROCAE, the older JSON form of UAS geographical zones).
+
+Longitude comes before latitude, as national files have it (the samples of the Swiss authority), although a
+package of types says otherwise. Limits are whole metres, rounded outward. The format has no holes: they are
+closed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from crowdfence.exports.geographic_outline import polygons_of
+from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.exports.zone_formats.zone_export import ZoneExport
+from crowdfence.zones import Zone
+
+_RESTRICTIONS = {"prohibited": "PROHIBITED", "no_sustained_flight": "CONDITIONAL"}
+
+
+def ed269(export: ZoneExport, *, as_list: bool = False) -> str:
+    """A document with the zones under "features" or, `as_list`, "UASZoneList"; both are in use."""
+    export.country_code()  # also where there is no zone to name it
+    zones = [_zone(zone, export) for zone in export.zones]
+    if as_list:
+        head = {"formatVersion": "1.0.0", "createdAt": rfc3339(export.stamp_ns)}
+        document: dict[str, Any] = {**head, "UASZoneList": zones}
+    else:
+        document = {"title": f"Crowd zones {export.mission}".strip(), "features": zones}
+    return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
+    end = {} if zone.valid_until_ns is None else {"endDateTime": rfc3339(zone.valid_until_ns, up=True)}
+    email = {} if export.contact is None else {"email": export.contact}
+    other = {} if zone.kind == "crowd" else {"otherReasonInfo": f"{zone.kind} ground"}
+    return {
+        "identifier": zone.id,
+        "country": export.country_code(),
+        "name": f"{zone.kind.capitalize()} {zone.id}",
+        "type": "COMMON",
+        "restriction": _RESTRICTIONS[zone.restriction],
+        "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],
+        **other,
+        "applicability": [{"permanent": "NO", "startDateTime": rfc3339(export.stamp_ns), **end}],
+        "zoneAuthority": [{"name": export.authority, "purpose": "INFORMATION", **email}],
+        "geometry": [_geometry(part, zone, export) for part in polygons_of(export.outline(zone))],
+    }
+
+
+def _geometry(part: Any, zone: Zone, export: ZoneExport) -> dict[str, Any]:
+    from shapely.geometry.polygon import orient
+
+    band = export.band(zone)
+    return {
+        "uomDimensions": "M",
+        "lowerLimit": math.floor(band.lower_m),
+        "lowerVerticalReference": band.datum,
+        "upperLimit": math.ceil(band.upper_m),
+        "upperVerticalReference": band.datum,
+        "horizontalProjection": {
+            "type": "Polygon",
+            "coordinates": [np.asarray(orient(part, 1.0).exterior.coords).tolist()],
+        },
+    }

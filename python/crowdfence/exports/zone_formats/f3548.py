@@ -1,0 +1,90 @@
+"""Zones as constraints of ASTM F3548-21 (UTM between service suppliers).
+
+Its limits are kept: at most 1000 corners (an outline with more grows), at most 24 h, at least 10 min, so that
+a zone which ends sooner is kept longer, and one without an end has to be published again within a day.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from crowdfence.exports.geographic_outline import polygons_of
+from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.exports.zone_formats.zone_export import ZoneExport
+from crowdfence.zones import Zone
+from crowdfence.zones.simplify import simplified, vertex_count
+
+MAX_VERTICES = 1000
+MAX_DURATION_NS = 24 * 3600 * 10**9
+LEAST_DURATION_NS = 10 * 60 * 10**9
+_NAMESPACE = uuid.UUID("8d4f7a52-6a3a-5ad0-9d35-8f1f3f1f6b58")
+"""Of the ids: the same zone of the same mission has the same one."""
+
+
+def f3548(export: ZoneExport) -> str:
+    """A list of constraints, as `{"reference": ..., "details": ...}` each."""
+    constraints = [_constraint(zone, export) for zone in export.zones]
+    return json.dumps({"constraints": constraints}, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
+    start, end = _times(zone, export.stamp_ns)
+    reference = {
+        "id": str(uuid.uuid5(_NAMESPACE, f"{export.mission}/{zone.id}")),
+        "manager": export.authority,
+        "uss_availability": "Unknown",
+        "version": 1,
+        "time_start": start,
+        "time_end": end,
+        "uss_base_url": "",
+    }
+    return {
+        "reference": reference,
+        "details": {"type": f"crowdfence.{zone.kind}.{zone.restriction}", "volumes": _volumes(zone, export)},
+    }
+
+
+def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
+    band = export.band(zone, "WGS84")
+    start, end = _times(zone, export.stamp_ns)
+    if vertex_count(zone.polygon) > MAX_VERTICES - 4:  # some for what the antimeridian cuts
+        zone = replace(zone, polygon=simplified(zone.polygon, max_vertices=MAX_VERTICES - 4))
+    return [
+        {
+            "volume": {
+                "outline_polygon": {"vertices": _vertices(part)},
+                "altitude_lower": _altitude(band.lower_m),
+                "altitude_upper": _altitude(band.upper_m),
+            },
+            "time_start": start,
+            "time_end": end,
+        }
+        for part in polygons_of(export.outline(zone, max_edge_m=None))
+    ]
+
+
+def _times(zone: Zone, stamp_ns: int) -> tuple[dict[str, str], dict[str, str]]:
+    last_ns = stamp_ns + MAX_DURATION_NS
+    end_ns = last_ns if zone.valid_until_ns is None else zone.valid_until_ns
+    end_ns = min(max(end_ns, stamp_ns + LEAST_DURATION_NS), last_ns)
+    return (
+        {"value": rfc3339(stamp_ns), "format": "RFC3339"},
+        {"value": rfc3339(end_ns, up=True), "format": "RFC3339"},
+    )
+
+
+def _vertices(part: Any) -> list[dict[str, float]]:
+    """Without the closing one, counter-clockwise; holes are closed."""
+    from shapely.geometry.polygon import orient
+
+    ring = np.asarray(orient(part, 1.0).exterior.coords)[:-1]
+    return [{"lat": latitude, "lng": longitude} for longitude, latitude in ring.tolist()]
+
+
+def _altitude(height_m: float) -> dict[str, Any]:
+    return {"value": height_m, "reference": "W84", "units": "M"}

@@ -1,0 +1,87 @@
+"""Zones as KML 2.2: extruded from the ground to their upper limit, with the time for which they hold.
+
+Heights are above the ground. A polygon of KML has no lower limit, so a zone that begins above the ground is
+drawn down to it. `multidrone` names every polygon "2", which is how the planners of the paper's authors
+(grvcTeam/multidrone_planning) know a no-fly zone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.etree import ElementTree as xml
+
+import numpy as np
+
+from crowdfence.exports.geographic_outline import polygons_of
+from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.exports.zone_formats.zone_export import ZoneExport
+from crowdfence.zones import Zone
+
+_NAMESPACE = "http://www.opengis.net/kml/2.2"
+_STYLES = {
+    "crowd": ("ff2608b4", "802608b4"),
+    "unseen": ("ff808080", "60808080"),
+    "static": ("ffb45a1e", "60b45a1e"),
+}
+"""Line and fill of each kind, as alpha, blue, green, red."""
+_MULTIDRONE_NO_FLY = "2"
+
+
+def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
+    """A document with one placemark per zone."""
+    root = xml.Element("kml", xmlns=_NAMESPACE)
+    document = _child(root, "Document")
+    _child(document, "name", f"Crowd zones {export.mission}".strip())
+    for kind, (line, fill) in _STYLES.items():
+        style = xml.SubElement(document, "Style", id=kind)
+        _child(_child(style, "LineStyle"), "color", line)
+        _child(_child(style, "PolyStyle"), "color", fill)
+    for zone in export.zones:
+        _placemark(document, zone, export, multidrone)
+    xml.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + xml.tostring(root, encoding="unicode") + "\n"
+
+
+def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) -> None:
+    place = xml.SubElement(document, "Placemark", id=zone.id)
+    _child(place, "name", _MULTIDRONE_NO_FLY if multidrone else f"{zone.kind.capitalize()} {zone.id}")
+    span = _child(place, "TimeSpan")
+    _child(span, "begin", rfc3339(export.stamp_ns))
+    if zone.valid_until_ns is not None:
+        _child(span, "end", rfc3339(zone.valid_until_ns, up=True))
+    _child(place, "styleUrl", f"#{zone.kind}")
+    data = _child(place, "ExtendedData")
+    for name, value in _told(zone).items():
+        _child(xml.SubElement(data, "Data", name=name), "value", value)
+    parts = list(polygons_of(export.outline(zone)))
+    parent = place if len(parts) == 1 else _child(place, "MultiGeometry")
+    for part in parts:
+        _polygon(parent, part, export.band(zone, "AGL").upper_m)
+
+
+def _told(zone: Zone) -> dict[str, str]:
+    told = {"id": zone.id, "kind": zone.kind, "restriction": zone.restriction, "reason": zone.reason or ""}
+    if zone.kind == "crowd":
+        told |= {"probability_max": repr(zone.probability_max), "seen_by": " ".join(zone.seen_by)}
+    return told
+
+
+def _polygon(parent: Any, part: Any, upper_m: float) -> None:
+    from shapely.geometry.polygon import orient
+
+    polygon = _child(parent, "Polygon")
+    _child(polygon, "extrude", "1")
+    _child(polygon, "altitudeMode", "relativeToGround")
+    oriented = orient(part, 1.0)
+    for name, ring in [
+        ("outerBoundaryIs", oriented.exterior),
+        *(("innerBoundaryIs", hole) for hole in oriented.interiors),
+    ]:
+        corners = " ".join(f"{x!r},{y!r},{upper_m:g}" for x, y in np.asarray(ring.coords).tolist())
+        _child(_child(_child(polygon, name), "LinearRing"), "coordinates", corners)
+
+
+def _child(parent: Any, name: str, text: str | None = None) -> Any:
+    element = xml.SubElement(parent, name)
+    element.text = text
+    return element

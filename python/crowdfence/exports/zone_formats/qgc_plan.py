@@ -1,0 +1,130 @@
+"""Zones as the exclusion fence of a QGroundControl plan, alone or put into a plan that exists.
+
+A fence of an autopilot is short (63 corners and circles on PX4), has no holes, no heights and no times: zones
+are fitted into it without uncovering anything (`zones.capacity`), and stand until another fence is sent. What
+the plan held before stays, its other fence items too, and they count.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
+from crowdfence.zones import Zone
+from crowdfence.zones.capacity import Circle, Fence, fitted
+
+PLAN_VERSION = 1
+MISSION_VERSION = 2
+FENCE_VERSION = 2
+_ITEM_VERSION = 1
+_DECIMALS = 8
+_SPREAD = 1e-3
+"""How much longer a metre of the local plane may be on the ground, some kilometres up or away."""
+
+
+def qgc_plan(export: ZoneExport, plan: dict[str, Any] | None = None) -> str:
+    """The plan as text; `plan` is one that exists. ValueError for a plan of a version that is not known and
+    for a fence that is full."""
+    result = _empty_plan(export) if plan is None else _checked(plan)
+    fence = result["geoFence"]
+    ours = fence_of(export, None if plan is None else result)
+    fence["polygons"] += [_polygon(one, export) for one in ours.polygons]
+    fence["circles"] += [_circle(one, export) for one in ours.circles]
+    return json.dumps(result, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
+
+
+def fence_of(export: ZoneExport, plan: dict[str, Any] | None = None) -> Fence:
+    """What is put into the fence beside what a plan holds. ValueError where there is no room."""
+    if not export.zones:
+        return Fence((), (), 0.0, 0.0)
+    there = {"polygons": [], "circles": []} if plan is None else _checked(plan)["geoFence"]
+    taken = sum(len(one["polygon"]) for one in there["polygons"]) + len(there["circles"])
+    return fitted([zone.polygon for zone in export.zones], export.max_items - taken)
+
+
+def _checked(plan: dict[str, Any]) -> dict[str, Any]:
+    """A copy with a fence of the known version."""
+    result: dict[str, Any] = json.loads(json.dumps(plan))
+    if result.get("fileType") != "Plan" or not isinstance(result.get("mission"), dict):
+        raise ValueError("the plan is not one of QGroundControl: it has no fileType Plan or no mission")
+    for name, found, known in (
+        ("the plan", result.get("version"), PLAN_VERSION),
+        ("its mission", result["mission"].get("version"), MISSION_VERSION),
+    ):
+        if found != known:
+            raise ValueError(f"{name} is of version {found!r}; only {known} is known")
+    fence = result.setdefault("geoFence", {})
+    if fence.get("version", FENCE_VERSION) != FENCE_VERSION:
+        if fence.get("polygon") or fence.get("polygons") or fence.get("circles"):
+            raise ValueError(f"its fence is of version {fence['version']!r}; only {FENCE_VERSION} is known")
+        fence = result["geoFence"] = {}  # the old form, empty
+    fence["version"] = FENCE_VERSION
+    fence.setdefault("polygons", [])
+    fence.setdefault("circles", [])
+    return result
+
+
+def _empty_plan(export: ZoneExport) -> dict[str, Any]:
+    home = export.georeference
+    return {
+        "fileType": "Plan",
+        "groundStation": SOFTWARE,
+        "version": PLAN_VERSION,
+        "geoFence": {"version": FENCE_VERSION, "polygons": [], "circles": []},
+        "rallyPoints": {"version": 2, "points": []},
+        "mission": {
+            "version": MISSION_VERSION,
+            "firmwareType": 12,
+            "vehicleType": 2,
+            "globalPlanAltitudeMode": 1,
+            "cruiseSpeed": 15,
+            "hoverSpeed": 5,
+            "items": [],
+            "plannedHomePosition": [home.latitude_deg, home.longitude_deg, home.height_m],
+        },
+    }
+
+
+def _polygon(polygon: Any, export: ZoneExport) -> dict[str, Any]:
+    zone = _as_zone(polygon, export)
+    outline = export.outline(zone, max_edge_m=None, decimals=_DECIMALS)
+    if outline.geom_type != "Polygon":
+        raise ValueError("a fence across the antimeridian cannot be written as a plan")
+    ring = np.asarray(outline.exterior.coords)[:-1]
+    return {
+        "inclusion": False,
+        "polygon": [[latitude, longitude] for longitude, latitude in ring.tolist()],
+        "version": _ITEM_VERSION,
+    }
+
+
+def _circle(circle: Circle, export: ZoneExport) -> dict[str, Any]:
+    heights = [height for zone in export.zones for height in (zone.lower_m, zone.upper_m)]
+    centre = [[circle.east_m, circle.north_m, (min(heights) + max(heights)) / 2]]
+    latitude, longitude, _ = export.georeference.geodetic_from_local(centre)
+    radius_m = math.ceil((circle.radius_m * (1.0 + _SPREAD) + 0.01) * 100) / 100
+    return {
+        "circle": {
+            "center": [round(float(latitude[0]), _DECIMALS), round(float(longitude[0]), _DECIMALS)],
+            "radius": radius_m,
+        },
+        "inclusion": False,
+        "version": _ITEM_VERSION,
+    }
+
+
+def _as_zone(polygon: Any, export: ZoneExport) -> Zone:
+    """A shape of the fence as something that has an outline; heights of all zones."""
+    from dataclasses import replace
+
+    return replace(
+        export.zones[0],
+        id="fence",
+        polygon=polygon,
+        lower_m=min(zone.lower_m for zone in export.zones),
+        upper_m=max(zone.upper_m for zone in export.zones),
+    )

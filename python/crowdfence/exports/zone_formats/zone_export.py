@@ -1,0 +1,76 @@
+"""What is exported of the zones of one moment, and what the file has to know besides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdfence.exports.geographic_outline import ellipsoidal_heights, geographic_outline
+from crowdfence.exports.zone_formats.geoid import geoid_heights_m
+from crowdfence.georeference import Georeference
+from crowdfence.zones import AltitudeBand, Zone
+from crowdfence.zones.altitude_band import Datum
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+SOFTWARE = "crowdfence"
+
+
+class NoGeoreference(ValueError):
+    """Zones in local metres cannot be written in degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneExport:
+    """Zones, when and where they hold, and who says so."""
+
+    zones: Sequence[Zone]
+    stamp_ns: int
+    """Instant whose zones these are: they hold from here."""
+    georeference: Georeference
+    mission: str = ""
+    method: str = ""
+    threshold: float | None = None
+    country: str | None = None
+    """ISO 3166 alpha-3, for formats of authorities."""
+    authority: str = "fleet operator"
+    """Who is responsible for the zones."""
+    contact: str | None = None
+    """E-mail address of the authority."""
+    datum: Datum = "AGL"
+    """Of the heights that the file states."""
+    max_items: int = 63
+    """Capacity of an autopilot's fence, in corners and circles."""
+
+    def country_code(self) -> str:
+        """ValueError where no country is given, or it has no three letters."""
+        code = self.country
+        if code is None or len(code) != 3 or not (code.isascii() and code.isalpha() and code.isupper()):
+            raise ValueError(
+                f"country is {code!r}; this format needs three letters of ISO 3166, such as --country GRC"
+            )
+        return code
+
+    def outline(self, zone: Zone, **options: Any) -> Polygon | MultiPolygon:
+        """Longitude and latitude, see `geographic_outline`."""
+        return geographic_outline(zone, self.georeference, **options)
+
+    def band(self, zone: Zone, datum: Datum | None = None) -> AltitudeBand:
+        """From which height to which, above `datum`, that of the export by default. A band above ground is as
+        much thicker above another one as the ground is uneven. ValueError where the geoid is not known."""
+        datum = self.datum if datum is None else datum
+        if zone.band.datum == datum:
+            return zone.band
+        if zone.band.datum != "AGL":
+            raise ValueError(
+                f"zone {zone.id} is bounded above {zone.band.datum}, which is not converted to {datum}"
+            )
+        lower_m, upper_m = ellipsoidal_heights(zone, self.georeference)
+        if datum == "AMSL":
+            geoid_m = geoid_heights_m(np.array(self.outline(zone).bounds))
+            lower_m, upper_m = lower_m - max(geoid_m), upper_m - min(geoid_m)
+        return zone.band.above(lower_m, upper_m, datum)

@@ -1,0 +1,10 @@
+"""What a planner asks of the zones: is a place clear, is a path, is there a way round.
+
+- `clear_air`  points and paths in space and time against the zones that were known then
+- `route`      the shortest way round the zones of one moment
+"""
+
+from crowdfence.planner.clear_air import ClearAir, Conflict
+from crowdfence.planner.route import NoRoute, Route, safe_route
+
+__all__ = ["ClearAir", "Conflict", "NoRoute", "Route", "safe_route"]

@@ -1,0 +1,60 @@
+"""The folder that a run wrote, read again for what is made from it afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.zones.history import ZoneHistory
+
+HISTORY = "zone_history.jsonl"
+
+
+def open_history(run: str | PathLike[str]) -> ZoneHistory:
+    """The zones of the run in a folder, or of a history file. FileNotFoundError, ZoneHistoryError."""
+    path = Path(run)
+    if path.is_dir():
+        path = path / HISTORY
+        if not path.exists():
+            raise FileNotFoundError(f"{run} holds no {HISTORY}; is it a folder that crowdfence run wrote?")
+    return ZoneHistory.read(path)
+
+
+def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:
+    """Where the numbers of a moment come from."""
+    told: Mapping[str, Any] = history.description
+    return MapDescription(
+        stamp_ns=stamp_ns,
+        threshold=history.at(stamp_ns).threshold,
+        method=told.get("method", "unknown"),
+        parameters=told.get("parameters", {}),
+        first_stamp_ns=history.stamps_ns[0],
+        drones=tuple(told.get("drones", ())),
+        mission=told.get("mission", ""),
+    )
+
+
+def stamp_of(text: str, history: ZoneHistory) -> int:
+    """Nanoseconds of "last", "first", a number of seconds after the first instant ("+2.5"), nanoseconds, or
+    ISO 8601 (UTC unless it says otherwise). ValueError for anything else."""
+    if text in ("first", "last"):
+        return history.stamps_ns[0 if text == "first" else -1]
+    try:
+        if text.startswith("+"):
+            return history.stamps_ns[0] + round(float(text) * 1e9)
+        if text.lstrip("-").isdigit():
+            return int(text)
+        whole, _, digits = text.removesuffix("Z").partition(".")
+        moment = datetime.fromisoformat(whole)
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=timezone.utc)
+        fraction_ns = int(digits.ljust(9, "0")[:9]) if digits else 0
+        return round(moment.timestamp()) * 1_000_000_000 + fraction_ns
+    except ValueError:
+        raise ValueError(
+            f"{text!r} is no stamp; give last, first, +SECONDS, nanoseconds, or 2026-01-01T12:00:00.5Z"
+        ) from None

@@ -1,0 +1,65 @@
+"""No-fly zones that somebody else drew, from their files: ED-318, ED-269, GeoJSON, KML. They stay closed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from crowdfence.georeference import Georeference
+from crowdfence.static_zones.given_zone import GivenZone, StaticZones, local_zones
+from crowdfence.static_zones.kml_polygons import kml_zones
+from crowdfence.static_zones.plain_geojson import geojson_zones
+from crowdfence.static_zones.uas_zones import ed269_zones, ed318_zones, is_ed269, is_ed318
+from crowdfence.zones import Zone
+
+__all__ = ["StaticZoneError", "StaticZones", "open_static_zones", "read_static_zones"]
+
+
+class StaticZoneError(ValueError):
+    """A file of zones that cannot be used; the message names the file and what is wrong with it."""
+
+
+def open_static_zones(
+    path: str | PathLike[str], georeference: Georeference | None, taken: set[str] | None = None
+) -> StaticZones:
+    """The zones of a file in the local frame that `georeference` anchors. Ids are those of the file where
+    they are short and not `taken`. StaticZoneError for what cannot be used, OSError for a missing file."""
+    path = Path(path)
+    data = path.read_bytes()
+    if georeference is None:
+        raise StaticZoneError(f"{path}: the recording has no place on Earth, so zones cannot be placed in it")
+    left_out: list[str] = []
+    try:
+        if data.lstrip().startswith(b"<"):
+            given = list(kml_zones(data, left_out))
+        else:
+            document = json.loads(data)
+            given = list(_reader(document)(document, left_out))
+        zones = local_zones(given, georeference, set() if taken is None else taken)
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise StaticZoneError(f"{path}: {what}") from error
+    return StaticZones(tuple(zones), tuple(left_out))
+
+
+def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:
+    if is_ed318(document):
+        return ed318_zones
+    return ed269_zones if is_ed269(document) else geojson_zones
+
+
+def read_static_zones(
+    paths: list[Path], georeference: Georeference | None
+) -> tuple[tuple[Zone, ...], list[str]]:
+    """The zones of several files, and a sentence for everything that is left out."""
+    taken: set[str] = set()
+    zones: list[Zone] = []
+    left_out = []
+    for path in paths:
+        read = open_static_zones(path, georeference, taken)
+        zones += read.zones
+        left_out += [f"{path.name}: {reason}" for reason in read.left_out]
+    return tuple(zones), left_out

@@ -1,0 +1,149 @@
+"""A zone as a file of somebody else gives it, and what becomes of it in the local frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.georeference import Georeference
+from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
+from crowdfence.zones.rules import Restriction
+from crowdfence.zones.zone_id import zone_id
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+FOOT_M = 0.3048
+NO_CEILING_M = 99_999.0
+"""What the formats write for "unlimited"."""
+_MAX_EDGE_DEG = 1e-3
+"""Longer edges are straight in longitude and latitude only: between such corners they bow by 0.3 mm."""
+_CIRCLE_CORNERS = 64
+_HIGHER_GROUND = 1.001
+"""A circle on the ellipsoid is so much wider 6 km above it."""
+_MAX_LATITUDE_DEG = 89.0
+_NEVER_NS = -1
+
+
+@dataclass(frozen=True, slots=True)
+class GivenZone:
+    """One area in longitude and latitude with its band of heights."""
+
+    name: str
+    rings: Sequence[NDArray[np.float64]]
+    """Corners (longitude, latitude) [C, 2] of the outline, then of its holes."""
+    band: AltitudeBand
+    restriction: Restriction = "prohibited"
+    centre: tuple[float, float] | None = None
+    """Longitude and latitude of a circle, which has no rings."""
+    radius_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StaticZones:
+    """What a file gives."""
+
+    zones: tuple[Zone, ...]
+    left_out: tuple[str, ...]
+    """What is in the file and closes nothing, and why."""
+
+
+def local_zones(given: Iterable[GivenZone], georeference: Georeference, taken: set[str]) -> list[Zone]:
+    """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
+    a number; `taken` receives the ids. ValueError for an outline that is empty, crosses itself or is not
+    finite."""
+    zones = []
+    for one in given:
+        polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
+        name = _free_id(one.name, taken)
+        taken.add(name)
+        zones.append(_zone(name, polygon, one))
+    return zones
+
+
+def _zone(name: str, polygon: Polygon, given: GivenZone) -> Zone:
+    return Zone(
+        id=name,
+        polygon=polygon,
+        cell_count=0,
+        area_m2=float(polygon.area),
+        probability_max=float("nan"),
+        probability_mean=float("nan"),
+        lower_m=0.0,
+        upper_m=0.0,
+        last_seen_ns=_NEVER_NS,
+        oldest_look_ns=_NEVER_NS,
+        seen_by=(),
+        kind="static",
+        restriction=given.restriction,
+        band=given.band,
+        reason="given",
+    )
+
+
+def _free_id(name: str, taken: set[str]) -> str:
+    if 0 < len(name) <= MAX_ID_LENGTH and name not in taken and name[0] not in "ZU" and name.isprintable():
+        return name
+    number = 1
+    while zone_id(number, "S") in taken:
+        number += 1
+    return zone_id(number, "S")
+
+
+def _polygon(given: GivenZone, georeference: Georeference) -> Polygon:
+    import shapely
+
+    if not given.rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in given.rings):
+        raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
+    if abs(given.rings[0][:, 1]).max() > _MAX_LATITUDE_DEG:
+        raise ValueError(f"zone {given.name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
+    unwrapped = [_beside(ring, georeference) for ring in given.rings]
+    shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
+    if not shape.is_valid or shape.is_empty:
+        raise ValueError(f"zone {given.name!r}: {shapely.is_valid_reason(shape)}")
+    dense = shapely.segmentize(shape, _MAX_EDGE_DEG)
+    return shapely.transform(dense, lambda corners: _local(corners, georeference))
+
+
+def _circle(given: GivenZone, georeference: Georeference) -> Polygon:
+    """Around the circle, not in it."""
+    import shapely
+
+    assert given.centre is not None
+    if not (0.0 < given.radius_m < np.inf and np.isfinite(given.centre).all()):
+        raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
+    middle = _local(np.array([given.centre]), georeference)[0]
+    angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
+    reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
+    return shapely.Polygon(middle + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def _beside(ring: NDArray[np.float64], georeference: Georeference) -> NDArray[np.float64]:
+    """On one branch of longitude, around the anchor, so that no ring jumps across the antimeridian."""
+    anchor_deg = georeference.longitude_deg
+    longitude = anchor_deg + (ring[:, 0] - anchor_deg + 180.0) % 360.0 - 180.0
+    return np.column_stack([longitude, ring[:, 1]])
+
+
+def _local(corners: NDArray[np.float64], georeference: Georeference) -> NDArray[np.float64]:
+    height_m = np.full(len(corners), georeference.height_m)
+    return georeference.local_from_geodetic(corners[:, 1], corners[:, 0], height_m)[:, :2]
+
+
+def metres(value: float | str | None, unit: str | None, missing: float) -> float:
+    """A limit in metres from text or a number in "m", "M", "ft", "FT"; `missing` where there is none."""
+    if value is None:
+        return missing
+    return float(value) * (FOOT_M if (unit or "m").lower() == "ft" else 1.0)
+
+
+def band_between(lower_m: float, upper_m: float, lower_datum: str, upper_datum: str) -> AltitudeBand:
+    """Of two limits. Above two different data it is closed from the ground up without end: what lies between
+    them cannot be told here."""
+    if lower_datum != upper_datum or lower_datum not in ("AGL", "AMSL", "WGS84"):
+        return AltitudeBand(0.0, NO_CEILING_M, "AGL")
+    return AltitudeBand(lower_m, upper_m, lower_datum)  # type: ignore[arg-type]

@@ -1,0 +1,54 @@
+"""Polygons of a KML file, wherever in it they are, from the ground up without end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+from xml.etree import ElementTree as xml
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone
+from crowdfence.zones import AltitudeBand
+
+
+def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
+    """ValueError for what is no KML, or a polygon without corners."""
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise ValueError("it declares entities, which no KML needs")
+    try:
+        root = xml.fromstring(data)
+    except xml.ParseError as error:
+        raise ValueError(f"it is no XML: {error}") from error
+    for place in root.iter():
+        if _tag(place) != "Placemark":
+            continue
+        name = next((child.text or "" for child in place if _tag(child) == "name"), "")
+        polygons = [element for element in place.iter() if _tag(element) == "Polygon"]
+        if not polygons:
+            left_out.append(f"{name}: no polygon, closes no ground")
+        for polygon in polygons:
+            rings = [
+                *_rings_of(polygon, "outerBoundaryIs", name),
+                *_rings_of(polygon, "innerBoundaryIs", name),
+            ]
+            yield GivenZone(name, rings, AltitudeBand(0.0, NO_CEILING_M, "AGL"))
+
+
+def _rings_of(polygon: Any, boundary: str, name: str) -> list[NDArray[np.float64]]:
+    rings = []
+    for element in polygon:
+        if _tag(element) == boundary:
+            text = next((e.text or "" for e in element.iter() if _tag(e) == "coordinates"), "")
+            try:
+                corners = [[float(number) for number in corner.split(",")[:2]] for corner in text.split()]
+                rings.append(np.array(corners, dtype=np.float64).reshape(-1, 2))
+            except ValueError as error:
+                raise ValueError(f"zone {name!r} has a corner that cannot be read: {error}") from error
+    return rings
+
+
+def _tag(element: Any) -> str:
+    """Without the namespace, of which there are several."""
+    return str(element.tag).rpartition("}")[2]

@@ -1,0 +1,97 @@
+"""Geographical zones of authorities: ED-318 (GeoJSON with layers) and ED-269, in both of its outer forms.
+
+Both have longitude before latitude. Times and schedules are not looked at: a zone that holds at times is
+closed always. Zones that ask for an authorisation, or have conditions, are closed like those that prohibit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, metres
+
+OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
+"""What does not keep anybody out by itself."""
+
+
+def is_ed318(document: Mapping[str, Any]) -> bool:
+    features = document.get("features") or [{}]
+    properties = features[0].get("properties")
+    return isinstance(properties, dict) and "variant" in properties and "identifier" in properties
+
+
+def is_ed269(document: Mapping[str, Any]) -> bool:
+    if "UASZoneList" in document:
+        return True
+    features = document.get("features") or [{}]
+    return "identifier" in features[0] and "geometry" in features[0]
+
+
+def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
+    """ValueError or KeyError where something is missing."""
+    for feature in document["features"]:
+        properties = feature["properties"]
+        name = properties["identifier"]
+        if properties["type"] in OPEN_TYPES:
+            left_out.append(f"{name}: {properties['type']} keeps nobody out")
+        else:
+            yield from _layered(name, feature["geometry"])
+
+
+def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
+    if geometry["type"] == "GeometryCollection":
+        for part in geometry["geometries"]:
+            yield from _layered(name, part)
+        return
+    layer = geometry.get("layer", {})
+    unit = layer.get("uom", "m")
+    band = band_between(
+        metres(layer.get("lower"), unit, 0.0),
+        metres(layer.get("upper"), unit, NO_CEILING_M),
+        layer.get("lowerReference", "AGL"),
+        layer.get("upperReference", "AGL"),
+    )
+    if geometry["type"] == "Point":
+        longitude, latitude = geometry["coordinates"][:2]
+        radius_m = float(geometry["extent"]["radius"])
+        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
+    elif geometry["type"] == "Polygon":
+        yield GivenZone(name, _rings(geometry["coordinates"]), band)
+    elif geometry["type"] == "MultiPolygon":
+        for rings in geometry["coordinates"]:
+            yield GivenZone(name, _rings(rings), band)
+    else:
+        raise ValueError(f"zone {name!r} has a {geometry['type']}, which closes no ground")
+
+
+def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
+    """ValueError or KeyError where something is missing."""
+    for zone in document["UASZoneList"] if "UASZoneList" in document else document["features"]:
+        name = zone["identifier"]
+        if zone["restriction"] in OPEN_TYPES:
+            left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
+            continue
+        for geometry in zone["geometry"]:
+            unit = geometry["uomDimensions"]
+            band = band_between(
+                metres(geometry.get("lowerLimit"), unit, 0.0),
+                metres(geometry.get("upperLimit"), unit, NO_CEILING_M),
+                geometry["lowerVerticalReference"],
+                geometry["upperVerticalReference"],
+            )
+            projection = geometry["horizontalProjection"]
+            if projection["type"] == "Circle":
+                longitude, latitude = projection["center"][:2]
+                radius_m = metres(projection["radius"], unit, 0.0)
+                yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
+            else:
+                yield GivenZone(name, _rings(projection["coordinates"]), band)
+
+
+def _rings(coordinates: Any) -> list[Any]:
+    return [
+        np.array([corner[:2] for corner in ring], dtype=np.float64).reshape(-1, 2) for ring in coordinates
+    ]

@@ -1,0 +1,35 @@
+"""From which height to which a zone is closed, and above what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+Datum = Literal["AGL", "AMSL", "WGS84"]
+"""Above the ground below, above mean sea level (a geoid), above the ellipsoid of WGS 84."""
+
+
+@dataclass(frozen=True, slots=True)
+class AltitudeBand:
+    """A band of heights in metres; ValueError where it is empty or not finite."""
+
+    lower_m: float
+    upper_m: float
+    datum: Datum
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lower_m) and math.isfinite(self.upper_m) and self.lower_m < self.upper_m):
+            raise ValueError(
+                f"band {self.lower_m:g} to {self.upper_m:g} m must be finite, lower before upper"
+            )
+
+    def above(self, lowest_ground_m: float, highest_ground_m: float, datum: Datum) -> AltitudeBand:
+        """A band above ground as one of another datum, which ground lies between two heights of: it holds the
+        band above every place, so it is as much thicker as the ground is uneven."""
+        assert self.datum == "AGL"
+        return AltitudeBand(lowest_ground_m + self.lower_m, highest_ground_m + self.upper_m, datum)
+
+
+DEFAULT_BAND = AltitudeBand(0.0, 120.0, "AGL")
+"""From the ground to the ceiling of the EU's open category."""

@@ -1,0 +1,56 @@
+"""What a crowd map tells the zones about columns of ground at one stamp.
+
+Everything that a zone needs to know of a method stands here: which columns are crowd, until when they stay so
+if nobody looks again, and between which bounds their probability lies. A method that does not say is none the
+worse: its zones then have no expiry, or no interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdColumns, CrowdMap
+
+_LATEST_NS = np.iinfo(np.int64).max // 2
+"""Beyond it (the year 2116) an expiry is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnBelief:
+    """Columns of the terrain that hold crowd, sorted by i, then j."""
+
+    columns: CrowdColumns
+    valid_until_ns: NDArray[np.int64] | None
+    """[C] When each column falls below the threshold if nobody looks at it again, never too early; None where
+    the method knows no such time."""
+    interval: NDArray[np.float64] | None
+    """[C, 2] Bounds of the probability of each column; None where the method has none."""
+
+
+def column_belief(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> ColumnBelief:
+    """The columns that are at or above a threshold at a stamp not before the newest instant."""
+    columns = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
+    return ColumnBelief(columns, _valid_until_ns(crowd_map, columns, stamp_ns, threshold), None)
+
+
+def _valid_until_ns(
+    crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int, threshold: float
+) -> NDArray[np.int64] | None:
+    """Of equation 3: P exp(-lambda t) is at the threshold after t = ln(P / threshold) / lambda.
+
+    None where nothing decays: method `or`, lambda 0, and lambda per instant, because nobody knows when the
+    next instants come.
+    """
+    parameters = crowd_map.method.parameters
+    decay_per_s = parameters.get("decay", 0.0)
+    if not decay_per_s or parameters.get("decay_unit") != "second":
+        return None
+    left_s = np.log(columns.probability / threshold) / float(decay_per_s)
+    # Rounded up: a double holds nanoseconds of years no better than this.
+    left_ns = np.ceil(left_s * 1e9 * (1.0 + 1e-12)) + 1.0
+    if (left_ns > _LATEST_NS - stamp_ns).any():
+        return None
+    return np.asarray(stamp_ns + left_ns.astype(np.int64))

@@ -1,0 +1,293 @@
+"""The zones of a crowd map from instant to instant.
+
+    what the map says -> columns of crowd -> regions -> zones with ids that last -> what is closed
+
+An instant costs what was seen so far; outlines, buffers and fewer corners are worked out again only for zones
+whose columns changed. The same instants give the same zones, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
+from crowdfence.zones.belief import ColumnBelief, column_belief
+from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
+from crowdfence.zones.find import by_region, zones_of_regions
+from crowdfence.zones.ground_heights import GroundHeights
+from crowdfence.zones.grow import grown, without_small_holes
+from crowdfence.zones.outline import outlines
+from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
+from crowdfence.zones.simplify import simplified
+from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
+from crowdfence.zones.unseen import StandingPlaces
+from crowdfence.zones.zone import Reason, Zone, ZoneSet
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+NEVER_NS = -1
+UNSEEN_ID = "UNSEEN"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """What a zone closed at the instant before, and the columns that it follows from."""
+
+    columns: NDArray[np.int64]
+    crowd: Polygon | MultiPolygon
+    closed: Polygon | MultiPolygon
+
+
+class ZoneEngine:
+    """Follows the zones of one crowd map; `step` after every instant, in order."""
+
+    def __init__(self, crowd_map: CrowdMap, rules: ZoneRules, static: Sequence[Zone] = ()) -> None:
+        """`static` are zones that somebody else drew: they are part of every set, and never end."""
+        self.rules = rules
+        self._crowd_map = crowd_map
+        self._static = tuple(static)
+        nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
+        self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
+        self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
+        self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
+        self._closed = np.empty(0, dtype=np.int64)
+        self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
+        """Voxels at or above the threshold at the last step, sorted."""
+        # A method without this parameter weighs values in its own way.
+        self._shows_crowd = float(crowd_map.method.parameters.get("b_threshold", 0.5))
+        self._evidence: dict[str, dict[str, DroneEvidence]] = {}
+        self._looks_now: dict[str, list[DroneEvidence]] = {}
+
+    def step(self, stamp_ns: int, observations: Iterable[Observation] = ()) -> ZoneSet:
+        """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
+        what the drones saw becomes the zones' evidence."""
+        rules = self.rules
+        belief = column_belief(self._crowd_map, stamp_ns, rules.off_threshold)
+        columns = belief.columns
+        keys = column_keys(columns.indices)
+        is_crowd = columns.probability >= rules.threshold
+        if rules.off_threshold < rules.threshold:
+            is_crowd |= np.isin(keys, self._closed, assume_unique=True)
+        self._closed = keys[is_crowd]
+        self.crowd_voxel_ids = np.sort(self._at_threshold(columns, stamp_ns).voxel_ids)
+        region = np.full(len(keys), -1, dtype=np.int64)
+        runs = Runs.of(columns.indices[is_crowd])
+        region[is_crowd] = np.repeat(largest_first(runs), runs.length)
+        region, dropped = self._without_small(region, keys)
+        tracks, shapes, events = self._crowd.step(region, keys, stamp_ns)
+        self._follow_evidence(tracks, events, columns, region, list(observations))
+        order, first = by_region(region, len(tracks))
+        inside = np.split(order, first[1:]) if tracks else []
+        zones = zones_of_regions(self._crowd_map, columns, region, [shape.crowd for shape in shapes])
+        return ZoneSet(
+            zones=tuple(
+                self._told(zone, track, shape, belief, members)
+                for zone, track, shape, members in zip(zones, tracks, shapes, inside, strict=True)
+            ),
+            threshold=rules.threshold,
+            min_area_m2=rules.min_area_m2,
+            dropped_count=len(dropped),
+            dropped_area_m2=float(sum(dropped)) * self._crowd_map.terrain.voxel_size_m**2,
+            unseen=self._unknown_ground(stamp_ns),
+            static=self._static,
+            events=tuple(events),
+        )
+
+    def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> CrowdColumns:
+        threshold = self.rules.threshold
+        if self.rules.off_threshold == threshold:
+            return columns
+        return self._crowd_map.crowd_columns(stamp_ns, threshold=threshold)
+
+    def _without_small(
+        self, region: NDArray[np.int64], keys: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], list[int]]:
+        """Regions that are large enough, still numbered by size, others -1; the columns of each of these. A
+        region that continues a zone need only be half as large."""
+        least = self.rules.min_area_m2 / self._crowd_map.terrain.voxel_size_m**2
+        size = np.bincount(region[region >= 0])
+        alive = [track.columns for track in self._crowd.alive]
+        continues = np.zeros(len(size), dtype=np.bool_)
+        if least > 0.0 and alive:
+            continues[region[(region >= 0) & np.isin(keys, np.concatenate(alive))]] = True
+        kept = (size >= least) | (continues & (size >= least / 2))
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        return np.where(region >= 0, number[region], -1) if len(size) else region, size[~kept].tolist()
+
+    def _follow_evidence(
+        self,
+        tracks: Sequence[Track],
+        events: Sequence[ZoneEvent],
+        columns: CrowdColumns,
+        region: NDArray[np.int64],
+        observations: list[Observation],
+    ) -> None:
+        before, after = self._evidence, {}
+        self._looks_now = {}
+        origins: dict[str, list[str]] = {}
+        for event in events:
+            if event.other is not None:
+                old, new = (event.other, event.id) if event.kind == "split" else (event.id, event.other)
+                origins.setdefault(new, []).append(old)
+        order, first = by_region(np.repeat(region, columns.crowd_count), len(tracks))
+        voxels = np.split(columns.voxel_ids[order], first[1:])
+        for track, voxel_ids in zip(tracks, voxels, strict=False):
+            known = joined(before.get(name, {}) for name in (track.id, *origins.get(track.id, [])))
+            after[track.id] = with_looks(known, np.sort(voxel_ids), observations)
+            self._looks_now[track.id] = [
+                look for drone, look in after[track.id].items() if look is not known.get(drone)
+            ]
+        self._evidence = after
+
+    def _told(
+        self,
+        zone: Zone,
+        track: Track,
+        shape: _Shape,
+        belief: ColumnBelief,
+        inside: NDArray[np.int64],
+    ) -> Zone:
+        """The zone with its name, what it closes and what it rests on; `inside` are its columns."""
+        evidence = self._evidence[track.id]
+        until_ns, interval = belief.valid_until_ns, belief.interval
+        lower_m, upper_m = self._ground(zone, shape)
+        return replace(
+            zone,
+            id=track.id,
+            polygon=shape.closed,
+            crowd_outline=None if shape.closed is shape.crowd else shape.crowd,
+            lower_m=lower_m,
+            upper_m=upper_m,
+            restriction=self.rules.restriction,
+            band=self.rules.band,
+            created_ns=track.created_ns,
+            valid_until_ns=None if until_ns is None else int(until_ns[inside].max()),
+            interval=None if interval is None else _largest(interval[inside]),
+            evidence=tuple(evidence[drone] for drone in sorted(evidence)),
+            reason=self._reason(zone, self._looks_now[track.id]),
+        )
+
+    def _ground(self, zone: Zone, shape: _Shape) -> tuple[float, float]:
+        """Lowest and highest ground of all that is closed."""
+        if self._heights is None or shape.closed is shape.crowd:
+            return zone.lower_m, zone.upper_m
+        around = self._heights.within(shape.closed)
+        if around is None:
+            return zone.lower_m, zone.upper_m
+        return min(zone.lower_m, around[0]), max(zone.upper_m, around[1])
+
+    def _reason(self, zone: Zone, looks_now: Sequence[DroneEvidence]) -> Reason:
+        if any(look.value > self._shows_crowd for look in looks_now):
+            return "seen"
+        if zone.probability_max < self.rules.threshold:
+            return "held"
+        return "not_cleared" if looks_now else "not_looked_at"
+
+    def _unknown_ground(self, stamp_ns: int) -> tuple[Zone, ...]:
+        """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing."""
+        if self._standing is None:
+            return ()
+        rules, terrain = self.rules, self._crowd_map.terrain
+        keys = self._standing.unknown(self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s)
+        if not len(keys):
+            return ()
+        runs = Runs.of(column_places(keys))
+        (outline,) = outlines(runs, np.zeros(len(runs), dtype=np.int64), terrain)
+        lowest_m, highest_m = (float(height) for height in terrain.bounds[:, 2])
+        zone = Zone(
+            id=UNSEEN_ID,
+            polygon=outline,
+            cell_count=len(keys),
+            area_m2=len(keys) * terrain.voxel_size_m**2,
+            probability_max=float("nan"),
+            probability_mean=float("nan"),
+            lower_m=lowest_m,
+            upper_m=highest_m,
+            last_seen_ns=NEVER_NS,
+            oldest_look_ns=NEVER_NS,
+            seen_by=(),
+            kind="unseen",
+            restriction=rules.restriction,
+            band=rules.band,
+            reason="never_cleared",
+        )
+        return (zone,)
+
+
+class _Followed:
+    """Regions of one kind over time: which zone each is, and what it closes."""
+
+    def __init__(self, tracker: ZoneTracker, terrain: Terrain, rules: ZoneRules) -> None:
+        self._tracker = tracker
+        self._terrain = terrain
+        self._rules = rules
+        self._shapes: dict[str, _Shape] = {}
+
+    @property
+    def alive(self) -> tuple[Track, ...]:
+        return self._tracker.alive
+
+    def step(
+        self, region: NDArray[np.int64], keys: NDArray[np.int64], stamp_ns: int
+    ) -> tuple[list[Track], list[_Shape], list[ZoneEvent]]:
+        """Zone and shape of each region 0, 1, ..; `region` [C] is that of the columns `keys` [C], or -1."""
+        order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
+        sizes = np.bincount(region[order])
+        columns = np.split(keys[order], np.cumsum(sizes)[:-1]) if len(sizes) else []
+        tracks, events = self._tracker.step(columns, stamp_ns)
+        before, self._shapes = self._shapes, {}
+        changed = [
+            number
+            for number, track in enumerate(tracks)
+            if track.id not in before or not np.array_equal(before[track.id].columns, track.columns)
+        ]
+        fresh = dict(zip(changed, self._outlined([columns[number] for number in changed]), strict=True))
+        for number, track in enumerate(tracks):
+            old = before.get(track.id)
+            shape = fresh.get(number, old)
+            assert shape is not None
+            self._shapes[track.id] = shape
+            if number in fresh and old is not None:
+                events.append(ZoneEvent(stamp_ns, "updated", track.id))
+        return tracks, [self._shapes[track.id] for track in tracks], events
+
+    def _outlined(self, regions: Sequence[NDArray[np.int64]]) -> list[_Shape]:
+        if not regions:
+            return []
+        keys = np.concatenate(list(regions))
+        region = np.repeat(np.arange(len(regions)), [len(columns) for columns in regions])
+        order = np.argsort(keys)
+        runs, run_region = _runs_of_regions(column_places(keys[order]), region[order])
+        shapes = outlines(runs, run_region, self._terrain)
+        return [
+            _Shape(columns, shape, self._closing(shape))
+            for columns, shape in zip(regions, shapes, strict=True)
+        ]
+
+    def _closing(self, crowd: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
+        """Holes, then the buffer, then fewer corners: each step covers what it was given."""
+        rules = self._rules
+        closed = grown(without_small_holes(crowd, rules.max_hole_m2), rules.buffer_m)
+        closed = without_small_holes(closed, rules.max_hole_m2)
+        return simplified(closed, tolerance_m=rules.simplify_m, max_vertices=rules.max_vertices)
+
+
+def _runs_of_regions(columns: NDArray[np.int64], region: NDArray[np.int64]) -> tuple[Runs, NDArray[np.int64]]:
+    """Runs of columns (i, j) [C, 2], sorted, and the region of each run. No two regions touch, so that a run
+    has one."""
+    runs = Runs.of(columns)
+    first = np.cumsum(runs.length) - runs.length
+    return runs, region[first]
+
+
+def _largest(interval: NDArray[np.float64]) -> tuple[float, float]:
+    """Bounds of the largest of several probabilities [C, 2]."""
+    low, high = interval.max(axis=0)
+    return float(low), float(high)

@@ -1,0 +1,206 @@
+"""The zones of a whole mission: what was closed at every instant, and what became of every zone.
+
+In a file, one JSON value a line: a header, then one line per instant. An outline is written when it changed.
+Coordinates are local metres, every digit kept.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from crowdfence._core import StampError
+from crowdfence.atomic_file import write_bytes
+from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
+from crowdfence.zones.altitude_band import AltitudeBand
+from crowdfence.zones.evidence import DroneEvidence
+from crowdfence.zones.tracker import ZoneEvent
+from crowdfence.zones.zone import Zone, ZoneSet
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+VERSION = 1
+_OUTLINES = ("polygon", "crowd_outline")
+_GROUPS = ("zones", "unseen", "static")
+
+
+class ZoneHistoryError(ValueError):
+    """A file that is no zone history; the message names the file and what is wrong with it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZoneHistory:
+    """Zone sets by stamp, in order."""
+
+    stamps_ns: Sequence[int]
+    sets: Sequence[ZoneSet]
+    georeference: Georeference | None
+    """Where on Earth the local frame lies."""
+    description: Mapping[str, Any]
+    """What they were made from: mission, drones, method, threshold, parameters."""
+
+    def __post_init__(self) -> None:
+        if not self.stamps_ns or len(self.stamps_ns) != len(self.sets):
+            raise ValueError(
+                f"{len(self.stamps_ns)} stamps for {len(self.sets)} zone sets; there must be any"
+            )
+
+    def __len__(self) -> int:
+        return len(self.sets)
+
+    def at(self, stamp_ns: int) -> ZoneSet:
+        """What was known at a stamp: the zones of the last instant up to it. StampError before the first."""
+        return self.sets[self.index_at(stamp_ns)]
+
+    def index_at(self, stamp_ns: int) -> int:
+        """Which instant that is."""
+        number = bisect_right(self.stamps_ns, stamp_ns) - 1
+        if number < 0:
+            first = self.stamps_ns[0]
+            raise StampError(f"{iso_utc(stamp_ns)} is before the first instant, {iso_utc(first)}")
+        return number
+
+    @property
+    def events(self) -> Iterator[ZoneEvent]:
+        return (event for zones in self.sets for event in zones.events)
+
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write the file. OSError when it cannot be written."""
+        anchor = self.georeference
+        header = {
+            "format": "crowdfence zone history",
+            "version": VERSION,
+            "anchor_wgs84": None
+            if anchor is None
+            else [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m],
+            **self.description,
+        }
+        lines = [header]
+        before: dict[str, Zone] = {}
+        for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
+            lines.append(_line(stamp_ns, zones, before))
+            before = {zone.id: zone for zone in zones.closed}
+        text = "".join(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n" for line in lines)
+        write_bytes(path, text.encode())
+
+    @staticmethod
+    def read(path: str | PathLike[str]) -> ZoneHistory:
+        """Read a file that `write` wrote. ZoneHistoryError for another one, OSError when there is none."""
+        with open(path, encoding="utf-8") as file:
+            try:
+                header = json.loads(file.readline())
+                if header["format"] != "crowdfence zone history" or header["version"] != VERSION:
+                    raise ValueError(f"it is {header['format']} version {header['version']}")
+                anchor = header["anchor_wgs84"]
+                stamps_ns, sets = [], []
+                before: dict[str, Zone] = {}
+                for text in file:
+                    line = json.loads(text)
+                    zones = _zone_set(line, before)
+                    before = {zone.id: zone for zone in zones.closed}
+                    stamps_ns.append(int(line["stamp_ns"]))
+                    sets.append(zones)
+                known = {"format", "version", "anchor_wgs84"}
+                return ZoneHistory(
+                    stamps_ns,
+                    sets,
+                    None if anchor is None else Georeference(*anchor),
+                    {name: value for name, value in header.items() if name not in known},
+                )
+            except (KeyError, TypeError, AttributeError, ValueError) as error:
+                raise ZoneHistoryError(
+                    f"{path} is no zone history: {type(error).__name__} {error}"
+                ) from error
+
+
+def _line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str, Any]:
+    return {
+        "stamp_ns": stamp_ns,
+        "stamp_utc": iso_utc(stamp_ns),
+        "threshold": zones.threshold,
+        "min_area_m2": zones.min_area_m2,
+        "dropped_count": zones.dropped_count,
+        "dropped_area_m2": zones.dropped_area_m2,
+        **{
+            group: [_record(zone, before.get(zone.id)) for zone in getattr(zones, group)] for group in _GROUPS
+        },
+        "events": [
+            {name: value for name, value in asdict(event).items() if name != "stamp_ns" and value is not None}
+            for event in zones.events
+        ],
+    }
+
+
+def _record(zone: Zone, before: Zone | None) -> dict[str, Any]:
+    record: dict[str, Any] = {}
+    for field in fields(zone):
+        value = getattr(zone, field.name)
+        if field.name in _OUTLINES:
+            if before is not None and getattr(before, field.name) is value:
+                continue
+            value = None if value is None else rings_of(value)
+        elif field.name == "band":
+            value = [value.lower_m, value.upper_m, value.datum]
+        elif field.name == "evidence":
+            value = [asdict(look) for look in value]
+        elif value != value:  # the probability of ground that nobody has seen
+            value = None
+        record[field.name] = value
+    return record
+
+
+def _zone_set(line: Mapping[str, Any], before: Mapping[str, Zone]) -> ZoneSet:
+    stamp_ns = int(line["stamp_ns"])
+    groups = {group: tuple(_zone(record, before) for record in line[group]) for group in _GROUPS}
+    return ZoneSet(
+        threshold=line["threshold"],
+        min_area_m2=line["min_area_m2"],
+        dropped_count=line["dropped_count"],
+        dropped_area_m2=line["dropped_area_m2"],
+        events=tuple(ZoneEvent(stamp_ns, **event) for event in line["events"]),
+        **groups,
+    )
+
+
+def _zone(record: Mapping[str, Any], before: Mapping[str, Zone]) -> Zone:
+    values = dict(record)
+    for name in _OUTLINES:
+        if name not in values:
+            values[name] = getattr(before[values["id"]], name)
+        elif values[name] is not None:
+            values[name] = polygon_of(values[name])
+    for name in ("probability_max", "probability_mean"):
+        values[name] = float("nan") if values[name] is None else values[name]
+    values["seen_by"] = tuple(values["seen_by"])
+    values["band"] = AltitudeBand(*values["band"])
+    values["interval"] = None if values["interval"] is None else tuple(values["interval"])
+    values["evidence"] = tuple(DroneEvidence(**look) for look in values["evidence"])
+    return Zone(**values)
+
+
+def rings_of(outline: Polygon | MultiPolygon) -> list[list[list[list[float]]]]:
+    """Parts of rings of corners, as GeoJSON has them in a MultiPolygon."""
+    return [
+        [[list(corner) for corner in ring.coords] for ring in (part.exterior, *part.interiors)]
+        for part in getattr(outline, "geoms", [outline])
+    ]
+
+
+def polygon_of(parts: Sequence[Sequence[Sequence[Sequence[float]]]]) -> Polygon | MultiPolygon:
+    """The other way; one part is a Polygon."""
+    import shapely
+
+    polygons = [shapely.Polygon(rings[0], rings[1:]) for rings in parts]
+    return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
+
+
+def with_static(history: ZoneHistory, static: Sequence[Zone]) -> ZoneHistory:
+    """The same with zones that somebody else drew, at every instant."""
+    sets = [replace(zones, static=(*zones.static, *static)) for zones in history.sets]
+    return replace(history, sets=sets)

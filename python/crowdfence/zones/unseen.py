@@ -1,0 +1,44 @@
+"""Ground that is not known to be empty: never seen, hidden, stale, or what else a method does not clear."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdMap, Terrain
+from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.tracker import column_keys
+
+_UP = np.array([0, 0, 1], dtype=np.int64)
+_VOXELS_PER_BLOCK = 1 << 20
+_EMPTY_OR_CROWD = np.array([VoxelState.EMPTY, VoxelState.CROWD], dtype=np.uint8)
+
+
+class StandingPlaces:
+    """The voxels of a terrain on which somebody can stand (no voxel lies on top), by column. Made once per
+    terrain, 0.4 s a million voxels."""
+
+    def __init__(self, terrain: Terrain) -> None:
+        ids, keys = [], []
+        for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
+            block = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count), dtype=np.int64)
+            indices = terrain.voxel_indices(block)
+            stands = terrain.voxel_ids(indices + _UP) < 0
+            ids.append(block[stands])
+            keys.append(column_keys(indices[stands, :2]))
+        key = np.concatenate(keys) if keys else np.empty(0, dtype=np.int64)
+        order = np.argsort(key, kind="stable")
+        self._ids = np.concatenate(ids)[order] if ids else key
+        self.columns, self._first = np.unique(key[order], return_index=True)
+        """Keys of the columns [C], sorted."""
+
+    def unknown(
+        self, crowd_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float
+    ) -> NDArray[np.int64]:
+        """Keys of the columns with a place that is neither empty nor crowd, sorted. Whatever state a method
+        may invent is unknown here."""
+        if not len(self.columns):
+            return self.columns
+        state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
+        unknown = ~np.isin(state, _EMPTY_OR_CROWD)
+        return self.columns[np.logical_or.reduceat(unknown[self._ids], self._first)]

@@ -1,0 +1,187 @@
+"""`export`, `explain` and `route` on the zones that a run left."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from crowdfence import Georeference
+from crowdfence.cli.app import app
+from crowdfence.cli.export import ExportFormat
+from crowdfence.zones.history import ZoneHistory
+from support.small_zones import SECOND_NS, DrawnZones
+
+START_NS = 1_767_225_600 * SECOND_NS  # 2026-01-01
+GATE_NOT_MET = 3
+EAST_M_PER_DEGREE = 76_700.0
+
+
+def command(*arguments: object) -> str:
+    """What a command prints; it must succeed."""
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.exception
+    return done.stdout
+
+
+def refused(*arguments: object) -> str:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code != 0 and done.exception is not None
+    return str(done.exception)
+
+
+def history(georeference: Georeference | None) -> ZoneHistory:
+    """Two crowds of 2 x 4 m, 6 m apart, that a drone sees; a second later they are one; then it is over."""
+    zones = DrawnZones((20, 10))
+    sets, stamps_ns = [], []
+    apart = np.zeros((20, 10))
+    apart[5:7, 3:7] = apart[13:15, 3:7] = 1.0
+    one = apart.copy()
+    one[5:15, 3:7] = 1.0
+    for crowd in (apart, one, np.zeros((20, 10))):
+        sets.append(zones.step(crowd, evidence_of="uav1"))
+        stamps_ns.append(START_NS + zones.stamp_ns)
+    told = {"mission": "small", "drones": ["uav1"], "method": "paper", "threshold": 0.5, "parameters": {}}
+    return ZoneHistory(stamps_ns, sets, georeference, told)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    history(Georeference(46.5, 8.0, 1200.0)).write(folder / "zone_history.jsonl")
+    return folder
+
+
+@pytest.mark.parametrize(
+    "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap")]
+)
+def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kind: str) -> None:
+    for at, count in (("first", 2), ("+1.5", 1), ("2026-01-01T00:00:01Z", 1), ("last", 0)):
+        output = tmp_path / f"{at[:2]}.{kind}"
+        report = json.loads(
+            command("export", run, "-f", kind, "--at", at, "--country", "GRC", "-o", output, "--json")
+        )
+        assert (report["zones"], report["file"]) == (count, str(output))
+        assert output.stat().st_size > 10
+    message = refused("export", run, "-f", kind, "--country", "GRC", "-o", output)
+    assert "exists; --force replaces it" in message
+
+
+@pytest.mark.parametrize("kind", ["state", "costmap"])
+def test_rasters_need_the_map_of_the_run(run: Path, tmp_path: Path, kind: str) -> None:
+    arguments = ("export", run, "-f", kind, "-o", tmp_path / "map")
+    assert "holds no crowd_map.tif" in refused(*arguments)
+    (run / "crowd_map.tif").touch()
+    assert "is of the last instant only" in refused(*arguments, "--at", "first")
+
+
+def test_zones_of_others_join_an_export(run: Path, tmp_path: Path) -> None:
+    ring = [[8.0, 46.5], [8.001, 46.5], [8.001, 46.501], [8.0, 46.5]]
+    (tmp_path / "others.json").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    output = tmp_path / "zones.geojson"
+    command(
+        "export",
+        run,
+        "-f",
+        "geojson",
+        "--static-zones",
+        tmp_path / "others.json",
+        "--at",
+        "first",
+        "-o",
+        output,
+    )
+    features = json.loads(output.read_text())["features"]
+    assert [feature["properties"]["kind"] for feature in features] == ["crowd", "crowd", "static"]
+
+
+def test_a_fence_says_what_it_closes_for_nothing(run: Path, tmp_path: Path) -> None:
+    arguments = ("export", run, "-f", "qgc", "--at", "first", "-o", tmp_path / "a.plan")
+    assert "a fence of 8 items closes 0 m2 more than the zones" in command(*arguments)
+    tight = json.loads(command(*arguments, "--force", "--max-items", 1, "--json"))
+    # One circle around 10 x 4 m: pi * (5^2 + 2^2) = 91.1 m2, of which 16 are crowd.
+    assert tight["fence_items"] == 1 and tight["over_coverage_m2"] == pytest.approx(75.1, abs=0.5)
+
+
+def test_a_plan_that_exists_leaves_less_room(run: Path, tmp_path: Path) -> None:
+    full = tmp_path / "full.plan"
+    arguments = ("export", run, "-f", "qgc", "--at", "first", "--json")
+    alone = json.loads(command(*arguments, "-o", full, "--max-items", 20))
+    beside = json.loads(command(*arguments, "-o", tmp_path / "both.plan", "--plan", full, "--max-items", 10))
+    assert alone["fence_items"] == 8 and beside["fence_items"] <= 2
+    assert beside["over_coverage_m2"] > alone["over_coverage_m2"] == 0.0
+    full.write_text("{")
+    assert "full.plan is no plan" in refused(*arguments, "-o", tmp_path / "x.plan", "--plan", full)
+
+
+def test_local_runs_are_written_as_local_metres_only(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    history(None).write(tmp_path / "run" / "zone_history.jsonl")
+    output = tmp_path / "zones"
+    message = refused("export", tmp_path / "run", "-f", "kml", "-o", output)
+    assert "no place on Earth; only --format geojson" in message and not output.exists()
+    command("export", tmp_path / "run", "-f", "geojson", "--at", "first", "-o", output)
+    assert json.loads(output.read_text())["crs"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--at", "yesterday"], "'yesterday' is no stamp; give last, first"),
+        (["--at", "-5"], "is before the first instant, 2026-01-01T00:00:00"),
+        (["-f", "ed318"], "needs three letters of ISO 3166"),
+        (["--plan", "nowhere.plan", "-f", "qgc"], "nowhere.plan"),
+        (["--static-zones", "nowhere.json"], "nowhere.json"),
+    ],
+)
+def test_what_cannot_be_exported_leaves_nothing(
+    run: Path, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    output = tmp_path / "zones"
+    assert message in refused("export", run, "-f", "kml", "-o", output, *arguments)
+    assert not output.exists()
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    assert "holds no zone_history.jsonl" in refused("explain", tmp_path, "--zone", "Z1")
+
+
+def test_a_zone_is_explained(run: Path) -> None:
+    text = command("explain", run, "--zone", "Z1", "--at", "+1")
+    for part in ("a drone saw crowd in it at this instant", "40 m2 in 40 columns", "uav1", "40 m", "0.90"):
+        assert part in text
+    assert "Z2 went into it" in text and "appeared" in text
+    told = json.loads(command("explain", run, "--zone", "Z1", "--at", "+1", "--json"))
+    assert told["reason"] == "seen" and told["crowd_m2"] == 40.0
+    (look,) = told["evidence"]
+    assert (look["drone"], look["value"], look["range_m"], look["looks"]) == ("uav1", 0.9, 40.0, 2)
+    assert [event["kind"] for event in told["events"]] == ["created", "merged", "updated"]
+    message = refused("explain", run, "--zone", "Z2", "--at", "last")
+    assert "there is no zone Z2" in message and "went into Z1" in message
+
+
+def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
+    common = ("route", run, "--local", "--from", "0,5", "--to", "20,5")
+    through = json.loads(command(*common, "--at", "last", "--json"))
+    assert through["length_m"] == through["direct_m"] == 20.0
+    # Round the crowd from (5, 3) to (15, 7): to a corner, 10 m along, and down again.
+    files = ("-o", tmp_path / "way.geojson", "--picture", tmp_path / "way.png")
+    around = json.loads(command(*common, "--at", "+1", "--json", *files))
+    assert around["length_m"] == pytest.approx(10 + 2 * np.hypot(5, 2), abs=0.2)
+    feature = json.loads((tmp_path / "way.geojson").read_text())
+    assert feature["geometry"]["coordinates"][0] == pytest.approx([8.0, 46.5 + 5 / 111_200], abs=1e-6)
+    with Image.open(tmp_path / "way.png") as picture:
+        assert len(np.unique(np.asarray(picture).reshape(-1, 4), axis=0)) > 10
+    done = CliRunner().invoke(app, [*map(str, common), "--at", "+1", "--clearance-m", "9"])
+    assert done.exit_code == GATE_NOT_MET and "from zone Z1; the clearance is 9 m" in done.stderr
+
+
+def test_places_on_earth(run: Path) -> None:
+    told = json.loads(
+        command("route", run, "--from", "46.5,8.0", "--to", f"46.5,{8 + 20 / EAST_M_PER_DEGREE}", "--json")
+    )
+    assert told["length_m"] == pytest.approx(20.0, abs=0.1)
+    assert "must be two numbers" in refused("route", run, "--from", "here", "--to", "1,2")

@@ -1,0 +1,54 @@
+"""The map's states with colours, and as a navigation map."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from PIL import Image
+
+from crowdfence import SurfaceGrid, VoxelState
+from crowdfence.exports.colours import STATE_COLOURS
+from crowdfence.exports.geotiff import write_geotiff
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
+from crowdfence.zones import find_zones
+from support.small_crowd_maps import flat_crowd_map
+
+
+def written(tmp_path: Path) -> tuple[Path, SurfaceGrid, object]:
+    """4 x 2 columns of 2 m from (10, -6): crowd, empty, never seen, stale in the southern row."""
+    probability = np.array([[0.9, 0.0], [0.1, 0.0], [np.nan, 0.0], [0.1, 0.0]])
+    seen_ns = np.array([[99, 99], [99, 99], [0, 99], [0, 99]]) * 10**9
+    crowd_map = flat_crowd_map(probability, 2.0, (10.0, -6.0, 0.0), seen_ns)
+    grid = SurfaceGrid.from_crowd_map(crowd_map, 99 * 10**9, threshold=0.5, margin_m=0.0)
+    path = tmp_path / "crowd_map.tif"
+    write_geotiff(path, grid, MapDescription(99 * 10**9, 0.5, "paper"), None)
+    return path, grid, find_zones(crowd_map, 99 * 10**9, threshold=0.5)
+
+
+def test_states_have_their_colours(tmp_path: Path) -> None:
+    path, grid, _ = written(tmp_path)
+    write_state_geotiff(tmp_path / "state.tif", path)
+    with rasterio.open(tmp_path / "state.tif") as raster, rasterio.open(path) as whole:
+        np.testing.assert_array_equal(raster.read(1), grid.state.T[::-1])
+        colours = raster.colormap(1)
+        assert {known: colours[known.value][:3] for known in VoxelState} == dict(STATE_COLOURS)
+        assert raster.transform == whole.transform and raster.dtypes == ("uint8",)
+
+
+def test_a_navigation_map_frees_what_is_known_to_be_empty_and_nothing_else(tmp_path: Path) -> None:
+    path, _, zones = written(tmp_path)
+    write_costmap(tmp_path / "nav.yaml", path, ())
+    with Image.open(tmp_path / "nav.pgm") as picture:
+        grey = np.asarray(picture)
+    # Occupied, free, unknown (never seen), unknown (stale); the northern row is all free.
+    assert grey.tolist() == [[254, 254, 254, 254], [0, 254, 205, 205]]
+    text = (tmp_path / "nav.yaml").read_text()
+    assert "image: nav.pgm\nresolution: 2.0\norigin: [10.0, -6.0, 0.0]\n" in text
+    (zone,) = zones  # type: ignore[misc]
+    wide = replace(zone, polygon=zone.polygon.buffer(1.0))
+    write_costmap(tmp_path / "nav.yaml", path, [wide])
+    with Image.open(tmp_path / "nav.pgm") as picture:
+        # What the fence around the crowd touches is closed.
+        assert np.asarray(picture).tolist() == [[0, 0, 254, 254], [0, 0, 205, 205]]

@@ -1,0 +1,449 @@
+"""Zones in the formats of others, read back by their parsers: nothing that is closed may be lost."""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fastkml
+import jsonschema
+import numpy as np
+import pytest
+import referencing
+import shapely
+from geojson_pydantic import FeatureCollection
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from implicitdict import ImplicitDict
+from numpy.typing import NDArray
+from uas_standards import eurocae_ed269, eurocae_ed318
+from uas_standards.astm.f3548.v21 import api as f3548_api
+from uas_standards.astm.f3548.v21 import constants as f3548_constants
+
+from crowdfence import Georeference
+from crowdfence.exports.geojson import zones_geojson
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
+from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.static_zones import open_static_zones
+from crowdfence.zones import AltitudeBand, ZoneSet
+from support.small_zones import DrawnZones
+from support.wgs84_by_hand import ground_point
+
+ANCHOR = (46.5, 8.0, 1200.0)
+STAMP_NS = 1_760_000_009_500_000_001
+RING = """
+    ####.
+    #..#.
+    ####.
+    .....
+    ##.##"""
+PICTURES = [RING, "#", ".#\n#."]
+
+
+def zones_of(picture: str = RING, **options: object) -> ZoneSet:
+    rows = picture.split()
+    zones = DrawnZones((len(rows[0]), len(rows)), **options).drawn(picture)
+    return replace(zones, zones=tuple(replace(zone, valid_until_ns=STAMP_NS + 10**12) for zone in zones))
+
+
+def exported(zones: ZoneSet | None = None, anchor: tuple[float, ...] = ANCHOR, **options: Any) -> ZoneExport:
+    zones = zones_of() if zones is None else zones
+    return ZoneExport(zones.closed, STAMP_NS, Georeference(*anchor), "race", country="GRC", **options)
+
+
+def local(corners: Any, anchor: tuple[float, ...]) -> NDArray[np.float64]:
+    """Longitude and latitude -> local metres on the ground of the plain, by closed-form geodesy."""
+    return np.array([ground_point(anchor, corner[1], corner[0], 0.5)[:2] for corner in corners])
+
+
+def polygon(rings: Any, anchor: tuple[float, ...]) -> shapely.Polygon:
+    return shapely.Polygon(local(rings[0], anchor), [local(ring, anchor) for ring in rings[1:]])
+
+
+def parsed_ed318(feature: dict[str, Any]) -> eurocae_ed318.UASZone:
+    """Its properties by the package's types. These take an e-mail address for a text with a language, cannot
+    hold extended properties and know no geometry but points; the published schema is in another test."""
+    properties = json.loads(json.dumps(feature["properties"]))
+    properties.pop("extendedProperties")
+    properties["zoneAuthority"][0].pop("email", None)
+    return ImplicitDict.parse(properties, eurocae_ed318.UASZone)
+
+
+def ed318_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    for feature in json.loads(text)["features"]:
+        assert len(parsed_ed318(feature).identifier) <= 7
+        shape = shapely.geometry.shape(feature["geometry"])
+        for part in getattr(shape, "geoms", [shape]):
+            yield polygon([ring.coords for ring in (part.exterior, *part.interiors)], anchor)
+
+
+def ed269_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    document = json.loads(text)
+    for zone in eurocae_ed269.ED269Schema.from_dict(document).features:
+        for geometry in zone.geometry:
+            yield polygon(geometry.horizontalProjection.coordinates, anchor)
+
+
+def f3548_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    for constraint in json.loads(text)["constraints"]:
+        ImplicitDict.parse(constraint["reference"], f3548_api.ConstraintReference)
+        details = ImplicitDict.parse(constraint["details"], f3548_api.ConstraintDetails)
+        for volume in details.volumes:
+            vertices = volume.volume.outline_polygon.vertices
+            assert 3 <= len(vertices) <= f3548_constants.CstrMaxVertices
+            yield polygon([[(vertex.lng, vertex.lat) for vertex in vertices]], anchor)
+
+
+def kml_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    (document,) = fastkml.KML.from_string(text, strict=True).features
+    for placemark in document.features:
+        shape = placemark.geometry
+        for part in getattr(shape, "geoms", [shape]):
+            yield polygon([part.exterior.coords, *(ring.coords for ring in part.interiors)], anchor)
+
+
+def csv_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    for row in csv.DictReader(io.StringIO(text)):
+        shape = shapely.from_wkt(row["wkt"])
+        for part in getattr(shape, "geoms", [shape]):
+            yield polygon([ring.coords for ring in (part.exterior, *part.interiors)], anchor)
+
+
+def qgc_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    plan = json.loads(text)
+    jsonschema.validate(plan, PLAN)
+    fence = plan["geoFence"]
+    for one in fence["polygons"]:
+        yield polygon([[(longitude, latitude) for latitude, longitude in one["polygon"]]], anchor)
+    for one in fence["circles"]:
+        latitude, longitude = one["circle"]["center"]
+        yield shapely.Point(*local([(longitude, latitude)], anchor)[0]).buffer(one["circle"]["radius"], 256)
+
+
+Reader = Callable[[str, tuple[float, ...]], Iterator[shapely.Polygon]]
+READERS: dict[str, Reader] = {
+    "ed318": ed318_polygons,
+    "ed269": ed269_polygons,
+    "f3548": f3548_polygons,
+    "kml": kml_polygons,
+    "multidrone": kml_polygons,
+    "csv": csv_polygons,
+    "qgc": qgc_polygons,
+}
+POINT = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+PLAN = {  # after QGroundControl's documentation of its plan files
+    "type": "object",
+    "required": ["fileType", "version", "groundStation", "mission", "geoFence", "rallyPoints"],
+    "properties": {
+        "fileType": {"const": "Plan"},
+        "version": {"const": 1},
+        "geoFence": {
+            "type": "object",
+            "required": ["version", "polygons", "circles"],
+            "properties": {
+                "version": {"const": 2},
+                "polygons": {
+                    "type": "array",
+                    "items": {
+                        "required": ["version", "inclusion", "polygon"],
+                        "properties": {
+                            "version": {"const": 1},
+                            "inclusion": {"type": "boolean"},
+                            "polygon": {"type": "array", "minItems": 3, "items": POINT},
+                        },
+                    },
+                },
+                "circles": {
+                    "type": "array",
+                    "items": {
+                        "required": ["version", "inclusion", "circle"],
+                        "properties": {
+                            "version": {"const": 1},
+                            "circle": {
+                                "required": ["center", "radius"],
+                                "properties": {"center": POINT, "radius": {"exclusiveMinimum": 0}},
+                            },
+                        },
+                    },
+                },
+            },
+        },
+        "mission": {
+            "required": ["version", "items", "plannedHomePosition", "firmwareType", "vehicleType"],
+            "properties": {
+                "version": {"const": 2},
+                "plannedHomePosition": {"type": "array", "minItems": 3, "maxItems": 3},
+            },
+        },
+        "rallyPoints": {"required": ["version", "points"], "properties": {"version": {"const": 2}}},
+    },
+}
+
+
+def read_by(name: str, export: ZoneExport, anchor: tuple[float, ...] = ANCHOR) -> list[shapely.Polygon]:
+    return list(READERS[name](ZONE_FORMATS[name](export), anchor))
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("picture", PICTURES)
+def test_what_is_read_covers_what_is_closed_and_little_more(name: str, picture: str) -> None:
+    zones = zones_of(picture)
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    read = shapely.union_all(read_by(name, exported(zones)))
+    assert read.covers(closed)
+    # Formats without holes close them: in the ring 2 m2. A fence may use circles.
+    holes_m2 = 0.0 if name in ("ed318", "kml", "multidrone", "csv") or picture is not RING else 2.0
+    if name != "qgc":
+        assert read.area == pytest.approx(closed.area + holes_m2, abs=0.2)
+
+
+ANCHORS = [ANCHOR, (-33.9, 18.4, 5.0), (78.2, 15.6, 400.0), (10.0, 179.99999, 3.0), (-17.0, -179.99999, 0.0)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    crowd=hnp.arrays(bool, (8, 7)).filter(np.any),
+    anchor=st.sampled_from(ANCHORS),
+    name=st.sampled_from([name for name in READERS if name != "qgc"]),
+    buffer_m=st.sampled_from([0.0, 12.5]),
+)
+def test_nothing_is_uncovered_anywhere_on_earth(
+    crowd: NDArray[np.bool_], anchor: tuple[float, ...], name: str, buffer_m: float
+) -> None:
+    zones = DrawnZones((8, 7), buffer_m=buffer_m).step(crowd.astype(float))
+    read = shapely.union_all(
+        [shapely.make_valid(one) for one in read_by(name, exported(zones, anchor), anchor)]
+    )
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    # Where the antimeridian cuts, the two edges lie on each other up to a tenth of a millimetre.
+    assert closed.difference(read.buffer(1e-4)).area < 1e-9
+
+
+def test_ed318_says_what_when_why_and_who() -> None:
+    zones = zones_of(lower_m=10.0, upper_m=80.0)
+    text = ZONE_FORMATS["ed318"](exported(zones, authority="Rescue", contact="ops@example.org"))
+    document = json.loads(text)
+    assert document["features"][0]["properties"]["zoneAuthority"][0]["email"] == "ops@example.org"
+    first = parsed_ed318(document["features"][0])
+    assert first.identifier == zones[0].id and first.country == "GRC"
+    assert first.type == "PROHIBITED" and first.reason == ["POPULATION"]
+    (period,) = first.limitedApplicability
+    assert period.startDateTime == "2025-10-09T08:53:29.500Z"
+    assert period.endDateTime == "2025-10-09T09:10:09.501Z"  # 1000 s later, rounded up
+    (authority,) = first.zoneAuthority
+    assert authority.name[0].text == "Rescue"
+    layer = document["features"][0]["geometry"]["layer"]
+    assert layer == {
+        "upper": 80.0,
+        "upperReference": "AGL",
+        "lower": 10.0,
+        "lowerReference": "AGL",
+        "uom": "m",
+    }
+
+
+SCHEMA = os.environ.get("CROWDFENCE_ED318_SCHEMA")
+
+
+@pytest.mark.skipif(SCHEMA is None, reason="CROWDFENCE_ED318_SCHEMA names no folder of the published schema")
+def test_ed318_keeps_the_published_schema() -> None:
+    assert SCHEMA is not None
+    parts = {path.name: json.loads(path.read_text()) for path in Path(SCHEMA).glob("*.json")}
+    named = [
+        (f"{dot}{name}", referencing.Resource.from_contents(part))
+        for name, part in parts.items()
+        for dot in ("", "./")
+    ]
+    registry = referencing.Registry().with_resources(named)
+    validator = jsonschema.Draft7Validator(
+        parts["Schema_GeoZones.json"], registry=registry, format_checker=jsonschema.FormatChecker()
+    )
+    for options in ({}, {"restriction": "no_sustained_flight"}, {"close_unseen": True}, {"buffer_m": 3.0}):
+        for picture in PICTURES:
+            document = json.loads(ZONE_FORMATS["ed318"](exported(zones_of(picture, **options))))
+            assert [error.message for error in validator.iter_errors(document)] == []
+    broken = json.loads(ZONE_FORMATS["ed318"](exported()))
+    broken["features"][0]["properties"]["identifier"] = "CROWD001"
+    assert not validator.is_valid(broken)
+
+
+def test_no_sustained_flight_is_a_condition() -> None:
+    export = exported(zones_of(restriction="no_sustained_flight"))
+    ed318, ed269 = (json.loads(ZONE_FORMATS[name](export))["features"][0] for name in ("ed318", "ed269"))
+    assert ed318["properties"]["type"] == "CONDITIONAL" and ed318["properties"]["restrictionConditions"]
+    assert ed269["restriction"] == "CONDITIONAL"
+
+
+def test_ed269_has_longitude_first_and_both_outer_forms() -> None:
+    export = exported()
+    features = json.loads(ZONE_FORMATS["ed269"](export))["features"]
+    assert features == json.loads(ZONE_FORMATS["ed269-list"](export))["UASZoneList"]
+    longitude, latitude = features[0]["geometry"][0]["horizontalProjection"]["coordinates"][0][0]
+    assert (int(longitude + 1e-4), int(latitude)) == (8, 46)  # as in the Swiss authority's files
+    assert features[0]["geometry"][0]["upperLimit"] == 120
+
+
+def test_f3548_keeps_the_limits_of_time_and_corners() -> None:
+    zones = zones_of()
+    soon, never = (
+        replace(zones, zones=tuple(replace(zone, valid_until_ns=until) for zone in zones))
+        for until in (STAMP_NS + 10**9, None)
+    )
+    for case, seconds in ((soon, 600), (zones, 1000), (never, 24 * 3600)):
+        (first, *_) = json.loads(ZONE_FORMATS["f3548"](exported(case)))["constraints"]
+        volume = first["details"]["volumes"][0]
+        assert volume["time_start"]["value"] == rfc3339(STAMP_NS)
+        assert volume["time_end"]["value"] == rfc3339(STAMP_NS + seconds * 10**9, up=True)
+        assert volume["volume"]["altitude_lower"]["reference"] == "W84"
+        # The ground is the voxel from 0 to 1 m above the anchor's 1200 m.
+        assert volume["volume"]["altitude_lower"]["value"] == pytest.approx(1200.0, abs=1e-2)
+        assert volume["volume"]["altitude_upper"]["value"] == pytest.approx(1321.0, abs=1e-2)
+    comb = np.zeros((700, 3))
+    comb[:, 0] = comb[::2] = 1.0  # 1402 corners and more
+    many = DrawnZones((700, 3)).step(comb)
+    (outline,) = read_by("f3548", exported(many))
+    assert outline.covers(many[0].polygon)
+    again = json.loads(ZONE_FORMATS["f3548"](exported()))["constraints"]
+    assert [one["reference"]["id"] for one in again] == [
+        one["reference"]["id"] for one in json.loads(ZONE_FORMATS["f3548"](exported()))["constraints"]
+    ]
+
+
+def test_kml_is_named_and_dated() -> None:
+    text = ZONE_FORMATS["kml"](exported())
+    (document,) = fastkml.KML.from_string(text).features
+    first = document.features[0]
+    assert first.name == "Crowd Z1" and first.begin.dt.isoformat() == "2025-10-09T08:53:29.500000+00:00"
+    assert next(iter(first.geometry.exterior.coords))[2] == 120.0
+    (document,) = fastkml.KML.from_string(ZONE_FORMATS["multidrone"](exported())).features
+    assert {placemark.name for placemark in document.features} == {"2"}
+
+
+def test_geojson_is_rfc_7946_and_holds_unseen_ground() -> None:
+    zones = zones_of(RING, close_unseen=True)
+    description = MapDescription(STAMP_NS, 0.5, "paper")
+    text = zones_geojson(zones, description, Georeference(*ANCHOR))
+    collection = FeatureCollection.model_validate_json(text)
+    assert [feature.properties["kind"] for feature in collection.features] == ["crowd"] * 3
+    unseen = DrawnZones((3, 1), close_unseen=True).step(np.array([[1.0], [0.0], [np.nan]]))
+    collection = FeatureCollection.model_validate_json(
+        zones_geojson(unseen, description, Georeference(*ANCHOR))
+    )
+    kinds = {feature.id: feature.properties["kind"] for feature in collection.features}
+    assert kinds == {"Z1": "crowd", "UNSEEN": "unseen"}
+
+
+@pytest.mark.parametrize("name", ["ed318", "ed269"])
+@pytest.mark.parametrize("country", [None, "GR", "grc", "GRCE", "12A"])
+def test_a_country_is_never_guessed(name: str, country: str | None) -> None:
+    with pytest.raises(ValueError, match="needs three letters of ISO 3166, such as --country GRC"):
+        ZONE_FORMATS[name](replace(exported(), country=country))
+
+
+def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
+    export = exported(datum="WGS84")
+    band = export.band(export.zones[0])
+    assert band.datum == "WGS84" and band.lower_m <= 1200.0 and band.upper_m >= 1321.0
+    given_above_sea = replace(export.zones[0], band=AltitudeBand(0.0, 500.0, "AMSL"))
+    with pytest.raises(ValueError, match="zone Z1 is bounded above AMSL, which is not converted to WGS84"):
+        export.band(given_above_sea)
+
+
+def test_heights_above_the_sea_use_the_geoid_or_are_refused() -> None:
+    """The Alps' geoid is 50 m above the ellipsoid; where its grid is not installed nothing is guessed."""
+    export = exported(datum="AMSL")
+    try:
+        band = export.band(export.zones[0])
+    except ValueError as error:
+        assert "need PROJ's grid of the geoid EGM96" in str(error)
+    else:
+        assert 1145.0 < band.lower_m < 1155.0 and band.upper_m - band.lower_m < 125.0
+
+
+def test_no_zones_are_a_file_too() -> None:
+    nothing = exported(DrawnZones((2, 2)).step(np.zeros((2, 2))))
+    for name in READERS:
+        assert read_by(name, nothing) == []
+
+
+def plan(**changes: Any) -> dict[str, Any]:
+    mission = {
+        "version": 2,
+        "items": [{"type": "SimpleItem", "command": 22}],
+        "plannedHomePosition": [46.5, 8.0, 1200.0],
+        "firmwareType": 12,
+        "vehicleType": 2,
+    }
+    circle = {"version": 1, "inclusion": True, "circle": {"center": [46.5, 8.0], "radius": 500.0}}
+    fence = {"version": 2, "polygons": [], "circles": [circle]}
+    whole = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "mission": mission,
+        "geoFence": fence,
+        "rallyPoints": {"version": 2, "points": []},
+    }
+    return {**whole, **changes}
+
+
+def test_a_fence_is_added_to_a_plan_and_what_was_there_stays() -> None:
+    before = plan()
+    after = json.loads(qgc_plan(exported(), before))
+    assert before == plan()
+    assert after["mission"] == before["mission"]
+    assert after["geoFence"]["circles"][0] == before["geoFence"]["circles"][0]
+    items = sum(len(one["polygon"]) for one in after["geoFence"]["polygons"]) + len(
+        after["geoFence"]["circles"]
+    )
+    assert 1 < items <= 63
+    assert not any(one["inclusion"] for one in after["geoFence"]["polygons"])
+    # The old form of an empty fence.
+    old = json.loads(qgc_plan(exported(), plan(geoFence={"version": 1, "polygon": []})))
+    assert old["geoFence"]["version"] == 2 and old["geoFence"]["polygons"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 42}, "the plan is of version 42; only 1 is known"),
+        ({"mission": {"version": 7}}, "its mission is of version 7; only 2 is known"),
+        ({"mission": None}, "no mission"),
+        ({"fileType": "Mission"}, "not one of QGroundControl"),
+        ({"geoFence": {"version": 1, "polygon": [[46.5, 8.0]]}}, "its fence is of version 1"),
+        (
+            {"geoFence": {"version": 2, "circles": [{}] * 63, "polygons": []}},
+            "a fence of 0 items holds no zone",
+        ),
+    ],
+)
+def test_a_plan_that_is_not_known_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        qgc_plan(exported(), plan(**changes))
+
+
+@pytest.mark.parametrize("name", ["ed318", "ed269", "ed269-list", "kml", "geojson"])
+@pytest.mark.parametrize("anchor", ANCHORS)
+def test_what_we_write_comes_back_as_zones_that_cover_it(
+    tmp_path: Path, name: str, anchor: tuple[float, ...]
+) -> None:
+    zones, georeference = zones_of(), Georeference(*anchor)
+    if name == "geojson":
+        text = zones_geojson(zones, MapDescription(STAMP_NS, 0.5, "paper"), georeference)
+    else:
+        text = ZONE_FORMATS[name](exported(zones, anchor))
+    (tmp_path / "zones").write_text(text)
+    read = open_static_zones(tmp_path / "zones", georeference)
+    assert read.left_out == ()
+    again = shapely.union_all([zone.polygon for zone in read.zones]).buffer(1e-4)
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    assert again.covers(closed) and again.area < closed.area + 2.5  # ED-269 has no holes
+    assert all(zone.kind == "static" and zone.reason == "given" for zone in read.zones)
+    if name != "kml":
+        assert {(zone.band.lower_m, zone.band.upper_m) for zone in read.zones} == {(0.0, 120.0)}

@@ -1,0 +1,169 @@
+"""Points and paths in space and time against zones drawn by hand, and against slow answers."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from crowdfence.planner import ClearAir, Conflict
+from crowdfence.zones import AltitudeBand, Zone, ZoneSet
+from crowdfence.zones.history import ZoneHistory
+
+SECOND_NS = 1_000_000_000
+
+
+def zone(name: str, polygon: shapely.Polygon, **changes: object) -> Zone:
+    """On ground between 10 and 12 m."""
+    plain = Zone(name, polygon, 1, 1.0, 0.9, 0.9, 10.0, 12.0, 0, 0, ("uav1",))
+    return replace(plain, band=AltitudeBand(0.0, 100.0, "AGL"), **changes)  # type: ignore[arg-type]
+
+
+def zone_set(*zones: Zone) -> ZoneSet:
+    return ZoneSet(zones, 0.5, 0.0, 0, 0.0)
+
+
+SQUARE = zone("Z1", shapely.box(0, 0, 10, 10))
+
+
+def test_a_point_is_clear_beside_above_and_below_a_raised_band() -> None:
+    air = ClearAir(zone_set(SQUARE))
+    points = [(5, 5, 50), (5, 5, 112), (5, 5, 112.1), (5, 5, -3), (11, 5, 50), (10, 5, 50)]
+    assert air.is_clear(points, 0).tolist() == [False, False, True, False, True, False]
+    raised = ClearAir(zone_set(replace(SQUARE, band=AltitudeBand(50.0, 100.0, "AGL"))))
+    assert raised.is_clear([(5, 5, 59), (5, 5, 60)], 0).tolist() == [True, False]
+
+
+def test_zones_of_others_are_closed_at_every_height() -> None:
+    static = replace(SQUARE, kind="static", band=AltitudeBand(0.0, 100.0, "AGL"))
+    air = ClearAir(ZoneSet((), 0.5, 0.0, 0, 0.0, static=(static,)))
+    assert air.is_clear([(5, 5, 5000.0), (5, 15, 0.0)], 0).tolist() == [False, True]
+
+
+def history(*sets: ZoneSet) -> ZoneHistory:
+    return ZoneHistory([k * SECOND_NS for k in range(len(sets))], sets, None, {})
+
+
+def test_what_counts_is_what_was_known_at_the_stamp() -> None:
+    air = ClearAir(history(zone_set(), zone_set(SQUARE), zone_set()))
+    stamps_ns = [-1, 0, SECOND_NS - 1, SECOND_NS, 2 * SECOND_NS - 1, 2 * SECOND_NS, 10**15]
+    inside = np.tile((5.0, 5.0, 50.0), (7, 1))
+    assert air.is_clear(inside, stamps_ns).tolist() == [False, True, True, False, False, True, True]
+    assert air.clearance_m(inside, stamps_ns).tolist() == pytest.approx(
+        [-np.inf, np.inf, np.inf, -5.0, -5.0, np.inf, np.inf]
+    )
+
+
+def test_after_the_mission_a_zone_stays_closed_unless_asked_otherwise() -> None:
+    ends = replace(SQUARE, valid_until_ns=5 * SECOND_NS)
+    inside, stamps_ns = [(5, 5, 50)] * 2, [5 * SECOND_NS - 1, 5 * SECOND_NS]
+    assert ClearAir(history(zone_set(ends))).is_clear(inside, stamps_ns).tolist() == [False, False]
+    expiring = ClearAir(history(zone_set(ends)), expires=True)
+    assert expiring.is_clear(inside, stamps_ns).tolist() == [False, True]
+    assert expiring.clearance_m(inside, stamps_ns).tolist() == [-5.0, np.inf]
+
+
+def test_clearance_by_hand() -> None:
+    air = ClearAir(zone_set(SQUARE))
+    points = [(13, 14, 50), (5, 9, 50), (5, 5, 110), (5, 5, 116), (13, 5, 116), (5, 5, 60)]
+    # 3-4-5 beside; 1 m from an edge; 2 m below the top; 4 m above; 3 beside and 4 above; the middle.
+    assert air.clearance_m(points, 0).tolist() == pytest.approx([5.0, -1.0, -2.0, 4.0, 5.0, -5.0])
+
+
+def test_a_path_meets_what_is_there_when_it_passes() -> None:
+    """A zone that appears after 1 s and moves on after 2 s; the path crosses its place in 4 s."""
+    air = ClearAir(history(zone_set(), zone_set(SQUARE), zone_set(zone("Z2", shapely.box(20, 0, 30, 10)))))
+    path = [(-5, 5, 50), (15, 5, 50)]
+    at = np.array([0, 4]) * SECOND_NS  # 5 m/s: in the square from 1 to 3 s
+    assert not air.path_is_clear(path, at)
+    assert air.first_conflict(path, at) == Conflict(0, "Z1")
+    assert air.path_is_clear(path, at // 4)  # over before it appears
+    assert air.path_is_clear(path, at + 2 * SECOND_NS)  # and after it went
+    assert air.first_conflict([*path, (25, 5, 50)], [*(at + 2 * SECOND_NS), 10 * SECOND_NS]) == Conflict(
+        1, "Z2"
+    )
+    assert air.path_is_clear([(-5, 5, 130), (15, 5, 130)], at)  # above
+    assert air.first_conflict(path, at - 1) == Conflict(0, None)  # begins before anything is known
+
+
+@pytest.mark.parametrize(("path", "stamps_ns"), [([(0, 0, 0)], [0]), ([(0, 0, 0), (1, 1, 1)], [1, 0])])
+def test_what_is_no_path_is_refused(path: list[tuple[float, ...]], stamps_ns: list[int]) -> None:
+    with pytest.raises(ValueError, match="at least two waypoints and stamps that do not go back"):
+        ClearAir(zone_set()).path_is_clear(path, stamps_ns)
+    with pytest.raises(ValueError, match=r"points must be finite and \[N, 3\]"):
+        ClearAir(zone_set()).is_clear([(0.0, np.nan, 0.0)], 0)
+
+
+def random_history(rng: np.random.Generator) -> ZoneHistory:
+    sets = []
+    for _ in range(4):
+        zones = []
+        for number in range(rng.integers(0, 6)):
+            corners = rng.uniform(0.0, 100.0, 2) + rng.uniform(-15.0, 15.0, (6, 2))
+            lower = rng.choice([0.0, 20.0])
+            zones.append(
+                zone(
+                    f"Z{number + 1}",
+                    shapely.convex_hull(shapely.MultiPoint(corners)),
+                    valid_until_ns=int(rng.integers(0, 8 * SECOND_NS)),
+                )
+            )
+            zones[-1] = replace(zones[-1], band=AltitudeBand(lower, 60.0, "AGL"))
+        sets.append(zone_set(*zones))
+    return history(*sets)
+
+
+def is_closed(zones: ZoneHistory, point: np.ndarray, stamp_ns: int, expires: bool) -> bool:
+    """One point and one zone after the other."""
+    for one in zones.at(stamp_ns):
+        lower = -np.inf if one.band.lower_m == 0.0 else 10.0 + one.band.lower_m
+        alive = not expires or stamp_ns < one.valid_until_ns
+        if alive and lower <= point[2] <= 72.0 and one.polygon.intersects(shapely.Point(point[:2])):
+            return True
+    return False
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), expires=st.booleans())
+def test_answers_agree_with_slow_ones(seed: int, expires: bool) -> None:
+    rng = np.random.default_rng(seed)
+    zones = random_history(rng)
+    air = ClearAir(zones, expires=expires)
+    points = rng.uniform((0, 0, 0), (100, 100, 100), (60, 3))
+    stamps_ns = rng.integers(0, 6 * SECOND_NS, 60)
+    expected = [is_closed(zones, p, int(t), expires) for p, t in zip(points, stamps_ns, strict=True)]
+    assert (~air.is_clear(points, stamps_ns)).tolist() == expected
+    clearance = air.clearance_m(points, stamps_ns)
+    np.testing.assert_array_equal(clearance <= 0.0, expected)
+    # Nothing within the clearance is closed (of a zone alive at that stamp).
+    for point, stamp_ns, reach in zip(points, stamps_ns, clearance, strict=True):
+        if 0.0 < reach < np.inf:
+            way = rng.normal(size=(10, 3))
+            near = point + way / np.linalg.norm(way, axis=1)[:, None] * reach * 0.999
+            assert air.is_clear(near, int(stamp_ns)).all()
+    # A path is clear only if every place on it is.
+    order = np.sort(stamps_ns[:5])
+    if air.path_is_clear(points[:5], order):
+        share = rng.random((4, 50, 1))
+        places = points[:4, None] + share * (points[1:5] - points[:4])[:, None]
+        stamps = order[:4, None] + (share[..., 0] * np.diff(order)[:, None]).astype(np.int64)
+        assert air.is_clear(places.reshape(-1, 3), stamps.ravel()).all()
+
+
+def test_a_question_takes_less_than_ten_microseconds() -> None:
+    rng = np.random.default_rng(0)
+    zones = [
+        zone(f"Z{k}", shapely.Point(*rng.uniform(0, 2000, 2)).buffer(rng.uniform(5, 40))) for k in range(200)
+    ]
+    air = ClearAir(zone_set(*zones))
+    points = rng.uniform((0, 0, 20), (2000, 2000, 80), (20_000, 3))
+    air.is_clear(points[:10], 0)
+    seconds = []
+    for _ in range(3):
+        started = time.process_time()
+        air.is_clear(points, 0)
+        seconds.append(time.process_time() - started)
+    assert min(seconds) / len(points) < 10e-6

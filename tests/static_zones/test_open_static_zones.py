@@ -1,0 +1,195 @@
+"""Zones that somebody else drew, in the dialects of real files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from crowdfence import Georeference
+from crowdfence.config import ZoneConfig
+from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
+from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
+from support.small_crowd_maps import flat_crowd_map
+
+ANCHOR = Georeference(46.5, 8.0, 1200.0)
+DEGREE_NORTH_M = 111_180.0  # at 46.5 degrees and 1200 m: M = 6368.9 km, + 1.2 km, times pi / 180
+SQUARE = [[8.0, 46.5], [8.001, 46.5], [8.001, 46.501], [8.0, 46.501], [8.0, 46.5]]
+
+
+def opened(tmp_path: Path, content: Any, anchor: Georeference = ANCHOR) -> tuple[Zone, ...]:
+    path = tmp_path / "zones"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return open_static_zones(path, anchor).zones
+
+
+def ed269(**geometry: Any) -> dict[str, Any]:
+    limits = {"uomDimensions": "M", "lowerLimit": 0, "upperLimit": 120}
+    data = {"lowerVerticalReference": "AGL", "upperVerticalReference": "AGL"}
+    shape = {"horizontalProjection": {"type": "Polygon", "coordinates": [SQUARE]}}
+    zone = {
+        "identifier": "ABC1234",
+        "country": "CHE",
+        "type": "COMMON",
+        "restriction": "PROHIBITED",
+        "geometry": [{**limits, **data, **shape, **geometry}],
+    }
+    return {"features": [zone]}
+
+
+def ed318(geometry: dict[str, Any], **properties: Any) -> dict[str, Any]:
+    told = {"identifier": "ABC1234", "country": "CHE", "type": "PROHIBITED", "variant": "COMMON"}
+    return {
+        "type": "FeatureCollection",
+        "features": [{"type": "Feature", "properties": {**told, **properties}, "geometry": geometry}],
+    }
+
+
+def test_a_square_lies_where_it_lies(tmp_path: Path) -> None:
+    (zone,) = opened(tmp_path, ed269())
+    west, south, _, north = zone.polygon.bounds
+    assert (west, south) == pytest.approx((0.0, 0.0), abs=0.01)
+    assert north == pytest.approx(0.001 * DEGREE_NORTH_M, abs=0.05)
+    assert (zone.id, zone.kind, zone.reason) == ("ABC1234", "static", "given")
+    assert zone.band == AltitudeBand(0.0, 120.0, "AGL")
+
+
+def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
+    """As the Swiss authority's samples write them."""
+    circle = {"type": "Circle", "center": [8.0, 46.5], "radius": 3000}
+    (zone,) = opened(tmp_path, ed269(horizontalProjection=circle, lowerLimit="0", upperLimit=None))
+    assert zone.polygon.covers(shapely.Point(0.0, 0.0).buffer(3000.0, 4096))
+    assert zone.polygon.area == pytest.approx(np.pi * 3000.0**2, rel=4e-3)
+    assert zone.band == AltitudeBand(0.0, 99_999.0, "AGL")
+    (feet,) = opened(tmp_path, ed269(uomDimensions="FT", lowerLimit=100, upperLimit=250))
+    assert feet.band == AltitudeBand(30.48, 76.2, "AGL")
+    listed = {"formatVersion": "1.0.0", "UASZoneList": ed269()["features"]}
+    assert [one.id for one in opened(tmp_path, listed)] == ["ABC1234"]
+
+
+def test_limits_above_different_data_close_everything(tmp_path: Path) -> None:
+    (zone,) = opened(tmp_path, ed269(upperLimit=6259, upperVerticalReference="AMSL"))
+    assert zone.band == AltitudeBand(0.0, 99_999.0, "AGL")
+    (sea,) = opened(
+        tmp_path, ed269(lowerVerticalReference="AMSL", upperLimit=900, upperVerticalReference="AMSL")
+    )
+    assert sea.band == AltitudeBand(0.0, 900.0, "AMSL")
+
+
+def test_layers_and_circles_of_ed318(tmp_path: Path) -> None:
+    layer = {"upper": 150, "upperReference": "AGL", "lower": 50, "lowerReference": "AGL", "uom": "m"}
+    circle = {
+        "type": "Point",
+        "coordinates": [8.0, 46.5],
+        "extent": {"subType": "Circle", "radius": 3500},
+        "layer": layer,
+    }
+    square = {"type": "Polygon", "coordinates": [SQUARE], "layer": {**layer, "upper": 492.126, "uom": "ft"}}
+    both = opened(tmp_path, ed318({"type": "GeometryCollection", "geometries": [circle, square]}))
+    # One id is used once: the second layer gets a number.
+    assert [zone.id for zone in both] == ["ABC1234", "S1"]
+    assert both[0].band == AltitudeBand(50.0, 150.0, "AGL")
+    assert both[1].band.upper_m == pytest.approx(150.0, abs=1e-3)
+
+
+def test_zones_that_keep_nobody_out_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps(ed318({"type": "Polygon", "coordinates": [SQUARE]}, type="NO_RESTRICTION")))
+    zones, left_out = read_static_zones([path], ANCHOR)
+    assert zones == () and left_out == ["zones.json: ABC1234: NO_RESTRICTION keeps nobody out"]
+    path.write_text(json.dumps(ed318({"type": "Polygon", "coordinates": [SQUARE]}, type="CONDITIONAL")))
+    assert len(read_static_zones([path], ANCHOR)[0]) == 1  # nobody has checked the condition
+
+
+def test_names_become_ids_that_are_short_and_used_once(tmp_path: Path) -> None:
+    features = [
+        {
+            "type": "Feature",
+            "id": name,
+            "properties": {},
+            "geometry": {"type": "Polygon", "coordinates": [SQUARE]},
+        }
+        for name in ("LSZB003", "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3")
+    ]
+    zones = opened(tmp_path, {"type": "FeatureCollection", "features": features})
+    assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5"]
+
+
+KML = """<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>
+<Placemark><name>Flights</name><Polygon><outerBoundaryIs><LinearRing><coordinates>
+{corners}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
+<Placemark><name>Pilot</name><Point><coordinates>8,46.5,0</coordinates></Point></Placemark>
+</Document></kml>"""
+
+
+def test_polygons_of_a_kml(tmp_path: Path) -> None:
+    path = tmp_path / "zones.kml"
+    path.write_text(KML.format(corners=" ".join(f"{x},{y},500" for x, y in SQUARE)))
+    read = open_static_zones(path, ANCHOR)
+    assert [zone.id for zone in read.zones] == ["Flights"]
+    assert read.left_out == ("Pilot: no polygon, closes no ground",)
+
+
+def test_a_zone_across_the_antimeridian_is_one(tmp_path: Path) -> None:
+    anchor = Georeference(-17.0, -179.9999, 0.0)
+    ring = [[179.999, -17.0], [-179.999, -17.0], [-179.999, -16.999], [179.999, -16.999], [179.999, -17.0]]
+    (zone,) = opened(tmp_path, {"type": "Polygon", "coordinates": [ring]}, anchor)
+    # 0.002 degrees at 17 degrees south: 0.002 * 111.32 km * cos 17 = 213 m.
+    west, _, east, _ = zone.polygon.bounds
+    assert east - west == pytest.approx(213.0, abs=0.5)
+
+
+def test_a_zone_at_the_pole_is_refused(tmp_path: Path) -> None:
+    anchor = Georeference(89.99, 0.0, 0.0)
+    ring = [[0.0, 89.999], [120.0, 89.999], [-120.0, 89.999], [0.0, 89.999]]
+    with pytest.raises(StaticZoneError, match="reaches beyond 89 degrees of latitude"):
+        opened(tmp_path, {"type": "Polygon", "coordinates": [ring]}, anchor)
+
+
+BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.5]]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"type": "Polygon", "coordinates": [BOW_TIE]}, "zone 'feature 1': Self-intersection"),
+        ({"type": "Polygon", "coordinates": [SQUARE[:2]]}, "has no outline of at least three corners"),
+        ({"type": "Polygon", "coordinates": []}, "has no outline"),
+        (
+            {"type": "Polygon", "coordinates": [[[8.0, 95.0], [9.0, 95.0], [8.0, 96.0], [8.0, 95.0]]]},
+            "reaches beyond 89 degrees",
+        ),
+        ({"type": "Polygon"}, "'coordinates' is missing"),
+        ({"crs": None, "type": "FeatureCollection", "features": []}, "local metres"),
+        (ed269(uomDimensions="M", upperLimit="high"), "could not convert"),
+        (ed269(horizontalProjection={"type": "Circle", "center": [8, 46], "radius": 0}), "circle of 0 m"),
+        (ed318({"type": "LineString", "coordinates": SQUARE}), "LineString, which closes no ground"),
+        ("{", "Expecting property name"),
+        ("[]", "object has no attribute"),
+        ("<kml><Placemark><Polygon/></Placemark></kml>", "has no outline"),
+        ("<kml>", "it is no XML"),
+        ('<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "declares entities"),
+        (KML.format(corners="8,46.5 here"), "a corner that cannot be read"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line_with_the_file(tmp_path: Path, content: Any, message: str) -> None:
+    with pytest.raises(StaticZoneError, match=r"zones: ") as refused:
+        opened(tmp_path, content)
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:
+    (tmp_path / "zones").write_text(json.dumps(ed269()))
+    with pytest.raises(StaticZoneError, match="no place on Earth"):
+        open_static_zones(tmp_path / "zones", None)
+
+
+def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:
+    static = opened(tmp_path, ed269())
+    engine = ZoneEngine(flat_crowd_map(np.ones((2, 2))), ZoneConfig(threshold=0.5).rules(0.5), static)
+    for stamp_ns in (0, 10**12):
+        zones = engine.step(stamp_ns)
+        assert [zone.id for zone in zones.closed] == ["Z1", "ABC1234"]
+        assert len(zones) == 1 and zones.area_m2 == 4.0  # crowd alone

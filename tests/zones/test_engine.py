@@ -1,0 +1,326 @@
+"""Zones over time: what is closed, which zone is which, until when and why."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from crowdfence import CrowdMap, Observation, Or, Paper, Rates, Terrain
+from crowdfence.config import ZoneConfig
+from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
+from support.small_crowd_maps import flat_crowd_map, look
+from support.small_zones import SECOND_NS, DrawnZones, ids, told
+
+PLAIN = Terrain.from_occupancy(np.ones((30, 30, 1), bool), 1.0)
+
+
+def cells_inside(zones: ZoneSet, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Columns of a 1 m grid that a set of zones covers whole [X, Y]."""
+    closed = shapely.union_all([zone.polygon for zone in zones.closed])
+    i, j = np.indices(shape)
+    return np.asarray(shapely.covers(closed, shapely.box(i, j, i + 1, j + 1)))
+
+
+def test_the_first_instant_gives_what_one_look_gives() -> None:
+    rng = np.random.default_rng(3)
+    crowd_map = flat_crowd_map(rng.random((12, 12)))
+    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.8, min_area_m2=2.0).rules(0.5))
+    zones, expected = engine.step(0), find_zones(crowd_map, 0, threshold=0.8, min_area_m2=2.0)
+    assert ids(zones) == ids(expected) and len(zones) > 2
+    for zone, other in zip(zones, expected, strict=True):
+        assert zone.polygon.equals(other.polygon)
+        assert (zone.cell_count, zone.probability_max, zone.seen_by) == (
+            other.cell_count,
+            other.probability_max,
+            other.seen_by,
+        )
+    assert (zones.dropped_count, zones.dropped_area_m2) == (expected.dropped_count, expected.dropped_area_m2)
+
+
+def test_ids_live_through_merge_split_and_end() -> None:
+    zones = DrawnZones((7, 3))
+    first = zones.drawn("""
+        ##...##
+        #.....#
+        .......""")
+    assert told(first) == [("created", "Z1"), ("created", "Z2")]
+    west, east = first
+    assert west.polygon.bounds[0] == 0.0 and east.polygon.bounds[2] == 7.0
+    same = zones.drawn("""
+        ##...##
+        #.....#
+        .......""")
+    assert told(same) == [] and same[0].polygon is west.polygon
+    merged = zones.drawn("""
+        #######
+        #.....#
+        .......""")
+    assert told(merged) == [("merged", "Z2", "Z1"), ("updated", "Z1")]
+    assert ids(merged) == ["Z1"] and merged[0].created_ns == 0
+    split = zones.drawn("""
+        .##..##
+        .#....#
+        .......""")
+    # Parts of the same size: the westernmost keeps the id. What was Z2 is a new zone, ids are not used twice.
+    assert told(split) == [("split", "Z3", "Z1"), ("updated", "Z1")]
+    assert {zone.id: zone.created_ns for zone in split} == {"Z1": 0, "Z3": 3 * SECOND_NS}
+    over = zones.drawn("""
+        .......
+        .......
+        .......""")
+    assert told(over) == [("expired", "Z1"), ("expired", "Z3")] and len(over) == 0
+
+
+def test_the_older_id_is_kept_though_its_zone_is_smaller() -> None:
+    zones = DrawnZones((6, 1))
+    zones.drawn("#.....")
+    zones.drawn("#..###")
+    assert told(zones.drawn("######")) == [("merged", "Z2", "Z1"), ("updated", "Z1")]
+
+
+def test_ground_stays_closed_between_the_two_thresholds() -> None:
+    zones = DrawnZones((4, 1), off_threshold=0.3)
+    assert [zone.cell_count for zone in zones.drawn("##..")] == [2]
+    held = zones.drawn("++++")  # 0.4: above the lower threshold, below the upper one
+    assert [(zone.id, zone.cell_count, zone.reason) for zone in held] == [("Z1", 2, "held")]
+    assert len(zones.drawn("....")) == 0
+    assert len(zones.drawn("++++")) == 0  # nothing begins there
+
+
+def test_small_regions_are_counted_and_a_zone_ends_at_half_the_area() -> None:
+    zones = DrawnZones((9, 1), min_area_m2=4.0)
+    small = zones.drawn("###......")
+    assert (len(small), small.dropped_count, small.dropped_area_m2) == (0, 1, 3.0)
+    assert ids(zones.drawn("####.....")) == ["Z1"]
+    shrunk = zones.drawn("##.....##")
+    assert ids(shrunk) == ["Z1"] and (shrunk.dropped_count, shrunk.dropped_area_m2) == (1, 2.0)
+    gone = zones.drawn("#........")
+    assert told(gone) == [("expired", "Z1")] and gone.dropped_area_m2 == 1.0
+
+
+def test_holes_are_filled_up_to_an_area() -> None:
+    ring = np.ones((5, 4))
+    ring[1:4, 1] = 0.0
+    for limit, area in ((0.0, 17.0), (2.9, 17.0), (3.0, 20.0), (np.inf, 20.0)):
+        (zone,) = DrawnZones((5, 4), max_hole_m2=limit).step(ring)
+        assert zone.polygon.area == area and zone.area_m2 == 17.0
+        assert (zone.crowd_outline is None) == (area == 17.0)
+
+
+def test_a_zone_that_jumps_a_step_of_motion_keeps_its_id_and_one_far_away_does_not() -> None:
+    zones = DrawnZones((30, 1))
+    zones.step(np.eye(30)[[2]].T)
+    assert ids(zones.step(np.eye(30)[[7]].T)) == ["Z1"]
+    assert told(zones.step(np.eye(30)[[13]].T)) == [("expired", "Z1"), ("created", "Z2")]
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), speed=st.floats(0.0, 1.5))
+def test_ids_survive_slow_motion(seed: int, speed: float) -> None:
+    """Crowds of 3 to 6 m that walk, less than their own width a second, in lanes of their own."""
+    rng = np.random.default_rng(seed)
+    lanes = 3
+    size, start = rng.integers(3, 7, lanes), rng.uniform(0.0, 10.0, lanes)
+    direction = rng.choice([-1.0, 1.0], lanes)
+    zones = DrawnZones((60, lanes * 10))
+    at = np.where(direction > 0, start, 50.0 - start)
+    for second in range(20):
+        crowd = np.zeros((60, lanes * 10))
+        for lane in range(lanes):
+            west = round(at[lane] + direction[lane] * speed * second)
+            crowd[max(west, 0) : west + size[lane], lane * 10 : lane * 10 + 4] = 1.0
+        step = zones.step(crowd)
+        by_lane = {int(zone.polygon.bounds[1]) // 10: zone.id for zone in step}
+        if second == 0:
+            first = by_lane
+        assert by_lane == first
+        assert all(event.kind == "updated" for event in step.events) or second == 0
+
+
+RULES = st.builds(
+    dict,
+    off_threshold=st.sampled_from([None, 0.3]),
+    max_hole_m2=st.sampled_from([0.0, 3.0, np.inf]),
+    buffer_m=st.sampled_from([0.0, 0.3, 2.5]),
+    simplify_m=st.sampled_from([0.0, 0.8, 4.0]),
+    max_vertices=st.sampled_from([None, 3, 4, 7, 20]),
+    close_unseen=st.booleans(),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    maps=st.lists(hnp.arrays(float, (9, 8), elements=st.sampled_from([0.0, 0.4, 0.7, np.nan])), max_size=4),
+    rules=RULES,
+)
+def test_zones_always_cover_every_voxel_above_the_threshold(
+    maps: list[NDArray[np.float64]], rules: dict[str, object]
+) -> None:
+    zones = DrawnZones((9, 8), **rules)
+    held = np.zeros((9, 8), bool)
+    seen = np.zeros((9, 8), bool)
+    for probability in maps:
+        step = zones.step(probability)
+        now = zones.probability()
+        held = (now >= 0.5) | (held & (now >= (rules["off_threshold"] or 0.5)))
+        seen |= ~np.isnan(probability)
+        inside = cells_inside(step, (9, 8))
+        assert inside[held].all()
+        if rules["close_unseen"]:
+            assert inside[~seen].all()
+        elif not rules["buffer_m"] and not rules["simplify_m"] and rules["max_vertices"] is None:
+            filled = ndimage.binary_fill_holes(held) if rules["max_hole_m2"] == np.inf else None
+            if filled is not None:
+                np.testing.assert_array_equal(inside & filled, inside)
+            elif rules["max_hole_m2"] == 0.0:
+                np.testing.assert_array_equal(inside, held)
+        assert len({zone.id for zone in step.closed}) == len(step.closed)
+        assert all(zone.polygon.is_valid and len(zone.id) <= 7 for zone in step.closed)
+
+
+def decaying(decay: float, unit: str = "second") -> CrowdMap:
+    method = Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, decay=decay, decay_unit=unit, fleet_size=1)
+    return CrowdMap(PLAIN, method)
+
+
+def test_a_zone_expires_when_it_said_it_would() -> None:
+    crowd_map = decaying(0.1)
+    ground = PLAIN.voxel_ids([(i, j, 0) for i in range(4) for j in range(4)])
+    look(crowd_map, "uav1", 5 * SECOND_NS, ground, np.linspace(0.8, 1.0, 16))
+    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3).rules(0.5))
+    (zone,) = engine.step(5 * SECOND_NS)
+    until_ns = zone.valid_until_ns
+    # Equation 3 by hand: exp(-0.1 t) takes the largest P to the threshold.
+    assert until_ns == pytest.approx((5 + np.log(zone.probability_max / 0.3) / 0.1) * SECOND_NS, abs=100)
+    assert len(find_zones(crowd_map, until_ns - 1000, threshold=0.3)) == 1
+    assert len(find_zones(crowd_map, until_ns, threshold=0.3)) == 0
+    (later,) = engine.step(until_ns - 1000)
+    assert later.valid_until_ns == pytest.approx(until_ns, abs=100)  # told again, not put off
+    assert told(engine.step(until_ns)) == [("expired", "Z1")]
+
+
+@pytest.mark.parametrize("crowd_map", [decaying(0.0), decaying(0.1, "frame"), CrowdMap(PLAIN, Or())])
+def test_what_never_decays_or_nobody_knows_when_has_no_expiry(crowd_map: CrowdMap) -> None:
+    look(crowd_map, "uav1", 0, np.arange(9), 1.0)
+    (zone, *_) = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3).rules(0.5)).step(0)
+    assert zone.valid_until_ns is None
+
+
+def observation(drone: str, stamp_ns: int, ids: list[int], mean: float, range_m: float) -> Observation:
+    count = len(ids)
+    return Observation(
+        PLAIN,
+        drone,
+        stamp_ns,
+        voxel_ids=ids,
+        mean=np.full(count, mean),
+        pixel_count=np.ones(count, int),
+        range_m=np.full(count, range_m),
+        tilt_deg=np.full(count, 60.0),
+        occluded_ids=[],
+    )
+
+
+def test_a_zone_tells_who_showed_what_and_why_it_is_still_closed() -> None:
+    crowd_map = CrowdMap(PLAIN, Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, fleet_size=2))
+    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.002).rules(0.5))
+    ids = sorted(PLAIN.voxel_ids([(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]).tolist())
+
+    def step(second: int, *views: Observation) -> ZoneSet:
+        crowd_map.integrate_observations(list(views), second * SECOND_NS)
+        return engine.step(second * SECOND_NS, views)
+
+    (zone,) = step(1, observation("bravo", SECOND_NS, ids, 0.9, 40.0))
+    (look,) = zone.evidence
+    assert zone.reason == "seen"
+    assert dataclasses.astuple(look) == ("bravo", SECOND_NS, 0.9, 1.0, 40.0, 1)
+    # A second look at half of it: 0.4 is no crowd, yet P = 0.2 * 0.0256 / 2 by hand is above the threshold.
+    half = [ids[0], ids[1]]
+    (zone,) = step(2, observation("bravo", 2 * SECOND_NS, half, 0.4, 30.0))
+    (look,) = zone.evidence
+    assert zone.reason == "not_cleared"
+    assert dataclasses.astuple(look) == ("bravo", 2 * SECOND_NS, 0.4, 0.5, 30.0, 2)
+    far = PLAIN.voxel_ids([(20, 20, 0)]).tolist()
+    zone = step(3, observation("alpha", 3 * SECOND_NS, far, 0.0, 70.0))[0]
+    assert zone.reason == "not_looked_at" and [look.drone for look in zone.evidence] == ["bravo"]
+
+
+def test_zones_that_merge_keep_what_was_seen_of_both() -> None:
+    crowd_map = CrowdMap(PLAIN, Or())
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(0.5))
+    near, far = (PLAIN.voxel_ids([(i, 0, 0)]).tolist() for i in (0, 8))
+    both = [observation("a", 0, near, 1.0, 10.0), observation("b", 0, far, 1.0, 20.0)]
+    crowd_map.integrate_observations(both, 0)
+    assert [[look.drone for look in zone.evidence] for zone in engine.step(0, both)] == [["a"], ["b"]]
+    between = sorted(PLAIN.voxel_ids([(i, 0, 0) for i in range(1, 8)]).tolist())
+    bridge = [observation("c", 1, between, 1.0, 30.0)]
+    crowd_map.integrate_observations(bridge, 1)
+    (zone,) = engine.step(1, bridge)
+    assert [(look.drone, look.range_m) for look in zone.evidence] == [("a", 10.0), ("b", 20.0), ("c", 30.0)]
+
+
+def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
+    probability = np.full((6, 5), np.nan)
+    probability[:4, :3] = 0.0
+    probability[1, 1] = 1.0
+    zones = DrawnZones((6, 5), close_unseen=True, stale_after_s=10.0)
+    step = zones.step(probability)
+    (crowd,), (unseen,) = step.zones, step.unseen
+    assert crowd.polygon.equals(shapely.box(1, 1, 2, 2))
+    assert unseen.polygon.area == 30 - 12 and unseen.kind == "unseen" and unseen.id == "UNSEEN"
+    assert unseen.reason == "never_cleared" and step.area_m2 == 1.0
+    # 11 s later everything but the crowd is stale.
+    later = zones.engine.step(zones.stamp_ns + 11 * SECOND_NS)
+    assert sum(zone.polygon.area for zone in later.unseen) == 29.0
+    assert ids(later) == ["Z1"] and ids(later.unseen) == ["UNSEEN"]
+
+
+def test_the_same_instants_give_the_same_zones_to_the_bit() -> None:
+    def history() -> list[tuple[object, ...]]:
+        zones, rng = DrawnZones((20, 20), buffer_m=1.0, max_vertices=12), np.random.default_rng(9)
+        steps = (
+            zones.step((ndimage.gaussian_filter(rng.random((20, 20)), 1.5) * 2.0 - 0.5).clip(0.0, 1.0))
+            for _ in range(6)
+        )
+        return [(told(step), [(zone.id, zone.polygon.wkb) for zone in step]) for step in steps]
+
+    first = history()
+    assert any(zones for _, zones in first) and first == history()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("off_threshold", 0.6, "off_threshold is 0.6; it must be above 0 and at most the threshold 0.5"),
+        ("off_threshold", 0.0, "off_threshold is 0"),
+        ("buffer_m", -1.0, "buffer_m is -1; it must be finite and >= 0"),
+        ("simplify_m", np.inf, "simplify_m is inf"),
+        ("max_hole_m2", -1.0, "max_hole_m2 is -1"),
+        ("max_vertices", 2, "max_vertices is 2; it must be at least 3"),
+        ("upper_m", -5.0, "band 0 to -5 m must be finite, lower before upper"),
+        ("restriction", "forbidden", "restriction 'forbidden' is neither"),
+    ],
+)
+def test_rules_out_of_bounds_are_refused(field: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError) as refused:
+        ZoneConfig(threshold=0.5, **{field: value})  # type: ignore[arg-type]
+        ZoneConfig(**{field: value}).rules(0.5)  # type: ignore[arg-type]
+    assert message in str(refused.value)
+
+
+def test_ten_thousand_zones_at_once() -> None:
+    crowd = np.zeros((300, 300))
+    crowd[::3, ::3] = 1.0  # zones of one voxel
+    zones = DrawnZones((300, 300))
+    first = zones.step(crowd, evidence_of="uav1")
+    again = zones.step(crowd, evidence_of="uav1")
+    assert len(first) == len({zone.id for zone in first}) == 10_000
+    assert max(len(zone.id) for zone in first) == 4  # "Z7PS"
+    assert ids(again) == ids(first) and told(again) == []
+    assert all(zone.area_m2 == 1.0 and zone.evidence[0].looks == 2 for zone in again)

@@ -1,0 +1,79 @@
+"""The zones of a whole mission, written and read again."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from crowdfence import Georeference, StampError
+from crowdfence.zones.history import ZoneHistory, ZoneHistoryError
+from support.small_zones import SECOND_NS, DrawnZones
+
+
+def flown(**options: object) -> ZoneHistory:
+    zones, rng = DrawnZones((20, 20), **options), np.random.default_rng(9)
+    sets = []
+    for _ in range(5):
+        wanted = (ndimage.gaussian_filter(rng.random((20, 20)), 1.5) * 3.0 - 1.0).clip(0.0, 1.0)
+        sets.append(zones.step(np.where(rng.random((20, 20)) < 0.1, np.nan, wanted)))
+    sets.append(zones.engine.step(5 * SECOND_NS))  # nothing new
+    stamps_ns = [number * SECOND_NS for number in range(6)]
+    return ZoneHistory(
+        stamps_ns, sets, Georeference(46.5, 8.0, 1200.0), {"mission": "räce", "threshold": 0.5}
+    )
+
+
+@pytest.mark.parametrize("options", [{}, {"buffer_m": 1.0, "close_unseen": True}])
+def test_what_is_read_is_what_was_written(tmp_path: Path, options: dict[str, object]) -> None:
+    history = flown(**options)
+    assert sum(len(zones) for zones in history.sets) > 10
+    history.write(tmp_path / "history.jsonl")
+    again = ZoneHistory.read(tmp_path / "history.jsonl")
+    assert again.stamps_ns == history.stamps_ns
+    assert (again.georeference, again.description) == (history.georeference, history.description)
+    for new, old in zip(again.sets, history.sets, strict=True):
+        assert new.events == old.events and len(new.closed) == len(old.closed)
+        assert (new.dropped_count, new.threshold) == (old.dropped_count, old.threshold)
+        for zone, other in zip(new.closed, old.closed, strict=True):
+            for field in dataclasses.fields(zone):
+                value, expected = getattr(zone, field.name), getattr(other, field.name)
+                if field.name in ("polygon", "crowd_outline"):
+                    assert value is expected is None or value.equals_exact(expected)
+                else:
+                    assert value == expected or value != value, field.name
+
+
+def test_an_outline_that_did_not_change_is_written_once(tmp_path: Path) -> None:
+    flown().write(tmp_path / "history.jsonl")
+    lines = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
+    *_, changed, same = lines
+    assert all("polygon" in zone for zone in changed["zones"]) and same["zones"]
+    assert not any("polygon" in zone for zone in same["zones"])
+
+
+def test_a_stamp_shows_the_instant_before_it() -> None:
+    history = flown()
+    assert history.at(2 * SECOND_NS) is history.at(3 * SECOND_NS - 1) is history.sets[2]
+    assert history.at(10**18) is history.sets[-1]
+    with pytest.raises(StampError, match="is before the first instant, 1970-01-01T00:00:00"):
+        history.at(-1)
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "other", "version"])
+def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    text = path.read_text()
+    path.write_text(
+        {
+            "empty": "",
+            "cut": text[: len(text) // 2],
+            "other": '{"type": "FeatureCollection"}',
+            "version": text.replace('"version": 1', '"version": 9', 1),
+        }[damage]
+    )
+    with pytest.raises(ZoneHistoryError, match=r"history\.jsonl is no zone history"):
+        ZoneHistory.read(path)

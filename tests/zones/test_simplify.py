@@ -1,0 +1,146 @@
+"""Fewer corners and larger outlines, which never uncover anything."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from crowdfence.zones.grow import grown, without_small_holes
+from crowdfence.zones.simplify import simplified, vertex_count
+
+CELLS = hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12))).filter(np.any)
+
+
+def same(outline: shapely.Geometry, expected: shapely.Geometry) -> bool:
+    """Up to the micrometre by which changed outlines are larger."""
+    return bool(outline.covers(expected) and shapely.symmetric_difference(outline, expected).area < 1e-4)
+
+
+def outline(cells: NDArray[np.bool_]) -> shapely.Polygon | shapely.MultiPolygon:
+    """Of cells that may touch at corners only."""
+    return shapely.union_all([shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(cells)])
+
+
+def test_a_staircase_becomes_the_line_over_its_steps() -> None:
+    steps = outline(np.tri(5, dtype=bool))
+    result = simplified(steps, tolerance_m=0.8)
+    # Five steps of 1 m: their inner corners lie 1 / sqrt(2) below the line.
+    assert same(result, shapely.Polygon([(0, 0), (5, 0), (5, 5), (4, 5), (0, 1)]))
+    assert same(simplified(steps, tolerance_m=0.7), steps)
+
+
+def test_a_notch_deeper_than_the_tolerance_stays() -> None:
+    notch = shapely.box(0, 0, 20, 9) - shapely.box(6, 5, 14, 9)
+    # Leaving out an inner corner reaches 8 * 4 / sqrt(8^2 + 4^2) = 3.58 m into it.
+    assert simplified(notch, tolerance_m=3.5).equals(notch)
+    assert vertex_count(simplified(notch, tolerance_m=3.6)) < 8
+
+
+def test_a_budget_takes_the_cheapest_ground_first() -> None:
+    house = shapely.Polygon([(0, 0), (10, 0), (10, 9), (9, 10), (0, 10)])
+    assert simplified(house, max_vertices=5).equals(house)
+    assert same(simplified(house, max_vertices=4), shapely.box(0, 0, 10, 10))  # half a square metre
+    triangle = simplified(house, max_vertices=3)
+    assert vertex_count(triangle) == 3 and triangle.covers(house)
+    assert triangle.area == pytest.approx(200.0, rel=1e-6)  # twice the square
+
+
+def test_parts_and_holes_go_only_when_the_budget_asks() -> None:
+    ring = shapely.box(0, 0, 9, 9) - shapely.box(3, 3, 6, 6)
+    assert len(simplified(ring, max_vertices=7).interiors) == 1
+    assert same(simplified(ring, max_vertices=4), shapely.box(0, 0, 9, 9))
+    two = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(5, 0, 6, 1)])
+    assert simplified(two, max_vertices=8).equals(two)
+    assert same(simplified(two, max_vertices=4), shapely.box(0, 0, 6, 1))
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    cells=CELLS,
+    tolerance_m=st.sampled_from([0.0, 0.5, 0.8, 2.0, 50.0]),
+    max_vertices=st.sampled_from([None, 3, 4, 5, 8, 30]),
+    scale=st.sampled_from([1.0, 0.3]),
+    angle=st.sampled_from([0.0, 30.0, 123.4]),
+    buffer_m=st.sampled_from([0.0, 0.7]),
+)
+def test_simplification_and_budgets_never_uncover(
+    cells: NDArray[np.bool_],
+    tolerance_m: float,
+    max_vertices: int | None,
+    scale: float,
+    angle: float,
+    buffer_m: float,
+) -> None:
+    ground = outline(cells)
+    ground = shapely.affinity.rotate(shapely.affinity.scale(ground, scale, scale), angle)
+    ground = grown(ground, buffer_m)
+    result = simplified(ground, tolerance_m=tolerance_m, max_vertices=max_vertices)
+    assert result.is_valid and result.covers(ground)
+    if max_vertices is None:
+        assert result.buffer(-1e-2).difference(ground.buffer(tolerance_m, quad_segs=32)).is_empty
+        assert vertex_count(result) <= vertex_count(ground)
+    else:
+        assert vertex_count(result) <= max_vertices
+
+
+@settings(max_examples=100, deadline=None)
+@given(cells=CELLS, distance_m=st.floats(0.01, 20.0), seed=st.integers(0, 2**32 - 1))
+def test_a_buffer_covers_everything_within_its_distance(
+    cells: NDArray[np.bool_], distance_m: float, seed: int
+) -> None:
+    ground = outline(cells)
+    result = grown(ground, distance_m)
+    rng = np.random.default_rng(seed)
+    low, high = np.array(ground.buffer(distance_m).bounds).reshape(2, 2)
+    points = shapely.points(rng.uniform(low, high, (500, 2)))
+    distances = shapely.distance(ground, points)
+    assert shapely.covers(result, points[distances <= distance_m]).all()
+    # GEOS leaves out inward corners of less than a hundredth of the distance.
+    assert (shapely.distance(ground, points[shapely.covers(result, points)]) <= 1.03 * distance_m).all()
+
+
+def test_holes_are_filled_by_area() -> None:
+    cells = np.ones((9, 9), bool)
+    cells[1, 1] = cells[4:7, 4:7] = False
+    ground = outline(cells)
+    assert [len(without_small_holes(ground, limit).interiors) for limit in (0.0, 0.9, 1.0, 8.0, 9.0)] == [
+        2,
+        2,
+        1,
+        1,
+        0,
+    ]
+    assert without_small_holes(ground, 1.0).area == 72.0
+    # Crowd in the middle of a hole is swallowed with it.
+    cells[5, 5] = True
+    (hole,) = without_small_holes(outline(cells), 1.0).geoms[0].interiors
+    assert shapely.Polygon(hole).area == 9.0
+    assert without_small_holes(outline(cells), 9.0).equals(shapely.box(0, 0, 9, 9))
+
+
+@pytest.mark.parametrize(
+    ("ground", "options", "message"),
+    [
+        (shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)]), {}, "must be a valid polygon"),  # crosses itself
+        (shapely.Polygon(), {}, "must be a valid polygon that is not empty"),
+        (shapely.box(0, 0, 1, 1), {"max_vertices": 2}, "max_vertices is 2; a polygon has at least 3"),
+    ],
+)
+def test_what_is_no_outline_is_refused(
+    ground: shapely.Polygon, options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        simplified(ground, **options)
+
+
+def test_a_large_outline_keeps_its_budget() -> None:
+    field = ndimage.gaussian_filter(np.random.default_rng(0).random((120, 120)), 3) > 0.505
+    ground = max(outline(field).geoms, key=lambda part: part.area)
+    result = simplified(ground, max_vertices=60)
+    assert vertex_count(ground) > 500 and vertex_count(result) <= 60
+    assert result.covers(ground)
+    assert result.area < shapely.convex_hull(ground).area
