@@ -103,7 +103,7 @@ def calibrate_model(
     missions = LabelledMissions(data, plan, on_frame)
     counts, frames = _count_logits(detector, missions)
     calibration = calibrate(counts)
-    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen))
+    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen, plan))
     before, after = measured.rates or (None, None)
     completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
     write_calibrated(graph, calibration.chosen, contract, completed, output)
@@ -127,11 +127,11 @@ def _count_logits(
     """First pass: logits by truth of every mission, and the number of frames used."""
     counts: dict[str, NDArray[np.float64]] = {}
     frames = 0
-    for mission in missions.opened(with_maps=False):
+    for mission in missions.opened(with_maps=detector.contract.uses_gsd):
 
         def use(frame: Frame, mission: LabelledMission = mission) -> None:
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
-            values = heatmap_values(detector(frame.image()))
+            values = heatmap_values(mission.heatmap(detector, frame, missions.plan.max_range_m))
             counted = None if ignored is None else ~crowd_cells(ignored, values.shape)
             added = logit_counts(values, crowd_cells(mask, values.shape), counted)
             counts[mission.name] = counts.get(mission.name, 0.0) + added
@@ -140,8 +140,10 @@ def _count_logits(
     return counts, frames
 
 
-def _before_and_after(detector: Detector, chosen: LogitMap, frame: Frame) -> tuple[Heatmap, Heatmap]:
-    raw = detector(frame.image())
+def _before_and_after(
+    detector: Detector, chosen: LogitMap, plan: MeasurementPlan, mission: LabelledMission, frame: Frame
+) -> tuple[Heatmap, Heatmap]:
+    raw = mission.heatmap(detector, frame, plan.max_range_m)
     return raw, chosen.probability(raw)
 
 

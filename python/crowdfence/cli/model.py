@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -84,7 +85,8 @@ def evaluate(
         list[Path],
         typer.Option(
             "--data",
-            help="Labelled recording that the model was not trained on, or a folder of missions; repeat.",
+            help="Labelled recording that the model was not trained on, a folder of missions, or one of "
+            "pictures with COCO annotations; repeat.",
         ),
     ],
     model: Annotated[
@@ -116,9 +118,8 @@ def evaluate(
     """
     from crowdfence.calibration.calibrate import plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.labelled_missions import MeasurementPlan
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
     from crowdfence.evaluation.model_quality import model_quality
-    from crowdfence.sources import open_recording
 
     _require_png("--examples", examples)
     detector = Detector(model, contract)
@@ -132,7 +133,7 @@ def evaluate(
     with ExitStack() as stack:
         if examples is not None:
             stack.enter_context(writable_file(examples))
-        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
         advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
         if examples is not None:
@@ -233,6 +234,31 @@ def _print_quality(contract: Contract, result: ModelQuality) -> None:
         for label, pair in (("all", rates.rates), ("away from edges", rates.away_from_edges)):
             rows.append((label, interval(pair.true_positive), interval(pair.false_positive, 4)))
         print(f"\n{aligned(rows)}")
+    for line in (*_people_lines(contract, result), *_picture_lines(result)):
+        print(f"\n{line}")
+
+
+def _people_lines(contract: Contract, result: ModelQuality) -> Iterator[str]:
+    people, validity = result.people, contract.validity
+    if people.people:
+        span = None if validity is None else validity.gsd_m
+        where = "" if span is None else f" at {span[0]:g} to {span[1]:g} m per pixel"
+        yield (
+            f"One view{where}: {people.share_found:.1%} of {people.people:,} people of crowds in view stand "
+            f"in a called cell, {people.share_called:.2%} of the empty ground is called."
+        )
+
+
+def _picture_lines(result: ModelQuality) -> Iterator[str]:
+    pictures = result.pictures.to_json()
+    if pictures["mean_recall"] is not None:
+        count, recall = pictures["pictures_with_crowd"], pictures["mean_recall"]
+        yield f"{count} pictures with crowd: {recall:.1%} of it marked, the mean of the pictures."
+    if pictures["mean_share_marked"] is not None:
+        yield (
+            f"{pictures['pictures_without_crowd']} without: {pictures['mean_share_marked']:.2%} of the cells "
+            f"marked, more than 1 % in {pictures['share_with_more_than_one_percent']:.0%} of them."
+        )
 
 
 def _require_png(option: str, path: Path | None) -> None:

@@ -31,8 +31,9 @@ def run(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    detector: options.DetectorChoice = "auto",
+    detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     method: options.Method = options.MethodName.paper,
     alpha: options.Alpha = PAPER.alpha,
     decay: options.Decay = PAPER.decay,
@@ -71,7 +72,7 @@ def run(
 
     with writable_folder(output, parents=True):
         source = open_recording(recording)
-        chosen = choose_detector(source, detector, contract=contract)
+        chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
         ground = read_map(source, terrain, **map_options)
         fuse_and_report(source, ground, config, output, detector=chosen, as_json=as_json)
 

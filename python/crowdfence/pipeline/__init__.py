@@ -14,6 +14,7 @@ from crowdfence.pipeline.detect import (
     choose_detector,
     describe_model,
     heatmap_source,
+    named_detector,
 )
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -33,6 +34,7 @@ __all__ = [
     "describe_model",
     "heatmap_source",
     "lost_crowd_warnings",
+    "named_detector",
     "open_terrain",
     "read_map",
     "review_detector",
