@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
-from crowdfence.evaluation.cells.scores import THRESHOLD
+from crowdfence.evaluation.cells.scores import AFFORDABLE_FALSE_POSITIVE_RATE, THRESHOLD
+from crowdfence.evaluation.cells.value_histogram import BINS, bin_of_values
 from crowdfence.sources.recording import Frame
 from crowdfence.truth.at_exposure import true_camera_pose
 
 
-@dataclass(slots=True)
 class PeopleFound:
     """People of crowds whose feet lie in the picture and of whom a pixel shows, and cells of ground without
     crowd, both where metres per pixel lie within a model's tested range. Sums over frames."""
 
-    people: int = 0
-    found: int = 0
-    """Their feet stand in a cell with a value above 0.5."""
-    empty_cells: int = 0
-    called_cells: int = 0
-    """Empty cells with a value above 0.5."""
+    def __init__(self) -> None:
+        self._people, self._empty = np.zeros(BINS), np.zeros(BINS)
 
     def add(
         self,
@@ -40,36 +35,56 @@ class PeopleFound:
         its cells alone.
         """
         low, high = tested_m or (0.0, np.inf)
-        called = heatmap > THRESHOLD
+        values = heatmap.astype(np.float64)
         empty = ~crowd & (gsd_m >= low) & (gsd_m <= high)
-        self.empty_cells += int(empty.sum())
-        self.called_cells += int((empty & called).sum())
+        self._empty += np.bincount(bin_of_values(values[empty]), minlength=BINS)
         if frame.truth.people is None:
             return
         at, distance_m = _feet_of_crowds(frame)
         gsd = distance_m / np.sqrt(frame.camera.fx * frame.camera.fy)
         tested = (gsd >= low) & (gsd <= high)
         size = np.array([frame.camera.width, frame.camera.height])
-        column, row = np.floor(at[tested] * (np.array(called.shape[::-1]) / size)).astype(np.intp).T
-        self.people += int(tested.sum())
-        self.found += int(called[row, column].sum())
+        column, row = np.floor(at[tested] * (np.array(values.shape[::-1]) / size)).astype(np.intp).T
+        self._people += np.bincount(bin_of_values(values[row, column]), minlength=BINS)
 
     @property
-    def share_found(self) -> float:
-        return self.found / self.people if self.people else np.nan
+    def people(self) -> int:
+        return int(self._people.sum())
 
     @property
-    def share_called(self) -> float:
-        return self.called_cells / self.empty_cells if self.empty_cells else np.nan
+    def empty_cells(self) -> int:
+        return int(self._empty.sum())
+
+    def share_found(self, threshold: float = THRESHOLD) -> float:
+        """Share of the people who stand in a cell with a value above `threshold`; NaN without people."""
+        return _share_above(self._people, threshold)
+
+    def share_called(self, threshold: float = THRESHOLD) -> float:
+        """Share of the empty cells with such a value; NaN without empty cells."""
+        return _share_above(self._empty, threshold)
+
+    def affordable_threshold(self) -> float:
+        """The lowest that calls at most 1 % of the empty cells crowd, in steps of 1 / 960."""
+        above = np.cumsum(self._empty[::-1])[::-1]
+        affordable = np.flatnonzero(above <= AFFORDABLE_FALSE_POSITIVE_RATE * self._empty.sum())
+        return float(affordable[0]) / BINS if affordable.size else 1.0
 
     def to_json(self) -> dict[str, Any]:
         """Ready for JSON; unknown is null."""
-        return {
-            "people_of_crowds": self.people,
-            "share_found": self.share_found if self.people else None,
-            "empty_cells": self.empty_cells,
-            "share_called": self.share_called if self.empty_cells else None,
+        threshold = self.affordable_threshold()
+        shares = {
+            "share_found": self.share_found(),
+            "share_called": self.share_called(),
+            "threshold_at_one_percent": threshold,
+            "share_found_at_one_percent": self.share_found(threshold),
         }
+        plain = {name: None if value != value else value for name, value in shares.items()}
+        return {"people_of_crowds": self.people, "empty_cells": self.empty_cells, **plain}
+
+
+def _share_above(histogram: NDArray[np.float64], threshold: float) -> float:
+    total = histogram.sum()
+    return float(histogram[round(threshold * BINS) :].sum() / total) if total else float("nan")
 
 
 def _feet_of_crowds(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
