@@ -119,7 +119,7 @@ def test_a_damaged_matlab_file_is_one_line(tmp_path: Path, content: bytes) -> No
 
 
 def three_people(folder: Path) -> Path:
-    """A COCO folder: in a.png three people side by side, its left half red; in b.png, of another size, nobody."""
+    """A COCO folder: in a.png three people side by side, left half red; in b.png, another size, nobody."""
     image = np.zeros((48, 64, 3), np.uint8)
     image[:, :32, 0] = 255
     picture(folder / "b.png", 40, 40)

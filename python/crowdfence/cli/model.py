@@ -89,12 +89,17 @@ def evaluate(
             "pictures with COCO annotations; repeat.",
         ),
     ],
-    model: Annotated[
-        Path | None, typer.Argument(help="ONNX model. Default: the shipped one.", show_default=False)
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="ONNX model, or several to combine. Default: the shipped one, crowdnet-s.",
+            show_default=False,
+        ),
     ] = None,
     contract: Annotated[
         Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
     ] = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
@@ -117,12 +122,13 @@ def evaluate(
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
     from crowdfence.calibration.calibrate import plan_for
-    from crowdfence.detector.detector import Detector
+    from crowdfence.detector.shipped import SHIPPED_MODEL
     from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
     from crowdfence.evaluation.model_quality import model_quality
+    from crowdfence.pipeline import named_detector
 
     _require_png("--examples", examples)
-    detector = Detector(model, contract)
+    detector = named_detector(models or [SHIPPED_MODEL], contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}

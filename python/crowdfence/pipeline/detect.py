@@ -24,7 +24,7 @@ HeatmapFunction = Callable[[Frame], Pixels]
 
 PEOPLE_GRID = 48, 64
 """Rows and columns of the rays that tell how far apart people stand."""
-SIZES_GRID = 24, 32
+SIZES_GRID = 12, 16
 """Of those that tell at which size a part of a picture is shown."""
 
 

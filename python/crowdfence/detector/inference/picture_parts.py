@@ -23,9 +23,13 @@ SMALLEST_SIZE = 1.0 / 64.0
 ENLARGED = (2.0, 2.0**0.5)
 """Sizes of ground that is too far away, the better one first."""
 AFFORDABLE_PX = 640 * 480
-AFFORDABLE_SHARE = 1.2
+AFFORDABLE_SHARE = 1.15
 """Far ground is enlarged as long as the model sees at most this share of the picture's own pixels, or of
 those of a 640 x 480 picture where it is smaller: 30 frames a second on one core."""
+
+SUSPICION = 0.05
+"""Where a whole far part is not affordable, its cells above this are looked at again, enlarged."""
+_AROUND_CELLS = 3
 
 Enlarge = Literal["never", "affordable", "always"]
 
@@ -76,6 +80,41 @@ def parts_by_gsd(
         if enlarge == "always" or shown <= AFFORDABLE_SHARE * max(pixels, AFFORDABLE_PX):
             return parts
     return _parts(_sizes(across, known_m, 1.0), image, stride)
+
+
+def suspicious_parts(
+    heatmap: NDArray[np.float32], parts: list[PicturePart], far: NDArray[np.bool_], image: Image, stride: int
+) -> list[PicturePart]:
+    """Parts of the ground that is too far (cells [h, w]) where the model, which saw it at its own size, is not
+    sure that nobody is: those with most crowd to be expected below one half, as far as is affordable."""
+    from scipy.ndimage import binary_dilation, find_objects, label
+
+    expected = np.where(far & (heatmap <= 0.5), heatmap, 0.0)
+    near_suspicion = binary_dilation(far & (heatmap > SUSPICION), iterations=_AROUND_CELLS) & far
+    numbers, count = label(near_suspicion, structure=np.ones((3, 3)))
+    left_px = AFFORDABLE_SHARE * max(image.shape[0] * image.shape[1], AFFORDABLE_PX)
+    left_px -= sum(part.shown_pixels for part in parts)
+    found: list[tuple[float, PicturePart]] = []
+    for number, box in enumerate(find_objects(numbers, count), start=1):
+        own = numbers == number
+        rows, columns = (
+            _cut(np.arange(span.start, span.stop), stride, ENLARGED[0], pixels)
+            for span, pixels in zip(box, image.shape[:2], strict=True)
+        )
+        found.append((float(expected[own].sum()), PicturePart(ENLARGED[0], rows, columns, own)))
+    chosen = []
+    for mass, part in sorted(found, key=lambda one: -one[0] / one[1].shown_pixels):
+        if mass > 0.0 and part.shown_pixels <= left_px:
+            chosen.append(part)
+            left_px -= part.shown_pixels
+    return chosen
+
+
+def far_cells(gsd_m: Gsd, known_m: tuple[float, float], cells: tuple[int, int]) -> NDArray[np.bool_]:
+    """Cells [h, w] of ground that is coarser than the model knows; never of what is no ground."""
+    given = checked_gsd(gsd_m)
+    across = given if given.ndim == 2 else given[..., 0]
+    return np.asarray(at_cells(across, cells) > known_m[1])
 
 
 def resized(image: Image, size: float) -> Image:

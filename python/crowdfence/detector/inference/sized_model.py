@@ -20,7 +20,13 @@ from crowdfence.detector.inference.overlap_removal import strongest_boxes
 from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People
 from crowdfence.detector.inference.people_scale import gsd_of_people
-from crowdfence.detector.inference.picture_parts import Enlarge, PicturePart, parts_by_gsd
+from crowdfence.detector.inference.picture_parts import (
+    Enlarge,
+    PicturePart,
+    far_cells,
+    parts_by_gsd,
+    suspicious_parts,
+)
 
 _SAME_PERSON_IOU = 0.5
 """Of two boxes of different sizes of a picture, where the model itself removes no overlaps."""
@@ -48,6 +54,8 @@ class SizedModel:
             rule = output.rule
             assert isinstance(rule, DensityRule)
             return crowd_from_density(self._map(image, parts), scale, rule, output.stride)
+        if gsd_m is not None and self._enlarge == "affordable" and not as_it_is:
+            return self._looked_at_again(image, parts, gsd_m)
         if gsd_m is not None or as_it_is or self._sizes.weights is None:
             return self._map(image, parts)
         return combined([self._of_part(image, part) for part in parts], self._sizes)
@@ -84,6 +92,19 @@ class SizedModel:
             assert part.own is not None
             whole[part.own] = self._of_part(image, part)[part.own]
         return whole
+
+    def _looked_at_again(self, image: Image, parts: list[PicturePart], gsd_m: Gsd) -> Map:
+        """The map, and where far ground could not be enlarged as a whole, what is suspicious of it is."""
+        values = self._map(image, parts)
+        known_m = self._sizes.gsd_m
+        if known_m is None or any(part.size > 1.0 for part in parts):
+            return values
+        far = far_cells(gsd_m, known_m, values.shape)
+        if far.any():
+            values = values.copy()
+            for part in suspicious_parts(values, parts, far, image, self._output.stride):
+                values[part.own] = self._of_part(image, part)[part.own]
+        return values
 
     def _of_part(self, image: Image, part: PicturePart) -> Map:
         """Values [h, w] on the cells of the whole image; 0 beyond the part."""
