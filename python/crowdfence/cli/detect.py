@@ -138,9 +138,13 @@ def _detect_pictures(
     skipped = [str(one) for one in done.skipped]
     if as_json:
         report = {"output": str(output), "frames": done.frames, "skipped": skipped}
+        report |= {"pictures": done.watch.to_json(), "warnings": list(done.warnings)}
         console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
         return
-    _report(output, detector, {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}, skipped)
+    facts = {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}
+    if done.watch.looked_at:
+        facts["unlike tested"] = f"{done.watch.unlike} of {done.watch.looked_at} pictures"
+    _report(output, detector, facts, [*done.warnings, *skipped])
 
 
 def _detect_recording(
@@ -166,8 +170,12 @@ def _detect_recording(
             recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
+    warnings = list(heatmaps.watch.warnings)
+    if ground is None:
+        warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
     if as_json:
         report = {"output": str(output), "frames": done.conversion.frames, "skipped": refused}
+        report |= {"pictures": heatmaps.watch.to_json(), "warnings": warnings}
         console.print_json(
             {
                 **report,
@@ -179,7 +187,7 @@ def _detect_recording(
     facts = {"frames": ", ".join(f"{drone} {count}" for drone, count in done.conversion.frames.items())}
     if done.videos:
         facts["videos"] = ", ".join(path.name for path in done.videos)
-    _report(output, detector, facts, refused)
+    _report(output, detector, facts, [*warnings, *refused])
 
 
 def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: list[str]) -> None:

@@ -11,8 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
+from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
 if TYPE_CHECKING:
@@ -41,6 +45,8 @@ class HeatmapSource:
     """The file of a model."""
     members: tuple[Detector, ...] = ()
     """The models of a combination."""
+    watch: PictureWatch = field(default_factory=PictureWatch)
+    """What the pictures were like that a model was shown."""
 
     @contextmanager
     def detecting(self, drones: int) -> Iterator[Callable[[Instant], InstantViews]]:
@@ -59,6 +65,8 @@ class HeatmapSource:
         made = {} if self.contract is None else describe_model(self.contract, self.model)
         if self.members:
             made["members"] = [describe_model(one.contract, one.path) for one in self.members]
+        if self.watch.looked_at:
+            made["pictures"] = self.watch.to_json()
         return {"heatmaps": self.kind, **made}
 
 
@@ -80,16 +88,24 @@ def heatmap_source(
 
     if not isinstance(detector, Detector):
         return HeatmapSource("function", _refusing(detector))
+    watch = PictureWatch(detector.contract)
     if not detector.contract.uses_gsd or (terrain is None and not detector.contract.needs_gsd):
-        heatmap_of: HeatmapFunction = partial(_detect, detector)
+        heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
     elif terrain is not None:
-        heatmap_of = partial(_detect_to_scale, detector, terrain, max_range_m)
+        heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
     else:
         raise ValueError(
             f"{detector.contract.name} gives {detector.contract.output.kind}, which become a heatmap only "
             "with metres per pixel: give a map with --terrain"
         )
-    return HeatmapSource("model", _refusing(heatmap_of), detector.contract, detector.path, detector.members)
+    return HeatmapSource(
+        "model",
+        _refusing(heatmap_of),
+        detector.contract,
+        detector.path,
+        detector.members,
+        watch,
+    )
 
 
 def describe_model(contract: Contract, path: Path | None) -> dict[str, Any]:
@@ -174,11 +190,13 @@ def _pictures_suffice(recording: Recording) -> bool:
     )
 
 
-def _detect(detector: Detector, frame: Frame) -> Pixels:
-    return detector(frame.image())
+def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
+    return detector(_image(frame, watch))
 
 
-def _detect_to_scale(detector: Detector, terrain: Terrain, max_range_m: float, frame: Frame) -> Pixels:
+def _detect_to_scale(
+    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
+) -> Pixels:
     from crowdfence.detector.ground_sampling import ground_sampling
 
     needed = detector.contract.needs_gsd
@@ -188,10 +206,16 @@ def _detect_to_scale(detector: Detector, terrain: Terrain, max_range_m: float, f
         frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
     )
     if sampling.sees_ground:
-        return detector(frame.image(), gsd_m=sampling.along_ground())
+        return detector(_image(frame, watch), gsd_m=sampling.along_ground())
     if needed:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
-    return detector(frame.image(), as_it_is=True)
+    return detector(_image(frame, watch), as_it_is=True)
+
+
+def _image(frame: Frame, watch: PictureWatch) -> NDArray[np.uint8]:
+    image = frame.image()
+    watch.look(f"{frame.drone} at {frame.stamp_ns}", image)
+    return image
 
 
 def _refusing(function: HeatmapFunction) -> HeatmapFunction:

@@ -2,8 +2,8 @@
 
     {"schema": 1, "name": "...", "version": "...", "licence": "...",
      "input": {...}, "output": {...},
-     "sizes": null, "calibration": null, "rates": null, "validity": null, "target_height_m": null,
-     "about": null}
+     "sizes": null, "pictures": null, "calibration": null, "rates": null, "validity": null,
+     "target_height_m": null, "about": null}
 
 `docs/models.md` explains every key. Parsing refuses what it does not know: a contract that is guessed at
 yields heatmaps that look right and are wrong.
@@ -22,6 +22,7 @@ from crowdfence.detector.contract.json_section import JsonSection, is_number
 from crowdfence.detector.contract.model_input import ModelInput, input_from_json
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS, ModelOutput, output_from_json
 from crowdfence.detector.contract.picture_sizes import PictureSizes
+from crowdfence.detector.picture_statistics import PictureRange
 from crowdfence.errors import DetectorError
 
 SCHEMA = 1
@@ -51,6 +52,8 @@ class Contract:
     licence: str | None = None
     sizes: PictureSizes | None = None
     """At which size it is shown pictures; None: as they are."""
+    pictures: PictureRange | None = field(default=None, repr=False)
+    """What the pictures looked like that it was tested on."""
     calibration: dict[str, Any] | None = field(default=None, hash=False)
     rates: dict[str, Any] | None = field(default=None, hash=False)
     validity: Validity | None = None
@@ -91,6 +94,7 @@ class Contract:
             input=input_from_json(_required(top, "input"), output),
             output=output,
             sizes=PictureSizes.from_json(top.section("sizes"), output),
+            pictures=PictureRange.from_json(top.section("pictures")),
             calibration=_calibration(top),
             rates=_rates(top),
             validity=_validity(top.section("validity")),
@@ -114,6 +118,7 @@ class Contract:
             "input": model_input,
             "output": output,
             "sizes": self.sizes and self.sizes.to_json(),
+            "pictures": self.pictures and self.pictures.to_json(),
             "calibration": self.calibration,
             "rates": self.rates,
             "validity": validity and {name: _plain(getattr(validity, name)) for name in Validity.__slots__},

@@ -85,8 +85,8 @@ def parts_by_gsd(
 def suspicious_parts(
     heatmap: NDArray[np.float32], parts: list[PicturePart], far: NDArray[np.bool_], image: Image, stride: int
 ) -> list[PicturePart]:
-    """Parts of the ground that is too far (cells [h, w]) where the model, which saw it at its own size, is not
-    sure that nobody is: those with most crowd to be expected below one half, as far as is affordable."""
+    """Parts of the ground that is too far (cells [h, w]) where the model, which saw it at its own size, is
+    not sure that nobody is: those with most crowd to be expected below one half, as far as is affordable."""
     from scipy.ndimage import binary_dilation, find_objects, label
 
     expected = np.where(far & (heatmap <= 0.5), heatmap, 0.0)
