@@ -40,15 +40,13 @@ def test_the_statistics_of_a_plain_picture_are_known() -> None:
 
 
 def test_stripes_are_edges() -> None:
-    """Black and white columns in turn: pixels beside each other differ by 1, those 2 and 4 apart not at all; all
-    edges are equal, so their root mean square is their mean."""
+    """Black and white columns in turn: pixels beside each other differ by 1, those 2 and 4 apart not at all.
+    All edges are equal, so their root mean square is their mean."""
     stripes = np.zeros((8, 40, 3), np.uint8)
     stripes[:, 1::2] = 255
     found = dict(zip(NAMES, picture_statistics(stripes), strict=True))
     assert found["contrast"] == pytest.approx(0.5, abs=1e-5)
-    assert found["edges"] == pytest.approx(0.0, abs=1e-5) and found["edge_sparsity"] == pytest.approx(
-        0.0, abs=1e-5
-    )
+    assert [found["edges"], found["edge_sparsity"]] == pytest.approx([0.0, 0.0], abs=1e-5)
     assert found["edges_of_2px"] == found["edges_of_4px"] == pytest.approx(np.log(1e-3))
 
 
@@ -95,8 +93,7 @@ def test_a_wrong_range_is_refused(key: str, value: object, message: str) -> None
 
 
 def test_pictures_are_counted_and_named() -> None:
-    """The mean of the statistics of black pictures with a limit of 1: black is alike, white is 3 ** 0.5 away in the
-    means of its colours alone."""
+    """Around black, limit 1: black is alike, white 3 ** 0.5 away in the means of its colours alone."""
     black, white = np.zeros((9, 9, 3), np.uint8), np.full((9, 9, 3), 255, np.uint8)
     near = PictureRange(tuple(picture_statistics(black)), tuple(map(tuple, np.eye(10).tolist())), 1.0)
     watch = PictureWatch(Contract.from_json(document(pictures=near.to_json())))
