@@ -2,13 +2,13 @@
 
 Writes two things into the contract of a calibrated model, both measured on the calibration missions:
 
-- `sizes.weights` and `sizes.bias`, which make one heatmap of a picture of unknown scale seen at three sizes.
-  Every frame is enlarged 1, 2 and 4 times, each as likely as the others, and a line in the three sorted logits
-  is fitted to the labels. No photograph takes part.
+- `sizes.weights` and `sizes.bias`, which make one heatmap of a picture of unknown scale seen at three sizes:
+  every frame is enlarged 1, 2 and 4 times, each as likely as the others, and a line in the three sorted
+  logits is fitted to the labels. No photograph takes part.
 - `pictures`, what those frames look like (`calibrate` writes it too; here for a model calibrated before).
 
-`sizes.gsd_m` is stated here: below 0.05 m per pixel half the size finds more than the whole, above 0.3 m twice
-the size does (training/README.md).
+`sizes.gsd_m` is stated here: below 0.05 m per pixel half the size finds more than the whole, above 0.3 m
+twice the size does (training/README.md).
 """
 
 from __future__ import annotations

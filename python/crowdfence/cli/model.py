@@ -173,9 +173,26 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
     rows["rates"] = _rates(contract)
     rows["valid for"] = _spans(contract.validity)
+    rows["on photographs"] = _photographs(contract)
+    if contract.sizes is not None and contract.sizes.gsd_m is not None:
+        low_m, high_m = contract.sizes.gsd_m
+        rows["shown at"] = f"{low_m:g} to {high_m:g} m per pixel where pose and map tell, else at sizes " + (
+            ", ".join(f"{size:g}" for size in contract.sizes.without_gsd)
+        )
     if contract.target_height_m is not None:
         rows["marks"] = f"what is {contract.target_height_m:g} m above the ground"
     return rows
+
+
+def _photographs(contract: Contract) -> str:
+    """What was measured on photographs, if anything."""
+    measured = (contract.about or {}).get("photographs")
+    if not isinstance(measured, dict):
+        return "not stated: nobody says how it does on them"
+    return ", ".join(
+        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, (int, float)) else f"{value}"
+        for name, value in measured.items()
+    )
 
 
 def _run_facts(report: ModelCheck) -> dict[str, str]:
