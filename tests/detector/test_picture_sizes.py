@@ -19,7 +19,9 @@ from crowdfence.detector.inference.picture_parts import (
     AFFORDABLE_SHARE,
     MARGIN_PX,
     Enlarge,
+    far_cells,
     parts_by_gsd,
+    suspicious_parts,
 )
 from support.onnx_models import contract as document
 from support.onnx_models import write_fixed_output_model, write_map_model
@@ -210,3 +212,22 @@ def test_without_people_there_is_no_crowd(tmp_path: Path) -> None:
     given = document("boxes", output__rule={"person_height_m": 1.7}, output__score_min=0.5)
     write_fixed_output_model(tmp_path / "m.onnx", [[[0, 0, 1, 1, 0.1]]], given, output_shape=(1, "a", "b"))
     assert not Detector(tmp_path / "m.onnx")(picture()).any()
+
+
+def test_suspicious_far_ground_is_looked_at_again_within_the_budget() -> None:
+    """640 x 480 at 0.4 m per pixel: enlarged as a whole it would cost fourfold, so only suspicious places are:
+    of two, the one of 0.4 comes first; a sure crowd (0.9) is not looked for again."""
+    image, cells = np.zeros((480, 640, 3), np.uint8), (120, 160)
+    parts = parts_by_gsd(0.4, KNOWN_M, image, STRIDE, "affordable")
+    assert [part.size for part in parts] == [1.0]
+    heatmap = np.zeros(cells, np.float32)
+    heatmap[10:14, 10:14], heatmap[100:104, 100:104], heatmap[60, 60] = 0.4, 0.1, 0.9
+    far = far_cells(0.4, KNOWN_M, cells)
+    assert far.all()
+    found = suspicious_parts(heatmap, parts, far, image, STRIDE)
+    assert found and found[0].own is not None and found[0].own[12, 12] and not found[0].own[60, 60]
+    assert all(part.size == 2.0 and part.own is not None and not part.own[60, 60] for part in found)
+    shown = sum(part.shown_pixels for part in [*parts, *found])
+    assert shown <= AFFORDABLE_SHARE * AFFORDABLE_PX
+    near = np.zeros(cells, np.bool_)
+    assert suspicious_parts(heatmap, parts, near, image, STRIDE) == []
