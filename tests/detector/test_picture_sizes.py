@@ -215,7 +215,7 @@ def test_without_people_there_is_no_crowd(tmp_path: Path) -> None:
 
 
 def test_suspicious_far_ground_is_looked_at_again_within_the_budget() -> None:
-    """640 x 480 at 0.4 m per pixel: enlarged as a whole it would cost fourfold, so only suspicious places are:
+    """640 x 480 at 0.4 m per pixel: enlarged as a whole it would cost fourfold: only suspicious places are:
     of two, the one of 0.4 comes first; a sure crowd (0.9) is not looked for again."""
     image, cells = np.zeros((480, 640, 3), np.uint8), (120, 160)
     parts = parts_by_gsd(0.4, KNOWN_M, image, STRIDE, "affordable")
