@@ -71,6 +71,7 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
+	$(BIN)/python training/picture_sizes.py python/crowdfence/detector/models/crowdnet-s.onnx $(MISSIONS)/calibration
 
 stub: setup ## docstrings of the compiled core -> _core.pyi
 	$(BIN)/python crates/crowdfence-python/stub_docs.py

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -19,6 +19,7 @@ from crowdfence.exports.heatmap_folder import HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.detect import HeatmapSource
+from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.sources.convert import Conversion, convert
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.recording import Frame, Pixels, Recording
@@ -40,6 +41,10 @@ class DetectedPictures:
     """Heatmaps written."""
     skipped: list[SkippedPicture]
     """Pictures without a heatmap: they could not be read, or the detector refused them."""
+    watch: PictureWatch
+    """Which of them look unlike everything that the detector was tested on."""
+    warnings: tuple[str, ...]
+    """What nobody can know about these pictures, one sentence each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +70,7 @@ def detect_pictures(
     `gsd_m`: metres per pixel, for models that need them. ValueError when not a single picture gives a
     heatmap; nothing is left behind then.
     """
-    frames, skipped = 0, list[SkippedPicture]()
+    frames, skipped, watch = 0, list[SkippedPicture](), PictureWatch(detector.contract)
     with ExitStack() as stack:
         heatmaps = stack.enter_context(HeatmapFolder(folder, replace=replace_existing))
         film = stack.enter_context(VideoWriter(folder / OVERLAY)) if video else None
@@ -75,16 +80,19 @@ def detect_pictures(
                 skipped.append(found)
             else:
                 picture, heatmap = found
-                heatmaps.add(picture.number, picture.name, picture.time_s, heatmap)
+                unlike = watch.look(_label(picture), picture.rgb)
+                heatmaps.add(picture.number, picture.name, picture.time_s, heatmap, unlike_tested=unlike)
                 if film is not None:
                     time_s = frames / PICTURES_PER_S if picture.time_s is None else picture.time_s
-                    film.write(_looked_at(picture.rgb, heatmap, _label(picture)), time_s)
+                    note = "  unlike everything tested" if unlike else ""
+                    film.write(_looked_at(picture.rgb, heatmap, f"{_label(picture)}{note}"), time_s)
                 frames += 1
             on_picture()
         if frames == 0:
             reasons = "; ".join(str(one) for one in skipped[:_MOST_REASONS]) or "it holds no frame"
             raise ValueError(f"no picture could be used: {reasons}")
-    return DetectedPictures(frames, skipped)
+    warnings = (*_unknown_scale(detector, gsd_m), *watch.warnings)
+    return DetectedPictures(frames, skipped, watch, warnings)
 
 
 def detect_recording(
@@ -127,6 +135,17 @@ def detect_recording(
             reasons = "; ".join(str(one) for one in conversion.refused[:_MOST_REASONS])
             raise ValueError(f"no frame of {recording.name} could be used: {reasons or 'it holds none'}")
     return DetectedRecording(conversion, [] if films is None else films.paths)
+
+
+def _unknown_scale(detector: Detector, gsd_m: float | None) -> Iterator[str]:
+    """Pictures come without poses, so nobody can tell how far away their ground is."""
+    contract = detector.contract
+    tested_m = None if contract.validity is None else contract.validity.gsd_m
+    if gsd_m is None:
+        shown = "" if contract.sizes is None else "; it was shown them at several sizes"
+        yield f"pictures without poses: no range could be checked against those of {contract.name}{shown}"
+    elif tested_m is not None and not tested_m[0] <= gsd_m <= tested_m[1]:
+        yield f"--gsd-m {gsd_m:g}: {contract.name} was tested at {tested_m[0]:g} to {tested_m[1]:g} m"
 
 
 class _Films:

@@ -23,6 +23,7 @@ from crowdfence.calibration.model_file import (
 )
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.lookup import sidecar_path
+from crowdfence.detector.picture_statistics import picture_statistics, range_of_missions
 from crowdfence.evaluation.cells.quality import QualityReport
 from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
 from crowdfence.evaluation.labelled_missions import (
@@ -101,11 +102,14 @@ def calibrate_model(
     if sidecar_path(output).exists():
         raise ValueError(f"{sidecar_path(output)} would hide the contract inside {output}: remove it first")
     missions = LabelledMissions(data, plan, on_frame)
-    counts, frames = _count_logits(detector, missions)
+    statistics: dict[str, list[NDArray[np.float64]]] = {}
+    counts, frames = _count_logits(detector, missions, statistics)
     calibration = calibrate(counts)
-    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen))
+    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen, plan))
     before, after = measured.rates or (None, None)
     completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
+    seen = range_of_missions({name: np.array(of_one) for name, of_one in statistics.items()})
+    completed = replace(completed, pictures=seen)
     write_calibrated(graph, calibration.chosen, contract, completed, output)
     require_agreement(detector, Detector(output), calibration.chosen, missions.some_image())
     return ModelCalibration(
@@ -122,26 +126,30 @@ def calibrate_model(
 
 
 def _count_logits(
-    detector: Detector, missions: LabelledMissions
+    detector: Detector, missions: LabelledMissions, statistics: dict[str, list[NDArray[np.float64]]]
 ) -> tuple[dict[str, NDArray[np.float64]], int]:
-    """First pass: logits by truth of every mission, and the number of frames used."""
+    """First pass: logits by truth of every mission, and the number of frames used; into `statistics` what the
+    pictures of every mission look like."""
     counts: dict[str, NDArray[np.float64]] = {}
     frames = 0
-    for mission in missions.opened(with_maps=False):
+    for mission in missions.opened(with_maps=detector.contract.uses_gsd):
 
         def use(frame: Frame, mission: LabelledMission = mission) -> None:
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
-            values = heatmap_values(detector(frame.image()))
+            values = heatmap_values(mission.heatmap(detector, frame, missions.plan.max_range_m))
             counted = None if ignored is None else ~crowd_cells(ignored, values.shape)
             added = logit_counts(values, crowd_cells(mask, values.shape), counted)
             counts[mission.name] = counts.get(mission.name, 0.0) + added
+            statistics.setdefault(mission.name, []).append(picture_statistics(frame.image()))
 
         frames += missions.over_frames(mission, use)
     return counts, frames
 
 
-def _before_and_after(detector: Detector, chosen: LogitMap, frame: Frame) -> tuple[Heatmap, Heatmap]:
-    raw = detector(frame.image())
+def _before_and_after(
+    detector: Detector, chosen: LogitMap, plan: MeasurementPlan, mission: LabelledMission, frame: Frame
+) -> tuple[Heatmap, Heatmap]:
+    raw = mission.heatmap(detector, frame, plan.max_range_m)
     return raw, chosen.probability(raw)
 
 

@@ -83,9 +83,9 @@ def write_calibrated(
 def require_agreement(before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8]) -> None:
     """DetectorError unless the written model gives on an image what the correction gives in numpy."""
     image = _not_resampled(image, before.contract)
-    raw = before(image)
+    raw = before(image, as_it_is=True)
     inside = np.abs(cell_logits(raw)) < LIMIT - 1.0  # beyond, a float32 probability has lost its logit
-    difference = np.abs(after(image) - chosen.probability(raw))[inside].max(initial=0.0)
+    difference = np.abs(after(image, as_it_is=True) - chosen.probability(raw))[inside].max(initial=0.0)
     if difference > TOLERATED_DIFFERENCE:
         raise DetectorError(
             f"the calibrated model differs from its calibration by {difference:.2g}; allowed: "

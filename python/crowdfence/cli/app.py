@@ -12,6 +12,7 @@ from crowdfence._core import __version__
 from crowdfence.cli import console
 from crowdfence.cli.calibrate import calibrate
 from crowdfence.cli.convert import convert
+from crowdfence.cli.data import app as data
 from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
@@ -49,6 +50,7 @@ app.command("simulate")(simulate)
 app.command("calibrate")(calibrate)
 app.command("train")(train)
 app.add_typer(model, name="model")
+app.add_typer(data, name="data")
 app.command("demo")(demo)
 app.command("doctor")(doctor)
 

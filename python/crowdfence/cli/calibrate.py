@@ -67,8 +67,7 @@ def calibrate(
     _require_onnx()
     from crowdfence.calibration.calibrate import calibrate_model, plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.labelled_missions import MeasurementPlan
-    from crowdfence.sources import open_recording
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
 
     chosen = {
         "target": None if target is None else target.value,
@@ -89,7 +88,7 @@ def calibrate(
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
     with writable_file(output):
         paths = options.recordings_in(data)
-        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
         with console.progress("calibrating", 2 * frames, "frames") as advance:
             result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
     for warning in result.warnings:

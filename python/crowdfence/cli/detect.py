@@ -10,6 +10,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options
+from crowdfence.detector.shipped import SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -28,8 +29,13 @@ def detect(
             "--output", "-o", help="Folder for the heatmaps; for a recording, a mission file (.mcap)."
         ),
     ],
-    model: Annotated[
-        Path | None, typer.Option("--model", help="ONNX model. Default: the one that comes with crowdfence.")
+    models: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            "--detector",
+            help="ONNX model, several to combine them. Default: crowdnet-s, which comes with crowdfence.",
+        ),
     ] = None,
     contract: options.ContractPath = None,
     threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,
@@ -46,9 +52,13 @@ def detect(
     gsd_m: Annotated[
         float | None,
         typer.Option(
-            "--gsd-m", min=1e-6, help="Metres per pixel, for models that count people; not for recordings."
+            "--gsd-m",
+            "--gsd",
+            min=1e-6,
+            help="Metres per pixel of the pictures, where known; not for recordings.",
         ),
     ] = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     terrain: options.TerrainPath = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
@@ -56,12 +66,16 @@ def detect(
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
-    from crowdfence.detector.detector import Detector
+    from crowdfence.pipeline import named_detector
     from crowdfence.sources import is_recording, open_recording
+
+    names = models or [SHIPPED_MODEL]
+    if contract is not None and len(names) > 1:
+        raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
 
     if not is_recording(source):
         with writable_folder(output):
-            detector = Detector(model, contract=contract, threads=threads)
+            detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
             _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
         return
     if gsd_m is not None:
@@ -69,7 +83,7 @@ def detect(
     _require_place(output, source, force)
     with writable_file(output):
         recording = open_recording(source)
-        detector = Detector(model, contract=contract, threads=threads)
+        detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         _detect_recording(recording, detector, terrain, map_options, output, every, bool(video), as_json)
 
@@ -124,9 +138,13 @@ def _detect_pictures(
     skipped = [str(one) for one in done.skipped]
     if as_json:
         report = {"output": str(output), "frames": done.frames, "skipped": skipped}
+        report |= {"pictures": done.watch.to_json(), "warnings": list(done.warnings)}
         console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
         return
-    _report(output, detector, {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}, skipped)
+    facts = {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}
+    if done.watch.looked_at:
+        facts["unlike tested"] = f"{done.watch.unlike} of {done.watch.looked_at} pictures"
+    _report(output, detector, facts, [*done.warnings, *skipped])
 
 
 def _detect_recording(
@@ -143,15 +161,21 @@ def _detect_recording(
     from crowdfence.heatmap_files import detect_recording
     from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
 
-    ground = open_terrain(recording, terrain, **map_options) if detector.contract.needs_gsd else None
+    mapped = terrain is not None or recording.terrain is not None
+    wanted = detector.contract.needs_gsd or (detector.contract.uses_gsd and mapped)
+    ground = open_terrain(recording, terrain, **map_options) if wanted else None
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(
             recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
+    warnings = list(heatmaps.watch.warnings)
+    if ground is None:
+        warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
     if as_json:
         report = {"output": str(output), "frames": done.conversion.frames, "skipped": refused}
+        report |= {"pictures": heatmaps.watch.to_json(), "warnings": warnings}
         console.print_json(
             {
                 **report,
@@ -163,7 +187,7 @@ def _detect_recording(
     facts = {"frames": ", ".join(f"{drone} {count}" for drone, count in done.conversion.frames.items())}
     if done.videos:
         facts["videos"] = ", ".join(path.name for path in done.videos)
-    _report(output, detector, facts, refused)
+    _report(output, detector, facts, [*warnings, *refused])
 
 
 def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: list[str]) -> None:

@@ -27,8 +27,9 @@ def evaluate(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    detector: options.DetectorChoice = "auto",
+    detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     method: Annotated[
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
@@ -73,7 +74,7 @@ def evaluate(
     from crowdfence.sources import open_recording
 
     source = open_recording(recording)
-    chosen = choose_detector(source, detector, contract=contract)
+    chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )

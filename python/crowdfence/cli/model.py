@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -84,15 +85,21 @@ def evaluate(
         list[Path],
         typer.Option(
             "--data",
-            help="Labelled recording that the model was not trained on, or a folder of missions; repeat.",
+            help="Labelled recording that the model was not trained on, a folder of missions, or one of "
+            "pictures with COCO annotations; repeat.",
         ),
     ],
-    model: Annotated[
-        Path | None, typer.Argument(help="ONNX model. Default: the shipped one.", show_default=False)
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="ONNX model, or several to combine. Default: the shipped one, crowdnet-s.",
+            show_default=False,
+        ),
     ] = None,
     contract: Annotated[
         Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
     ] = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
@@ -115,13 +122,13 @@ def evaluate(
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
     from crowdfence.calibration.calibrate import plan_for
-    from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.labelled_missions import MeasurementPlan
+    from crowdfence.detector.shipped import SHIPPED_MODEL
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
     from crowdfence.evaluation.model_quality import model_quality
-    from crowdfence.sources import open_recording
+    from crowdfence.pipeline import named_detector
 
     _require_png("--examples", examples)
-    detector = Detector(model, contract)
+    detector = named_detector(models or [SHIPPED_MODEL], contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
@@ -132,7 +139,7 @@ def evaluate(
     with ExitStack() as stack:
         if examples is not None:
             stack.enter_context(writable_file(examples))
-        frames = sum(len(open_recording(path).frames[::every]) for path in paths)
+        frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
         advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
         if examples is not None:
@@ -166,9 +173,26 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
     rows["rates"] = _rates(contract)
     rows["valid for"] = _spans(contract.validity)
+    rows["on photographs"] = _photographs(contract)
+    if contract.sizes is not None and contract.sizes.gsd_m is not None:
+        low_m, high_m = contract.sizes.gsd_m
+        rows["shown at"] = f"{low_m:g} to {high_m:g} m per pixel where pose and map tell, else at sizes " + (
+            ", ".join(f"{size:g}" for size in contract.sizes.without_gsd)
+        )
     if contract.target_height_m is not None:
         rows["marks"] = f"what is {contract.target_height_m:g} m above the ground"
     return rows
+
+
+def _photographs(contract: Contract) -> str:
+    """What was measured on photographs, if anything."""
+    measured = (contract.about or {}).get("photographs")
+    if not isinstance(measured, dict):
+        return "not stated: nobody says how it does on them"
+    return ", ".join(
+        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, (int, float)) else f"{value}"
+        for name, value in measured.items()
+    )
 
 
 def _run_facts(report: ModelCheck) -> dict[str, str]:
@@ -233,6 +257,32 @@ def _print_quality(contract: Contract, result: ModelQuality) -> None:
         for label, pair in (("all", rates.rates), ("away from edges", rates.away_from_edges)):
             rows.append((label, interval(pair.true_positive), interval(pair.false_positive, 4)))
         print(f"\n{aligned(rows)}")
+    for line in (*_people_lines(contract, result), *_picture_lines(result)):
+        print(f"\n{line}")
+
+
+def _people_lines(contract: Contract, result: ModelQuality) -> Iterator[str]:
+    people, validity = result.people, contract.validity
+    if people.people:
+        span = None if validity is None else validity.gsd_m
+        where = "" if span is None else f" at {span[0]:g} to {span[1]:g} m per pixel"
+        yield (
+            f"One view{where}: {people.share_found():.1%} of {people.people:,} people of crowds seen stand "
+            f"in a called cell, {people.share_called():.2%} of the empty ground is called; "
+            f"{people.share_found(people.affordable_threshold()):.1%} at the threshold that calls 1 %."
+        )
+
+
+def _picture_lines(result: ModelQuality) -> Iterator[str]:
+    pictures = result.pictures.to_json()
+    if pictures["mean_recall"] is not None:
+        count, recall = pictures["pictures_with_crowd"], pictures["mean_recall"]
+        yield f"{count} pictures with crowd: {recall:.1%} of it marked, the mean of the pictures."
+    if pictures["mean_share_marked"] is not None:
+        yield (
+            f"{pictures['pictures_without_crowd']} without: {pictures['mean_share_marked']:.2%} of the cells "
+            f"marked, more than 1 % in {pictures['share_with_more_than_one_percent']:.0%} of them."
+        )
 
 
 def _require_png(option: str, path: Path | None) -> None:

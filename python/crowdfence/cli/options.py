@@ -83,6 +83,16 @@ class LabelTarget(str, Enum):
     silhouettes = "silhouettes"
 
 
+class EnlargeChoice(str, Enum):
+    """Whether far ground is enlarged for the detector."""
+
+    never = "never"
+    affordable = "affordable"
+    always = "always"
+
+
+AUTO = ["auto"]
+
 RecordingPath = Annotated[
     Path, typer.Argument(help="Mission file (.mcap), AirSim recording folder, or folder with poses.csv.")
 ]
@@ -121,11 +131,19 @@ AssumeLocal = Annotated[
     ),
 ]
 DetectorChoice = Annotated[
-    str,
+    list[str],
     typer.Option(
         "--detector",
         metavar="auto|recorded|MODEL.onnx",
-        help="What makes the heatmaps. auto: the shipped model where there are pictures, else as recorded.",
+        help="What makes the heatmaps. auto: the shipped model where there are pictures, else as recorded. "
+        "Repeat it to combine several, such as crowdnet-s and yolox_nano.onnx.",
+    ),
+]
+EnlargeOption = Annotated[
+    EnlargeChoice,
+    typer.Option(
+        "--enlarge",
+        help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x.",
     ),
 ]
 ContractPath = Annotated[

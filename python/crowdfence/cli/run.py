@@ -39,8 +39,9 @@ def run(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    detector: options.DetectorChoice = "auto",
+    detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     method: options.Method = options.MethodName.paper,
     alpha: options.Alpha = PAPER.alpha,
     decay: options.Decay = PAPER.decay,
@@ -93,7 +94,7 @@ def run(
     wanted = chosen_files(None if files is None else files.split(","))
     with result_folder(output, force=force):
         source = open_recording(recording)
-        chosen = choose_detector(source, detector, contract=contract)
+        chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
         ground = read_map(source, terrain, **map_options)
         fuse_and_report(
             source,

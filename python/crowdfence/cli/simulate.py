@@ -66,7 +66,10 @@ def simulate(
         _how("--no-rgb", "Labels, depth and truth alone, by raycasting: needs no OpenGL, leaves out trees."),
     ] = False,
     no_heatmaps: Annotated[
-        bool, _how("--no-heatmaps", "Leave out the heatmaps of the simulated detector.")
+        bool,
+        _how(
+            "--no-heatmaps", "Leave out the heatmaps (of the shipped detector; with --no-rgb of a stand-in)."
+        ),
     ] = False,
     workers: Annotated[int | None, _how("--workers", "Rendering processes. Default: one per core.")] = None,
     resume: Annotated[bool, _how("--resume", "Go on with an interrupted run of the same mission.")] = False,

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.detector.combination import CombinedModel, combined_contract, rule_for
 from crowdfence.detector.contract.contract import Contract, contract_of, read_contract
 from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.lookup import FoundContract, find_contract
@@ -22,6 +23,8 @@ from crowdfence.detector.inference.function_model import (
 )
 from crowdfence.detector.inference.image_tensor import Image, check_image
 from crowdfence.detector.inference.onnx_model import OnnxModel
+from crowdfence.detector.inference.picture_parts import Enlarge
+from crowdfence.detector.inference.sized_model import SizedModel
 from crowdfence.detector.onnx_session import open_session
 from crowdfence.detector.shipped import shipped_model
 from crowdfence.errors import DetectorError
@@ -30,9 +33,11 @@ AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
 
 
 class _Model(Protocol):
-    def heatmap(self, image: Image, gsd_m: Gsd | None) -> NDArray[np.float32]: ...
+    def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool) -> NDArray[np.float32]: ...
 
-    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[NDArray[np.float32]]: ...
+    def heatmaps(
+        self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool
+    ) -> list[NDArray[np.float32]]: ...
 
 
 class Detector:
@@ -53,6 +58,7 @@ class Detector:
         *,
         threads: int = 1,
         output: Mapping[str, Any] | None = None,
+        enlarge: Enlarge = "affordable",
     ) -> None:
         """Load an ONNX model (None: the shipped one).
 
@@ -60,13 +66,16 @@ class Detector:
         model (see `contract_lookup`).
         output: the "output" object of a contract, for models that come with Hugging Face's description of the
         input only.
+        enlarge: whether ground farther away than the model knows is enlarged: "never", "always", or as far as
+        that costs no more than a 640 x 480 picture or the picture itself.
 
         OSError when a file cannot be read; DetectorError when the model or the contract cannot be used.
         """
         path = shipped_model() if model is None else Path(model)
         session = open_session(path, threads)
         found = find_contract(session.face, output) if contract is None else _given(contract)
-        self._set_up(OnnxModel(session, found.contract), found, str(path), path)
+        model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
+        self._set_up(model_shown, found, str(path), path)
 
     @classmethod
     def from_callable(
@@ -106,6 +115,25 @@ class Detector:
             BoxesFunction(function, contract), FoundContract(contract, "a function"), contract.name
         )
 
+    @classmethod
+    def combined(cls, detectors: Sequence[Detector]) -> Detector:
+        """Several detectors as one, by the rule of `combination`; the first is the one whose tested range and
+        rates count. ValueError for fewer than two."""
+        if len(detectors) < 2:
+            raise ValueError(f"{len(detectors)} detectors; a combination has two and more")
+        contracts = [detector.contract for detector in detectors]
+        rule, calibrated = rule_for([contract.name for contract in contracts])
+        contract = combined_contract(contracts, calibrated=calibrated)
+        model = CombinedModel(detectors, rule, contract.output.stride)
+        combination = cls._of(model, FoundContract(contract, "a combination"), contract.name)
+        combination._members = tuple(detectors)
+        return combination
+
+    @property
+    def members(self) -> tuple[Detector, ...]:
+        """The detectors of a combination, else none."""
+        return self._members
+
     @property
     def contract(self) -> Contract:
         return self._found.contract
@@ -120,17 +148,21 @@ class Detector:
         """Where the contract was read, for people."""
         return self._found.source
 
-    def __call__(self, image: NDArray[np.uint8], gsd_m: Gsd | None = None) -> NDArray[np.float32]:
+    def __call__(
+        self, image: NDArray[np.uint8], gsd_m: Gsd | None = None, *, as_it_is: bool = False
+    ) -> NDArray[np.float32]:
         """Heatmap float32 [h, w] in [0, 1] of an image uint8 [H, W, 3] RGB.
 
-        gsd_m: metres on the ground per image pixel (see `ground_scale.Gsd`); density, points and boxes need
-        it, the other kinds do without.
+        gsd_m: metres on the ground per image pixel (see `ground_scale.Gsd`). With it every part of the image
+        is shown at a size that the model knows (`PictureSizes`), without it the image at several sizes, if
+        the contract says so; density and points need it.
+        as_it_is: the model sees the image at its own size only.
 
         DetectorError for an image of another kind and for output that is no heatmap (NaN, out of range, wrong
         shape); ValueError when gsd_m is missing or wrong.
         """
         try:
-            return self._model.heatmap(check_image(image), gsd_m)
+            return self._model.heatmap(check_image(image), gsd_m, as_it_is=as_it_is)
         except DetectorError as error:
             raise DetectorError(f"{self._name}: {error}") from None
 
@@ -138,6 +170,8 @@ class Detector:
         self,
         images: Sequence[NDArray[np.uint8]],
         gsd_m: Sequence[Gsd | None] | float | None = None,
+        *,
+        as_it_is: bool = False,
     ) -> list[NDArray[np.float32]]:
         """Heatmaps of several images, one per stream; those of one size share a run where the model allows.
 
@@ -147,7 +181,8 @@ class Detector:
         if len(scales) != len(images):
             raise ValueError(f"gsd_m has {len(scales)} entries for {len(images)} images")
         try:
-            return self._model.heatmaps([check_image(image) for image in images], scales)
+            checked = [check_image(image) for image in images]
+            return self._model.heatmaps(checked, scales, as_it_is=as_it_is)
         except DetectorError as error:
             raise DetectorError(f"{self._name}: {error}") from None
 
@@ -159,6 +194,7 @@ class Detector:
 
     def _set_up(self, model: _Model, found: FoundContract, name: str, path: Path | None = None) -> None:
         self._model, self._found, self._name, self._path = model, found, name, path
+        self._members: tuple[Detector, ...] = ()
 
 
 def _given(contract: AnyContract) -> FoundContract:

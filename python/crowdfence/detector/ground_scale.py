@@ -32,23 +32,28 @@ class GroundScale:
         """
         if gsd_m is None:
             raise ValueError(f"gsd_m is missing: {kind} become a heatmap only with metres per image pixel")
-        given = np.asarray(gsd_m, np.float32)
-        if given.ndim == 0:
-            given = given.reshape(1, 1)
-        if given.ndim not in (2, 3) or (given.ndim == 3 and given.shape[2] != 2) or given.size == 0:
-            raise ValueError(f"gsd_m has shape {list(given.shape)}; allowed: a number, [r, c] or [r, c, 2]")
-        if not np.isfinite(given).any():
-            raise ValueError("gsd_m holds no finite number: no ground in this frame")
-        wrong = np.isfinite(given) & (given <= 0.0)
-        if wrong.any():
-            raise ValueError(
-                f"gsd_m holds {given[wrong][0]}; allowed: metres above 0, NaN where no ground is"
-            )
+        given = checked_gsd(gsd_m)
         axes = (given, given) if given.ndim == 2 else (given[..., 0], given[..., 1])
-        return GroundScale(*(_at_cells(_filled(axis), cells) for axis in axes))
+        return GroundScale(*(at_cells(with_nearest(axis), cells) for axis in axes))
 
 
-def _filled(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def checked_gsd(gsd_m: Gsd) -> NDArray[np.float32]:
+    """[r, c] or [r, c, 2]; ValueError for another shape and for numbers that are no metres."""
+    given = np.asarray(gsd_m, np.float32)
+    if given.ndim == 0:
+        given = given.reshape(1, 1)
+    if given.ndim not in (2, 3) or (given.ndim == 3 and given.shape[2] != 2) or given.size == 0:
+        raise ValueError(f"gsd_m has shape {list(given.shape)}; allowed: a number, [r, c] or [r, c, 2]")
+    if not np.isfinite(given).any():
+        raise ValueError("gsd_m holds no finite number: no ground in this frame")
+    wrong = np.isfinite(given) & (given <= 0.0)
+    if wrong.any():
+        raise ValueError(f"gsd_m holds {given[wrong][0]}; allowed: metres above 0, NaN where no ground is")
+    return given
+
+
+def with_nearest(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """[r, c] with the nearest finite number where there is none."""
     missing = ~np.isfinite(values)
     if not missing.any():
         return values
@@ -60,7 +65,8 @@ def _filled(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(values[tuple(nearest)])
 
 
-def _at_cells(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.float32]:
+def at_cells(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.float32]:
+    """[r, c] over an image -> the value at the centre of each of `cells` = (h, w)."""
     rows, columns = (
         ((np.arange(count) + 0.5) * side / count).astype(np.intp)
         for count, side in zip(cells, values.shape, strict=True)

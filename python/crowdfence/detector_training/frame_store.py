@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector_training.labels import LABEL_STRIDE, STRIDE, Target, training_labels
+from crowdfence.detector_training.labels import (
+    LABEL_STRIDE,
+    STRIDE,
+    Target,
+    picture_training_labels,
+    training_labels,
+)
+from crowdfence.labelled_pictures.coco import annotation_file
 
 _FORMAT = 4
 
@@ -66,7 +73,7 @@ def store_missions(
 
 
 def _key(path: Path, targets: Sequence[Target], options: dict[str, Any]) -> str:
-    stat = path.stat()
+    stat = (annotation_file(path) or path).stat()
     file = [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
     what = json.dumps([_FORMAT, *file, list(targets), options], default=str)
     return f"{path.stem}-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
@@ -78,9 +85,12 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     if description.exists():
         return part
     from crowdfence.errors import FrameError
+    from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
     from crowdfence.pipeline import open_terrain
     from crowdfence.sources import open_recording
 
+    if is_labelled_pictures(path):
+        return _stored_pictures(path, len(targets), part)
     recording = open_recording(path)
     if not recording.frames:
         raise ValueError(f"{path} holds no usable frame")
@@ -101,10 +111,42 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
         arrays.crowd[kept] = np.stack([label.crowd for label in labels])
         arrays.known[kept] = np.stack([label.known for label in labels])
         kept += 1
+    return _described(path, part, kept, skipped)
+
+
+def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
+    """Pictures of any sizes: each in the upper left corner, around which nothing is known. What somebody
+    outlined stands for every target."""
+    from crowdfence.errors import FrameError
+    from crowdfence.labelled_pictures.picture_recording import open_labelled_pictures
+
+    pictures = open_labelled_pictures(path)
+    frames = pictures.recording.frames
+    height = max(frame.camera.height for frame in frames) // STRIDE * STRIDE
+    width = max(frame.camera.width for frame in frames) // STRIDE * STRIDE
+    arrays = _Arrays.create(part, len(frames), targets, height, width)
+    kept, skipped = 0, []
+    for frame in frames:
+        try:
+            image, labels = frame.image()[:height, :width], picture_training_labels(pictures, frame)
+        except FrameError as error:
+            skipped.append(str(error))
+            continue
+        rows, columns = (
+            min(side, whole) for side, whole in zip(labels.known.shape, arrays.known.shape[2:], strict=True)
+        )
+        arrays.images[kept, : image.shape[0], : image.shape[1]] = image
+        arrays.crowd[kept, :, :rows, :columns] = labels.crowd[:rows, :columns]
+        arrays.known[kept, :, :rows, :columns] = labels.known[:rows, :columns]
+        kept += 1
+    return _described(path, part, kept, skipped)
+
+
+def _described(path: Path, part: Path, kept: int, skipped: list[str]) -> Path:
     if not kept:
         raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
     facts = {"name": path.stem, "frames": kept, "skipped": skipped}
-    description.write_text(json.dumps(facts))
+    part.with_suffix(".json").write_text(json.dumps(facts))
     return part
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.block_means import block_means
+from crowdfence.labelled_pictures.picture_recording import LabelledPictures
 from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.frame_labels import Target
 from crowdfence.truth.ground_labels import RAYS_PER_CELL, STRIDE, ground_rays
@@ -20,6 +21,7 @@ __all__ = [
     "TARGETS",
     "Target",
     "TrainingLabels",
+    "picture_training_labels",
     "training_labels",
 ]
 
@@ -57,8 +59,23 @@ def training_labels(
     raise ValueError(f"target is {target!r}; it must be one of {', '.join(TARGETS)}")
 
 
+def picture_training_labels(pictures: LabelledPictures, frame: Frame) -> TrainingLabels:
+    """Labels of an annotated picture, unknown where somebody marked it so. FrameError when its annotations
+    cannot be used."""
+    ignored = _shares(pictures.ignored(frame))
+    return TrainingLabels(_levels(pictures.crowd(frame)), ignored == 0.0)
+
+
 def _silhouettes(frame: Frame) -> TrainingLabels:
-    regions = frame.regions() > 0
-    height, width = (side // STRIDE * STRIDE for side in regions.shape)
-    share = np.rint(block_means(regions[:height, :width], LABEL_STRIDE) * 255.0).astype(np.uint8)
+    share = _levels(frame.regions() > 0)
     return TrainingLabels(share, np.ones(share.shape, np.bool_))
+
+
+def _levels(crowd: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.asarray(np.rint(_shares(crowd) * 255.0), np.uint8)
+
+
+def _shares(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Share of each label's pixels [H, W] // LABEL_STRIDE, whole output cells of them."""
+    height, width = (side // STRIDE * STRIDE for side in mask.shape)
+    return block_means(mask[:height, :width], LABEL_STRIDE)

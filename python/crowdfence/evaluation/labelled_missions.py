@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
+from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures, open_labelled_pictures
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import MaskOf
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M, Target, label_functions
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
 
 BLOCK_S = 10.0
 """A single mission is resampled in blocks of this length."""
@@ -55,6 +59,15 @@ class LabelledMission:
     terrain: Terrain | None
     mask_of: MaskOf
     ignore_of: MaskOf | None
+    is_pictures: bool = False
+    """Annotated pictures, which have neither poses nor a map."""
+
+    def heatmap(self, detector: Detector, frame: Frame, max_range_m: float) -> NDArray[Any]:
+        """What a detector gives on this mission: every part at the size that pose and map ask for, a picture
+        without a map at all sizes. FrameError when it fails."""
+        from crowdfence.pipeline import heatmap_source
+
+        return heatmap_source(detector, self.terrain, max_range_m).heatmap_of(frame)
 
     def ignored(self, frame: Frame) -> NDArray[np.bool_] | None:
         return None if self.ignore_of is None else self.ignore_of(frame)
@@ -77,10 +90,14 @@ class LabelledMissions:
         """One mission after the other; maps are opened if wanted here or needed for the labels."""
         stems = [path.stem for path in self.paths]
         for path, stem in zip(self.paths, stems, strict=True):
+            name = stem if stems.count(stem) == 1 else str(path)
+            if is_labelled_pictures(path):
+                pictures = open_labelled_pictures(path)
+                yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
+                continue
             recording = open_recording(path)
             with_map = with_maps or self.plan.target == "ground"
             terrain = _terrain(recording, self.plan) if with_map else None
-            name = stem if stems.count(stem) == 1 else str(path)
             yield LabelledMission(
                 name, recording, terrain, *label_functions(self.plan.target, recording, terrain)
             )
@@ -112,12 +129,17 @@ class LabelledMissions:
 
     def some_image(self) -> NDArray[np.uint8]:
         """A picture of the first mission."""
-        for frame in open_recording(self.paths[0]).frames:
+        for frame in open_labelled(self.paths[0]).frames:
             try:
                 return frame.image()
             except FrameError:
                 continue
         raise ValueError(f"{self.paths[0]} holds no picture that can be read")
+
+
+def open_labelled(path: Path) -> Recording:
+    """A recording, or a folder of annotated pictures as one."""
+    return open_labelled_pictures(path).recording if is_labelled_pictures(path) else open_recording(path)
 
 
 def _terrain(recording: Recording, plan: MeasurementPlan) -> Terrain | None:

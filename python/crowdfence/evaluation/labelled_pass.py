@@ -37,7 +37,7 @@ class PassResult:
 
 def measure(
     missions: LabelledMissions,
-    heatmaps_of: Callable[[Frame], Sequence[Heatmap]],
+    heatmaps_of: Callable[[LabelledMission, Frame], Sequence[Heatmap]],
     *,
     on_heatmap: OnFrame | None = None,
 ) -> PassResult:
@@ -65,7 +65,7 @@ def measure(
             groups: dict[str, str] = mission_groups(mission.recording),  # noqa: B008
             projection: LabelledProjection | None = projection,
         ) -> None:
-            heatmaps = heatmaps_of(frame)
+            heatmaps = heatmaps_of(mission, frame)
             judged, unit = heatmaps[-1], missions.unit(mission, frame)
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
             gsd_m = tilt_deg = None

@@ -11,7 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.evaluation.cells.example_page import ExamplePage
+from crowdfence.evaluation.cells.frame_context import cell_sampling
+from crowdfence.evaluation.cells.people_found import PeopleFound
+from crowdfence.evaluation.cells.picture_figures import PictureFigures
 from crowdfence.evaluation.cells.quality import QualityReport
+from crowdfence.evaluation.cells.rates import crowd_cells
 from crowdfence.evaluation.labelled_missions import LabelledMission, LabelledMissions, MeasurementPlan
 from crowdfence.evaluation.labelled_pass import measure
 from crowdfence.evaluation.voxels.rates import VoxelRates
@@ -33,6 +37,9 @@ class ModelQuality:
     refused: tuple[str, ...]
     examples: NDArray[np.uint8]
     """A page of pictures [H, W, 3], see `ExamplePage`."""
+    pictures: PictureFigures
+    people: PeopleFound
+    """Where people are recorded and a map is there."""
 
     def to_json(self) -> dict[str, Any]:
         """Ready for JSON; unknown is null."""
@@ -43,6 +50,8 @@ class ModelQuality:
             "frames": self.frames,
             "refused": list(self.refused),
             "quality": self.quality.to_json(),
+            "pictures": self.pictures.to_json(),
+            "people": self.people.to_json(),
             "rates": None if rates is None else rates.rates.to_json(),
             "rates_away_from_edges": None if rates is None else rates.away_from_edges.to_json(),
         }
@@ -60,11 +69,25 @@ def model_quality(
     ValueError for data without truth; what single frames lack is in `refused`.
     """
     missions, page = LabelledMissions(data, plan, on_frame), ExamplePage()
+    pictures, people = PictureFigures(), PeopleFound()
+    validity = detector.contract.validity
 
     def keep(mission: LabelledMission, frame: Frame, heatmap: NDArray[Any]) -> None:
-        page.offer(mission.name, frame.image(), heatmap, mission.mask_of(frame), mission.ignored(frame))
+        mask, ignored = mission.mask_of(frame), mission.ignored(frame)
+        of = frame.drone if mission.is_pictures else mission.name
+        page.offer(of, frame.image(), heatmap, mask, ignored)
+        crowd = crowd_cells(mask, heatmap.shape)
+        known = np.ones(crowd.shape, np.bool_) if ignored is None else ~crowd_cells(ignored, crowd.shape)
+        pictures.add(heatmap, crowd, known)
+        if mission.terrain is not None:
+            gsd_m, _ = cell_sampling(frame, mission.terrain, heatmap.shape, plan.max_range_m)
+            tested_m = None if validity is None else validity.gsd_m
+            people.add(frame, heatmap, crowd, np.where(known, gsd_m, np.nan), tested_m)
 
-    result = measure(missions, lambda frame: (detector(frame.image()),), on_heatmap=keep)
+    def heatmaps_of(mission: LabelledMission, frame: Frame) -> tuple[NDArray[Any]]:
+        return (mission.heatmap(detector, frame, plan.max_range_m),)
+
+    result = measure(missions, heatmaps_of, on_heatmap=keep)
     return ModelQuality(
         plan,
         result.quality,
@@ -72,4 +95,6 @@ def model_quality(
         result.frames,
         tuple(missions.refused),
         page.picture(),
+        pictures,
+        people,
     )

@@ -17,7 +17,7 @@ from PIL import Image
 from crowdfence.atomic_file import atomic_path
 
 HEATMAPS, INDEX = "heatmaps", "index.csv"
-COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest")
+COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest", "unlike_tested")
 CROWD_FROM = 0.5
 
 
@@ -25,7 +25,8 @@ class HeatmapFolder:
     """Writes `heatmaps/frame_<number>.png` (8-bit grey, value / 255) and `index.csv`; a context manager.
 
     The columns of the table: number in the stream, file name of the picture, seconds since the beginning of a
-    video, file of the heatmap, share of its cells above 0.5, largest value. Everything appears when the block
+    video, file of the heatmap, share of its cells above 0.5, largest value, and 1 where the picture is unlike
+    everything that the detector was tested on (0: alike; empty: unknown). Everything appears when the block
     succeeds; after an error the folder is as it was.
     """
 
@@ -49,7 +50,15 @@ class HeatmapFolder:
             self._stack = stack.pop_all()
         return self
 
-    def add(self, number: int, source: str, time_s: float | None, heatmap: NDArray[np.float32]) -> None:
+    def add(
+        self,
+        number: int,
+        source: str,
+        time_s: float | None,
+        heatmap: NDArray[np.float32],
+        *,
+        unlike_tested: bool | None = None,
+    ) -> None:
         """Heatmap float [h, w] in [0, 1] of picture `number`."""
         name = f"frame_{number:06d}.png"
         Image.fromarray(np.rint(heatmap * np.float32(255)).astype(np.uint8)).save(self._part / name)
@@ -62,6 +71,7 @@ class HeatmapFolder:
                 f"{HEATMAPS}/{name}",
                 f"{share:.6f}",
                 f"{float(heatmap.max()):.6f}",
+                "" if unlike_tested is None else int(unlike_tested),
             ]
         )
 

@@ -14,10 +14,12 @@ from crowdfence.pipeline.detect import (
     choose_detector,
     describe_model,
     heatmap_source,
+    named_detector,
 )
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import lost_crowd_warnings, shares
+from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.run import Run, run
 from crowdfence.pipeline.terrain import check_overlap, open_terrain, read_map
 
@@ -26,6 +28,7 @@ __all__ = [
     "FrameLoop",
     "HeatmapFunction",
     "HeatmapSource",
+    "PictureWatch",
     "Run",
     "Step",
     "check_overlap",
@@ -33,6 +36,7 @@ __all__ = [
     "describe_model",
     "heatmap_source",
     "lost_crowd_warnings",
+    "named_detector",
     "open_terrain",
     "read_map",
     "review_detector",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,15 +11,25 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
+from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.inference.picture_parts import Enlarge
 
 HeatmapFunction = Callable[[Frame], Pixels]
+
+PEOPLE_GRID = 48, 64
+"""Rows and columns of the rays that tell how far apart people stand."""
+SIZES_GRID = 12, 16
+"""Of those that tell at which size a part of a picture is shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +43,18 @@ class HeatmapSource:
     """What a model states about itself."""
     model: Path | None = None
     """The file of a model."""
+    members: tuple[Detector, ...] = ()
+    """The models of a combination."""
+    watch: PictureWatch = field(default_factory=PictureWatch)
+    """What the pictures were like that a model was shown."""
 
     @contextmanager
     def detecting(self, drones: int) -> Iterator[Callable[[Instant], InstantViews]]:
         """The step as a function, instant -> views and refused frames. An ONNX model looks at the drones of
         an instant side by side, one thread each, which share its session. Of other functions nobody knows
         whether they may be called so."""
-        if self.model is None or drones < 2:
+        one_model_at_least = self.model is not None or any(member.path for member in self.members)
+        if not one_model_at_least or drones < 2:
             yield lambda instant: instant.views(self.heatmap_of)
             return
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
@@ -48,6 +63,10 @@ class HeatmapSource:
     def to_json(self) -> dict[str, Any]:
         """For a summary: what made the heatmaps, with the checksum of a model's file."""
         made = {} if self.contract is None else describe_model(self.contract, self.model)
+        if self.members:
+            made["members"] = [describe_model(one.contract, one.path) for one in self.members]
+        if self.watch.looked_at:
+            made["pictures"] = self.watch.to_json()
         return {"heatmaps": self.kind, **made}
 
 
@@ -69,16 +88,24 @@ def heatmap_source(
 
     if not isinstance(detector, Detector):
         return HeatmapSource("function", _refusing(detector))
-    if not detector.contract.needs_gsd:
-        heatmap_of: HeatmapFunction = partial(_detect, detector)
+    watch = PictureWatch(detector.contract)
+    if not detector.contract.uses_gsd or (terrain is None and not detector.contract.needs_gsd):
+        heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
     elif terrain is not None:
-        heatmap_of = partial(_detect_to_scale, detector, terrain, max_range_m)
+        heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
     else:
         raise ValueError(
             f"{detector.contract.name} gives {detector.contract.output.kind}, which become a heatmap only "
             "with metres per pixel: give a map with --terrain"
         )
-    return HeatmapSource("model", _refusing(heatmap_of), detector.contract, detector.path)
+    return HeatmapSource(
+        "model",
+        _refusing(heatmap_of),
+        detector.contract,
+        detector.path,
+        detector.members,
+        watch,
+    )
 
 
 def describe_model(contract: Contract, path: Path | None) -> dict[str, Any]:
@@ -92,13 +119,25 @@ def describe_model(contract: Contract, path: Path | None) -> dict[str, Any]:
 
 
 def choose_detector(
-    recording: Recording, choice: str, *, contract: Path | None = None, threads: int = 1
+    recording: Recording,
+    choice: str | Sequence[str],
+    *,
+    contract: Path | None = None,
+    threads: int = 1,
+    enlarge: Enlarge = "affordable",
 ) -> Detector | None:
-    """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes.
+    """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
+    combined. The name of the shipped model stands for its path.
 
     "auto" is the shipped model where that loses no frame: every frame that has a heatmap also has a picture.
     ValueError when a model cannot be used, or the shipped one is missing.
     """
+    choices = [choice] if isinstance(choice, str) else list(choice)
+    if len(choices) > 1:
+        if contract is not None:
+            raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
+        return named_detector(choices, threads=threads, enlarge=enlarge)
+    choice = choices[0]
     if choice == "recorded" or (choice == "auto" and not _pictures_suffice(recording)):
         if contract is not None:
             raise ValueError(
@@ -108,17 +147,40 @@ def choose_detector(
     from crowdfence.detector.detector import Detector
 
     if choice != "auto":
-        return Detector(choice, contract=contract, threads=threads)
+        return named_detector([choice], contract=contract, threads=threads, enlarge=enlarge)
     if contract is not None:
         raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
     try:
-        return Detector(threads=threads)
+        return Detector(threads=threads, enlarge=enlarge)
     except FileNotFoundError as error:
         raise ValueError(
             f"{recording.name} has pictures, but the detector that comes with crowdfence is missing "
             "from this copy: install it again, name a model with --detector MODEL.onnx, or take the recorded "
             "heatmaps with --detector recorded"
         ) from error
+
+
+def named_detector(
+    models: Sequence[str | Path],
+    *,
+    contract: Path | None = None,
+    threads: int = 1,
+    enlarge: Enlarge = "affordable",
+) -> Detector:
+    """The detector of one model, or the combination of several; `SHIPPED_MODEL` stands for the shipped one.
+    ValueError for words that mean no model here."""
+    from crowdfence.detector.detector import Detector
+    from crowdfence.detector.shipped import SHIPPED_MODEL
+
+    if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
+        raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
+    if twice := [model for number, model in enumerate(models) if model in models[:number]]:
+        raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
+    detectors = [
+        Detector(None if model == SHIPPED_MODEL else model, contract, threads=threads, enlarge=enlarge)
+        for model in models
+    ]
+    return detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
 
 
 def _pictures_suffice(recording: Recording) -> bool:
@@ -128,19 +190,32 @@ def _pictures_suffice(recording: Recording) -> bool:
     )
 
 
-def _detect(detector: Detector, frame: Frame) -> Pixels:
-    return detector(frame.image())
+def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
+    return detector(_image(frame, watch))
 
 
-def _detect_to_scale(detector: Detector, terrain: Terrain, max_range_m: float, frame: Frame) -> Pixels:
+def _detect_to_scale(
+    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
+) -> Pixels:
     from crowdfence.detector.ground_sampling import ground_sampling
 
+    needed = detector.contract.needs_gsd
+    counts_people = detector.contract.output.rule is not None or detector.members
+    rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
     sampling = ground_sampling(
-        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=48, columns=64
+        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
     )
-    if not sampling.sees_ground:
+    if sampling.sees_ground:
+        return detector(_image(frame, watch), gsd_m=sampling.along_ground())
+    if needed:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
-    return detector(frame.image(), gsd_m=sampling.along_ground())
+    return detector(_image(frame, watch), as_it_is=True)
+
+
+def _image(frame: Frame, watch: PictureWatch) -> NDArray[np.uint8]:
+    image = frame.image()
+    watch.look(f"{frame.drone} at {frame.stamp_ns}", image)
+    return image
 
 
 def _refusing(function: HeatmapFunction) -> HeatmapFunction:

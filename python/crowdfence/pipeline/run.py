@@ -63,7 +63,9 @@ class Run:
     def warnings(self) -> list[str]:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
-        return [*self.recording.warnings, *of_detector, *lost_crowd_warnings(self.crowd_mass)]
+        of_pictures = self.heatmaps.watch.warnings
+        lost = lost_crowd_warnings(self.crowd_mass)
+        return [*self.recording.warnings, *of_detector, *of_pictures, *lost]
 
     @property
     def georeference(self) -> Georeference | None:

@@ -1,6 +1,6 @@
 """A stand-in for a crowd detector: the true crowd regions, seen through typical mistakes.
 
-It lets a simulated mission be fused before any detector has looked at its pictures, and its rates are known.
+It makes the heatmaps of missions without pictures, with known rates; `picture_detector` makes the others.
 It says nothing about how well a real detector does. The mistakes follow what was measured on a small one:
 wrong cells lie mostly at the edges of regions, the rest at single people and at things that look alike.
 """

@@ -160,3 +160,14 @@ def test_bad_sequences_and_parameters() -> None:
         wilson_estimate(1, 2, 1.0)
     with pytest.raises(ValueError, match="bool arrays of one shape"):
         Confusion.of(np.zeros(3, np.bool_), np.zeros(4, np.bool_))
+
+
+def test_cells_that_reach_beyond_the_picture_count_by_what_lies_inside() -> None:
+    """765 x 1360 pixels in cells of 4: 192 rows, of which the last shows one row of pixels. Crowd from pixel
+    row 762 on fills half of cell row 190 (760 to 763), no more, and all that is seen of row 191."""
+    mask = np.zeros((765, 1360), np.bool_)
+    mask[762:] = True
+    found = crowd_cells(mask, (192, 340))
+    assert found.shape == (192, 340) and found[191].all() and not found[:191].any()
+    mask[761] = True
+    assert crowd_cells(mask, (192, 340))[190].all()

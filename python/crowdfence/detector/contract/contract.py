@@ -2,7 +2,8 @@
 
     {"schema": 1, "name": "...", "version": "...", "licence": "...",
      "input": {...}, "output": {...},
-     "calibration": null, "rates": null, "validity": null, "target_height_m": null, "about": null}
+     "sizes": null, "pictures": null, "calibration": null, "rates": null, "validity": null,
+     "target_height_m": null, "about": null}
 
 `docs/models.md` explains every key. Parsing refuses what it does not know: a contract that is guessed at
 yields heatmaps that look right and are wrong.
@@ -16,9 +17,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.json_section import JsonSection, is_number
 from crowdfence.detector.contract.model_input import ModelInput, input_from_json
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS, ModelOutput, output_from_json
+from crowdfence.detector.contract.picture_sizes import PictureSizes
+from crowdfence.detector.picture_statistics import PictureRange
 from crowdfence.errors import DetectorError
 
 SCHEMA = 1
@@ -46,6 +50,10 @@ class Contract:
     output: ModelOutput
     version: str | None = None
     licence: str | None = None
+    sizes: PictureSizes | None = None
+    """At which size it is shown pictures; None: as they are."""
+    pictures: PictureRange | None = field(default=None, repr=False)
+    """What the pictures looked like that it was tested on."""
     calibration: dict[str, Any] | None = field(default=None, hash=False)
     rates: dict[str, Any] | None = field(default=None, hash=False)
     validity: Validity | None = None
@@ -61,8 +69,16 @@ class Contract:
 
     @property
     def needs_gsd(self) -> bool:
-        """The heatmap depends on metres per pixel."""
+        """There is no heatmap without metres per pixel."""
+        rule = self.output.rule
+        if self.output.kind == "boxes" and isinstance(rule, PeopleRule) and rule.person_height_m is not None:
+            return False
         return self.output.kind in ("density", *PEOPLE_KINDS)
+
+    @property
+    def uses_gsd(self) -> bool:
+        """The heatmap depends on metres per pixel, where they are known."""
+        return self.output.rule is not None or (self.sizes is not None and self.sizes.gsd_m is not None)
 
     @staticmethod
     def from_json(document: Mapping[str, Any]) -> Contract:
@@ -77,6 +93,8 @@ class Contract:
             licence=top.text("licence", None),
             input=input_from_json(_required(top, "input"), output),
             output=output,
+            sizes=PictureSizes.from_json(top.section("sizes"), output),
+            pictures=PictureRange.from_json(top.section("pictures")),
             calibration=_calibration(top),
             rates=_rates(top),
             validity=_validity(top.section("validity")),
@@ -99,6 +117,8 @@ class Contract:
             "licence": self.licence,
             "input": model_input,
             "output": output,
+            "sizes": self.sizes and self.sizes.to_json(),
+            "pictures": self.pictures and self.pictures.to_json(),
             "calibration": self.calibration,
             "rates": self.rates,
             "validity": validity and {name: _plain(getattr(validity, name)) for name in Validity.__slots__},

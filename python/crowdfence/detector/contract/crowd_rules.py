@@ -21,6 +21,9 @@ class PeopleRule:
     radius_m: float = 2.0
     softness_people: float = 0.25
     closing_m: float = 1.0
+    person_height_m: float | None = None
+    """Boxes in a picture of unknown scale: a person is that long, so boxes say how many metres a pixel is.
+    People look shorter from above; a pixel then seems to be more metres, and a crowd thinner, than it is."""
 
     @staticmethod
     def from_json(section: JsonSection | None) -> PeopleRule:
@@ -32,12 +35,13 @@ class PeopleRule:
             radius_m=section.number("radius_m", 0.0, default.radius_m, above=True),
             softness_people=section.number("softness_people", 0.0, default.softness_people, above=True),
             closing_m=section.number("closing_m", 0.0, default.closing_m),
+            person_height_m=section.number("person_height_m", 0.0, None, above=True),
         )
         section.done()
         return rule
 
     def to_json(self) -> dict[str, Any]:
-        return asdict(self)
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,12 @@
 3. the metadata that Ultralytics writes
 4. the metadata that the QGIS plugin Deepness reads
 5. `preprocessor_config.json` of Hugging Face beside the model, when the caller states the output
+6. a contract that comes with crowdfence, for a file of exactly that checksum
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -21,6 +23,8 @@ from crowdfence.detector.contract.model_face import ModelFace
 from crowdfence.errors import DetectorError
 
 METADATA_KEY = "crowdfence"
+KNOWN_CONTRACTS = Path(__file__).parent.parent / "models"
+"""Contracts of models that anybody may fetch but that do not come with crowdfence."""
 SIDECAR_SUFFIX = ".crowdfence.json"
 
 
@@ -69,11 +73,22 @@ def find_contract(face: ModelFace, output: Mapping[str, Any] | None = None) -> F
         return FoundContract(
             contract_of(_converted(hugging_face.document, face, source, output), source), source
         )
+    if (known := _known_contract(face.path)) is not None:
+        return FoundContract(read_contract(known), f"{known.name}, which comes with crowdfence")
     raise DetectorError(
         f"{face.path} says neither what it expects nor what its output means: no {sidecar.name} beside it, "
         f'no metadata "{METADATA_KEY}", none of Ultralytics or Deepness, no {config.name}; '
         "write a contract (docs/models.md)"
     )
+
+
+def _known_contract(model: Path) -> Path | None:
+    """The contract in the package whose `about.sha256` is that of the file."""
+    digest = hashlib.sha256(model.read_bytes()).hexdigest()
+    for path in sorted(KNOWN_CONTRACTS.glob(f"*{SIDECAR_SUFFIX}")):
+        if (read_contract(path).about or {}).get("sha256") == digest:
+            return path
+    return None
 
 
 def _converted(document: Any, face: ModelFace, source: str, *more: Any) -> Any:

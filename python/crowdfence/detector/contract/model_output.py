@@ -33,8 +33,11 @@ class ModelOutput:
     box_format: Literal["xyxy", "cxcywh"] | None = None
     row: Row | None = None
     """Points and boxes: what follows the coordinates of a detection."""
-    coordinates: Literal["pixels", "fraction"] | None = None
-    """Points and boxes: pixels of the model's input, or fractions of its width and height."""
+    coordinates: Literal["pixels", "fraction", "grid"] | None = None
+    """Points and boxes: pixels of the model's input, or fractions of its width and height. Boxes also: cells
+    of grids, as YOLOX leaves them."""
+    grid_strides: tuple[int, ...] = ()
+    """Coordinates "grid": input pixels per cell of each grid, in the order of the output."""
     score_min: float | None = None
     """Points and boxes: weaker detections are left out."""
     iou_max: float | None = None
@@ -62,7 +65,10 @@ def output_from_json(section: JsonSection) -> ModelOutput:
         class_index=_class_index(section, several=people),
         box_format=section.choice("box_format", ("xyxy", "cxcywh"), *(() if boxes else (None,))),
         row=section.choice("row", _ROWS, *(() if people else (None,))),
-        coordinates=section.choice("coordinates", ("pixels", "fraction"), "pixels" if people else None),
+        coordinates=section.choice(
+            "coordinates", ("pixels", "fraction", "grid"), "pixels" if people else None
+        ),
+        grid_strides=_grid_strides(section),
         score_min=section.number("score_min", 0.0, None),
         iou_max=section.number("iou_max", 0.0, None, above=True),
         count_scale=section.number("count_scale", 0.0, *(() if density else (None,)), above=True),
@@ -81,6 +87,18 @@ def _class_index(section: JsonSection, *, several: bool) -> int | tuple[int, ...
         raise section.refuse("class_index", f"whole numbers from 0 to {_MOST_CLASSES}")
     index: int | None = section.integer("class_index", 0, _MOST_CLASSES, None)
     return index
+
+
+def _grid_strides(section: JsonSection) -> tuple[int, ...]:
+    value = section.raw("grid_strides")
+    if value is None or (isinstance(value, (list, tuple)) and not value):
+        return ()
+    whole = isinstance(value, (list, tuple)) and all(
+        type(stride) is int and 1 <= stride <= 1024 for stride in value
+    )
+    if not whole:
+        raise section.refuse("grid_strides", "a list of whole numbers from 1 to 1024")
+    return tuple(value)
 
 
 def _rule(section: JsonSection, kind: Kind) -> PeopleRule | DensityRule | None:
@@ -109,6 +127,10 @@ def _refuse_misplaced(section: JsonSection, output: ModelOutput) -> None:
             raise DetectorError(
                 f"{section.key(name)} goes with {' and '.join(kinds)}, not with {output.kind}; leave it out"
             )
+    if (output.coordinates == "grid") != bool(output.grid_strides):
+        raise DetectorError(f"{section.key('grid_strides')} go with coordinates 'grid', and that with them")
+    if output.coordinates == "grid" and (output.kind, output.box_format) != ("boxes", "cxcywh"):
+        raise DetectorError(f"{section.key('coordinates')} 'grid' go with boxes of format 'cxcywh'")
     if output.iou_max is not None and output.iou_max > 1.0:
         raise section.refuse("iou_max", "null or a number above 0 and at most 1")
     if (

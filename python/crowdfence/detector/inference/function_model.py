@@ -17,7 +17,7 @@ from crowdfence.detector.ground_scale import GroundScale, Gsd
 from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, in_unit_range
 from crowdfence.detector.inference.people_map import crowd_from_people
-from crowdfence.detector.inference.people_output import People, foot_points
+from crowdfence.detector.inference.people_output import People
 from crowdfence.errors import DetectorError
 
 _PIXELS = ModelInput(name="image", layout="NHWC", dtype="uint8")
@@ -30,7 +30,7 @@ class HeatmapFunction:
         self._function = function
         self._stride = contract.output.stride
 
-    def heatmap(self, image: Image, gsd_m: Gsd | None) -> Map:
+    def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
         given = np.asarray(self._function(image))
         if given.dtype == np.uint8:
             given = given.astype(np.float32) / np.float32(255.0)
@@ -44,7 +44,9 @@ class HeatmapFunction:
                 )
         return np.asarray(in_unit_range(given, "the function's heatmap"), np.float32)
 
-    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[Map]:
+    def heatmaps(
+        self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
+    ) -> list[Map]:
         return [self.heatmap(image, gsd) for image, gsd in zip(images, gsd_m, strict=True)]
 
 
@@ -55,7 +57,7 @@ class BoxesFunction:
         self._function = function
         self._output = contract.output
 
-    def heatmap(self, image: Image, gsd_m: Gsd | None) -> Map:
+    def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
         output = self._output
         cells = (-(-image.shape[0] // output.stride), -(-image.shape[1] // output.stride))
         scale = GroundScale.of(gsd_m, cells, "boxes")
@@ -63,7 +65,9 @@ class BoxesFunction:
         assert isinstance(rule, PeopleRule)
         return crowd_from_people(self._people(self._function(image)), scale, rule, output.stride)
 
-    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[Map]:
+    def heatmaps(
+        self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
+    ) -> list[Map]:
         return [self.heatmap(image, gsd) for image, gsd in zip(images, gsd_m, strict=True)]
 
     def _people(self, detections: Any) -> People:
@@ -81,8 +85,7 @@ class BoxesFunction:
             if class_id is None:
                 raise DetectorError("the detections have no class_id; pass class_ids=None if all are people")
             kept &= np.isin(class_id, self._output.classes)
-        x, y = foot_points(boxes[kept])
-        return People(x, y, score[kept])
+        return People.in_boxes(boxes[kept], score[kept])
 
 
 def heatmap_contract(name: str, stride: int) -> Contract:

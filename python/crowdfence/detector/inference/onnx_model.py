@@ -1,4 +1,4 @@
-"""An ONNX model under its contract: images in, heatmaps out."""
+"""An ONNX model under its contract: images in, maps or people out."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.check import check_contract
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.detector.contract.crowd_rules import DensityRule, PeopleRule
 from crowdfence.detector.contract.metadata_values import fixed
-from crowdfence.detector.contract.model_output import PEOPLE_KINDS
-from crowdfence.detector.ground_scale import GroundScale, Gsd
-from crowdfence.detector.inference.density_map import crowd_from_density
 from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
 from crowdfence.detector.inference.map_output import Map, map_values
 from crowdfence.detector.inference.patches import Patch, Span, patches
-from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People, people_in
 from crowdfence.detector.onnx_session import OnnxSession, reason
 from crowdfence.errors import DetectorError
@@ -34,23 +29,11 @@ class OnnxModel:
         batch = session.face.inputs[0].shape[contract.input.layout.index("N")]
         self._takes_batches = fixed(batch) is None
 
-    def heatmap(self, image: Image, gsd_m: Gsd | None) -> Map:
-        """P [ceil(H / stride), ceil(W / stride)]; cell (i, j) covers the pixels from (i, j) * stride on."""
-        output = self._contract.output
-        cells = _cells(image, output.stride)
-        if output.kind in PEOPLE_KINDS:
-            scale = GroundScale.of(gsd_m, cells, output.kind)
-            return crowd_from_people(self._people(image), scale, self._people_rule(), output.stride)
-        if output.kind == "density":
-            scale = GroundScale.of(gsd_m, cells, output.kind)
-            return self._from_density(self._map(image, cells), scale)
-        return self._map(image, cells)
-
-    def heatmaps(self, images: Sequence[Image], gsd_m: Sequence[Gsd | None]) -> list[Map]:
-        """Several images; those that fit in one run of the model share it."""
+    def maps_together(self, images: Sequence[Image]) -> list[Map] | None:
+        """As `map`, several images in one run of the model; None where they cannot share one."""
         whole = self._shared_patch(images)
         if whole is None:
-            return [self.heatmap(image, gsd) for image, gsd in zip(images, gsd_m, strict=True)]
+            return None
         cells = _cells(images[0], self._contract.output.stride)
         raw = self._run(np.stack([patch_pixels(image, whole) for image in images]))
         maps = map_values(raw, self._contract, _model_shape(whole))
@@ -58,18 +41,12 @@ class OnnxModel:
             raise DetectorError(
                 f"output {self._contract.output.name}: {len(maps)} maps of {len(images)} images"
             )
-        placed = [self._placed(values, whole, cells) for values in maps]
-        if self._contract.output.kind != "density":
-            return placed
-        return [
-            self._from_density(values, GroundScale.of(gsd, cells, "density"))
-            for values, gsd in zip(placed, gsd_m, strict=True)
-        ]
+        return [self._placed(values, whole, cells) for values in maps]
 
     def _shared_patch(self, images: Sequence[Image]) -> Patch | None:
         """The one patch that all the images are, when they can share a run."""
         output = self._contract.output
-        if output.kind in PEOPLE_KINDS or not self._takes_batches or len(images) < 2:
+        if not self._takes_batches or len(images) < 2:
             return None
         if len({image.shape for image in images}) > 1:
             return None
@@ -78,9 +55,11 @@ class OnnxModel:
         first, more = next(cut), next(cut, None)
         return first if more is None else None
 
-    def _map(self, image: Image, cells: tuple[int, int]) -> Map:
-        """Values [h, w]: probabilities, or people per image pixel for a density model."""
+    def map(self, image: Image) -> Map:
+        """Values [ceil(H / stride), ceil(W / stride)]: probabilities, or people per image pixel for a density
+        model. Cell (i, j) covers the pixels from (i, j) * stride on."""
         output = self._contract.output
+        cells = _cells(image, output.stride)
         whole: Map | None = None
         for patch in patches(image.shape[0], image.shape[1], self._contract.input, output.stride):
             raw = self._run(patch_pixels(image, patch)[None])
@@ -109,7 +88,7 @@ class OnnxModel:
         own = values[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
         return np.ascontiguousarray(own)
 
-    def _people(self, image: Image) -> People:
+    def people(self, image: Image) -> People:
         """Everybody in the image, in its pixels; where tiles overlap, the one that holds the feet decides."""
         height, width = image.shape[:2]
         parts = []
@@ -118,7 +97,8 @@ class OnnxModel:
             found = people_in(raw, self._contract, _model_shape(patch))
             x, y = patch.columns.to_image(found.x), patch.rows.to_image(found.y)
             own = _owns(patch.columns, x, width) & _owns(patch.rows, y, height)
-            parts.append(People(x[own], y[own], found.score[own]))
+            scales = 1.0 / patch.columns.scale, 1.0 / patch.rows.scale
+            parts.append(found.moved(x, y, *scales).chosen(own))
         return People.joined(parts)
 
     def _run(self, pixels: Image) -> NDArray[np.generic]:
@@ -133,17 +113,6 @@ class OnnxModel:
         if not isinstance(raw, np.ndarray):
             raise DetectorError(f"output {contract.output.name} is a {type(raw).__name__}, not a tensor")
         return raw
-
-    def _from_density(self, people_per_px: Map, scale: GroundScale) -> Map:
-        output = self._contract.output
-        rule = output.rule
-        assert isinstance(rule, DensityRule)
-        return crowd_from_density(people_per_px, scale, rule, output.stride)
-
-    def _people_rule(self) -> PeopleRule:
-        rule = self._contract.output.rule
-        assert isinstance(rule, PeopleRule)
-        return rule
 
 
 def _cells(image: Image, stride: int) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,43 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class People:
-    """Foot points in pixels (x to the right, y down) and scores in [0, 1], [N] each."""
+    """Foot points in pixels (x to the right, y down), scores in [0, 1], and sizes of the boxes, [N] each."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     score: NDArray[np.float64]
+    width: NDArray[np.float64]
+    """In pixels, as the height; 0 for people who are found as points."""
+    height: NDArray[np.float64]
+
+    @staticmethod
+    def at(x: Rows, y: Rows, score: Rows) -> People:
+        """People as points."""
+        return People(x, y, score, np.zeros(len(x)), np.zeros(len(x)))
+
+    @staticmethod
+    def in_boxes(boxes: Rows, score: Rows) -> People:
+        """Of boxes x1, y1, x2, y2 [N, 4]: people stand on the middle of the lower edge."""
+        x, y = foot_points(boxes)
+        return People(x, y, score, boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1])
 
     @staticmethod
     def joined(parts: list[People]) -> People:
-        return People(
-            *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "score"))
-        )
+        return People(*(np.concatenate([getattr(part, name) for part in parts]) for name in People.__slots__))
+
+    @property
+    def boxes(self) -> Rows:
+        """x1, y1, x2, y2 [N, 4]."""
+        left = self.x - self.width / 2.0
+        return np.stack([left, self.y - self.height, left + self.width, self.y], axis=1)
+
+    def chosen(self, which: NDArray[Any]) -> People:
+        """Those of a mask, or of indices."""
+        return People(*(getattr(self, name)[which] for name in People.__slots__))
+
+    def moved(self, x: Rows, y: Rows, scale_x: float, scale_y: float) -> People:
+        """The same people in another picture, where they stand at x, y and are that much larger."""
+        return People(x, y, self.score, self.width * scale_x, self.height * scale_y)
 
 
 def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[int, int]) -> People:
@@ -39,6 +66,8 @@ def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[i
     """
     output = contract.output
     rows = _rows(raw, contract)
+    if output.coordinates == "grid":
+        rows = in_pixels(rows, output.grid_strides, model_shape)
     scores = _scores(rows, contract)
     score_min = output.score_min or 0.0
     chosen = (scores >= score_min) & (scores > 0.0)
@@ -49,21 +78,53 @@ def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[i
         )
     rows, scores = rows[chosen], scores[chosen]
     if output.kind == "points":
-        x, y = rows[:, 0], rows[:, 1]
+        people = People.at(rows[:, 0], rows[:, 1], scores)
     else:
         boxes = _corners(rows[:, :4], contract)
         if output.iou_max is not None:
             kept = strongest_boxes(boxes, scores, output.iou_max)
             boxes, scores = boxes[kept], scores[kept]
-        x, y = foot_points(boxes)
+        people = People.in_boxes(boxes, scores)
     if output.coordinates == "fraction":
-        x, y = x * model_shape[1], y * model_shape[0]
-    return People(x.astype(np.float64), y.astype(np.float64), scores.astype(np.float64))
+        height, width = model_shape
+        people = people.moved(people.x * width, people.y * height, width, height)
+    return people
 
 
 def foot_points(boxes: Rows) -> tuple[Rows, Rows]:
     """Middle of the lower edge of boxes x1, y1, x2, y2 [N, 4]: where the person stands."""
     return (boxes[:, 0] + boxes[:, 2]) / 2.0, boxes[:, 3]
+
+
+def in_pixels(rows: Rows, strides: tuple[int, ...], model_shape: tuple[int, int]) -> Rows:
+    """Raw rows of YOLOX -> cx, cy, width, height in pixels of the input, and what follows them.
+
+    One row for each cell of the grids of these strides, grid after grid, row by row; cx and cy count cells
+    from the corner of the row's own cell, width and height are logarithms of cells (Ge et al. 2021, arXiv
+    2107.08430). DetectorError for another number of rows.
+    """
+    height, width = model_shape
+    grids = [(stride, height // stride, width // stride) for stride in strides]
+    cells = sum(down * across for _, down, across in grids)
+    if len(rows) != cells:
+        raise DetectorError(
+            f"the output holds {len(rows)} detections; grids of strides {list(strides)} on {width} x "
+            f"{height} pixels have {cells} cells"
+        )
+    corner = np.concatenate(
+        [
+            np.stack(np.meshgrid(np.arange(across), np.arange(down)), -1).reshape(-1, 2)
+            for _, down, across in grids
+        ]
+    )
+    stride = np.repeat([stride for stride, *_ in grids], [down * across for _, down, across in grids])[
+        :, None
+    ]
+    largest = np.log(max(model_shape))
+    placed = rows.copy()
+    placed[:, :2] = (rows[:, :2] + corner) * stride
+    placed[:, 2:4] = np.exp(np.minimum(rows[:, 2:4], largest)) * stride
+    return placed
 
 
 def _rows(raw: NDArray[np.generic], contract: Contract) -> Rows:

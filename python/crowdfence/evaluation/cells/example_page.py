@@ -25,6 +25,10 @@ class _Example(NamedTuple):
     mask: NDArray[np.bool_]
 
 
+MOST_MISSIONS = 48
+"""Of more, or of more pictures, those with most crowd and those with most errors are shown."""
+
+
 class ExamplePage:
     """Keeps two frames of every mission: the one with most crowd and, of the others, the one with most wrong
     cells. Where a model fails is what examples are for."""
@@ -49,6 +53,8 @@ class ExamplePage:
             wrong &= ~crowd_cells(ignored, values.shape)
         one = _Example(int(crowd.sum()), int(wrong.sum()), image, values, mask)
         self._kept[mission] = _most_crowd_and_most_wrong([*self._kept.get(mission, []), one])
+        if len(self._kept) > MOST_MISSIONS:
+            del self._kept[_least_telling(self._kept)]
 
     def picture(self) -> NDArray[np.uint8]:
         """The page [H, W, 3]: mission after mission, most crowd before most errors. ValueError before the
@@ -59,6 +65,12 @@ class ExamplePage:
         tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
         rows = [np.hstack(tiles[first : first + COLUMNS]) for first in range(0, len(tiles), COLUMNS)]
         return np.vstack(rows)
+
+
+def _least_telling(kept: dict[str, list[_Example]]) -> str:
+    """The mission to leave out: of those beyond the half with most crowd the one with fewest errors."""
+    by_crowd = sorted(kept, key=lambda name: -max(one.crowd for one in kept[name]))
+    return min(by_crowd[MOST_MISSIONS // 2 :], key=lambda name: max(one.wrong for one in kept[name]))
 
 
 def _most_crowd_and_most_wrong(examples: list[_Example]) -> list[_Example]:

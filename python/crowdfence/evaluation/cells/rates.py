@@ -161,20 +161,33 @@ def labelled_cells(
 
 def crowd_cells(mask: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Mask [H, W], bool or integer, non-zero is crowd -> bool [h, w] of `shape` = (h, w): cells with more
-    than half of their area crowd. The two grids cover the same image; the stride need not be whole."""
+    than half of their area crowd. The two grids cover the same image; the stride need not be whole. Cells
+    whose stride is whole and that reach beyond the image count by the part inside."""
     if mask.ndim != 2 or mask.size == 0 or mask.dtype.kind not in "bui":
         raise ValueError(f"mask must be bool or integer [H, W], got {mask.dtype} {list(mask.shape)}")
     rows, columns = shape
     stride_y, stride_x = mask.shape[0] / rows, mask.shape[1] / columns
     # A network that pads its input to whole cells is off by less than one cell.
     if abs(mask.shape[0] / stride_x - rows) >= 1.0 or abs(mask.shape[1] / stride_y - columns) >= 1.0:
-        raise ValueError(
-            f"mask {list(mask.shape)} and heatmap {[rows, columns]} differ in proportion: "
-            f"stride {stride_y:g} down but {stride_x:g} across"
-        )
+        padded = _padded_to_whole_cells(mask, rows, columns)
+        if padded is None:
+            raise ValueError(
+                f"mask {list(mask.shape)} and heatmap {[rows, columns]} differ in proportion: "
+                f"stride {stride_y:g} down but {stride_x:g} across"
+            )
+        mask = padded
     crowd = (mask != 0).astype(np.int64)
     covered = _binned(_binned(crowd, rows).T, columns).T
     return 2 * covered > mask.size
+
+
+def _padded_to_whole_cells(mask: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic] | None:
+    """The mask with its border repeated, where cells of a whole stride cover it and reach beyond."""
+    for stride in {-(-mask.shape[0] // rows), -(-mask.shape[1] // columns)}:
+        if (-(-mask.shape[0] // stride), -(-mask.shape[1] // stride)) == (rows, columns):
+            beyond = (rows * stride - mask.shape[0], columns * stride - mask.shape[1])
+            return np.pad(mask, [(0, pixels) for pixels in beyond], mode="edge")
+    return None
 
 
 def wilson_estimate(count: int, total: int, confidence: float = 0.95) -> RateEstimate:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from crowdfence.simulation.picture_detector import detected_heatmap, picture_detector
 from crowdfence.simulation.recording.frame_summary import FrameSummary
 from crowdfence.simulation.rendering.frame import RenderedFrame
 from crowdfence.simulation.rendering.raycast_labels import LabelRaycaster
@@ -38,7 +39,7 @@ class FrameOptions:
     """Pictures, rendered with OpenGL. Without them labels and depth come from the raycaster, which knows
     neither trees nor other props and needs no OpenGL."""
     heatmaps: bool = True
-    """Heatmaps of the simulated detector."""
+    """Heatmaps: of the shipped detector where there are pictures, else of a stand-in that knows the truth."""
     picture_format: str = "JPEG"
     jpeg_quality: int = 88
     supersample: int = 2
@@ -55,7 +56,8 @@ class FrameMaker:
         self._scene, self._options = scene, options
         self._schedule: Schedule = build_schedule(scene)
         self._camera = scene.scenario.intrinsics()
-        self._detector = SimulatedDetector()
+        self._detector = picture_detector() if options.rgb and options.heatmaps else None
+        self._stand_in = SimulatedDetector()
         self._eye: Renderer | LabelRaycaster
         if options.rgb:
             self._eye = Renderer(scene, self._camera, supersample=options.supersample)
@@ -87,9 +89,14 @@ class FrameMaker:
         truth = people_truth(self._scene, t_s)
         regions = region_mask(truth, rendered.instance_id, rendered.depth_m, self._camera.fx)
         pose = self._scene.flight.at(capture.drone, t_s).world_from_camera
+        image = None if rendered.rgb is None else self._encoded(rendered.rgb)
+        if self._detector is None or image is None:
+            heatmap = self._stand_in_heatmap(regions, rendered.instance_id, capture.drone, exposed)
+        else:
+            heatmap = detected_heatmap(self._detector, image, rendered.depth_m, self._camera)
         return FrameContent(
-            image=None if rendered.rgb is None else self._encoded(rendered.rgb),
-            heatmap=self._heatmap(regions, rendered.instance_id, capture.drone, exposed),
+            image=image,
+            heatmap=heatmap,
             regions=regions,
             depth_m=depth_in_whole_cm(rendered.depth_m),
             segmentation=rendered.class_id,
@@ -140,12 +147,12 @@ class FrameMaker:
         )
         return encoded.getvalue()
 
-    def _heatmap(
+    def _stand_in_heatmap(
         self, regions: NDArray[np.uint16], instances: NDArray[np.uint16], drone: int, exposed: int
     ) -> NDArray[np.uint8] | None:
         if not self._options.heatmaps:
             return None
-        return self._detector.heatmap(regions, instances, self._scene.seed, drone, exposed)
+        return self._stand_in.heatmap(regions, instances, self._scene.seed, drone, exposed)
 
     def _people_in_view(
         self, truth: PeopleTruth, rendered: RenderedFrame, pose: NDArray[np.float64], stamp_ns: int

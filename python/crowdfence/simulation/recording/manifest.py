@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from crowdfence._core import __version__
+from crowdfence.simulation.picture_detector import picture_detector_manifest
 from crowdfence.simulation.recording.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_class import SceneClass
@@ -29,7 +30,7 @@ def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, ma
         "renderer": made_by,
         "frame_options": asdict(options),
         "shutter_s": SHUTTER_S,
-        "heatmaps": SimulatedDetector().manifest() if options.heatmaps else None,
+        "heatmaps": _heatmaps(options),
         "classes": {kind.name.lower(): int(kind) for kind in SceneClass},
         "people": scene.people.count,
         "people_per_planned_crowd": [len(crowd.slots) for crowd in scene.people.crowds],
@@ -41,6 +42,13 @@ def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, ma
     }
     plain: dict[str, Any] = json.loads(json.dumps(manifest))
     return plain
+
+
+def _heatmaps(options: FrameOptions) -> dict[str, Any] | None:
+    """Who makes the heatmaps."""
+    if not options.heatmaps:
+        return None
+    return picture_detector_manifest() if options.rgb else SimulatedDetector().manifest()
 
 
 def first_difference(one: Any, other: Any, where: str = "") -> str | None:

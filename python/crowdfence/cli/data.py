@@ -1,0 +1,112 @@
+"""`crowdfence data`: other people's labelled pictures as data to train, calibrate and evaluate on."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+import typer
+
+from crowdfence.atomic_file import writable_folder
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture
+
+app = typer.Typer(help="Labelled pictures of others: import them.", no_args_is_help=True)
+
+
+class DataSet(str, Enum):
+    """Kinds of data sets that can be imported."""
+
+    visdrone = "visdrone"
+    dronecrowd = "dronecrowd"
+    upcount = "upcount"
+    coco = "coco"
+
+
+@app.callback()
+def _group() -> None:
+    pass
+
+
+@app.command("import")
+def import_data(
+    kind: Annotated[DataSet, typer.Argument(help="Which data set it is.")],
+    source: Annotated[Path, typer.Argument(help="Its folder, such as that of VisDrone2019-DET-val.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the pictures and annotations.json.")
+    ],
+    gsd_m: Annotated[
+        float | None,
+        typer.Option("--gsd-m", "--gsd", min=1e-6, help="Metres per pixel, for people marked as points."),
+    ] = None,
+    hfov_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--hfov-deg", min=1.0, max=170.0, help="upcount: metres per pixel from this and the altitude."
+        ),
+    ] = None,
+    every: Annotated[int, typer.Option("--every", min=1, help="Only every N-th picture.")] = 1,
+    roles: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--class",
+            metavar="NAME=person|crowd|ignore",
+            help="What a class of a COCO file means, where its name does not say so; may be repeated.",
+        ),
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Turn a data set into a folder that `train`, `calibrate` and `model evaluate` take as --data.
+
+    You need the data set and its licence; nothing is downloaded.
+    """
+    from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
+    from crowdfence.labelled_pictures.crowd_labels import picture_labels
+    from crowdfence.labelled_pictures.data_sets import ImportOptions, read_data_set
+
+    wanted = ImportOptions(gsd_m, hfov_deg, every, _roles(roles or []))
+    if output.exists() and any(output.iterdir() if output.is_dir() else [output]):
+        raise FileExistsError(f"{output} exists and is not empty")
+    with writable_folder(output):
+        with console.working() as tell:
+            tell("reading the annotations")
+            found = list(read_data_set(kind.value, source, wanted))
+            crowds = sum(bool(picture_labels(picture).crowd.any()) for picture in found)
+            if missing := [picture.path for picture in found if not picture.path.is_file()]:
+                raise FileNotFoundError(f"{missing[0]}: annotated, but not there")
+        kept: list[AnnotatedPicture] = []
+        with console.progress("copying", len(found), "pictures") as advance:
+            for picture in found:
+                place = output / "images" / picture.path.relative_to(source)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(picture.path, place)
+                kept.append(replace(picture, path=place))
+                advance()
+        write_coco(kept, output / ANNOTATIONS)
+    people = sum(len(picture.people) for picture in kept)
+    facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
+    if as_json:
+        console.print_json({**facts, "pictures_with_crowd": crowds})
+        return
+    shown = {
+        "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
+        "people": f"{people}",
+    }
+    console.stdout().print(console.facts(str(output), shown))
+
+
+def _roles(pairs: list[str]) -> dict[str, Any]:
+    from crowdfence.labelled_pictures.annotated_picture import Role
+
+    roles = {}
+    for pair in pairs:
+        name, equals, role = pair.rpartition("=")
+        if not (name and equals) or role not in get_args(Role):
+            raise ValueError(f"--class {pair!r} must be NAME=person, NAME=crowd or NAME=ignore")
+        roles[name] = role
+    return roles

@@ -1,0 +1,124 @@
+"""Several detectors on one picture: their odds multiplied, what they all know beforehand counted once.
+
+    logit P = logit prior + sum over the detectors that can see the place of (logit p - logit prior)
+
+That is Bayes' rule for opinions that err independently of each other. Detectors do not know what they miss:
+`lowest` is the smallest logit that the silence of one may count with. A detector has no vote where a pixel
+covers more metres than it knows, even enlarged: its silence there says nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.model_output import ModelOutput
+from crowdfence.detector.ground_scale import Gsd, at_cells, checked_gsd
+from crowdfence.detector.inference.image_tensor import Image
+from crowdfence.detector.inference.map_output import Map, sigmoid
+from crowdfence.detector.inference.picture_parts import ENLARGED
+
+COMBINATIONS = Path(__file__).parent / "models" / "combinations.json"
+"""Rules that were calibrated, by the names of the detectors."""
+_MOST_LOGIT = 16.0
+
+
+@dataclass(frozen=True, slots=True)
+class CombinationRule:
+    """The numbers of the rule."""
+
+    prior: float
+    """Share of the cells that is crowd where the detectors were calibrated, in (0, 1)."""
+    lowest: tuple[float, ...]
+    """Smallest logit of each detector."""
+
+    def combined(self, maps: Sequence[Map], votes: Sequence[np.ndarray | None]) -> Map:
+        """P [h, w] of the heatmaps [h, w] of all detectors; `votes` [h, w] are False where one has none
+        (None: it has them everywhere)."""
+        prior = np.log(self.prior) - np.log1p(-self.prior)
+        total = np.full(maps[0].shape, prior)
+        for values, lowest, vote in zip(maps, self.lowest, votes, strict=True):
+            with np.errstate(divide="ignore"):
+                logit = np.log(values.astype(np.float64)) - np.log1p(-values.astype(np.float64))
+            evidence = np.clip(logit, max(lowest, -_MOST_LOGIT), _MOST_LOGIT) - prior
+            total += evidence if vote is None else np.where(vote, evidence, 0.0)
+        return np.asarray(sigmoid(np.clip(total, -_MOST_LOGIT, _MOST_LOGIT)), np.float32)
+
+
+def rule_for(names: Sequence[str]) -> tuple[CombinationRule, bool]:
+    """The rule for detectors of these names, and whether it was calibrated for them; others are taken as
+    independent, with the prior of the calibrated ones."""
+    rules = json.loads(COMBINATIONS.read_text())
+    if (known := rules["calibrated"].get(" + ".join(names))) is not None:
+        return CombinationRule(known["prior"], tuple(known["lowest"])), True
+    return CombinationRule(rules["prior"], (-_MOST_LOGIT,) * len(names)), False
+
+
+def combined_contract(contracts: Sequence[Contract], *, calibrated: bool) -> Contract:
+    """What the combination says of itself: rates and tested range are those of the first, which decides alone
+    where the others have no vote."""
+    first = contracts[0]
+    stride = min(contract.output.stride for contract in contracts)
+    return replace(
+        first,
+        name=" + ".join(contract.name for contract in contracts),
+        version=None,
+        output=ModelOutput("heatmap", "probability", "NHW", stride),
+        about={
+            "combination of": [contract.name for contract in contracts],
+            "calibrated together": calibrated,
+        },
+    )
+
+
+class Opinion(Protocol):
+    """What a combination asks: a `Detector`."""
+
+    @property
+    def contract(self) -> Contract: ...
+
+    def __call__(self, image: Image, gsd_m: Gsd | None = None, *, as_it_is: bool = False) -> Map: ...
+
+
+class CombinedModel:
+    """Detectors that look at the same picture."""
+
+    def __init__(self, detectors: Sequence[Opinion], rule: CombinationRule, stride: int) -> None:
+        self._detectors, self._rule, self._stride = detectors, rule, stride
+
+    def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
+        cells = -(-image.shape[0] // self._stride), -(-image.shape[1] // self._stride)
+        maps = [_on(detector(image, gsd_m, as_it_is=as_it_is), cells) for detector in self._detectors]
+        votes = [_votes(detector.contract, gsd_m, cells) for detector in self._detectors]
+        return self._rule.combined(maps, votes)
+
+    def heatmaps(
+        self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
+    ) -> list[Map]:
+        return [self.heatmap(image, gsd, as_it_is=as_it_is) for image, gsd in zip(images, gsd_m, strict=True)]
+
+
+def _votes(contract: Contract, gsd_m: Gsd | None, cells: tuple[int, int]) -> np.ndarray | None:
+    """Cells [h, w] where a detector has a vote; ground that is not seen has no scale and hinders nobody."""
+    if gsd_m is None or contract.sizes is None or contract.sizes.gsd_m is None:
+        return None
+    given = checked_gsd(gsd_m)
+    across = given if given.ndim == 2 else given[..., 0]
+    return ~(at_cells(across, cells) > contract.sizes.gsd_m[1] * max(ENLARGED))
+
+
+def _on(values: Map, cells: tuple[int, int]) -> Map:
+    """A heatmap on a finer grid of the same picture."""
+    if values.shape == cells:
+        return values
+    from PIL import Image as Pillow
+
+    picture = Pillow.fromarray(np.ascontiguousarray(values, np.float32))
+    resized = np.asarray(picture.resize(cells[::-1], Pillow.Resampling.BILINEAR), np.float32)
+    return resized.clip(values.min(), values.max())

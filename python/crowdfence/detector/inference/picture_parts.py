@@ -1,0 +1,159 @@
+"""A picture in parts, each at the size at which a model knows the people in it.
+
+Metres per pixel differ within a picture: the ground below a drone is near, the ground at the horizon far.
+Every cell of the heatmap is answered for by one part alone. Parts are cut out with a margin beyond those
+cells, so that what decides about a cell lies in its part, and answers are not blended, which would undo their
+calibration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.detector.ground_scale import Gsd, at_cells, checked_gsd, with_nearest
+from crowdfence.detector.inference.image_tensor import Image
+
+MARGIN_PX = 32
+"""Pixels around the cells of a part, at the size that the model sees."""
+SMALLEST_SIZE = 1.0 / 64.0
+ENLARGED = (2.0, 2.0**0.5)
+"""Sizes of ground that is too far away, the better one first."""
+AFFORDABLE_PX = 640 * 480
+AFFORDABLE_SHARE = 1.15
+"""Far ground is enlarged as long as the model sees at most this share of the picture's own pixels, or of
+those of a 640 x 480 picture where it is smaller: 30 frames a second on one core."""
+
+SUSPICION = 0.05
+"""Where a whole far part is not affordable, its cells above this are looked at again, enlarged."""
+_AROUND_CELLS = 3
+
+Enlarge = Literal["never", "affordable", "always"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PicturePart:
+    """A rectangle of a picture, shown at `size` (0.5: half as wide and half as high)."""
+
+    size: float
+    rows: slice
+    """Pixels of the picture that are cut out; the ends are whole cells, but for the picture's own edge."""
+    columns: slice
+    own: NDArray[np.bool_] | None
+    """Cells [h, w] of the whole heatmap that the part answers for; None: all."""
+
+    @property
+    def is_whole_picture(self) -> bool:
+        return self.size == 1.0 and self.own is None
+
+    @property
+    def shown_pixels(self) -> int:
+        height, width = (span.stop - span.start for span in (self.rows, self.columns))
+        return round(height * width * self.size**2)
+
+    def shown(self, image: Image) -> Image:
+        """Pixels that the model sees."""
+        cut = image[self.rows, self.columns]
+        return cut if self.size == 1.0 else resized(cut, self.size)
+
+
+def parts_by_gsd(
+    gsd_m: Gsd,
+    known_m: tuple[float, float],
+    image: Image,
+    stride: int,
+    enlarge: Enlarge = "affordable",
+) -> list[PicturePart]:
+    """The parts of an image [H, W, 3] whose heatmap has cells of `stride` pixels, one for each size needed.
+
+    known_m: metres per pixel that the model knows. ValueError for metres per pixel that are none.
+    """
+    given = checked_gsd(gsd_m)
+    across = given if given.ndim == 2 else given[..., 0]
+    pixels = image.shape[0] * image.shape[1]
+    for enlarged in () if enlarge == "never" else ENLARGED:
+        parts = _parts(_sizes(across, known_m, enlarged), image, stride)
+        shown = sum(part.shown_pixels for part in parts)
+        if enlarge == "always" or shown <= AFFORDABLE_SHARE * max(pixels, AFFORDABLE_PX):
+            return parts
+    return _parts(_sizes(across, known_m, 1.0), image, stride)
+
+
+def suspicious_parts(
+    heatmap: NDArray[np.float32], parts: list[PicturePart], far: NDArray[np.bool_], image: Image, stride: int
+) -> list[PicturePart]:
+    """Parts of the ground that is too far (cells [h, w]) where the model, which saw it at its own size, is
+    not sure that nobody is: those with most crowd to be expected below one half, as far as is affordable."""
+    from scipy.ndimage import binary_dilation, find_objects, label
+
+    expected = np.where(far & (heatmap <= 0.5), heatmap, 0.0)
+    near_suspicion = binary_dilation(far & (heatmap > SUSPICION), iterations=_AROUND_CELLS) & far
+    numbers, count = label(near_suspicion, structure=np.ones((3, 3)))
+    left_px = AFFORDABLE_SHARE * max(image.shape[0] * image.shape[1], AFFORDABLE_PX)
+    left_px -= sum(part.shown_pixels for part in parts)
+    found: list[tuple[float, PicturePart]] = []
+    for number, box in enumerate(find_objects(numbers, count), start=1):
+        own = numbers == number
+        rows, columns = (
+            _cut(np.arange(span.start, span.stop), stride, ENLARGED[0], pixels)
+            for span, pixels in zip(box, image.shape[:2], strict=True)
+        )
+        found.append((float(expected[own].sum()), PicturePart(ENLARGED[0], rows, columns, own)))
+    chosen = []
+    for mass, part in sorted(found, key=lambda one: -one[0] / one[1].shown_pixels):
+        if mass > 0.0 and part.shown_pixels <= left_px:
+            chosen.append(part)
+            left_px -= part.shown_pixels
+    return chosen
+
+
+def far_cells(gsd_m: Gsd, known_m: tuple[float, float], cells: tuple[int, int]) -> NDArray[np.bool_]:
+    """Cells [h, w] of ground that is coarser than the model knows; never of what is no ground."""
+    given = checked_gsd(gsd_m)
+    across = given if given.ndim == 2 else given[..., 0]
+    return np.asarray(at_cells(across, cells) > known_m[1])
+
+
+def resized(image: Image, size: float) -> Image:
+    """The image at another size, softened first where it shrinks."""
+    from PIL import Image as Pillow
+
+    height, width = (max(1, round(side * size)) for side in image.shape[:2])
+    method = Pillow.Resampling.BILINEAR if size < 1.0 else Pillow.Resampling.BICUBIC
+    return np.asarray(Pillow.fromarray(np.ascontiguousarray(image)).resize((width, height), method))
+
+
+def _sizes(gsd_m: NDArray[np.float32], known_m: tuple[float, float], enlarged: float) -> NDArray[np.float32]:
+    """Size for each metres per pixel; where no ground is seen that of the nearest, but never enlarged: nobody
+    stands in the sky."""
+    filled, (low, high) = with_nearest(gsd_m), known_m
+    halvings = np.ceil(np.log2(np.maximum(low / filled, 1.0)) - 1e-6)
+    sizes = np.maximum(0.5**halvings, SMALLEST_SIZE)
+    return np.where((filled > high) & np.isfinite(gsd_m), enlarged, sizes).astype(np.float32)
+
+
+def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[PicturePart]:
+    """One part for each size [r, c] over the image."""
+    height, width = image.shape[:2]
+    if (sizes == 1.0).all():
+        return [PicturePart(1.0, slice(0, height), slice(0, width), None)]
+    size_of_cell = at_cells(sizes, (-(-height // stride), -(-width // stride)))
+    parts = []
+    for size in np.unique(size_of_cell).tolist():
+        own = size_of_cell == size
+        rows, columns = (
+            _cut(np.flatnonzero(own.any(axis=axis)), stride, size, pixels)
+            for axis, pixels in ((1, height), (0, width))
+        )
+        parts.append(PicturePart(size, rows, columns, own))
+    return parts
+
+
+def _cut(cells: NDArray[np.intp], stride: int, size: float, pixels: int) -> slice:
+    """From the first to the last cell with the margin around, in whole cells."""
+    margin = int(np.ceil(MARGIN_PX / (size * stride)))
+    first, last = int(cells[0]) - margin, int(cells[-1]) + 1 + margin
+    return slice(max(0, first * stride), min(pixels, last * stride))

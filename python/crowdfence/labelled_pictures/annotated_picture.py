@@ -1,0 +1,51 @@
+"""One picture and what somebody marked in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Polygon = NDArray[np.float64]
+"""Corners [K, 2] in pixels, K >= 3."""
+Role = Literal["person", "crowd", "ignore"]
+
+
+class AnnotationError(ValueError):
+    """A file of annotations that cannot be used; one line, with the place and the value."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnnotatedPicture:
+    """Pixels to the right and downwards from the upper left corner."""
+
+    path: Path
+    width: int
+    height: int
+    people: NDArray[np.float64]
+    """[N, 4]: x, y of the feet, width and height of the person; 0, 0 where only a point is known."""
+    crowds: tuple[Polygon, ...] = ()
+    """Crowds outlined as such."""
+    ignored: tuple[Polygon, ...] = ()
+    """Parts about which nothing is said."""
+    gsd_m: float | None = None
+    """Metres per pixel, where known for the whole picture."""
+
+
+def people_in_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Boxes x, y, width, height [N, 4] -> people [N, 4] who stand on the middle of the lower edge."""
+    x, y, width, height = boxes.reshape(-1, 4).T
+    return np.stack([x + width / 2.0, y + height, width, height], axis=1)
+
+
+def people_at_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points [N, 2] -> people [N, 4] of unknown size."""
+    points = points.reshape(-1, 2)
+    return np.concatenate([points, np.zeros_like(points)], axis=1)
+
+
+def rectangle(x: float, y: float, width: float, height: float) -> Polygon:
+    return np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])

@@ -1,0 +1,252 @@
+"""COCO annotations: a folder of pictures with a JSON file, read and written.
+
+    {"images": [{"id": 1, "file_name": "a.jpg", "width": 640, "height": 480}],
+     "annotations": [{"image_id": 1, "category_id": 1, "segmentation": [[x, y, ...]]}],
+     "categories": [{"id": 1, "name": "crowd"}]}
+
+Annotations are outlines (`segmentation`), boxes (`bbox`: x, y, width, height) or points (`keypoints`: x, y,
+visibility, of which the first visible one counts). A group of people marked with `iscrowd` is a crowd.
+Our own key `gsd_m` of an image states its metres per pixel.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdfence.atomic_file import atomic_path
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.detector.contract.metadata_values import CROWD_NAMES, PEOPLE_NAMES
+from crowdfence.labelled_pictures.annotated_picture import (
+    AnnotatedPicture,
+    AnnotationError,
+    Polygon,
+    Role,
+    people_at_points,
+    people_in_boxes,
+    rectangle,
+)
+
+ANNOTATIONS = "annotations.json"
+"""Name of the file that imports write."""
+MOST_BYTES = 2_000_000_000
+_LARGEST_SIDE = 65_535
+_IGNORED_NAMES = frozenset({"ignore", "ignored", "ignored regions", "ignored region"})
+
+
+def annotation_file(folder: Path) -> Path | None:
+    """The COCO file of a folder of pictures: `annotations.json`, else the only JSON file beside or above the
+    pictures that holds images and annotations; None for any other folder."""
+    if not folder.is_dir():
+        return None
+    if (folder / ANNOTATIONS).is_file():
+        return folder / ANNOTATIONS
+    found = [path for path in sorted(folder.glob("*.json")) if _is_coco(path)]
+    return found[0] if len(found) == 1 else None
+
+
+def read_coco(path: Path, roles: Mapping[str, Role] | None = None) -> list[AnnotatedPicture]:
+    """The pictures of a COCO file. `roles` says what further class names mean; those of people, crowds and
+    ignored regions are known, all others mean nothing.
+
+    OSError when it cannot be read; AnnotationError names the file, the place and the value.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise AnnotationError(f"{path}: larger than {MOST_BYTES:,} bytes")
+    try:
+        document = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise AnnotationError(f"{path} is not JSON: {error}") from None
+    try:
+        return _pictures(document, path.parent, roles or {})
+    except AnnotationError as error:
+        raise AnnotationError(f"{path}: {error}") from None
+
+
+def write_coco(pictures: Sequence[AnnotatedPicture], path: Path) -> None:
+    """Write what `read_coco` reads; the pictures must lie below the folder of `path`."""
+    images, annotations = [], []
+    for number, picture in enumerate(pictures, start=1):
+        name = picture.path.relative_to(path.parent).as_posix()
+        image = {"id": number, "file_name": name, "width": picture.width, "height": picture.height}
+        images.append(image if picture.gsd_m is None else {**image, "gsd_m": picture.gsd_m})
+        for x, y, width, height in picture.people.tolist():
+            box = {"bbox": [x - width / 2.0, y - height, width, height]}
+            point = {"keypoints": [x, y, 2], "num_keypoints": 1}
+            annotations.append({"image_id": number, "category_id": 1, **(box if height else point)})
+        for category, polygons in ((2, picture.crowds), (3, picture.ignored)):
+            for polygon in polygons:
+                outline = {"segmentation": [polygon.ravel().tolist()]}
+                annotations.append({"image_id": number, "category_id": category, **outline})
+    for number, annotation in enumerate(annotations, start=1):
+        annotation["id"] = number
+    categories = [{"id": 1, "name": "person"}, {"id": 2, "name": "crowd"}, {"id": 3, "name": "ignored"}]
+    document = {"images": images, "annotations": annotations, "categories": categories}
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document))
+
+
+def _is_coco(path: Path) -> bool:
+    """Whether a JSON file begins like one of ours or COCO's, and is one."""
+    try:
+        document = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_BYTES else None
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(document, dict) and {"images", "annotations"} <= document.keys()
+
+
+def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list[AnnotatedPicture]:
+    if not isinstance(document, dict):
+        raise AnnotationError(f"must hold an object, got {shown(document)}")
+    role_of = dict(_roles(_rows(document, "categories"), roles))
+    marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
+    for place, row in _rows(document, "annotations"):
+        key = _key(row.get("image_id"), place, "image_id")
+        role = role_of.get(_key(row.get("category_id"), place, "category_id"))
+        if role == "person" and row.get("iscrowd") == 1:
+            role = "crowd"
+        if role is not None:
+            marks.setdefault(key, []).append((place, row, role))
+    pictures = []
+    seen: set[Any] = set()
+    for place, row in _rows(document, "images"):
+        key = _key(row.get("id"), place, "id")
+        if key in seen:
+            raise AnnotationError(f"{place}.id {shown(key)} occurs twice")
+        seen.add(key)
+        pictures.append(_picture(place, row, folder, marks.pop(key, [])))
+    if marks:
+        place, *_ = next(iter(marks.values()))[0]
+        raise AnnotationError(f"{place}.image_id is {shown(next(iter(marks)))}, which is no image")
+    if not pictures:
+        raise AnnotationError("holds no image")
+    return pictures
+
+
+def _picture(
+    place: str,
+    row: Mapping[str, Any],
+    folder: Path,
+    marks: Sequence[tuple[str, Mapping[str, Any], Role]],
+) -> AnnotatedPicture:
+    name = row.get("file_name")
+    if not isinstance(name, str) or not name or Path(name).is_absolute() or ".." in Path(name).parts:
+        raise AnnotationError(f"{place}.file_name is {shown(name)}; allowed: a path below {folder}")
+    width, height = (_side(row.get(side), f"{place}.{side}") for side in ("width", "height"))
+    gsd_m = row.get("gsd_m")
+    if gsd_m is not None and (not _is_number(gsd_m) or gsd_m <= 0.0):
+        raise AnnotationError(f"{place}.gsd_m is {shown(gsd_m)}; allowed: metres above 0")
+    people: list[list[float]] = []
+    polygons: dict[str, list[Polygon]] = {"crowd": [], "ignore": []}
+    for where, mark, role in marks:
+        if role == "person":
+            people.append(_person(mark, where))
+        else:
+            polygons[role] += _outlines(mark, where)
+    return AnnotatedPicture(
+        folder / name,
+        width,
+        height,
+        np.array(people, np.float64).reshape(-1, 4),
+        tuple(polygons["crowd"]),
+        tuple(polygons["ignore"]),
+        None if gsd_m is None else float(gsd_m),
+    )
+
+
+def _person(mark: Mapping[str, Any], where: str) -> list[float]:
+    """x, y of the feet, width, height."""
+    if mark.get("bbox"):
+        box = _numbers(mark["bbox"], f"{where}.bbox", 4)
+        if box[2] < 0.0 or box[3] < 0.0:
+            raise AnnotationError(f"{where}.bbox is {shown(box)}; allowed: width and height of at least 0")
+        return [float(value) for value in people_in_boxes(np.array(box))[0]]
+    if mark.get("keypoints"):
+        points = np.array(_numbers(mark["keypoints"], f"{where}.keypoints", None))
+        if len(points) % 3 == 0 and (points[2::3] > 0.0).any():
+            first = int(np.flatnonzero(points[2::3] > 0.0)[0])
+            return [float(value) for value in people_at_points(points[3 * first : 3 * first + 2])[0]]
+    corners = np.concatenate(_outlines(mark, where))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return [float(value) for value in people_in_boxes(np.concatenate([low, high - low]))[0]]
+
+
+def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
+    """Polygons of a mark; its box where it has none, also for groups that COCO gives run by run."""
+    outline = mark.get("segmentation")
+    if isinstance(outline, list) and outline:
+        polygons = [_numbers(one, f"{where}.segmentation", None) for one in outline]
+        for one in polygons:
+            if len(one) < 6 or len(one) % 2:
+                raise AnnotationError(
+                    f"{where}.segmentation has {len(one)} numbers; allowed: x, y of 3 corners and more"
+                )
+        return [np.array(one, np.float64).reshape(-1, 2) for one in polygons]
+    if mark.get("bbox"):
+        return [rectangle(*_numbers(mark["bbox"], f"{where}.bbox", 4))]
+    raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
+
+
+def _roles(
+    rows: Iterator[tuple[str, Mapping[str, Any]]], given: Mapping[str, Role]
+) -> Iterator[tuple[Any, Role]]:
+    named = {name.strip().lower(): role for name, role in given.items()}
+    known: dict[str, Role] = {
+        **dict.fromkeys(PEOPLE_NAMES, "person"),
+        **dict.fromkeys(CROWD_NAMES, "crowd"),
+        **dict.fromkeys(_IGNORED_NAMES, "ignore"),
+        **named,
+    }
+    names = []
+    for place, row in rows:
+        name = row.get("name")
+        if not isinstance(name, str):
+            raise AnnotationError(f"{place}.name is {shown(name)}; allowed: text")
+        names.append(name.strip().lower())
+        if names[-1] in known:
+            yield _key(row.get("id"), place, "id"), known[names[-1]]
+    if missing := [name for name in named if name not in names]:
+        raise AnnotationError(f"no class is named {shown(missing[0])}; it has {shown(', '.join(names))}")
+    if not any(name in known for name in names):
+        raise AnnotationError(
+            f"no class is of people or crowds; it has {shown(', '.join(names))}: say what they mean"
+        )
+
+
+def _rows(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    rows = document.get(name)
+    if not isinstance(rows, list):
+        raise AnnotationError(f"{name} is {shown(rows)}; allowed: a list")
+    for number, row in enumerate(rows):
+        if not isinstance(row, dict):
+            raise AnnotationError(f"{name}[{number}] is {shown(row)}; allowed: an object")
+        yield f"{name}[{number}]", row
+
+
+def _key(value: object, place: str, name: str) -> int | str:
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        raise AnnotationError(f"{place}.{name} is {shown(value)}; allowed: a whole number or text")
+    return value
+
+
+def _side(value: object, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _LARGEST_SIDE:
+        raise AnnotationError(f"{where} is {shown(value)}; allowed: pixels from 1 to {_LARGEST_SIDE}")
+    return value
+
+
+def _numbers(value: object, where: str, count: int | None) -> list[float]:
+    if not isinstance(value, list) or not all(_is_number(one) for one in value):
+        raise AnnotationError(f"{where} is {shown(value)}; allowed: a list of finite numbers")
+    if count is not None and len(value) != count:
+        raise AnnotationError(f"{where} has {len(value)} numbers; allowed: {count}")
+    return [float(one) for one in value]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,114 @@
+"""Annotations -> the pixels that are crowd: outlined crowds, and people to whom the definition is applied."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, AnnotationError, Polygon
+from crowdfence.truth.at_exposure import DEFAULT_CROWD
+from crowdfence.truth.crowd_ground import PERSON_RADIUS_M
+from crowdfence.truth.morphology import close_with_disc
+
+PERSON_HEIGHT_M = 1.7
+"""What an upright person's box stands for, where nobody says how many metres a pixel is."""
+_NEAREST = 5
+"""Boxes whose median tells the scale at a person: some sit, some are cut off by others."""
+_MOST_PIXELS = 400_000_000
+_GRID = 4
+"""Pixels per cell on which the ground of crowds is drawn."""
+
+
+class PictureLabels(NamedTuple):
+    """Pixels [H, W]."""
+
+    crowd: NDArray[np.bool_]
+    ignored: NDArray[np.bool_]
+
+
+def picture_labels(picture: AnnotatedPicture) -> PictureLabels:
+    """Crowds as outlined, and the ground of every group of at least three people within 2 m: discs of 1 m
+    around them, closed with a disc of 2 m as on the terrain. Metres are those of the picture's `gsd_m`, else
+    of the people's boxes; ground seen at a low angle counts as if seen from above, which errs towards crowd.
+
+    AnnotationError for people of unknown size in a picture of unknown scale.
+    """
+    if picture.width * picture.height > _MOST_PIXELS:
+        raise AnnotationError(
+            f"{picture.path.name}: {picture.width} x {picture.height} pixels are too many; allowed: "
+            f"{_MOST_PIXELS:,}"
+        )
+    crowd = _drawn(picture.crowds, picture)
+    people = picture.people
+    if len(people) >= DEFAULT_CROWD["min_people"]:
+        gsd_m = _gsd_at(people, picture)
+        members = in_crowds(people[:, :2], gsd_m)
+        crowd |= _ground(people[members], gsd_m[members], picture)
+    return PictureLabels(crowd, _drawn(picture.ignored, picture))
+
+
+def in_crowds(feet: NDArray[np.float64], gsd_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which people [N] belong to a crowd (`truth.crowd_ground.crowds_of`), each with metres per pixel of its
+    own; two are as far apart as the mean of their scales says."""
+    from scipy.spatial import cKDTree
+
+    radius_m = float(DEFAULT_CROWD["radius_m"])
+    pairs = cKDTree(feet).query_pairs(radius_m / float(gsd_m.min()), output_type="ndarray")
+    apart_px = np.linalg.norm(feet[pairs[:, 0]] - feet[pairs[:, 1]], axis=1)
+    pairs = pairs[apart_px * gsd_m[pairs].mean(axis=1) <= radius_m]
+    near = 1 + np.bincount(pairs.ravel(), minlength=len(feet))
+    core = near >= DEFAULT_CROWD["min_people"]
+    member = core.copy()
+    for one, other in ((0, 1), (1, 0)):
+        member[pairs[core[pairs[:, one]], other]] = True
+    return member
+
+
+def _gsd_at(people: NDArray[np.float64], picture: AnnotatedPicture) -> NDArray[np.float64]:
+    """Metres per pixel [N] at each person."""
+    if picture.gsd_m is not None:
+        return np.full(len(people), picture.gsd_m)
+    from scipy.spatial import cKDTree
+
+    longest_px = people[:, 2:].max(axis=1)
+    sized = longest_px > 0.0
+    if not sized.any():
+        raise AnnotationError(
+            f"{picture.path.name}: people are points and nothing tells the scale: give metres per pixel"
+        )
+    near = np.arange(1, min(_NEAREST, int(sized.sum())) + 1)
+    _, who = cKDTree(people[sized, :2]).query(people[:, :2], k=near)
+    return np.asarray(PERSON_HEIGHT_M / np.median(longest_px[sized][who], axis=1))
+
+
+def _ground(
+    people: NDArray[np.float64], gsd_m: NDArray[np.float64], picture: AnnotatedPicture
+) -> NDArray[np.bool_]:
+    """The ground [H, W] of people of crowds."""
+    rows, columns = -(-picture.height // _GRID), -(-picture.width // _GRID)
+    drawn, closing = np.zeros((rows, columns), np.bool_), np.zeros((rows, columns))
+    for (x, y), metres in zip(people[:, :2] / _GRID - 0.5, gsd_m * _GRID, strict=True):
+        reach = PERSON_RADIUS_M / metres
+        left, right = max(0, int(np.ceil(x - reach))), min(columns, int(x + reach) + 1)
+        top, bottom = max(0, int(np.ceil(y - reach))), min(rows, int(y + reach) + 1)
+        if left >= right or top >= bottom:
+            continue
+        across, down = np.arange(left, right) - x, np.arange(top, bottom)[:, None] - y
+        disc = across**2 + down**2 <= reach**2
+        drawn[top:bottom, left:right] |= disc
+        closing[top:bottom, left:right][disc] = float(DEFAULT_CROWD["radius_m"]) / metres
+    closed = close_with_disc(drawn, closing) if drawn.any() else drawn
+    return closed.repeat(_GRID, 0).repeat(_GRID, 1)[: picture.height, : picture.width]
+
+
+def _drawn(polygons: tuple[Polygon, ...], picture: AnnotatedPicture) -> NDArray[np.bool_]:
+    """Pixels [H, W] inside any of the polygons."""
+    from PIL import Image, ImageDraw
+
+    canvas = Image.new("1", (picture.width, picture.height))
+    draw = ImageDraw.Draw(canvas)
+    for polygon in polygons:
+        draw.polygon([(float(x), float(y)) for x, y in polygon], fill=1)
+    return np.array(canvas)

@@ -1,0 +1,184 @@
+"""Data sets of people seen by drones, as they come from their makers -> annotated pictures.
+
+visdrone    VisDrone-DET: images/*.jpg and annotations/*.txt; x, y, width, height, score, class, truncation,
+            occlusion, of which class 0 is ignored and 1 and 2 are people
+dronecrowd  DroneCrowd: images/imgSSSFFF.jpg and ground_truth/GT_imgSSSFFF.mat with the heads as image_info
+upcount     UP-COUNT: images/**/NAME__ALTITUDE.jpg and labels/**/NAME__ALTITUDE.txt with the heads, x y a line
+coco        any folder with a COCO file
+
+Whoever imports one has its licence; none comes with crowdfence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.detector.contract.json_section import shown
+from crowdfence.labelled_pictures.annotated_picture import (
+    AnnotatedPicture,
+    AnnotationError,
+    Role,
+    people_at_points,
+    people_in_boxes,
+    rectangle,
+)
+from crowdfence.labelled_pictures.coco import annotation_file, read_coco
+
+_MOST_LINES = 100_000
+_VISDRONE_IGNORED, _VISDRONE_PEOPLE = 0, (1, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What the files of a data set do not say."""
+
+    gsd_m: float | None = None
+    """Metres per pixel of every picture."""
+    hfov_deg: float | None = None
+    """Horizontal field of view, for data that state the altitude: metres per pixel straight down."""
+    every: int = 1
+    """Only every n-th picture."""
+    roles: Mapping[str, Role] | None = None
+    """What further class names of a COCO file mean."""
+
+
+def read_data_set(kind: str, folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
+    """The pictures of a data set, one after the other. AnnotationError in one line for files that are none of
+    its kind, FileNotFoundError where nothing of it is found."""
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder} is no folder")
+    for picture in KINDS[kind](folder, options):
+        yield picture if options.gsd_m is None else replace(picture, gsd_m=options.gsd_m)
+
+
+def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
+    for image, labels in _pairs(folder, "images", "annotations", ".txt", options.every):
+        rows = _table(labels, 8, separator=",")
+        kind = rows[:, 5]
+        people = rows[np.isin(kind, _VISDRONE_PEOPLE)]
+        ignored = rows[kind == _VISDRONE_IGNORED]
+        yield AnnotatedPicture(
+            image,
+            *_size(image),
+            people_in_boxes(people[:, :4]),
+            ignored=tuple(rectangle(*row[:4].tolist()) for row in ignored),
+        )
+
+
+def _dronecrowd(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
+    for image, labels in _pairs(folder, "images", "ground_truth", ".mat", options.every, "GT_"):
+        yield AnnotatedPicture(image, *_size(image), people_at_points(_heads(labels)))
+
+
+def _upcount(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
+    for image, labels in _pairs(folder, "images", "labels", ".txt", options.every):
+        width, height = _size(image)
+        heads = _table(labels, 2)[:, :2]
+        gsd_m = None if options.hfov_deg is None else _straight_down(image, options.hfov_deg, width)
+        yield AnnotatedPicture(image, width, height, people_at_points(heads), gsd_m=gsd_m)
+
+
+def _coco(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
+    file = annotation_file(folder)
+    if file is None:
+        raise FileNotFoundError(f"{folder} holds no JSON file, or several, with images and annotations")
+    yield from read_coco(file, options.roles)[:: options.every]
+
+
+KINDS: dict[str, Callable[[Path, ImportOptions], Iterator[AnnotatedPicture]]] = {
+    "visdrone": _visdrone,
+    "dronecrowd": _dronecrowd,
+    "upcount": _upcount,
+    "coco": _coco,
+}
+
+
+def _pairs(
+    folder: Path, images: str, labels: str, suffix: str, every: int, prefix: str = ""
+) -> Iterator[tuple[Path, Path]]:
+    """Pictures with their files of labels, which lie the same way below another folder."""
+    found = sorted(path for kind in ("jpg", "png") for path in (folder / images).rglob(f"*.{kind}"))
+    if not found:
+        raise FileNotFoundError(f"{folder / images} holds no picture (.jpg, .png)")
+    for image in found[::every]:
+        place = (folder / labels / image.relative_to(folder / images)).with_suffix(suffix)
+        place = place.with_name(f"{prefix}{place.name}")
+        if not place.is_file():
+            raise FileNotFoundError(f"{place}: no labels of {image.name}")
+        yield image, place
+
+
+def _size(image: Path) -> tuple[int, int]:
+    """Width and height of a picture, from its header."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(image) as picture:
+            return picture.size
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+        raise AnnotationError(f"{image} cannot be read as a picture: {error}") from None
+
+
+def _table(path: Path, columns: int, *, separator: str | None = None) -> NDArray[np.float64]:
+    """Rows [N, columns] of finite numbers; empty lines and a separator at the end are no harm."""
+    rows = []
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except UnicodeDecodeError:
+        raise AnnotationError(f"{path} is no text of numbers") from None
+    if len(lines) > _MOST_LINES:
+        raise AnnotationError(f"{path} has {len(lines):,} lines; allowed: {_MOST_LINES:,}")
+    for number, line in enumerate(lines, start=1):
+        words = [word for word in line.replace(separator or " ", " ").split() if word]
+        if not words:
+            continue
+        try:
+            values = [float(word) for word in words[:columns]]
+        except ValueError:
+            values = []
+        if len(values) < columns or not all(map(math.isfinite, values)):
+            raise AnnotationError(f"{path}, line {number}: {shown(line)}; allowed: {columns} finite numbers")
+        rows.append(values)
+    return np.array(rows, np.float64).reshape(-1, columns)
+
+
+def _heads(path: Path) -> NDArray[np.float64]:
+    """Points [N, 2] of a file of DroneCrowd: image_info is the points, or holds them three levels down."""
+    from scipy.io import loadmat
+
+    try:
+        info: Any = loadmat(path)["image_info"]
+        while isinstance(info, np.ndarray) and info.dtype == object and info.size:
+            info = info.flat[0]
+        if isinstance(info, np.void) or (isinstance(info, np.ndarray) and info.dtype.names):
+            info = np.asarray(info).flat[0][0]
+        while isinstance(info, np.ndarray) and info.dtype == object and info.size:
+            info = info.flat[0]
+        points = np.asarray(info, np.float64)
+    except Exception as error:  # what loadmat raises for damaged files has no base class
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise AnnotationError(f"{path} is no MATLAB file with image_info: {reason}") from None
+    if points.size == 0:
+        return np.empty((0, 2))
+    if points.ndim != 2 or points.shape[1] < 2 or not np.isfinite(points[:, :2]).all():
+        raise AnnotationError(f"{path}: image_info has shape {list(points.shape)}; allowed: finite [N, 2]")
+    return points[:, :2]
+
+
+def _straight_down(image: Path, hfov_deg: float, width: int) -> float:
+    """Metres per pixel of a picture taken straight down from the altitude at the end of its name."""
+    written = image.stem.rpartition("__")[2]
+    try:
+        altitude_m = float(written)
+    except ValueError:
+        altitude_m = math.nan
+    if not (math.isfinite(altitude_m) and altitude_m > 0.0):
+        raise AnnotationError(f"{image.name} does not end in the altitude in metres, as NAME__35.2.jpg does")
+    return 2.0 * altitude_m * math.tan(math.radians(hfov_deg) / 2.0) / width

@@ -1,0 +1,52 @@
+"""How many pictures of a flight are unlike everything that its detector was tested on, and which."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
+
+_MOST_NAMED = 1000
+
+
+class PictureWatch:
+    """Looks at the pictures as they pass; may be shared between threads."""
+
+    def __init__(self, contract: Contract | None = None) -> None:
+        self._name = "" if contract is None else contract.name
+        self._tested = None if contract is None else contract.pictures
+        self._lock = Lock()
+        self._unlike: list[str] = []
+        self.looked_at = 0
+        self.unlike = 0
+        """Pictures unlike the tested ones."""
+
+    def look(self, name: str, image: NDArray[np.uint8]) -> bool | None:
+        """Whether a picture [H, W, 3] is unlike the tested ones; None where the model does not say."""
+        if self._tested is None:
+            return None
+        unlike = self._tested.is_unlike(image)
+        with self._lock:
+            self.looked_at += 1
+            self.unlike += unlike
+            if unlike and len(self._unlike) < _MOST_NAMED:
+                self._unlike.append(name)
+        return unlike
+
+    @property
+    def warnings(self) -> list[str]:
+        """One sentence where there are such pictures."""
+        if not self.unlike:
+            return []
+        return [
+            f"{self.unlike} of {self.looked_at} pictures look unlike everything that {self._name} was tested "
+            "on: nobody has measured what it misses there"
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        return {"looked_at": self.looked_at, "unlike_tested": self.unlike, "unlike": sorted(self._unlike)}

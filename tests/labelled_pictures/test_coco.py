@@ -1,0 +1,137 @@
+"""COCO files: outlines, boxes and points; files that are wrong."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crowdfence.labelled_pictures.annotated_picture import AnnotationError
+from crowdfence.labelled_pictures.coco import annotation_file, read_coco, write_coco
+
+
+def document(*annotations: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    given = {
+        "images": [{"id": 7, "file_name": "a/b.jpg", "width": 64, "height": 48}],
+        "annotations": [{"image_id": 7, "category_id": 1, **one} for one in annotations],
+        "categories": [{"id": 1, "name": "Person"}, {"id": 2, "name": "crowd"}, {"id": 3, "name": "tent"}],
+    }
+    return given | changes
+
+
+def written(folder: Path, content: object) -> Path:
+    path = folder / "annotations.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_boxes_points_and_outlines_of_people(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        document(
+            {"bbox": [10, 20, 4, 8]},
+            {"keypoints": [0, 0, 0, 30, 31, 2], "num_keypoints": 1},
+            {"segmentation": [[1, 2, 5, 2, 5, 12]]},
+            {"bbox": [0, 0, 9, 9], "category_id": 3},
+        ),
+    )
+    (picture,) = read_coco(path)
+    assert (picture.path, picture.width, picture.height) == (tmp_path / "a/b.jpg", 64, 48)
+    np.testing.assert_array_equal(picture.people, [[12, 28, 4, 8], [30, 31, 0, 0], [3, 12, 4, 10]])
+    assert picture.crowds == () and picture.gsd_m is None
+
+
+def test_crowds_are_outlined_or_groups(tmp_path: Path) -> None:
+    outline = {"category_id": 2, "segmentation": [[0, 0, 8, 0, 8, 8], [20, 20, 30, 20, 30, 30]]}
+    group = {"iscrowd": 1, "bbox": [40, 10, 5, 6], "segmentation": {"counts": [5], "size": [48, 64]}}
+    (picture,) = read_coco(written(tmp_path, document(outline, group)))
+    assert len(picture.crowds) == 3 and len(picture.people) == 0
+    np.testing.assert_array_equal(picture.crowds[2], [[40, 10], [45, 10], [45, 16], [40, 16]])
+
+
+def test_other_names_are_said(tmp_path: Path) -> None:
+    mark = document({"bbox": [0, 0, 2, 2]}, categories=[{"id": 1, "name": "Zuschauer"}])
+    path = written(tmp_path, mark)
+    with pytest.raises(AnnotationError, match=r"no class is of people or crowds; it has 'zuschauer'"):
+        read_coco(path)
+    assert len(read_coco(path, {"zuschauer": "person"})[0].people) == 1
+    with pytest.raises(AnnotationError, match="no class is named 'publikum'"):
+        read_coco(path, {"publikum": "crowd"})
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    before = read_coco(
+        written(
+            tmp_path,
+            document(
+                {"bbox": [10, 20, 4, 8]},
+                {"keypoints": [30, 31, 2]},
+                {"category_id": 2, "segmentation": [[0, 0, 8, 0, 8, 8]]},
+                images=[{"id": "x", "file_name": "p.png", "width": 9, "height": 8, "gsd_m": 0.25}],
+                annotations=[{"image_id": "x", "category_id": 1, "bbox": [10, 20, 4, 8]}],
+            ),
+        )
+    )
+    write_coco(before, tmp_path / "again.json")
+    (after,) = read_coco(tmp_path / "again.json")
+    np.testing.assert_allclose(after.people, before[0].people)
+    assert (after.path, after.gsd_m) == (before[0].path, 0.25)
+
+
+def test_the_annotations_of_a_folder(tmp_path: Path) -> None:
+    assert annotation_file(tmp_path) is None and annotation_file(tmp_path / "missing") is None
+    (tmp_path / "other.json").write_text("{}")
+    assert annotation_file(tmp_path) is None
+    (tmp_path / "labels.json").write_text(json.dumps(document()))
+    assert annotation_file(tmp_path) == tmp_path / "labels.json"
+    (tmp_path / "more.json").write_text(json.dumps(document()))
+    assert annotation_file(tmp_path) is None  # which of the two is meant?
+    written(tmp_path, document())
+    assert annotation_file(tmp_path) == tmp_path / "annotations.json"
+
+
+IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        ("[]", "must hold an object"),
+        ({"images": [], "annotations": [], "categories": []}, "no class is of people"),
+        (document(images={}), r"images is {}; allowed: a list"),
+        (document(images=[]), "holds no image"),
+        (document(images=[7]), r"images\[0\] is 7; allowed: an object"),
+        (document(images=[IMAGE, IMAGE]), r"images\[1\].id 7 occurs twice"),
+        (
+            document(images=[{**IMAGE, "file_name": "../a.jpg"}]),
+            r"file_name is '../a.jpg'; allowed: a path below",
+        ),
+        (document(images=[{**IMAGE, "file_name": "/etc/passwd"}]), "allowed: a path below"),
+        (document(images=[{**IMAGE, "width": 0}]), r"images\[0\].width is 0; allowed: pixels from 1"),
+        (document(images=[{**IMAGE, "width": 10**9}]), "allowed: pixels from 1 to 65535"),
+        (document(images=[{**IMAGE, "height": 4.5}]), "height is 4.5"),
+        (document(images=[{**IMAGE, "gsd_m": -1}]), "gsd_m is -1; allowed: metres above 0"),
+        (document({"bbox": [1, 2, 3]}), r"annotations\[0\].bbox has 3 numbers; allowed: 4"),
+        (document({"bbox": [1, 2, -3, 4]}), "allowed: width and height of at least 0"),
+        (document({"bbox": [1, 2, math.nan, 4]}), "allowed: a list of finite numbers"),
+        (document({"bbox": "1,2"}), "allowed: a list of finite numbers"),
+        (document({"segmentation": [[1, 2, 3, 4]]}), "has 4 numbers; allowed: x, y of 3 corners"),
+        (document({"segmentation": [[1, 2, 3, 4, 5, 6, 7]]}), "has 7 numbers"),
+        (document({"segmentation": {"counts": "abc"}}), "has no outline"),
+        (
+            document({"bbox": [1, 2, 3, 4], "image_id": 8}),
+            r"annotations\[0\].image_id is 8, which is no image",
+        ),
+        (document({"bbox": [1, 2, 3, 4], "image_id": [8]}), "allowed: a whole number or text"),
+        (document(categories=[{"id": 1}]), r"categories\[0\].name is None"),
+    ],
+)
+def test_a_wrong_file_is_one_line(tmp_path: Path, content: object, message: str) -> None:
+    path = written(tmp_path, content)
+    with pytest.raises(AnnotationError, match=message) as caught:
+        read_coco(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)

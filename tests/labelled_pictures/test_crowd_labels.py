@@ -1,0 +1,65 @@
+"""The definition of a crowd on annotated pictures, worked out by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, AnnotationError, rectangle
+from crowdfence.labelled_pictures.crowd_labels import in_crowds, picture_labels
+from crowdfence.truth.crowd_ground import crowds_of
+
+
+def picture(people: Any = (), **more: Any) -> AnnotatedPicture:
+    return AnnotatedPicture(
+        Path("p.jpg"), 200, 100, np.array(people, np.float64).reshape(-1, 4), **{"gsd_m": 0.1, **more}
+    )
+
+
+def test_three_within_two_metres_are_a_crowd_and_two_are_not() -> None:
+    """At 0.1 m per pixel: three people 1 m apart, and two alone. The ground reaches 10 pixels around each."""
+    crowd = [(50, 50, 0, 0), (60, 50, 0, 0), (70, 50, 0, 0)]
+    alone = [(150, 50, 0, 0), (160, 50, 0, 0)]
+    found = picture_labels(picture(crowd + alone)).crowd
+    assert found.shape == (100, 200)
+    assert found[50, 46] and found[50, 65] and found[50, 76] and not found[50, 120:].any()
+    assert not found[:34].any() and not found[66:].any()
+    assert found.sum() == pytest.approx(20 * 20 + np.pi * 100, rel=0.12)
+
+
+def test_a_person_is_as_long_as_a_box_where_no_scale_is_given() -> None:
+    """Boxes of 68 pixels: 0.025 m per pixel, 30 pixels are 0.75 m; boxes of 17: 0.1 m, 30 pixels are 3 m."""
+    apart = np.array([(50, 90), (80, 90), (110, 90)])
+    near = np.concatenate([apart, np.tile((20, 68), (3, 1))], axis=1)
+    far = np.concatenate([apart, np.tile((5, 17), (3, 1))], axis=1)
+    assert picture_labels(picture(near, gsd_m=None)).crowd.any()
+    assert not picture_labels(picture(far, gsd_m=None)).crowd.any()
+
+
+def test_points_without_a_scale_are_refused() -> None:
+    with pytest.raises(AnnotationError, match=r"p.jpg: people are points and nothing tells the scale"):
+        picture_labels(picture([(1, 1, 0, 0)] * 3, gsd_m=None))
+    assert not picture_labels(picture([(1, 1, 0, 0)] * 2, gsd_m=None)).crowd.any()  # no crowd at any scale
+
+
+def test_outlines_are_drawn_as_they_are() -> None:
+    labels = picture_labels(picture(crowds=(rectangle(10, 20, 5, 6),), ignored=(rectangle(100, 0, 3, 3),)))
+    rows, columns = np.nonzero(labels.crowd)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (20, 26, 10, 15)
+    assert labels.ignored[1, 101] and not labels.ignored[50, 50]
+
+
+@given(hnp.arrays(np.float64, st.tuples(st.integers(1, 25), st.just(2)), elements=st.floats(0, 12)))
+def test_the_crowds_are_those_of_the_terrain(places_m: np.ndarray) -> None:
+    """On one scale it is DBSCAN, as `crowds_of` computes it from metres."""
+    world = np.column_stack([places_m, np.zeros(len(places_m))])
+    apart = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
+    if (np.abs(apart - 2.0) < 1e-6).any():
+        return  # a rounding decides
+    expected = crowds_of(world, 2.0, 3) >= 0
+    found = in_crowds(places_m / 0.05, np.full(len(places_m), 0.05))
+    np.testing.assert_array_equal(found, expected)

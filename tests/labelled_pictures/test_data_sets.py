@@ -1,0 +1,214 @@
+"""Small files in the formats of VisDrone, DroneCrowd, UP-COUNT and COCO, through the command line and into
+measurements."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.io import savemat
+
+from crowdfence.detector_training.frame_store import store_missions
+from crowdfence.evaluation.labelled_missions import LabelledMissions, MeasurementPlan
+from crowdfence.labelled_pictures.annotated_picture import AnnotationError
+from crowdfence.labelled_pictures.coco import read_coco
+from crowdfence.labelled_pictures.data_sets import ImportOptions, read_data_set
+from crowdfence.labelled_pictures.picture_recording import open_labelled_pictures
+from support.command_line import crowdfence
+from support.onnx_models import contract as document
+from support.onnx_models import write_map_model
+
+OK, FAILED = 0, 1
+NOTHING = ImportOptions()
+
+
+def picture(path: Path, width: int = 64, height: int = 48, red: int = 0) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.zeros((height, width, 3), np.uint8)
+    pixels[..., 0] = red
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def visdrone(
+    folder: Path, text: str = "10,20,4,8,1,1,0,0\n0,0,5,6,0,0,0,0\n30,20,4,8,1,2,0,0,\n9,9,9,9,1,4,0,0\n"
+) -> Path:
+    picture(folder / "images" / "0001.jpg")
+    (folder / "annotations").mkdir()
+    (folder / "annotations" / "0001.txt").write_text(text)
+    return folder
+
+
+def test_visdrone(tmp_path: Path) -> None:
+    """A pedestrian, an ignored region, a person and a car."""
+    (found,) = read_data_set("visdrone", visdrone(tmp_path), NOTHING)
+    np.testing.assert_array_equal(found.people, [[12, 28, 4, 8], [32, 28, 4, 8]])
+    assert (found.width, found.height) == (64, 48)
+    np.testing.assert_array_equal(found.ignored[0], [[0, 0], [5, 0], [5, 6], [0, 6]])
+
+
+@pytest.mark.parametrize("nested", [True, False])
+def test_dronecrowd(tmp_path: Path, nested: bool) -> None:
+    """image_info is the heads, or a structure of a structure that holds them."""
+    heads = np.array([[10.0, 20.0], [30.0, 40.0]])
+    picture(tmp_path / "images" / "img001001.jpg")
+    (tmp_path / "ground_truth").mkdir()
+    info: object = heads
+    if nested:
+        inner = np.zeros((1, 1), dtype=[("location", object), ("number", object)])
+        inner[0, 0] = (heads, np.array([[2]]))
+        info = np.empty((1, 1), object)
+        info[0, 0] = inner
+    savemat(tmp_path / "ground_truth" / "GT_img001001.mat", {"image_info": info})
+    (found,) = read_data_set("dronecrowd", tmp_path, ImportOptions(gsd_m=0.05))
+    np.testing.assert_array_equal(found.people, [[10, 20, 0, 0], [30, 40, 0, 0]])
+    assert found.gsd_m == 0.05
+
+
+def test_upcount_states_its_altitude(tmp_path: Path) -> None:
+    """90 degrees over 64 pixels from 32 m: 64 m across, 1 m per pixel."""
+    picture(tmp_path / "images" / "flight" / "a__32.0.jpg")
+    (tmp_path / "labels" / "flight").mkdir(parents=True)
+    (tmp_path / "labels" / "flight" / "a__32.0.txt").write_text("5 6\n7.5 8\n\n")
+    (found,) = read_data_set("upcount", tmp_path, ImportOptions(hfov_deg=90.0))
+    np.testing.assert_array_equal(found.people[:, :2], [[5, 6], [7.5, 8]])
+    assert found.gsd_m == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,2,3\n", r"0001.txt, line 1: '1,2,3'; allowed: 8 finite numbers"),
+        ("1,2,3,4,5,nan,7,8\n", "allowed: 8 finite numbers"),
+        ("a,b,c,d,e,f,g,h\n", "allowed: 8 finite numbers"),
+        ("1\n" * 100_001, "has 100,001 lines; allowed: 100,000"),
+        ("\u00e9", "is no text of numbers"),
+    ],
+)
+def test_wrong_lines_are_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(AnnotationError, match=message):
+        list(read_data_set("visdrone", visdrone(tmp_path, text), NOTHING))
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="is no folder"):
+        list(read_data_set("visdrone", tmp_path / "nowhere", NOTHING))
+    with pytest.raises(FileNotFoundError, match="holds no picture"):
+        list(read_data_set("upcount", tmp_path, NOTHING))
+    picture(tmp_path / "images" / "a__x.jpg")
+    with pytest.raises(FileNotFoundError, match=r"a__x.txt: no labels of a__x.jpg"):
+        list(read_data_set("upcount", tmp_path, NOTHING))
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "a__x.txt").write_text("")
+    with pytest.raises(AnnotationError, match="does not end in the altitude"):
+        list(read_data_set("upcount", tmp_path, ImportOptions(hfov_deg=80.0)))
+    (tmp_path / "images" / "a__x.jpg").write_bytes(b"no picture")
+    with pytest.raises(AnnotationError, match="cannot be read as a picture"):
+        list(read_data_set("upcount", tmp_path, NOTHING))
+
+
+@pytest.mark.parametrize("content", [b"", b"MATLAB 5.0 MAT-file" + bytes(200), b"\x00" * 300])
+def test_a_damaged_matlab_file_is_one_line(tmp_path: Path, content: bytes) -> None:
+    picture(tmp_path / "images" / "img001001.jpg")
+    (tmp_path / "ground_truth").mkdir()
+    (tmp_path / "ground_truth" / "GT_img001001.mat").write_bytes(content)
+    with pytest.raises(AnnotationError, match="is no MATLAB file with image_info") as caught:
+        list(read_data_set("dronecrowd", tmp_path, NOTHING))
+    assert "\n" not in str(caught.value)
+
+
+def three_people(folder: Path) -> Path:
+    """A COCO folder: in a.png three people side by side, left half red; in b.png, another size, nobody."""
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[:, :32, 0] = 255
+    picture(folder / "b.png", 40, 40)
+    Image.fromarray(image).save(folder / "a.png")
+    boxes = [[x, 15, 4, 17] for x in (8, 14, 20)]
+    (folder / "labels.json").write_text(
+        json.dumps(
+            {
+                "images": [
+                    {"id": 1, "file_name": "a.png", "width": 64, "height": 48},
+                    {"id": 2, "file_name": "b.png", "width": 40, "height": 40},
+                ],
+                "annotations": [{"image_id": 1, "category_id": 9, "bbox": box} for box in boxes],
+                "categories": [{"id": 9, "name": "pedestrian"}],
+            }
+        )
+    )
+    return folder
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Path:
+    (tmp_path / "source").mkdir()
+    finished = crowdfence(
+        "data", "import", "coco", three_people(tmp_path / "source"), "-o", tmp_path / "data"
+    )
+    assert (finished.returncode, finished.stderr) == (OK, "")
+    assert "2, 1 of them with a crowd" in finished.stdout
+    return tmp_path / "data"
+
+
+def test_an_import_is_a_folder_of_its_own(imported: Path) -> None:
+    first, second = read_coco(imported / "annotations.json")
+    assert first.path == imported / "images" / "a.png" and first.path.is_file()
+    assert len(first.people) == 3 and len(second.people) == 0
+    again = crowdfence("data", "import", "coco", imported, "-o", imported)
+    assert again.returncode == FAILED and "exists and is not empty" in again.stderr
+
+
+def test_an_import_that_fails_writes_nothing(tmp_path: Path) -> None:
+    source = visdrone(tmp_path / "source", "1,2,3\n")
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "data")
+    assert finished.returncode == FAILED and finished.stderr.count("\n") == 1
+    assert not (tmp_path / "data").exists()
+
+
+def test_a_model_is_judged_on_an_import(imported: Path, tmp_path: Path) -> None:
+    """The model marks the red half, in which all of the crowd stands; nothing in the picture without one."""
+    model = write_map_model(tmp_path / "m.onnx", document())
+    page = tmp_path / "page.png"
+    finished = crowdfence("model", "evaluate", model, "--data", imported, "--examples", page, "--json")
+    assert finished.returncode == OK, finished.stderr
+    report = json.loads(finished.stdout)
+    assert report["pictures"] == {
+        "pictures_with_crowd": 1,
+        "mean_recall": 1.0,
+        "pictures_without_crowd": 1,
+        "mean_share_marked": 0.0,
+        "share_with_more_than_one_percent": 0.0,
+    }
+    assert report["frames"] == 2 and report["rates"] is None and report["quality"]["overall"]["units"] == 2
+    with Image.open(page) as drawn:
+        assert drawn.size == (4 * 480, 360)
+    text = crowdfence("model", "evaluate", model, "--data", imported).stdout
+    assert "1 pictures with crowd: 100.0% of it marked" in text and "1 without: 0.00%" in text
+
+
+def test_pictures_are_frames_to_calibrate_and_train_on(imported: Path, tmp_path: Path) -> None:
+    missions = LabelledMissions([imported], MeasurementPlan(target="ground"), lambda: None)
+    (mission,) = missions.opened(with_maps=True)
+    assert mission.is_pictures and mission.terrain is None and len(mission.recording.frames) == 2
+    (stored,) = store_missions([imported], ("ground", "silhouettes"), tmp_path / "store")
+    assert stored.images.shape == (2, 48, 64, 3) and stored.crowd.shape == (2, 2, 24, 32)
+    assert stored.crowd[0].any() and not stored.crowd[1].any()
+    assert stored.known[0].all() and not stored.known[1, :, 20:].any() and stored.known[1, :, :20, :20].all()
+
+
+def test_a_picture_that_cannot_be_read_is_refused_by_name(imported: Path) -> None:
+    (imported / "images" / "a.png").write_bytes(b"no picture")
+    finished = crowdfence("model", "evaluate", "--data", imported, "--json")
+    assert finished.returncode == OK
+    assert json.loads(finished.stdout)["refused"][0].startswith(
+        "data: images/a.png at 0: image cannot be read"
+    )
+
+
+def test_pictures_have_placeholders_for_poses_and_say_so(imported: Path) -> None:
+    recording = open_labelled_pictures(imported).recording
+    assert recording.manifest["labelled pictures"] == str(imported / "annotations.json")
+    assert [frame.drone for frame in recording.frames] == ["images/a.png", "images/b.png"]
+    with pytest.raises(FileNotFoundError, match="holds no pictures with COCO annotations"):
+        open_labelled_pictures(imported / "images")

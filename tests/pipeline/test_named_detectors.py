@@ -1,0 +1,41 @@
+"""One detector or several by name, and what a run says of them."""
+
+from pathlib import Path
+
+import pytest
+
+from crowdfence import DetectorError
+from crowdfence.pipeline import heatmap_source, named_detector
+from support.onnx_models import contract as document
+from support.onnx_models import write_map_model
+
+
+def test_the_shipped_model_has_a_name() -> None:
+    assert named_detector(["crowdnet-s"]).contract.name == "crowdnet-s"
+
+
+def test_several_are_one(tmp_path: Path) -> None:
+    model = write_map_model(tmp_path / "m.onnx", document())
+    both = named_detector(["crowdnet-s", str(model)])
+    made = heatmap_source(both, None, 100.0).to_json()
+    assert made["name"] == "crowdnet-s + test model"
+    assert [one["file"] for one in made["members"]] == ["crowdnet-s.onnx", "m.onnx"]
+    assert all(len(one["sha256"]) == 64 for one in made["members"])
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["auto", "crowdnet-s"], "--detector auto cannot be combined"),
+        (["crowdnet-s", "recorded"], "--detector recorded cannot be combined"),
+        (["crowdnet-s", "crowdnet-s"], "is given twice: its opinion would count double"),
+    ],
+)
+def test_words_that_mean_no_model_are_not_combined(names: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        named_detector(names)
+
+
+def test_a_model_without_a_contract_is_still_refused(tmp_path: Path) -> None:
+    with pytest.raises(DetectorError, match="says neither what it expects"):
+        named_detector(["crowdnet-s", str(write_map_model(tmp_path / "m.onnx"))])
