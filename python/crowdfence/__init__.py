@@ -11,6 +11,8 @@ from crowdfence._core import (
     CrowdColumns,
     CrowdMap,
     CrowdMass,
+    Evidence,
+    LikelihoodRatio,
     Observation,
     Or,
     Paper,
@@ -35,6 +37,7 @@ from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
     from crowdfence.config import (
+        EvidenceConfig,
         GroupingConfig,
         OrConfig,
         PaperConfig,
@@ -66,10 +69,13 @@ __all__ = [
     "CrowdfenceError",
     "Detector",
     "DetectorError",
+    "Evidence",
+    "EvidenceConfig",
     "FrameError",
     "FrameLoop",
     "Georeference",
     "GroupingConfig",
+    "LikelihoodRatio",
     "MapFileError",
     "Observation",
     "Or",
@@ -111,6 +117,7 @@ __all__ = [
 _LAZY = {
     "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
+    "EvidenceConfig": "crowdfence.config",
     "FrameLoop": "crowdfence.pipeline",
     "Georeference": "crowdfence.georeference",
     "GroupingConfig": "crowdfence.config",

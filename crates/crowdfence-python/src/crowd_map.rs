@@ -96,7 +96,7 @@ impl PyUpdate {
 /// Probability of crowd per terrain voxel over time.
 ///
 /// terrain          what the views are projected onto
-/// method           `Paper` or `Or`
+/// method           `Evidence`, `Paper` or `Or`
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
 /// coverage         "full" or "rays", see `project`
@@ -160,7 +160,7 @@ impl PyCrowdMap {
         self.terrain.clone_ref(py)
     }
 
-    /// `Paper` or `Or`, with its parameters.
+    /// `Evidence`, `Paper` or `Or`, with its parameters.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         method_object(py, self.read(py, |map| Ok(map.method()))?)
@@ -217,7 +217,7 @@ impl PyCrowdMap {
 
     /// Take in the views of one instant, each drone at most once: project, fuse, store.
     ///
-    /// stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+    /// stamp_ns  the instant; for `Paper` after the one before, for the others in any order
     ///
     /// A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
     /// leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
@@ -283,6 +283,8 @@ impl PyCrowdMap {
     ///
     /// threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     /// stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
+    ///
+    /// What is neither is empty where the method clears it: `Evidence` asks for evidence, the others for nothing.
     ///
     /// StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]

@@ -8,6 +8,7 @@ mod crowd_columns;
 mod crowd_map;
 mod crowd_mass;
 mod errors;
+mod evidence;
 mod method;
 mod observation;
 mod opinion_pool;
@@ -36,6 +37,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<crowd_mass::PyCrowdMass>()?;
     module.add_class::<observation::PyObservation>()?;
     module.add_class::<opinion_pool::PyRates>()?;
+    module.add_class::<evidence::PyLikelihoodRatio>()?;
+    module.add_class::<evidence::PyEvidence>()?;
     module.add_class::<method::PyPaper>()?;
     module.add_class::<method::PyOr>()?;
     module.add_class::<crowd_map::PyUpdate>()?;

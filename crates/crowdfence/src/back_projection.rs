@@ -148,7 +148,9 @@ fn observation(
         range_m: rows.iter().map(|sighting| sighting.line.length() as f32).collect(),
         tilt_deg: rows.iter().map(|sighting| tilt_deg(sighting.line)).collect(),
     };
+    let focal_px = (view.camera.fx() * view.camera.fy()).sqrt().min(f64::from(f32::MAX)) as f32;
     Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids, crowd_mass)
+        .and_then(|observation| observation.with_focal_px(focal_px))
         .expect("rows are sorted, and values of a heatmap lie in [0, 1]")
 }
 

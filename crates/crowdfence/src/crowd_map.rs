@@ -30,7 +30,7 @@ pub use columns::{CrowdColumn, CrowdColumns};
 pub use voxel_state::VoxelState;
 
 use beliefs::Beliefs;
-use fuse::{Fused, fuse};
+use fuse::{Fused, Views, fuse};
 use history::{History, Look};
 use instants::Instant;
 use reading::Reading;
@@ -102,8 +102,10 @@ impl CrowdMap {
         }
         let now = Instant { stamp_ns, number: self.history.instants.integrated };
         let taken = instants_of(&observations, now);
+        let drones: Vec<u32> = observations.iter().map(|seen| self.history.enlist(seen.drone())).collect();
+        let views = Views { observations: &observations, drones: &drones, taken: &taken };
         let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
-            fuse(beliefs, &mut self.history, &observations, &taken, now)
+            fuse(beliefs, &mut self.history, views, now)
         });
         self.remember(&observations, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
@@ -169,9 +171,12 @@ impl CrowdMap {
             ids.map(|id| match self.history.look(id) {
                 Look::Never => VoxelState::NeverSeen,
                 Look::Occluded => VoxelState::Occluded,
-                Look::At(_) if reading.probability(id) >= threshold => VoxelState::Crowd,
-                Look::At(slot) if is_stale(slot) => VoxelState::Stale,
-                Look::At(_) => VoxelState::Empty,
+                Look::At(slot) => match reading.probability(id) {
+                    p if p >= threshold => VoxelState::Crowd,
+                    _ if is_stale(slot) => VoxelState::Stale,
+                    p if reading.clears(p) => VoxelState::Empty,
+                    _ => VoxelState::NotCleared,
+                },
             })
             .collect()
         }))

@@ -26,7 +26,7 @@ pub use back_projection::{Coverage, Projection, project};
 pub use camera::{Camera, Distortion};
 pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelState};
 pub use error::{Error, Result};
-pub use method::{Method, Or, Paper};
+pub use method::{Evidence, EvidenceSettings, LikelihoodRatio, Method, Or, Paper};
 pub use observation::{CrowdMass, Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;

@@ -31,6 +31,11 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         }
     }
 
+    /// Whether a voxel below the threshold is empty.
+    pub fn clears(&self, probability: f64) -> bool {
+        self.beliefs.method.clears(probability)
+    }
+
     /// What `answer` says of the voxels that somebody has seen and of their probabilities, in the order of their
     /// ids. Costs what was seen, not the map.
     pub fn of_seen<T: Send>(&self, answer: impl Fn(u32, f64) -> Option<T> + Sync) -> Vec<T> {

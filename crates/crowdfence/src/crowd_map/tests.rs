@@ -185,7 +185,7 @@ fn by_default_a_crowd_that_one_drone_sees_is_marked_at_the_fourth_look() {
     // One sure view of three pools to P = (POSITIVE + 2 NEGATIVE) / 3 = .290; the threshold is a quarter of the
     // way from NEGATIVE to it, .0917. After n looks P~ = P (1 - .9^n): .0786 for n = 3, .0997 for n = 4.
     let method = paper(0.1, 0.0, DecayUnit::Second, Initial::Zero);
-    let mut map = map(method);
+    let mut map = map(method.clone());
     let looks = [0, 1, 2, 3].map(|second| {
         map.integrate(&[look("a", 0.0, 1.0, second * SECOND)], second * SECOND).unwrap();
         map.state(second * SECOND, method.default_threshold(), 30.0).unwrap()[0]
@@ -198,7 +198,7 @@ fn by_default_a_crowd_that_one_drone_sees_is_marked_at_the_fourth_look() {
 #[test]
 fn views_projected_before_give_the_same_map() {
     let method = paper(0.3, 0.01, DecayUnit::Second, Initial::Zero);
-    let (mut by_views, mut by_observations) = (map(method), map(method));
+    let (mut by_views, mut by_observations) = (map(method.clone()), map(method));
     for second in 0..5 {
         let stamp = second * SECOND;
         let views = [look("a", 0.0, 0.2 * second as f32, stamp), look("b", 0.0, 0.9, stamp)];
@@ -322,6 +322,8 @@ fn a_file_of_an_older_version_gives_the_probabilities_that_it_was_saved_with() {
         ("or_v1", Method::Or(Or::new(0.25).unwrap())),
         ("paper_v2", paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior)),
         ("or_v2", Method::Or(Or::new(0.25).unwrap())),
+        ("paper_v3", paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior)),
+        ("or_v3", Method::Or(Or::new(0.25).unwrap())),
     ] {
         let path = format!("{}/../../reference/{name}", env!("CARGO_MANIFEST_DIR"));
         let saved = std::fs::read(format!("{path}.crowdmap")).unwrap();
@@ -385,8 +387,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 4;
-    assert!(message(&newer).contains("version 4; this build reads version 1 to 3"));
+    newer[8] = 5;
+    assert!(message(&newer).contains("version 5; this build reads version 1 to 4"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;
