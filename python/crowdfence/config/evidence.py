@@ -21,8 +21,8 @@ DEFAULT_FOCAL_PX = 376.0
 
 _MEAN_BORDERS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 _LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7, 6.5, 8.2)
-"""ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector is taken
-for that states nothing."""
+"""ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector
+is taken for that states nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +34,18 @@ class EvidenceConfig:
     b_threshold: ClassVar[float] = 0.5
     """Pixels above this show crowd, where crowd that meets no ground is counted. It decides nothing else."""
     likelihood: LikelihoodRatio | None = None
-    """How strongly a look speaks for crowd; None: what the detector's calibration measured, or the shipped one's."""
+    """How strongly a look speaks for crowd; None: what the detector's calibration measured, or the shipped
+    one's."""
     prior: float | None = None
-    """P(A = 1) where nobody has looked, inside (0, 1); None: the share in the detector's calibration, or 0.015."""
+    """P(A = 1) where nobody has looked, inside (0, 1); None: the share in the detector's calibration, or
+    0.015."""
     focal_px: float | None = None
     """Focal length of the calibration's cameras, for views that do not say theirs; None: the detector's."""
     memory_s: float = 5.0
     """After so many seconds a look weighs 1 / e of what it did."""
     sharp_gsd_m: float = 0.15
-    """Metres per pixel up to which a look has its full weight; a coarser one has as much less as it has fewer pixels on
-    the same ground."""
+    """Metres per pixel up to which a look has its full weight; a coarser one has as much less as it has
+    fewer pixels on the same ground."""
     doubt: float = 0.5
     """Sharp looks that the prior stands against."""
     agreement: float = 0.5
@@ -59,8 +61,8 @@ class EvidenceConfig:
         return self.likelihood is not None
 
     def with_detector(self, contract: Contract | None) -> EvidenceConfig:
-        """The same with likelihood, prior and focal length: the given ones, else those of the contract, else the shipped
-        detector's. ValueError when the contract states a table that cannot be used."""
+        """The same with likelihood, prior and focal length: the given ones, else those of the contract,
+        else the shipped detector's. ValueError when the contract states a table that cannot be used."""
         rates = {} if contract is None else contract.rates or {}
         stated = None if contract is None or "likelihood_ratio" not in rates else _stated(contract)
         return replace(
@@ -71,8 +73,8 @@ class EvidenceConfig:
         )
 
     def fusion_method(self, terrain: Terrain, drones: int) -> Evidence:
-        """The method. What is left to the detector has its default; call `with_detector` before where there is
-        one. ValueError for values out of bounds."""
+        """The method. What is left to the detector has its default; call `with_detector` before where
+        there is one. ValueError for values out of bounds."""
         complete = self.with_detector(None)
         assert complete.likelihood and complete.prior is not None and complete.focal_px is not None
         return Evidence(
@@ -101,11 +103,14 @@ def _shipped_over_all() -> LikelihoodRatio:
 
 
 def _stated(contract: Contract) -> LikelihoodRatio:
-    """The table of a contract, whose distances become metres per pixel of the cameras that it was measured with."""
+    """The table of a contract, whose distances become metres per pixel of the cameras that it was measured
+    with."""
     assert contract.rates is not None
     table = contract.rates["likelihood_ratio"]
     try:
-        inner = {name: np.asarray(table[name], np.float32)[1:-1] for name in ("distance_m", "tilt_deg", "mean")}
+        inner = {
+            name: np.asarray(table[name], np.float32)[1:-1] for name in ("distance_m", "tilt_deg", "mean")
+        }
         log_ratio = np.asarray(table["log10_ratio"], np.float32) * np.float32(log(10.0))
         return LikelihoodRatio(
             inner["distance_m"] / _focal_px(contract), inner["tilt_deg"], inner["mean"], log_ratio
@@ -120,7 +125,8 @@ def _share_of_crowd(rates: dict[str, Any]) -> float:
 
 
 def _focal_px(contract: Contract | None) -> float:
-    """A contract states the ranges of distances and of metres per pixel that it was tested in: their ratio."""
+    """A contract states the ranges of distances and of metres per pixel that it was tested in: their
+    ratio."""
     validity = None if contract is None else contract.validity
     if validity is None or validity.distance_m is None or validity.gsd_m is None:
         return DEFAULT_FOCAL_PX

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import CrowdMap, LikelihoodRatio, Terrain
-from crowdfence.config.grouping import GroupingConfig
 from crowdfence.config.evidence import EvidenceConfig
+from crowdfence.config.grouping import GroupingConfig
 from crowdfence.config.method import MethodConfig
 from crowdfence.config.projection import ProjectionConfig
 from crowdfence.config.zones import ZoneConfig

@@ -1,8 +1,10 @@
-"""Who stands in a zone: the people of crowds that a fleet has in view, and the ground that is closed for them.
+"""Who stands in a zone: the people of crowds that a fleet has in view, and the ground that is closed for
+them.
 
-A zone is the ground of the columns that the map calls crowd, with a buffer around it. People count by where they stand, on
-ground that some drone has seen by then, whether or not it could have seen them there. The ground that is closed is set
-against the crowds' own: what they stand on, as far as it was seen, with the same buffer.
+A zone is the ground of the columns that the map calls crowd, with a buffer around it. People count by where
+they stand, on ground that some drone has seen by then, whether or not it could have seen them there. The
+ground that is closed is set against the crowds' own: what they stand on, as far as it was seen, with the same
+buffer.
 """
 
 from __future__ import annotations
@@ -39,16 +41,18 @@ class CrowdsInView:
     """Column of every person of a crowd [N, 2] who stands on ground that was seen."""
     in_range: NDArray[np.bool_]
     """[N] whether a look at that ground lay within the range that the detector was tested in."""
+    ground_ids: NDArray[np.int64]
+    """Voxels of the crowds' own ground that were seen."""
     ground: Cells
-    """Columns of the crowds' own ground that was seen."""
+    """Their columns."""
 
 
 class CrowdWatch:
     """Knows what was seen, in which range, and who stands there."""
 
     def __init__(self, recording: Recording, terrain: Terrain, tested: Validity | None) -> None:
-        """`tested`: the range that the detector states; None = any look counts. ValueError when the recording does
-        not hold people's positions."""
+        """`tested`: the range that the detector states; None = any look counts. ValueError when the
+        recording does not hold people's positions."""
         if not len(recording.people.stamps_ns):
             raise ValueError(f"{recording.name} does not record where people are")
         self._recording, self._terrain, self._tested = recording, terrain, tested
@@ -71,7 +75,7 @@ class CrowdWatch:
         origin = np.asarray(self._terrain.origin)[:2]
         feet = np.floor((people.position[crowd, :2] - origin) / self._terrain.voxel_size_m).astype(np.int64)
         feet = feet[_is_among(feet, seen)]
-        return CrowdsInView(feet, _is_among(feet, tested), seen)
+        return CrowdsInView(feet, _is_among(feet, tested), ground, seen)
 
     def _columns(self, ids: NDArray[np.int64]) -> Cells:
         return np.unique(self._terrain.voxel_indices(ids)[:, :2], axis=0)
@@ -79,7 +83,8 @@ class CrowdWatch:
 
 @dataclass(slots=True)
 class Safety:
-    """Sums over the moments that were counted; the shares are properties. Arrays have one value per buffer."""
+    """Sums over the moments that were counted; the shares are properties. Arrays have one value per
+    buffer."""
 
     people: int = 0
     people_in_range: int = 0
@@ -92,14 +97,15 @@ class Safety:
 
     def add(self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> None:
         """Count one moment of a map."""
-        called = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
-        zone = np.asarray(called.columns, np.int64).reshape(-1, 2)
-        size_m = crowd_map.terrain.voxel_size_m
-        off_m = distance_m(crowds.people, zone, size_m)
-        inside = off_m[:, None] <= np.array(BUFFERS_M)
+        zone = crowd_map.crowd_columns(stamp_ns, threshold=threshold).indices
+        self.add_zone(crowds, zone, crowd_map.terrain.voxel_size_m)
+        self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold)
+
+    def add_zone(self, crowds: CrowdsInView, zone: Cells, size_m: float) -> None:
+        """The same for columns that are closed, without a word about what is called empty."""
+        inside = distance_m(crowds.people, zone, size_m)[:, None] <= np.array(BUFFERS_M)
         self.people += len(crowds.people)
         self.people_in_range += int(np.count_nonzero(crowds.in_range))
-        self.people_on_empty += _on_empty(crowds.people, crowd_map, stamp_ns, threshold)
         self.in_zone += inside.sum(axis=0)
         self.in_zone_in_range += inside[crowds.in_range].sum(axis=0)
         self.blocked_m2 += areas_m2(zone, size_m)
@@ -127,7 +133,8 @@ class Safety:
 
 
 def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]:
-    """From the middle of each column of `places` [N] to the nearest column of `zone`: 0 inside, inf without one.
+    """From the middle of each column of `places` [N] to the nearest column of `zone`: 0 inside, inf without
+    one.
 
     To the column, not to its middle: somebody beside a zone is at its edge."""
     from scipy.spatial import cKDTree
@@ -158,10 +165,11 @@ def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
     return np.array([np.count_nonzero(apart_m <= buffer_m) * size_m**2 for buffer_m in BUFFERS_M])
 
 
-def _on_empty(people: Cells, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
-    """How many stand in columns whose seen voxels are all called empty."""
-    states = crowd_map.state_of_columns(people, stamp_ns, threshold=threshold)
-    return int(np.count_nonzero(states == VoxelState.EMPTY))
+def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
+    """How many stand where every voxel of the crowd's ground that was seen is called empty."""
+    state = crowd_map.state(stamp_ns, threshold=threshold)[crowds.ground_ids]
+    other = crowd_map.terrain.voxel_indices(crowds.ground_ids[state != VoxelState.EMPTY])
+    return int(np.count_nonzero(~_is_among(crowds.people, other)))
 
 
 def _in_range(observation: Observation, tested: Validity | None) -> NDArray[np.bool_]:
@@ -175,8 +183,10 @@ def _in_range(observation: Observation, tested: Validity | None) -> NDArray[np.b
     return inside
 
 
-def _is_among(cells: Cells, others: Cells) -> NDArray[np.bool_]:
-    def key(some: Cells) -> NDArray[np.int64]:
+def _is_among(cells: Cells, others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each of the columns is one of others [M, 2 or 3]."""
+
+    def key(some: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.asarray(some[:, 0] * (1 << 32) + some[:, 1])
 
     return np.isin(key(cells), key(others))
