@@ -87,15 +87,7 @@ def main() -> None:
         if isinstance(method, OrConfig) or method == EvidenceConfig():
             for one in results:
                 share, blocked = one.curve()
-                print(
-                    "<!--",
-                    np.round(share, 3),
-                    np.round(blocked, 2),
-                    one.empty_people,
-                    one.states,
-                    "-->",
-                    flush=True,
-                )
+                print("<!--", share.round(3), blocked.round(2), one.empty_people, one.states, "-->")
 
 
 if __name__ == "__main__":

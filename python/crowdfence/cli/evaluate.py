@@ -227,6 +227,11 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
         )
     out.print(table)
     out.print(_safety_table(scores))
+    if any(row.safety is not None for row in scores):
+        out.print(
+            "In range: on ground seen within the detector's tested range. On empty: on ground called empty."
+        )
+        out.print("Closed: ground in zones, per ground of the crowds that was seen, both with 5 m around.")
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
         out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
@@ -242,18 +247,16 @@ def _safety_table(scores: list[Score]) -> Table | str:
     if any(row.safety is None or row.safety.people == 0 for row in scores):
         return ""
     table = Table(
-        title="\nPeople of crowds on ground in view, counted once a second",
+        title="\nPeople of crowds on ground in view: share who stand in a zone with a buffer of",
         title_justify="left",
         title_style="bold",
         box=None,
     )
     table.add_column("method", no_wrap=True)
     for buffer_m in BUFFERS_M:
-        table.add_column(
-            "in a zone" if buffer_m == 0.0 else f"within {buffer_m:g} m", justify="right", no_wrap=True
-        )
-    for column in ("tested range, 5 m", "on empty", "closed / own, 5 m"):
-        table.add_column(column, justify="right")
+        table.add_column(f"{buffer_m:g} m", justify="right", no_wrap=True)
+    for column in ("in range, 5 m", "on empty", "closed, 5 m"):
+        table.add_column(column, justify="right", no_wrap=True)
     at = BUFFERS_M.index(5.0)
     for row in scores:
         assert row.safety is not None
@@ -261,7 +264,7 @@ def _safety_table(scores: list[Score]) -> Table | str:
         table.add_row(
             _label(row.config),
             *("-" if share != share else f"{share:.1%}" for share in shares),
-            f"{row.safety.blocked_per_own[at]:.2f}",
+            f"{row.safety.blocked_per_own[at]:.2f} x",
         )
     return table
 

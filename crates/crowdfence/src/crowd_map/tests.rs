@@ -1,9 +1,12 @@
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
+use proptest::prelude::*;
 
 use super::*;
 use crate::back_projection::Coverage;
 use crate::camera::{Camera, Distortion};
-use crate::method::{DecayUnit, Initial, Or, Paper};
+use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Or, Paper};
 use crate::observation::{CrowdMass, SeenVoxels};
 use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::temporal_blend::TemporalBlend;
@@ -30,6 +33,22 @@ fn paper(alpha: f64, decay: f64, unit: DecayUnit, initial: Initial) -> Method {
     let rates = Rates::new(0.9, 0.05).unwrap();
     let pool = OpinionPool::new(rates, 0.2, 0.5, Unseen::Fleet, false).unwrap();
     Method::Paper(Paper::new(pool, TemporalBlend::new(alpha, decay).unwrap(), 3, initial, unit).unwrap())
+}
+
+/// Up to .5 a look says -2, above it 3; it is sharp from .1 m a pixel on: from 10 m, as `look` sees.
+fn evidence() -> Method {
+    let likelihood = LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap();
+    let settings = EvidenceSettings {
+        prior: 0.2,
+        memory_s: 10.0,
+        sharp_gsd_m: 0.1,
+        doubt: 1.0,
+        agreement: 0.5,
+        threshold: 0.5,
+        cleared: 0.1,
+        focal_px: 100.0,
+    };
+    Method::Evidence(Evidence::new(Arc::new(likelihood), settings).unwrap())
 }
 
 fn map(method: Method) -> CrowdMap {
@@ -278,6 +297,89 @@ fn or_takes_instants_in_any_order() {
 }
 
 #[test]
+fn evidence_worked_by_hand() {
+    let log_odds = |p: f64| (p / (1.0 - p)).ln();
+    let prior = log_odds(0.2);
+    let mut map = map(evidence());
+    // Two drones at once: (3 + 3) / (2 + 1) sqrt 2. Nobody looks at voxel 1.
+    map.integrate(&[look("a", 0.0, 0.9, 0), look("b", 0.0, 0.8, 0)], 0).unwrap();
+    let first = map.probability(0).unwrap();
+    assert!((log_odds(first[0]) - prior - 2.0 * 2f64.sqrt()).abs() < 1e-5);
+    assert_close(first[1], 0.2);
+    // After one memory 1 / e of it is left, and drone a sees nothing: weights 1 + 1 / e and 1 / e.
+    let stamp = 10 * SECOND;
+    map.integrate(&[look("a", 0.0, 0.1, stamp)], stamp).unwrap();
+    let left = (-1f64).exp();
+    let (a, b) = (1.0 + left, left);
+    let drones = (a + b).powi(2) / (a * a + b * b);
+    let expected = (6.0 * left - 2.0) / (a + b + 1.0) * drones.sqrt();
+    assert!((log_odds(map.probability(stamp).unwrap()[0]) - prior - expected).abs() < 1e-5);
+}
+
+#[test]
+fn looked_at_is_not_empty() {
+    let mut map = map(evidence());
+    let state = |map: &CrowdMap, stamp| map.state(stamp, 0.5, 30.0).unwrap()[0];
+    // From 40 m a look has a sixteenth of the pixels: it says nearly nothing, and clears nothing.
+    let mut far = look("a", 0.0, 0.0, 0);
+    far.world_from_camera.translation.z = 40.0;
+    map.integrate(&[far], 0).unwrap();
+    assert_eq!(state(&map, 0), VoxelState::NotCleared);
+    map.integrate(&[look("a", 0.0, 0.0, SECOND)], SECOND).unwrap();
+    assert_eq!(state(&map, SECOND), VoxelState::Empty);
+    // What it says fades before it counts as old.
+    assert_eq!(state(&map, 30 * SECOND), VoxelState::NotCleared);
+    assert_eq!(state(&map, 32 * SECOND), VoxelState::Stale);
+}
+
+proptest! {
+    #[test]
+    fn evidence_is_the_same_in_any_order_and_grouping(
+        looks in prop::collection::vec((0usize..3, any::<bool>(), 0.0f32..=1.0, 0i64..100), 1..40),
+        shuffled in any::<prop::sample::Index>(),
+    ) {
+        // One view per drone and stamp; every look is an instant of its own, in some other order.
+        let views: BTreeMap<(i64, usize), View> = looks.iter().map(|&(drone, at_second, m, second)| {
+            let x = if at_second { 50.0 } else { 0.0 };
+            ((second, drone), look(["a", "b", "c"][drone], x, m, second * SECOND))
+        }).collect();
+        let mut grouped = map(evidence());
+        for second in 0..100 {
+            let together: Vec<View> =
+                views.iter().filter(|((at, _), _)| *at == second).map(|(_, view)| view.clone()).collect();
+            if !together.is_empty() {
+                grouped.integrate(&together, second * SECOND).unwrap();
+            }
+        }
+        let mut alone: Vec<&View> = views.values().collect();
+        let middle = shuffled.index(alone.len());
+        alone.rotate_left(middle);
+        alone.reverse();
+        let mut single = map(evidence());
+        for view in alone {
+            single.integrate(std::slice::from_ref(view), view.stamp_ns).unwrap();
+        }
+        let stamp = 120 * SECOND;
+        assert_all_within(&single.probability(stamp).unwrap(), &grouped.probability(stamp).unwrap(), 1e-5);
+        prop_assert_eq!(single.last_seen_ns().collect::<Vec<_>>(), grouped.last_seen_ns().collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_view_that_comes_late_weighs_what_its_age_leaves(m in 0.0f32..=1.0, late_s in 2i64..60) {
+        // Drone b's view arrives with the instant at 100 s, though it was taken before.
+        let taken = (100 - late_s) * SECOND;
+        let (mut in_time, mut late) = (map(evidence()), map(evidence()));
+        in_time.integrate(&[look("b", 0.0, m, taken)], taken).unwrap();
+        for map in [&mut in_time, &mut late] {
+            map.integrate(&[look("a", 0.0, 0.7, 99 * SECOND)], 99 * SECOND).unwrap();
+        }
+        late.integrate(&[look("b", 0.0, m, taken)], 100 * SECOND).unwrap();
+        let at = 100 * SECOND;
+        assert_all_within(&late.probability(at).unwrap(), &in_time.probability(at).unwrap(), 1e-5);
+    }
+}
+
+#[test]
 fn or_needs_no_fleet_size() {
     let mut map = map(Method::Or(Or::new(0.5).unwrap()));
     let views: Vec<View> = (0..100).map(|at| look(&format!("uav{at}"), 0.0, 0.1, 0)).collect();
@@ -364,7 +466,8 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
             map.integrate(&[look("a", 0.0, m, second * SECOND)], second * SECOND).unwrap();
         }
     };
-    for method in [paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), Method::Or(Or::new(0.25).unwrap())] {
+    let or = Method::Or(Or::new(0.25).unwrap());
+    for method in [evidence(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or] {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
         let mut resumed = CrowdMap::from_bytes(&whole.to_bytes(), two_voxels()).unwrap();
