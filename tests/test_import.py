@@ -43,6 +43,7 @@ PUBLIC_NAMES = [
     "Update",
     "View",
     "ViewError",
+    "VoxelKnowledge",
     "VoxelState",
     "Zone",
     "ZoneConfig",

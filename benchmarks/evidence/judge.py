@@ -26,10 +26,19 @@ class Judged:
     thresholds: NDArray[np.float64]
     safety: list[Safety]
     sweep: SweepResult
+    reliability: NDArray[np.float64]
+    """[15, 3] voxels, sum of their probability, crowd voxels, in equal bins of the probability; over all
+    instants."""
     empty_people: int
     """Of crowds, on ground that is called empty at the method's own threshold, over all moments."""
     states: NDArray[np.int64]
     """Seen voxels by `VoxelState` at the end, at the method's own threshold."""
+
+    @property
+    def ece(self) -> float:
+        """Expected calibration error."""
+        voxels, probability, crowd = self.reliability.T
+        return float(np.abs(probability - crowd).sum() / voxels.sum())
 
     def curve(self, buffer_m: float = 5.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Share of people in range who stand in a zone, and closed ground per crowds' own, by threshold."""
@@ -51,10 +60,15 @@ def judged(
     sweep = ThresholdSweep(FINE)
     watched = [moment.stamp_ns for moment in mission.moments if moment.in_view is not None][::every]
     empty_people = 0
+    reliability = np.zeros((15, 3))
     for moment in mission.moments:
         crowd_map.integrate_observations(moment.observations, moment.stamp_ns)
         ids, probability = crowd_map.seen_probability(moment.stamp_ns)
-        sweep.update(probability, np.isin(ids, moment.crowd_ids))
+        crowd = np.isin(ids, moment.crowd_ids, assume_unique=True)
+        sweep.update(probability, crowd)
+        bins = np.minimum((probability * len(reliability)).astype(int), len(reliability) - 1)
+        for column, weights in enumerate((None, probability, crowd)):
+            reliability[:, column] += np.bincount(bins, weights, minlength=len(reliability))
         if moment.in_view is None or moment.stamp_ns not in watched:
             continue
         columns = mission.terrain.voxel_indices(ids)[:, :2]
@@ -66,4 +80,4 @@ def judged(
         empty_people += whole.people_on_empty
     states = crowd_map.state(mission.moments[-1].stamp_ns, threshold=own)
     counts = np.bincount(states, minlength=len(VoxelState))
-    return Judged(thresholds, safety, sweep.result(), empty_people, counts)
+    return Judged(thresholds, safety, sweep.result(), reliability, empty_people, counts)

@@ -71,6 +71,20 @@ def test_what_a_look_could_not_show_is_not_cleared() -> None:
     assert crowd_map.state(40 * SECOND)[0] == VoxelState.STALE
 
 
+def test_all_that_is_known_about_a_voxel() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.9), look("b", 0.9)], 0)
+    known = crowd_map.knowledge([0, 3], 10 * SECOND)
+    assert len(known) == 2
+    assert known.state.tolist() == [VoxelState.CROWD, VoxelState.NEVER_SEEN]
+    np.testing.assert_array_equal(known.probability, crowd_map.probability(10 * SECOND, [0, 3]))
+    np.testing.assert_array_equal(known.age_s, [10.0, np.nan])
+    np.testing.assert_allclose(known.looks, [2.0 / np.e, np.nan], rtol=1e-6)
+    assert known.drones.tolist() == [2, 0]
+    with pytest.raises(ValueError, match="voxel id 4 does not exist"):
+        crowd_map.knowledge([4], 0)
+
+
 def test_a_saved_map_comes_back_with_its_method() -> None:
     crowd_map = CrowdMap(FLOOR, EVIDENCE)
     crowd_map.integrate_observations([look("b", 0.9), look("a", 0.1)], 0)

@@ -53,8 +53,8 @@ def test_the_terrain_file_holds_exactly_the_voxels(tmp_path: Path, terrain: Terr
 
 def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path, terrain: Terrain) -> None:
     terrain.georeference = Georeference(46.5, 8.0, 1200.0)
-    never, occluded, empty, stale, crowd = VoxelState
-    state = np.array([never, occluded, empty, stale, crowd, crowd, empty])
+    never, occluded, empty, stale, crowd, not_cleared = VoxelState
+    state = np.array([never, occluded, empty, stale, crowd, crowd, not_cleared])
     # A never seen voxel with a high initial value must not look like crowd.
     probability = np.array([0.9, 0.9, 0.0, 0.0, 0.5, 1.0, 0.25])
     path = tmp_path / "crowd_map.ot"
@@ -66,6 +66,7 @@ def test_every_voxel_is_occupied_and_has_the_colour_of_its_state(tmp_path: Path,
     assert all(tree.isNodeOccupied(node) for node in nodes)
     colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes]
     assert colours[:4] == [STATE_COLOURS[known] for known in (never, occluded, empty, stale)]
+    assert colours[6] == STATE_COLOURS[not_cleared]
     assert colours[4] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
     assert colours[5] == (112, 8, 38)  # certain: its dark red end
     content = comment(path)

@@ -14,6 +14,7 @@ use crate::observation::{PyObservation, projection};
 use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
 use crate::view::PyView;
+use crate::voxel_knowledge::PyVoxelKnowledge;
 
 /// What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled.
 #[pyclass(frozen, name = "Update", module = "crowdfence", eq)]
@@ -284,7 +285,7 @@ impl PyCrowdMap {
     /// threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     /// stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
     ///
-    /// What is neither is empty where the method clears it: `Evidence` asks for evidence, the others for nothing.
+    /// What is neither is empty where the method clears it: `Evidence` asks for evidence, the others do not.
     ///
     /// StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]
@@ -301,6 +302,26 @@ impl PyCrowdMap {
             Ok(states.into_iter().map(|state| state as u8).collect())
         })?;
         Ok(codes.into_pyarray(py))
+    }
+
+    /// All that is known about the voxels `ids` [N] at a stamp not before the newest instant.
+    ///
+    /// Threshold and stale_after_s as for `state`; CrowdfenceError for an id that does not exist.
+    #[pyo3(signature = (ids, stamp_ns, *, threshold=None, stale_after_s=30.0))]
+    fn knowledge(
+        &self,
+        py: Python<'_>,
+        ids: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+        stale_after_s: f64,
+    ) -> PyResult<PyVoxelKnowledge> {
+        let ids = self.ids(py, ids)?;
+        self.read(py, |map| {
+            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
+            map.knowledge(&ids, stamp_ns, threshold, stale_after_s)
+        })
+        .map(PyVoxelKnowledge)
     }
 
     /// The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones

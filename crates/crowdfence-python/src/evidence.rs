@@ -8,16 +8,17 @@ use pyo3::types::PyDict;
 use crate::arrays::{Array, refuse};
 use crate::method::parameters;
 
-/// How strongly a look speaks for crowd: ln P(m | crowd) / P(m | no crowd) by ground sample distance, tilt and mean
-/// heatmap value m, as measured on missions whose truth is known.
+/// How strongly a look speaks for crowd: ln P(m | crowd) / P(m | no crowd) by ground sample distance, tilt
+/// and mean heatmap value m, as measured on missions whose truth is known.
 ///
 /// gsd_m      [D - 1] metres per pixel at which one bin ends and the next begins, increasing, > 0
 /// tilt_deg   [T - 1] the same for degrees below the horizon
-/// mean       [M - 1] the same for m; a value on a border belongs to the bin below, of the others to that above
+/// mean       [M - 1] the same for m
 /// log_ratio  [D, T, M] natural logarithm, inside [-20, 20]
 ///
-/// What lies beyond the borders belongs to the first or the last bin. CrowdfenceError for borders that do not
-/// increase and for a table of another shape. It cannot change; it can be compared and pickled.
+/// A value on a border belongs to the bin above, of `mean` to the bin below; what lies beyond the borders
+/// belongs to the first or the last bin. CrowdfenceError for borders that do not increase and for a table of
+/// another shape. It cannot change; it can be compared and pickled.
 #[pyclass(frozen, name = "LikelihoodRatio", module = "crowdfence", eq)]
 #[derive(Clone, PartialEq)]
 pub struct PyLikelihoodRatio(pub Arc<LikelihoodRatio>);
@@ -103,17 +104,17 @@ impl PyLikelihoodRatio {
 /// likelihood   how strongly a look speaks for or against crowd
 /// prior        P(A = 1) where nobody has looked, strictly between 0 and 1
 /// memory_s     > 0, after so many seconds a look weighs 1 / e of what it did
-/// sharp_gsd_m  > 0, metres per pixel up to which a look weighs 1; a coarser one weighs as much less as it has fewer
-///              pixels on the same ground
+/// sharp_gsd_m  > 0, metres per pixel up to which a look weighs 1; a coarser one weighs as much less as it
+///              has fewer pixels on the same ground
 /// doubt        > 0, the sharp looks that the prior stands against
-/// agreement    in [0, 1]: 0 = further drones only average, 1 = they add up as if they knew nothing of each other
+/// agreement    in [0, 1]: 0 = further drones only average, 1 = they add up as if independent
 /// threshold    a voxel at or above this probability is crowd, strictly between 0 and 1
-/// cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two it was
-///              looked at, and that showed neither
+/// cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two
+///              it was looked at, and that showed neither
 /// focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own
 ///
-/// Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError names the
-/// parameter that is out of bounds. It cannot change; it can be compared and pickled.
+/// Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
+/// names the parameter that is out of bounds. It cannot change; it can be compared and pickled.
 #[pyclass(frozen, name = "Evidence", module = "crowdfence", eq)]
 #[derive(Clone, PartialEq)]
 pub struct PyEvidence(pub Evidence);
@@ -155,6 +156,12 @@ impl PyEvidence {
     #[getter]
     fn default_threshold(&self) -> f64 {
         self.method().default_threshold()
+    }
+
+    /// Pixels above this show crowd, where crowd that meets no ground is counted; it decides no more.
+    #[getter]
+    fn b_threshold(&self) -> f64 {
+        self.method().b_threshold()
     }
 
     /// Probability up to which a voxel is called empty.

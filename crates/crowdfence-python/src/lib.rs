@@ -15,6 +15,7 @@ mod opinion_pool;
 mod stamps;
 mod terrain;
 mod view;
+mod voxel_knowledge;
 
 use pyo3::prelude::*;
 
@@ -43,6 +44,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<method::PyOr>()?;
     module.add_class::<crowd_map::PyUpdate>()?;
     module.add_class::<crowd_columns::PyCrowdColumns>()?;
+    module.add_class::<voxel_knowledge::PyVoxelKnowledge>()?;
     module.add_class::<crowd_map::PyCrowdMap>()?;
     module.add_function(wrap_pyfunction!(observation::project, module)?)?;
     module.add_function(wrap_pyfunction!(opinion_pool::pool, module)?)?;

@@ -26,8 +26,8 @@ use crate::view::PyView;
 /// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
 /// occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
 /// crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
-/// focal_px      focal length of the camera in pixels, >= 0: a voxel is seen with range / focal metres per pixel;
-///               0: nobody said
+/// focal_px      focal length of the camera in pixels, >= 0: a voxel is seen with range / focal metres per
+///               pixel; 0: nobody said
 ///
 /// `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
 /// names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a

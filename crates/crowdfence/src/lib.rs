@@ -24,7 +24,7 @@ pub mod view;
 
 pub use back_projection::{Coverage, Projection, project};
 pub use camera::{Camera, Distortion};
-pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelState};
+pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
 pub use method::{Evidence, EvidenceSettings, LikelihoodRatio, Method, Or, Paper};
 pub use observation::{CrowdMass, Observation, SeenVoxels};

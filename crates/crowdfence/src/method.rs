@@ -80,6 +80,11 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// The same where nobody has looked yet, which says nothing about the place.
     fn unseen_probability(&self) -> f64;
 
+    /// Looks that a belief still remembers, in those that weigh 1; None where they are not counted.
+    fn looks(&self, _belief: Self::Belief, _fading: Self::Fading) -> Option<f64> {
+        None
+    }
+
     /// Probability from which a voxel is called crowd unless the caller says otherwise.
     fn default_threshold(&self) -> f64;
 

@@ -295,12 +295,13 @@ def run_config(parameters: Mapping[str, Any], method: MethodConfig) -> RunConfig
 
 def method_config(parameters: Mapping[str, Any], name: MethodName) -> MethodConfig:
     """A method from a command's parameters."""
-    kinds: dict[MethodName, type[EvidenceConfig] | type[PaperConfig] | type[OrConfig]] = {
-        MethodName.evidence: EvidenceConfig,
-        MethodName.paper: PaperConfig,
-        MethodName.or_: OrConfig,
-    }
-    return part(kinds[name], parameters)
+    match name:
+        case MethodName.evidence:
+            return part(EvidenceConfig, parameters)
+        case MethodName.paper:
+            return part(PaperConfig, parameters)
+        case MethodName.or_:
+            return part(OrConfig, parameters)
 
 
 def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> PartT:

@@ -129,6 +129,11 @@ impl History {
         self.drones.iter().filter(|(_, drone)| sees(drone)).map(|(name, _)| name.as_str()).collect()
     }
 
+    /// How many drones have ever seen a voxel.
+    pub fn drone_count(&self, id: u32) -> u32 {
+        self.drones.values().filter(|drone| drone.has_seen(id)).count() as u32
+    }
+
     /// Voxels that somebody has seen, sorted. Costs what was seen, not the map.
     pub fn seen_ids(&self) -> Vec<u32> {
         let seen = self.looks.values().filter(|&(_, code)| matches!(Look::from_code(code), Look::At(_)));

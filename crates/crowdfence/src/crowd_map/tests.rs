@@ -332,6 +332,28 @@ fn looked_at_is_not_empty() {
     assert_eq!(state(&map, 32 * SECOND), VoxelState::Stale);
 }
 
+#[test]
+fn all_that_is_known_about_a_voxel() {
+    let mut map = map(evidence());
+    map.integrate(&[look("a", 0.0, 0.9, 0), look("b", 0.0, 0.8, 0)], 0).unwrap();
+    let stamp = 10 * SECOND;
+    let known = map.knowledge(&[0, 1], stamp, 0.5, 30.0).unwrap();
+    assert_eq!(known[0].state, VoxelState::Crowd);
+    assert_eq!(known[0].probability, map.probability(stamp).unwrap()[0]);
+    assert_eq!((known[0].age_s, known[0].drones), (Some(10.0), 2));
+    assert!((known[0].looks.unwrap() - 2.0 * (-1f64).exp()).abs() < 1e-6);
+    let unknown = VoxelKnowledge {
+        state: VoxelState::NeverSeen,
+        probability: map.probability(stamp).unwrap()[1],
+        age_s: None,
+        looks: None,
+        drones: 0,
+    };
+    assert_eq!(known[1], unknown);
+    let message = map.knowledge(&[0], stamp, 0.0, 30.0).unwrap_err().to_string();
+    assert_eq!(message, "threshold is 0; it must be in (0, 1]");
+}
+
 proptest! {
     #[test]
     fn evidence_is_the_same_in_any_order_and_grouping(

@@ -100,6 +100,10 @@ impl FusionMethod for Evidence {
         1.0 / (1.0 + (-log_odds).exp())
     }
 
+    fn looks(&self, sum: LooksSum, fading: f32) -> Option<f64> {
+        Some(f64::from(fading) * sum.weight())
+    }
+
     fn unseen_probability(&self) -> f64 {
         self.settings.prior
     }
@@ -145,11 +149,6 @@ impl Evidence {
 
     pub fn settings(&self) -> &EvidenceSettings {
         &self.settings
-    }
-
-    /// Looks that are still remembered, in sharp ones.
-    pub fn looks(&self, sum: LooksSum, fading: f32) -> f64 {
-        f64::from(fading) * sum.weight()
     }
 
     /// L without the prior, where `fading` is left of the sums.
