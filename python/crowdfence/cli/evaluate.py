@@ -103,16 +103,14 @@ def evaluate(
         paper = replace(
             paper, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
+    chosen_methods = method or list(options.MethodName)
     methods: list[MethodConfig] = []
-    for name in options.MethodName:
-        if name not in (method or options.MethodName):
-            continue
-        if name is options.MethodName.evidence:
-            methods.append(options.part(EvidenceConfig, context.params))
-        elif name is options.MethodName.paper:
-            methods += [replace(paper, alpha=one) for one in alpha or [PAPER.alpha]]
-        else:
-            methods.append(OrConfig(b_threshold=or_b_threshold))
+    if options.MethodName.evidence in chosen_methods:
+        methods.append(options.part(EvidenceConfig, context.params))
+    if options.MethodName.or_ in chosen_methods:
+        methods.append(OrConfig(b_threshold=or_b_threshold))
+    if options.MethodName.paper in chosen_methods:
+        methods += [replace(paper, alpha=one) for one in alpha or [PAPER.alpha]]
     configs = [options.run_config(context.params, one) for one in methods]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 

@@ -46,13 +46,13 @@ class EvidenceConfig:
     sharp_gsd_m: float = 0.15
     """Metres per pixel up to which a look has its full weight; a coarser one has as much less as it has
     fewer pixels on the same ground."""
-    doubt: float = 0.5
+    doubt: float = 0.2
     """Sharp looks that the prior stands against."""
     agreement: float = 0.5
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
     zone_log_odds: float = 2.0
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
-    clear_log_odds: float = 3.0
+    clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior; between the two it is looked at and not cleared."""
 
     @property
