@@ -10,10 +10,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from judge import Judged, judged
+from judge import FINE, Judged, judged
 from seen import Mission, seen
 
 from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig
@@ -27,22 +28,31 @@ LOG_ODDS = np.arange(-3.0, 6.01, 0.75)
 PAPER_THRESHOLDS = np.geomspace(0.02, 0.5, 13)
 
 
+START = EvidenceConfig(doubt=0.5)
+"""What each setting is changed from."""
+
+
 def candidates() -> Iterator[MethodConfig]:
-    yield EvidenceConfig()
+    yield START
     for memory_s in (2.5, 10.0, 20.0):
-        yield EvidenceConfig(memory_s=memory_s)
+        yield replace(START, memory_s=memory_s)
     for sharp_gsd_m in (0.1, 0.3):
-        yield EvidenceConfig(sharp_gsd_m=sharp_gsd_m)
+        yield replace(START, sharp_gsd_m=sharp_gsd_m)
     for doubt in (0.2, 1.5):
-        yield EvidenceConfig(doubt=doubt)
+        yield replace(START, doubt=doubt)
     for agreement in (0.0, 0.25, 1.0):
-        yield EvidenceConfig(agreement=agreement)
-    for alpha in (0.02, 0.05, 0.1, 0.3):
-        yield PaperConfig(alpha=alpha)
+        yield replace(START, agreement=agreement)
+    for sharp_gsd_m, doubt in ((0.3, 0.2), (0.3, 0.1), (0.2, 0.1)):
+        yield replace(START, sharp_gsd_m=sharp_gsd_m, doubt=doubt)
+    yield PaperConfig()
+    for prior in (0.2, 0.015):
+        yield PaperConfig(prior=prior)
+    for alpha in (0.02, 0.05, 0.3):
+        yield PaperConfig(prior=0.2, alpha=alpha)
     for decay in (0.005, 0.02):
-        yield PaperConfig(decay=decay)
-    yield PaperConfig(unseen="visible", normalise=True)
-    yield PaperConfig(unseen="visible", normalise=True, alpha=0.03)
+        yield PaperConfig(prior=0.2, decay=decay)
+    yield PaperConfig(prior=0.2, unseen="visible", normalise=True)
+    yield PaperConfig(prior=0.2, unseen="visible", normalise=True, alpha=0.03)
     for b_threshold in (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95):
         yield OrConfig(b_threshold=b_threshold)
 
@@ -77,17 +87,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("missions", type=Path, nargs="+")
     missions = [seen(path) for path in parser.parse_args().missions]
-    print("| settings | people in a zone | best mean IoU | by mission |\n|---|---|---|---|")
+    print(
+        "| settings | people in a zone | best mean IoU | at threshold | by mission |\n|---|---|---|---|---|"
+    )
     for method in candidates():
         results = [judged(one, method, thresholds(method, one), every=EVERY) for one in missions]
         shares = [at_closed(one) for one in results]
         ious = [one.sweep.best()[1].mean for one in results]
         by_mission = ", ".join(f"{share:.3f} / {iou:.3f}" for share, iou in zip(shares, ious, strict=True))
-        print(f"| {told(method)} | {np.mean(shares):.3f} | {np.mean(ious):.3f} | {by_mission} |", flush=True)
-        if isinstance(method, OrConfig) or method == EvidenceConfig():
-            for one in results:
-                share, blocked = one.curve()
-                print("<!--", share.round(3), blocked.round(2), one.empty_people, one.states, "-->")
+        together = np.mean([np.nanmean(one.sweep.per_frame, axis=0) for one in results], axis=0)
+        print(
+            f"| {told(method)} | {np.mean(shares):.3f} | {np.mean(ious):.3f} | {FINE[together.argmax()]:.4f} "
+            f"| {by_mission} |",
+            flush=True,
+        )
+        for one in results:
+            share, blocked = one.curve()
+            print("<!--", share.round(3), blocked.round(2), one.empty_people, one.states, "-->", flush=True)
 
 
 if __name__ == "__main__":

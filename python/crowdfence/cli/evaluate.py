@@ -226,10 +226,7 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
     out.print(table)
     out.print(_safety_table(scores))
     if any(row.safety is not None for row in scores):
-        out.print(
-            "In range: on ground seen within the detector's tested range. On empty: on ground called empty."
-        )
-        out.print("Closed: ground in zones, per ground of the crowds that was seen, both with 5 m around.")
+        out.print(_LEGEND)
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
         out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
@@ -245,26 +242,35 @@ def _safety_table(scores: list[Score]) -> Table | str:
     if any(row.safety is None or row.safety.people == 0 for row in scores):
         return ""
     table = Table(
-        title="\nPeople of crowds on ground in view: share who stand in a zone with a buffer of",
+        title="\nPeople of crowds on ground in view: who stands in a zone with a buffer around it",
         title_justify="left",
         title_style="bold",
         box=None,
     )
     table.add_column("method", no_wrap=True)
-    for buffer_m in BUFFERS_M:
-        table.add_column(f"{buffer_m:g} m", justify="right", no_wrap=True)
-    for column in ("in range, 5 m", "on empty", "closed, 5 m"):
+    for column in (*(f"{buffer_m:g} m" for buffer_m in _SHOWN_M), "in range", "on empty", "closed"):
         table.add_column(column, justify="right", no_wrap=True)
-    at = BUFFERS_M.index(5.0)
     for row in scores:
-        assert row.safety is not None
-        shares = [*row.safety.share_in_zone, row.safety.share_in_zone_in_range[at], row.safety.share_on_empty]
+        safety = row.safety
+        assert safety is not None
+        in_zone = [safety.share_in_zone[BUFFERS_M.index(buffer_m)] for buffer_m in _SHOWN_M]
+        shares = [*in_zone, safety.share_in_zone_in_range[_AT], safety.share_on_empty]
         table.add_row(
             _label(row.config),
             *("-" if share != share else f"{share:.1%}" for share in shares),
-            f"{row.safety.blocked_per_own[at]:.2f} x",
+            f"{safety.blocked_per_own[_AT]:.2f} x",
         )
     return table
+
+
+_SHOWN_M = (0.0, 2.0, 5.0)
+_AT = 2
+"""5 m among the buffers."""
+_LEGEND = (
+    "In range: with 5 m, of those on ground seen within the detector's tested range.\n"
+    "On empty: on ground that the map calls empty. Closed: ground in zones, per ground\n"
+    "of the crowds that was seen, both with 5 m around."
+)
 
 
 def _label(config: RunConfig) -> str:
