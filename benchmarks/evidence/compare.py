@@ -29,10 +29,10 @@ class Contender(NamedTuple):
 
 
 CONTENDERS = (
-    Contender("evidence", EvidenceConfig(), None, 0.25),
-    Contender("paper, as published", PaperConfig(), None, 0.15),
-    Contender("paper, tuned", PaperConfig(alpha=0.3), 0.1, 0.15),
-    Contender("or, tuned", OrConfig(b_threshold=0.7), None, 0.5),
+    Contender("evidence", EvidenceConfig(), None, 0.39),
+    Contender("paper, as published", PaperConfig(), None, 0.06),
+    Contender("paper, tuned", PaperConfig(prior=0.015), 0.02, 0.044),
+    Contender("or, tuned", OrConfig(b_threshold=0.8), None, 0.5),
 )
 AT = BUFFERS_M.index(5.0)
 

@@ -230,6 +230,8 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert newest["threshold"] == slow["threshold"] == pytest.approx(0.3)
     assert [row["mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 0.0])
     assert [row["best_mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 18 / 24])
+    assert [row["best_knob"] for row in report["scores"]] == ["b_threshold", "threshold", "threshold"]
+    assert [row["safety"] for row in report["scores"]] == [None] * 3  # nobody recorded where people are
     assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(36 / 40)
     assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
 
