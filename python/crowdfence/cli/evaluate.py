@@ -242,7 +242,7 @@ def _safety_table(scores: list[Score]) -> Table | str:
     if any(row.safety is None or row.safety.people == 0 for row in scores):
         return ""
     table = Table(
-        title="\nPeople of crowds on ground in view: who stands in a zone with a buffer around it",
+        title="\nPeople of crowds in view: who stands in a zone and its buffer",
         title_justify="left",
         title_style="bold",
         box=None,
@@ -267,9 +267,9 @@ _SHOWN_M = (0.0, 2.0, 5.0)
 _AT = 2
 """5 m among the buffers."""
 _LEGEND = (
-    "In range: with 5 m, of those on ground seen within the detector's tested range.\n"
-    "On empty: on ground that the map calls empty. Closed: ground in zones, per ground\n"
-    "of the crowds that was seen, both with 5 m around."
+    "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
+    "on ground that the map calls empty. Closed: ground in zones per ground of crowds\n"
+    "that was seen, both with 5 m around."
 )
 
 
