@@ -44,13 +44,13 @@ def test_the_first_example_goes_from_a_recording_to_zones(
 
 def test_the_second_example_finds_the_crowd_it_draws() -> None:
     counts, bounds = printed_by(1)
-    never_seen, occluded, empty, stale, crowd = map(int, re.findall(r"\d+", counts))
-    # Two by two heatmap cells of four pixels: at 19 m and f = 40 that is 3.8 m, at most 5 x 5 voxels.
+    never_seen, occluded, empty, stale, crowd, not_cleared = map(int, re.findall(r"\d+", counts))
+    # Two by two heatmap cells of 40 pixels: at 19 m and f = 400 that is 3.8 m, at most 5 x 5 voxels.
     assert 9 <= crowd <= 25
-    # The image covers 64 / 40 * 19 = 30.4 by 22.8 m of the plain.
+    # The image covers 640 / 400 * 19 = 30.4 by 22.8 m of the plain.
     assert 29 * 22 <= empty + crowd <= 32 * 24
     assert never_seen + empty + crowd == 60 * 60
-    assert occluded == stale == 0
+    assert occluded == stale == not_cleared == 0
     # The crowd's cells are the middle of the image, which lies above (30, 30).
     west, south, east, north = map(float, re.findall(r"[\d.]+", bounds))
     assert 27 <= west < 30 < east <= 33 and 27 <= south < 30 < north <= 33

@@ -9,7 +9,7 @@ from crowdfence import Camera, CrowdMap, Or, Terrain, View, surface_grid
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 
-NEVER, OCCLUDED, EMPTY, STALE, CROWD = VoxelState
+NEVER, OCCLUDED, EMPTY, STALE, CROWD, NOT_CLEARED = VoxelState
 ORIGIN = (0.0, 0.0, 0.0)
 
 

@@ -14,7 +14,9 @@ from crowdfence import (
     Camera,
     CrowdMap,
     CrowdMass,
+    Evidence,
     Georeference,
+    LikelihoodRatio,
     Observation,
     Or,
     Paper,
@@ -47,6 +49,7 @@ OBSERVATION = Observation(
     tilt_deg=[-THIRD, 90.0],
     occluded_ids=[1, 2],
     crowd_mass=CROWD_MASS,
+    focal_px=380.0 + THIRD,
 )
 SWITCHED = Paper(
     RATES,
@@ -60,10 +63,24 @@ SWITCHED = Paper(
     initial="first",
     decay_unit="frame",
 )
+RATIO = LikelihoodRatio([0.1 * THIRD], [10.0], [THIRD], THIRD * np.arange(8).reshape(2, 2, 2))
+EVIDENCE = Evidence(
+    RATIO,
+    prior=0.1 * THIRD,
+    memory_s=10.0 * THIRD,
+    sharp_gsd_m=0.1 * THIRD,
+    doubt=THIRD,
+    agreement=THIRD,
+    threshold=0.5 * THIRD,
+    cleared=0.01 * THIRD,
+    focal_px=1000.0 * THIRD,
+)
 VALUES = {
     **CAMERAS,
     "crowd mass": CROWD_MASS,
     "rates": RATES,
+    "likelihood ratio": RATIO,
+    "evidence": EVIDENCE,
     "paper": SWITCHED,
     "or": Or(b_threshold=THIRD),
 }

@@ -24,6 +24,8 @@ __all__ = [
     "CrowdMap",
     "CrowdMass",
     "CrowdfenceError",
+    "Evidence",
+    "LikelihoodRatio",
     "MapFileError",
     "Observation",
     "Or",
@@ -34,6 +36,7 @@ __all__ = [
     "Update",
     "View",
     "ViewError",
+    "VoxelKnowledge",
     "__version__",
     "blend",
     "pool",
@@ -439,6 +442,8 @@ class Observation:
     tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
     occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
     crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
+    focal_px      focal length of the camera in pixels, >= 0: a voxel is seen with range / focal metres per
+                  pixel; 0: nobody said
 
     `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
     names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
@@ -458,7 +463,11 @@ class Observation:
         tilt_deg: ArrayLike,
         occluded_ids: ArrayLike,
         crowd_mass: CrowdMass | None = None,
+        focal_px: float = 0.0,
     ) -> Observation: ...
+    @property
+    def focal_px(self) -> float:
+        """Focal length of the camera in pixels; 0 = nobody said."""
     @property
     def drone(self) -> str:
         """Name of the drone."""
@@ -714,6 +723,113 @@ class Or:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
+class LikelihoodRatio:
+    """How strongly a look speaks for crowd: ln P(m | crowd) / P(m | no crowd) by ground sample distance, tilt
+    and mean heatmap value m, as measured on missions whose truth is known.
+
+    gsd_m      [D - 1] metres per pixel at which one bin ends and the next begins, increasing, > 0
+    tilt_deg   [T - 1] the same for degrees below the horizon
+    mean       [M - 1] the same for m
+    log_ratio  [D, T, M] natural logarithm, inside [-20, 20]
+
+    A value on a border belongs to the bin above, of `mean` to the bin below; what lies beyond the borders
+    belongs to the first or the last bin. CrowdfenceError for borders that do not increase and for a table of
+    another shape. It cannot change; it can be compared and pickled.
+    """
+    def __new__(
+        cls, gsd_m: ArrayLike, tilt_deg: ArrayLike, mean: ArrayLike, log_ratio: ArrayLike
+    ) -> LikelihoodRatio: ...
+    @property
+    def gsd_m(self) -> NDArray[np.float32]:
+        """Borders of the ground sample distance [D - 1] float32, metres per pixel."""
+    @property
+    def tilt_deg(self) -> NDArray[np.float32]:
+        """Borders of the tilt [T - 1] float32, degrees below the horizon."""
+    @property
+    def mean(self) -> NDArray[np.float32]:
+        """Borders of the mean heatmap value [M - 1] float32."""
+    @property
+    def log_ratio(self) -> NDArray[np.float32]:
+        """The table [D, T, M] float32."""
+    def of(self, gsd_m: float, tilt_deg: float, mean: float) -> float:
+        """ln P(m | crowd) / P(m | no crowd) of one look."""
+    def __getnewargs__(self) -> tuple[Any, ...]: ...
+
+@final
+class Evidence:
+    """Method `evidence`: the log odds of crowd from calibrated looks. Instants may come in any order.
+
+    likelihood   how strongly a look speaks for or against crowd
+    prior        P(A = 1) where nobody has looked, strictly between 0 and 1
+    memory_s     > 0, after so many seconds a look weighs 1 / e of what it did
+    sharp_gsd_m  > 0, metres per pixel up to which a look weighs 1; a coarser one weighs as much less as it
+                 has fewer pixels on the same ground
+    doubt        > 0, the sharp looks that the prior stands against
+    agreement    in [0, 1]: 0 = further drones only average, 1 = they add up as if independent
+    threshold    a voxel at or above this probability is crowd, strictly between 0 and 1
+    cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two
+                 it was looked at, and that showed neither
+    focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own
+
+    Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
+    names the parameter that is out of bounds. It cannot change; it can be compared and pickled.
+    """
+    def __new__(
+        cls,
+        likelihood: LikelihoodRatio,
+        *,
+        prior: float,
+        memory_s: float,
+        sharp_gsd_m: float,
+        doubt: float,
+        agreement: float,
+        threshold: float,
+        cleared: float,
+        focal_px: float,
+    ) -> Evidence: ...
+    @property
+    def name(self) -> Literal["evidence"]:
+        """Name of the method: "evidence"."""
+    @property
+    def likelihood(self) -> LikelihoodRatio:
+        """How strongly a look speaks for or against crowd."""
+    @property
+    def b_threshold(self) -> float:
+        """Pixels above this show crowd, where crowd that meets no ground is counted; it decides no more."""
+    @property
+    def cleared(self) -> float:
+        """Probability up to which a voxel is called empty."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told beside the likelihood, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+
+@final
+class VoxelKnowledge:
+    """What is known about voxels, one value each; `CrowdMap.knowledge` makes it."""
+    @property
+    def state(self) -> NDArray[np.uint8]:
+        """`VoxelState` [N] uint8."""
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """Probability of crowd [N] float64; where nobody has seen a voxel it says nothing about the place."""
+    @property
+    def age_s(self) -> NDArray[np.float64]:
+        """Seconds since the last look [N] float64, NaN = nobody has seen it."""
+    @property
+    def looks(self) -> NDArray[np.float64]:
+        """Looks that the method still remembers [N] float64, in those that weigh 1; NaN = there were none, or
+        it does not count them.
+        """
+    @property
+    def drones(self) -> NDArray[np.int64]:
+        """How many drones have ever seen it [N] int64."""
+    def __len__(self) -> int: ...
+
+@final
 class Update:
     """What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled."""
     @property
@@ -760,7 +876,7 @@ class CrowdMap:
     """Probability of crowd per terrain voxel over time.
 
     terrain          what the views are projected onto
-    method           `Paper` or `Or`
+    method           `Evidence`, `Paper` or `Or`
     max_range_m      > 0, rays end here
     target_height_m  >= 0, height above the ground at which people are marked
     coverage         "full" or "rays", see `project`
@@ -775,7 +891,7 @@ class CrowdMap:
     def __new__(
         cls,
         terrain: Terrain,
-        method: Paper | Or,
+        method: Evidence | Paper | Or,
         *,
         max_range_m: float = 300.0,
         target_height_m: float = 0.0,
@@ -787,8 +903,8 @@ class CrowdMap:
     def terrain(self) -> Terrain:
         """What the views are projected onto."""
     @property
-    def method(self) -> Paper | Or:
-        """`Paper` or `Or`, with its parameters."""
+    def method(self) -> Evidence | Paper | Or:
+        """`Evidence`, `Paper` or `Or`, with its parameters."""
     @property
     def max_range_m(self) -> float:
         """Rays end here, metres."""
@@ -818,7 +934,7 @@ class CrowdMap:
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
         """Take in the views of one instant, each drone at most once: project, fuse, store.
 
-        stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+        stamp_ns  the instant; for `Paper` after the one before, for the others in any order
 
         A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
         leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
@@ -845,7 +961,21 @@ class CrowdMap:
         threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
         stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
 
+        What is neither is empty where the method clears it: `Evidence` asks for evidence, the others do not.
+
         StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
+        """
+    def knowledge(
+        self,
+        ids: ArrayLike,
+        stamp_ns: int,
+        *,
+        threshold: float | None = None,
+        stale_after_s: float = 30.0,
+    ) -> VoxelKnowledge:
+        """All that is known about the voxels `ids` [N] at a stamp not before the newest instant.
+
+        Threshold and stale_after_s as for `state`; CrowdfenceError for an id that does not exist.
         """
     def crowd_columns(self, stamp_ns: int, *, threshold: float | None = None) -> CrowdColumns:
         """The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones

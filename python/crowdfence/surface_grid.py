@@ -29,6 +29,7 @@ _NO_BOTTOM = np.iinfo(np.int32).max
 _LEAST_TO_MOST_URGENT = (
     VoxelState.EMPTY,
     VoxelState.STALE,
+    VoxelState.NOT_CLEARED,
     VoxelState.OCCLUDED,
     VoxelState.NEVER_SEEN,
     VoxelState.CROWD,
@@ -54,8 +55,9 @@ class SurfaceGrid:
     probability: NDArray[np.float64]
     """[X, Y] largest probability over the voxels of the column that were ever seen, NaN = none was."""
     state: NDArray[np.uint8]
-    """[X, Y] `VoxelState`: CROWD if any voxel is, otherwise the least known of the voxels that have no voxel
-    on top of them, in the order NEVER_SEEN, OCCLUDED, STALE, EMPTY. NEVER_SEEN without terrain."""
+    """[X, Y] `VoxelState`: CROWD if any voxel is, otherwise the least known of the voxels that have no
+    voxel on top of them, in the order NEVER_SEEN, OCCLUDED, NOT_CLEARED, STALE, EMPTY. NEVER_SEEN without
+    terrain."""
     top_index: NDArray[np.int32]
     """[X, Y] grid index k of the highest voxel; meaningless where `has_surface` is False."""
     bottom_index: NDArray[np.int32]

@@ -1,4 +1,4 @@
-"""What is known about a voxel: five states, so that missing data can never be read as "free"."""
+"""What is known about a voxel: six states, so that missing data can never be read as "free"."""
 
 from enum import IntEnum
 
@@ -13,7 +13,7 @@ class VoxelState(IntEnum):
     """Never seen, but a camera pointed at it and something hid it."""
 
     EMPTY = 2
-    """Seen recently, and its probability is below the threshold."""
+    """Seen recently, and what was seen speaks against crowd: how clearly it must is up to the method."""
 
     STALE = 3
     """Seen, below the threshold, but the last look is older than `stale_after_s`: not evidence of absence
@@ -21,3 +21,7 @@ class VoxelState(IntEnum):
 
     CROWD = 4
     """Its probability is at or above the threshold."""
+
+    NOT_CLEARED = 5
+    """Looked at recently, and that showed neither crowd nor the lack of one: too far, too coarse, too
+    flat."""

@@ -193,6 +193,7 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
     assert done.returncode == 0, done.stderr
     scores = json.loads(done.stdout)["scores"]
     assert [(row["config"]["method"], row["config"].get("alpha")) for row in scores] == [
+        ("evidence", None),
         ("or", None),
         ("paper", 0.1),
         ("paper", 1.0),
@@ -227,7 +228,24 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     mesh = tmp_path / "plain.obj"
     mesh.write_text("v 0 0 -0.5\nv 20 0 -0.5\nv 20 20 -0.5\nv 0 20 -0.5\nf 1 2 3\nf 1 3 4\n")
 
-    bayes = ("--prior", 0.5, "--tpr", 0.9, "--fpr", 0.1, "--decay", 0, "--alpha", 1, "--alpha", 0.1)
+    bayes = (
+        "-m",
+        "or",
+        "-m",
+        "paper",
+        "--prior",
+        0.5,
+        "--tpr",
+        0.9,
+        "--fpr",
+        0.1,
+        "--decay",
+        0,
+        "--alpha",
+        1,
+        "--alpha",
+        0.1,
+    )
     done = crowdfence("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, *bayes, "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
@@ -238,6 +256,8 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert newest["threshold"] == slow["threshold"] == pytest.approx(0.3)
     assert [row["mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 0.0])
     assert [row["best_mean_iou"] for row in report["scores"]] == pytest.approx([18 / 24, 20 / 24, 18 / 24])
+    assert [row["best_knob"] for row in report["scores"]] == ["b_threshold", "threshold", "threshold"]
+    assert [row["safety"] for row in report["scores"]] == [None] * 3  # nobody recorded where people are
     assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(36 / 40)
     assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
 
@@ -349,7 +369,8 @@ def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: P
 def test_what_cannot_be_run_is_one_line_with_the_value(
     airsim: Path, tmp_path: Path, options: list[object], message: str
 ) -> None:
-    done = crowdfence("run", airsim, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2, *options)
+    paper = ("-m", "paper", "--prior", 0.2, *options)
+    done = crowdfence("run", airsim, *RECORDED, "-o", tmp_path / "out", *paper)
     assert message in error_line(done)
     assert not (tmp_path / "out").exists()
 

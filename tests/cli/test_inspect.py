@@ -397,13 +397,14 @@ def crowd_map(tmp_path: Path) -> Path:
 def test_crowd_map_without_and_with_its_terrain(crowd_map: Path) -> None:
     head = report(crowd_map)
     terrain = report(crowd_map.with_name("plain.bt"), "--quick")["terrain"]
-    assert (head["version"], head["terrain_voxels"], head["content"]) == (3, 14_400, None)
+    assert (head["version"], head["terrain_voxels"], head["content"]) == (4, 14_400, None)
     assert head["terrain_fingerprint"] == terrain["fingerprint"]
     assert "--terrain" in inspect(crowd_map).stdout
     content = report(crowd_map, "--terrain", crowd_map.with_name("plain.bt"))["content"]
     assert (content["instants"], content["duration_s"], content["fleet_size"]) == (2, 0.5, 1)
     assert content["first_instant"] == "2025-10-09T08:53:20.000000000Z"
-    assert content["states"] == {"never_seen": 14_000, "occluded": 0, "empty": 0, "stale": 0, "crowd": 400}
+    others = dict.fromkeys(("occluded", "empty", "stale", "not_cleared"), 0)
+    assert content["states"] == {"never_seen": 14_000, "crowd": 400, **others}
     # One drone, m = 1, weight 1: P(A = 1 | b = 1) = 0.9 * 0.2 / (0.9 * 0.2 + 0.05 * 0.8).
     assert content["highest_probability"] == pytest.approx(0.18 / 0.22)
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from crowdfence import Terrain
-from crowdfence.config import GroupingConfig, OrConfig, PaperConfig, ProjectionConfig, RunConfig, ZoneConfig
+from crowdfence.config import (
+    EvidenceConfig,
+    GroupingConfig,
+    OrConfig,
+    PaperConfig,
+    ProjectionConfig,
+    RunConfig,
+    ZoneConfig,
+)
 
 FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
 
@@ -66,7 +74,7 @@ def test_reports_show_what_the_map_was_told() -> None:
 
 
 def test_no_field_of_one_part_hides_that_of_another() -> None:
-    for method in (PaperConfig, OrConfig):
+    for method in (EvidenceConfig, PaperConfig, OrConfig):
         parts = (method, ProjectionConfig, GroupingConfig, ZoneConfig)
         names = [field.name for part in parts for field in fields(part)]
         assert len(names) == len(set(names))

@@ -58,11 +58,11 @@ def test_crossing_the_threshold_shows(eye: NDArray[np.float64]) -> None:
 
 
 def test_only_seen_ground_is_coloured_by_probability() -> None:
-    never, occluded, empty, stale, crowd = VoxelState
-    probability = [np.nan, np.nan, 0.0, np.nan, 1.0]
-    colours = state_colours(probability, [never, occluded, empty, stale, crowd], 0.5)
-    assert [tuple(colour) for colour in colours[:4].tolist()] == [
-        STATE_COLOURS[known] for known in (never, occluded, empty, stale)
+    never, occluded, empty, stale, crowd, not_cleared = VoxelState
+    probability = [np.nan, np.nan, 0.0, np.nan, np.nan, 1.0]
+    colours = state_colours(probability, [never, occluded, empty, stale, not_cleared, crowd], 0.5)
+    assert [tuple(colour) for colour in colours[:5].tolist()] == [
+        STATE_COLOURS[known] for known in (never, occluded, empty, stale, not_cleared)
     ]
     with pytest.raises(ValueError, match="NaN has no place"):
         state_colours([np.nan], [crowd], 0.5)

@@ -56,8 +56,8 @@ def test_every_voxel_that_was_seen_is_occupied_and_has_the_colour_of_its_state(
     tmp_path: Path, terrain: Terrain
 ) -> None:
     terrain.georeference = Georeference(46.5, 8.0, 1200.0)
-    never, occluded, empty, stale, crowd = VoxelState
-    state = np.array([never, occluded, empty, stale, crowd, crowd, empty])
+    never, occluded, empty, stale, crowd, not_cleared = VoxelState
+    state = np.array([never, occluded, empty, stale, crowd, crowd, not_cleared])
     # A never seen voxel with a high initial value must not look like crowd.
     probability = np.array([0.9, 0.9, 0.0, 0.0, 0.5, 1.0, 0.25])
     path = tmp_path / "crowd_map.ot"
@@ -70,6 +70,7 @@ def test_every_voxel_that_was_seen_is_occupied_and_has_the_colour_of_its_state(
     assert all(tree.isNodeOccupied(node) for node in nodes[2:])
     colours = [tuple(int(channel) for channel in node.getColor()) for node in nodes[2:]]
     assert colours[:2] == [STATE_COLOURS[known] for known in (empty, stale)]
+    assert colours[4] == STATE_COLOURS[not_cleared]
     assert colours[2] == (255, 214, 70)  # at the threshold: the yellow end of the ramp
     assert colours[3] == (112, 8, 38)  # certain: its dark red end
     content = comment(path)

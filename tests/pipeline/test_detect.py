@@ -209,7 +209,8 @@ def test_people_are_brought_to_scale_by_pose_and_map(
 
 
 def test_run_says_which_detector_it_used(recorded: Path, model: Path, tmp_path: Path) -> None:
-    command = ["run", str(recorded), "-o", str(tmp_path / "out"), "--prior", "0.2", "--detector", str(model)]
+    command = ["run", str(recorded), "-o", str(tmp_path / "out"), "-m", "paper", "--prior", "0.2"]
+    command += ["--detector", str(model)]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -247,6 +248,6 @@ def test_evaluate_measures_the_chosen_detector(recorded: Path, model: Path) -> N
     expected = (crowd == 3).sum() / (crowd > 0).sum()
     assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(expected)
     assert report["detector"]["false_positive_rate"]["rate"] == 0.0
-    assert [row["config"]["target_height_m"] for row in report["scores"]] == [1.5, 1.5]
+    assert [row["config"]["target_height_m"] for row in report["scores"]] == [1.5, 1.5, 1.5]
     counts = measured_rates(open_recording(recorded), heatmap_source(Detector(model), None, 300.0))
     assert counts.true_positives == (crowd == 3).sum()

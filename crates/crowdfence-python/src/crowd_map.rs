@@ -14,6 +14,7 @@ use crate::observation::{PyObservation, projection};
 use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
 use crate::view::PyView;
+use crate::voxel_knowledge::PyVoxelKnowledge;
 
 /// What one instant changed; `CrowdMap.integrate` makes it. It can be compared and pickled.
 #[pyclass(frozen, name = "Update", module = "crowdfence", eq)]
@@ -96,7 +97,7 @@ impl PyUpdate {
 /// Probability of crowd per terrain voxel over time.
 ///
 /// terrain          what the views are projected onto
-/// method           `Paper` or `Or`
+/// method           `Evidence`, `Paper` or `Or`
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
 /// coverage         "full" or "rays", see `project`
@@ -160,7 +161,7 @@ impl PyCrowdMap {
         self.terrain.clone_ref(py)
     }
 
-    /// `Paper` or `Or`, with its parameters.
+    /// `Evidence`, `Paper` or `Or`, with its parameters.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         method_object(py, self.read(py, |map| Ok(map.method()))?)
@@ -217,7 +218,7 @@ impl PyCrowdMap {
 
     /// Take in the views of one instant, each drone at most once: project, fuse, store.
     ///
-    /// stamp_ns  the instant; for `Paper` after the one before, for `Or` in any order
+    /// stamp_ns  the instant; for `Paper` after the one before, for the others in any order
     ///
     /// A view within 1 s of its instant counts as taken then, an older one at its own stamp. An error
     /// leaves the map as it was: StampError for an instant or a view whose stamp cannot be right,
@@ -284,6 +285,8 @@ impl PyCrowdMap {
     /// threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     /// stale_after_s  >= 0: what is not crowd is stale once its last look is older than this
     ///
+    /// What is neither is empty where the method clears it: `Evidence` asks for evidence, the others do not.
+    ///
     /// StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]
     fn state<'py>(
@@ -299,6 +302,26 @@ impl PyCrowdMap {
             Ok(states.into_iter().map(|state| state as u8).collect())
         })?;
         Ok(codes.into_pyarray(py))
+    }
+
+    /// All that is known about the voxels `ids` [N] at a stamp not before the newest instant.
+    ///
+    /// Threshold and stale_after_s as for `state`; CrowdfenceError for an id that does not exist.
+    #[pyo3(signature = (ids, stamp_ns, *, threshold=None, stale_after_s=30.0))]
+    fn knowledge(
+        &self,
+        py: Python<'_>,
+        ids: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+        stale_after_s: f64,
+    ) -> PyResult<PyVoxelKnowledge> {
+        let ids = self.ids(py, ids)?;
+        self.read(py, |map| {
+            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
+            map.knowledge(&ids, stamp_ns, threshold, stale_after_s)
+        })
+        .map(PyVoxelKnowledge)
     }
 
     /// The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones

@@ -8,12 +8,14 @@ mod crowd_columns;
 mod crowd_map;
 mod crowd_mass;
 mod errors;
+mod evidence;
 mod method;
 mod observation;
 mod opinion_pool;
 mod stamps;
 mod terrain;
 mod view;
+mod voxel_knowledge;
 
 use pyo3::prelude::*;
 
@@ -36,10 +38,13 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<crowd_mass::PyCrowdMass>()?;
     module.add_class::<observation::PyObservation>()?;
     module.add_class::<opinion_pool::PyRates>()?;
+    module.add_class::<evidence::PyLikelihoodRatio>()?;
+    module.add_class::<evidence::PyEvidence>()?;
     module.add_class::<method::PyPaper>()?;
     module.add_class::<method::PyOr>()?;
     module.add_class::<crowd_map::PyUpdate>()?;
     module.add_class::<crowd_columns::PyCrowdColumns>()?;
+    module.add_class::<voxel_knowledge::PyVoxelKnowledge>()?;
     module.add_class::<crowd_map::PyCrowdMap>()?;
     module.add_function(wrap_pyfunction!(observation::project, module)?)?;
     module.add_function(wrap_pyfunction!(opinion_pool::pool, module)?)?;

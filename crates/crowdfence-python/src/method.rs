@@ -5,6 +5,7 @@ use pyo3::types::PyDict;
 
 use crate::arrays::refuse;
 use crate::errors::CrowdfenceError;
+use crate::evidence::PyEvidence;
 use crate::opinion_pool::{PyRates, opinion_pool};
 
 /// Method `paper`: equations 1-3 with a switch for everything that the paper leaves open.
@@ -189,7 +190,7 @@ fn not_one_of(name: &str, value: &str, allowed: &str) -> PyErr {
     CrowdfenceError::new_err(format!("{name} is {value:?}; it must be {allowed}"))
 }
 
-fn parameters(py: Python<'_>, method: Method) -> PyResult<Bound<'_, PyDict>> {
+pub fn parameters(py: Python<'_>, method: Method) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     for (name, parameter) in method.parameters() {
         match parameter {
@@ -258,6 +259,7 @@ impl PyOr {
 
 #[derive(FromPyObject)]
 pub enum MethodArgument<'py> {
+    Evidence(PyRef<'py, PyEvidence>),
     Paper(PyRef<'py, PyPaper>),
     Or(PyRef<'py, PyOr>),
 }
@@ -265,6 +267,7 @@ pub enum MethodArgument<'py> {
 impl MethodArgument<'_> {
     pub fn method(&self) -> Method {
         match self {
+            MethodArgument::Evidence(evidence) => Method::Evidence(evidence.0.clone()),
             MethodArgument::Paper(paper) => Method::Paper(paper.0),
             MethodArgument::Or(or) => Method::Or(or.0),
         }
@@ -273,6 +276,7 @@ impl MethodArgument<'_> {
 
 pub fn method_object(py: Python<'_>, method: Method) -> PyResult<Py<PyAny>> {
     match method {
+        Method::Evidence(evidence) => Ok(Py::new(py, PyEvidence(evidence))?.into_any()),
         Method::Paper(paper) => Ok(Py::new(py, PyPaper(paper))?.into_any()),
         Method::Or(or) => Ok(Py::new(py, PyOr(or))?.into_any()),
     }

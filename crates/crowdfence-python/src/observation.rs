@@ -26,6 +26,8 @@ use crate::view::PyView;
 /// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
 /// occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
 /// crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
+/// focal_px      focal length of the camera in pixels, >= 0: a voxel is seen with range / focal metres per
+///               pixel; 0: nobody said
 ///
 /// `project` makes one from a view. It is checked when it is made, and cannot change: CrowdfenceError
 /// names what is not sorted, not unique, not finite, out of bounds or of another length; ViewError a
@@ -39,7 +41,7 @@ pub struct PyObservation(pub Arc<Observation>);
 impl PyObservation {
     #[new]
     #[pyo3(signature = (terrain, drone, stamp_ns, *, voxel_ids, mean, pixel_count, range_m, tilt_deg, occluded_ids,
-                        crowd_mass=None))]
+                        crowd_mass=None, focal_px=0.0))]
     #[allow(clippy::too_many_arguments)] // the columns, keyword-only in Python
     fn new(
         terrain: &PyTerrain,
@@ -52,6 +54,7 @@ impl PyObservation {
         tilt_deg: &Bound<'_, PyAny>,
         occluded_ids: &Bound<'_, PyAny>,
         crowd_mass: Option<PyRef<'_, PyCrowdMass>>,
+        focal_px: f32,
     ) -> PyResult<Self> {
         let terrain = &terrain.terrain;
         let seen = SeenVoxels {
@@ -64,6 +67,7 @@ impl PyObservation {
         let occluded_ids = checked_ids(terrain, occluded_ids)?;
         let crowd_mass = crowd_mass.map(|mass| mass.0).unwrap_or_default();
         Observation::new(terrain.key(), drone, stamp_ns, seen, occluded_ids, crowd_mass)
+            .and_then(|observation| observation.with_focal_px(focal_px))
             .map(|observation| PyObservation(Arc::new(observation)))
             .map_err(refuse)
     }
@@ -128,6 +132,12 @@ impl PyObservation {
     #[getter]
     fn crowd_mass(&self) -> PyCrowdMass {
         PyCrowdMass(self.0.crowd_mass())
+    }
+
+    /// Focal length of the camera in pixels; 0 = nobody said.
+    #[getter]
+    fn focal_px(&self) -> f32 {
+        self.0.focal_px()
     }
 
     /// The observation as bytes, with a checksum, for other machines and other versions of this

@@ -145,7 +145,9 @@ fn observation(
     occluded_ids: Vec<u32>,
     crowd_mass: CrowdMass,
 ) -> Observation {
+    let focal_px = (view.camera.fx() * view.camera.fy()).sqrt().min(f64::from(f32::MAX)) as f32;
     Observation::new(terrain.key(), view.drone.clone(), view.stamp_ns, seen, occluded_ids, crowd_mass)
+        .and_then(|observation| observation.with_focal_px(focal_px))
         .expect("rows are sorted, and values of a heatmap lie in [0, 1]")
 }
 

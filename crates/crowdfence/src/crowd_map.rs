@@ -27,13 +27,13 @@ use crate::terrain::Terrain;
 use crate::view::View;
 
 pub use columns::{CrowdColumn, CrowdColumns};
-pub use voxel_state::VoxelState;
+pub use voxel_state::{VoxelKnowledge, VoxelState};
 
 use beliefs::Beliefs;
-use fuse::{Fused, fuse};
-use history::{History, Look};
+use fuse::{Fused, Views, fuse};
+use history::History;
 use instants::Instant;
-use reading::Reading;
+use reading::{Reading, StateRule};
 
 /// A view stamped this close to its instant counts as taken then. One that is older counts at its own stamp: what
 /// it saw is as old as it is.
@@ -102,8 +102,10 @@ impl CrowdMap {
         }
         let now = Instant { stamp_ns, number: self.history.instants.integrated };
         let taken = instants_of(&observations, now);
+        let drones: Vec<u32> = observations.iter().map(|seen| self.history.enlist(seen.drone())).collect();
+        let views = Views { observations: &observations, drones: &drones, taken: &taken };
         let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
-            fuse(beliefs, &mut self.history, &observations, &taken, now)
+            fuse(beliefs, &mut self.history, views, now)
         });
         self.remember(&observations, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
@@ -153,27 +155,31 @@ impl CrowdMap {
         Ok(seen.into_iter().unzip())
     }
 
-    /// What is known about every voxel: crowd is P >= `threshold`, and what is not crowd is stale once its last
-    /// look is more than `stale_after_s` old.
+    /// What is known about every voxel: crowd is P >= `threshold`; what is not crowd is stale once its last look is
+    /// more than `stale_after_s` old, and else empty only where the method clears it.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
         let now = self.moment(stamp_ns)?;
-        check_threshold(threshold)?;
-        require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
-        let is_stale = |slot| {
-            let last_ns = self.history.instants.at(slot).stamp_ns;
-            seconds_between(last_ns, stamp_ns) > stale_after_s
-        };
+        let rule = StateRule::new(threshold, stale_after_s)?;
         let ids = (0..self.terrain.voxel_count() as u32).into_par_iter();
         Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
             let reading = Reading::new(beliefs, &self.history, now);
-            ids.map(|id| match self.history.look(id) {
-                Look::Never => VoxelState::NeverSeen,
-                Look::Occluded => VoxelState::Occluded,
-                Look::At(_) if reading.probability(id) >= threshold => VoxelState::Crowd,
-                Look::At(slot) if is_stale(slot) => VoxelState::Stale,
-                Look::At(_) => VoxelState::Empty,
-            })
-            .collect()
+            ids.map(|id| reading.state(id, rule)).collect()
+        }))
+    }
+
+    /// All that is known about some voxels; states as in [`CrowdMap::state`].
+    pub fn knowledge(
+        &self,
+        ids: &[u32],
+        stamp_ns: i64,
+        threshold: f64,
+        stale_after_s: f64,
+    ) -> Result<Vec<VoxelKnowledge>> {
+        let now = self.moment(stamp_ns)?;
+        let rule = StateRule::new(threshold, stale_after_s)?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            ids.par_iter().map(|&id| reading.knowledge(id, rule)).collect()
         }))
     }
 

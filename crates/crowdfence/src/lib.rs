@@ -24,9 +24,9 @@ pub mod view;
 
 pub use back_projection::{Coverage, Projection, project};
 pub use camera::{Camera, Distortion};
-pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelState};
+pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
-pub use method::{Method, Or, Paper};
+pub use method::{Evidence, EvidenceSettings, LikelihoodRatio, Method, Or, Paper};
 pub use observation::{CrowdMass, Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;

@@ -4,12 +4,14 @@
 //! that; the crowd map knows only [`FusionMethod`]. A new method is one file here, one variant of [`Method`] and
 //! one of the crowd map's beliefs.
 
+mod evidence;
 mod or;
 mod paper;
 
 use crate::error::Result;
 use crate::sealed::{Reader, Writer};
 
+pub use evidence::{Evidence, EvidenceSettings, LikelihoodRatio};
 pub use or::Or;
 pub use paper::{DecayUnit, Initial, Paper};
 
@@ -19,11 +21,15 @@ pub struct VoxelLook {
     pub voxel_id: u32,
     /// Position of the view among those of the instant.
     pub view: u32,
+    /// Number of its drone, in the order in which drones first gave a view.
+    pub drone: u32,
     /// m_i of equation 1.
     pub mean: f64,
     pub pixel_count: u32,
     pub range_m: f32,
     pub tilt_deg: f32,
+    /// Focal length of the camera in pixels; 0 = nobody said.
+    pub focal_px: f32,
 }
 
 /// Time since the last look at a voxel, in the units that methods count in.
@@ -59,9 +65,14 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// What is left of a belief that long after its last look.
     fn fading(&self, since: Elapsed) -> Self::Fading;
 
-    /// The belief after the views `looks` (at least one, each of another drone) of one instant; `before` is
-    /// None for a voxel that nobody has seen yet.
-    fn update(&self, before: Option<(Self::Belief, Self::Fading)>, looks: &[VoxelLook]) -> Self::Belief;
+    /// The belief after the views `looks` (at least one, each of another drone) of one instant, as of the newest look
+    /// at the voxel; `before` is None for a voxel that nobody has seen yet. Beside each is what time leaves of it
+    /// until that look.
+    fn update(
+        &self,
+        before: Option<(Self::Belief, Self::Fading)>,
+        looks: &[(VoxelLook, Self::Fading)],
+    ) -> Self::Belief;
 
     /// Probability of crowd that is left of a belief.
     fn probability(&self, belief: Self::Belief, fading: Self::Fading) -> f64;
@@ -69,8 +80,19 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// The same where nobody has looked yet, which says nothing about the place.
     fn unseen_probability(&self) -> f64;
 
+    /// Looks that a belief still remembers, in those that weigh 1; None where they are not counted.
+    fn looks(&self, _belief: Self::Belief, _fading: Self::Fading) -> Option<f64> {
+        None
+    }
+
     /// Probability from which a voxel is called crowd unless the caller says otherwise.
     fn default_threshold(&self) -> f64;
+
+    /// Does a place with this probability, below the threshold, count as empty? If not it was looked at, and that
+    /// showed neither.
+    fn clears(&self, _probability: f64) -> bool {
+        true
+    }
 
     /// A view calls a voxel crowd when its mean heatmap value is above this.
     fn b_threshold(&self) -> f64;
@@ -98,8 +120,9 @@ pub(crate) trait Stored: FusionMethod {
 }
 
 /// One of the methods.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Method {
+    Evidence(Evidence),
     Paper(Paper),
     Or(Or),
 }
@@ -108,6 +131,7 @@ pub enum Method {
 macro_rules! each_method {
     ($value:expr, $kind:ident, $method:ident => $answer:expr) => {
         match $value {
+            $kind::Evidence($method) => $answer,
             $kind::Paper($method) => $answer,
             $kind::Or($method) => $answer,
         }

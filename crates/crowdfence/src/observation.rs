@@ -19,6 +19,7 @@ pub struct Observation {
     seen: SeenVoxels,
     occluded_ids: Vec<u32>,
     crowd_mass: CrowdMass,
+    focal_px: f32,
 }
 
 /// The voxels that a view sees: parallel columns, sorted by id.
@@ -59,7 +60,19 @@ impl Observation {
         }
         seen.check_values()?;
         crowd_mass.check()?;
-        Ok(Observation { terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass })
+        Ok(Observation { terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass, focal_px: 0.0 })
+    }
+
+    /// The same from a camera of this focal length, pixels: a voxel at range r is seen with r / focal metres per
+    /// pixel. 0 = nobody said.
+    pub fn with_focal_px(self, focal_px: f32) -> Result<Observation> {
+        let ok = focal_px.is_finite() && focal_px >= 0.0;
+        require(ok, "focal_px", f64::from(focal_px), "finite and >= 0")?;
+        Ok(Observation { focal_px, ..self })
+    }
+
+    pub fn focal_px(&self) -> f32 {
+        self.focal_px
     }
 
     pub fn terrain(&self) -> TerrainKey {

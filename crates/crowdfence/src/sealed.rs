@@ -150,6 +150,10 @@ impl<'a> Reader<'a> {
         self.number(i64::from_le_bytes)
     }
 
+    pub fn f32(&mut self) -> Result<f32> {
+        self.number(f32::from_le_bytes)
+    }
+
     pub fn f64(&mut self) -> Result<f64> {
         self.number(f64::from_le_bytes)
     }

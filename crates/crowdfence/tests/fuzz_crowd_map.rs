@@ -8,8 +8,8 @@ use std::sync::{Arc, LazyLock};
 use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::view::Pose;
 use crowdfence::{
-    Camera, Coverage, CrowdMap, Distortion, Error, Heatmap, Method, Or, Paper, Projection, Rates,
-    TemporalBlend, Terrain, Unseen, View,
+    Camera, Coverage, CrowdMap, Distortion, Error, Evidence, EvidenceSettings, Heatmap, LikelihoodRatio,
+    Method, Or, Paper, Projection, Rates, TemporalBlend, Terrain, Unseen, View,
 };
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
@@ -83,6 +83,22 @@ fn look(drone: &str, at: [f64; 3], m: f32, stamp_ns: i64) -> View {
     View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
 }
 
+/// Values up to .5 speak against crowd, more strongly from near.
+fn evidence() -> Evidence {
+    let likelihood = LikelihoodRatio::new(vec![0.2], vec![], vec![0.5], vec![-3.0, 4.0, -0.5, 2.0]).unwrap();
+    let settings = EvidenceSettings {
+        prior: 0.02,
+        memory_s: 10.0,
+        sharp_gsd_m: 0.1,
+        doubt: 0.5,
+        agreement: 0.5,
+        threshold: 0.1,
+        cleared: 0.01,
+        focal_px: 100.0,
+    };
+    Evidence::new(Arc::new(likelihood), settings).unwrap()
+}
+
 fn method() -> impl Strategy<Value = Method> {
     let unseen = prop_oneof![Just(Unseen::Fleet), Just(Unseen::Visible)];
     let initial = prop_oneof![Just(Initial::Zero), Just(Initial::Prior), Just(Initial::FirstLook)];
@@ -95,7 +111,7 @@ fn method() -> impl Strategy<Value = Method> {
             Method::Paper(Paper::new(pool, blend, 3, initial, decay).unwrap())
         },
     );
-    prop_oneof![3 => paper, 1 => Just(Method::Or(Or::new(0.5).unwrap()))]
+    prop_oneof![3 => paper, 1 => Just(Method::Or(Or::new(0.5).unwrap())), 2 => Just(Method::Evidence(evidence()))]
 }
 
 /// A file by the writer, after a few instants of up to three drones.
@@ -205,10 +221,10 @@ proptest! {
     /// The readers of older versions, on files that their last builds wrote.
     #[test]
     fn mutated_files_of_older_versions(
-        which in 0..4_usize, mutations in prop::collection::vec(mutation(), 0..6), numbers in
+        which in 0..6_usize, mutations in prop::collection::vec(mutation(), 0..6), numbers in
         prop::collection::vec((place(), telling_number()), 0..3),
     ) {
-        let name = ["paper_v1", "or_v1", "paper_v2", "or_v2"][which];
+        let name = ["paper_v1", "or_v1", "paper_v2", "or_v2", "paper_v3", "or_v3"][which];
         let path = format!("{}/../../reference/{name}.crowdmap", env!("CARGO_MANIFEST_DIR"));
         let mut file = std::fs::read(path).unwrap();
         mutations.iter().for_each(|mutation| mutation.apply(&mut file));

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT, PAPER
-from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
+from crowdfence.cli.options import DEFAULT, EVIDENCE, OR, PAPER
+from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from crowdfence.evaluation.cells.rates import Confusion
     from crowdfence.evaluation.replay import Score
+    from crowdfence.evaluation.safety import Safety
     from crowdfence.sources.recording import Instant, InstantViews
 
 GATE_NOT_MET = 3
@@ -34,6 +37,13 @@ def evaluate(
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
     ] = None,
+    memory_s: options.MemoryS = EVIDENCE.memory_s,
+    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
+    doubt: options.Doubt = EVIDENCE.doubt,
+    agreement: options.Agreement = EVIDENCE.agreement,
+    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
+    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
+    prior: options.Prior = None,
     alpha: Annotated[
         list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
     ] = None,
@@ -46,8 +56,11 @@ def evaluate(
     measured_rates: Annotated[
         bool, typer.Option("--measured-rates", help="Use the rates per heatmap cell that the truth shows.")
     ] = False,
-    prior: options.Prior = None,
     b_threshold: options.BThreshold = PAPER.b_threshold,
+    or_b_threshold: Annotated[
+        float,
+        typer.Option("--or-b-threshold", help="Mean heatmap value above which `or` calls a voxel crowd."),
+    ] = OR.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
     coverage: options.CoverageOption = options.Coverage.full,
@@ -66,7 +79,8 @@ def evaluate(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Mean IoU (equation 4) of the methods against the truth that the recording holds."""
+    """Mean IoU (equation 4) of the methods against the truth that the recording holds, and who stands in a
+    zone."""
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
@@ -90,7 +104,14 @@ def evaluate(
         paper = replace(
             paper, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
-    methods = _methods(method or list(options.MethodName), paper, alpha or [PAPER.alpha])
+    chosen_methods = method or list(options.MethodName)
+    methods: list[MethodConfig] = []
+    if options.MethodName.evidence in chosen_methods:
+        methods.append(options.part(EvidenceConfig, context.params))
+    if options.MethodName.or_ in chosen_methods:
+        methods.append(OrConfig(b_threshold=or_b_threshold))
+    if options.MethodName.paper in chosen_methods:
+        methods += [replace(paper, alpha=one) for one in alpha or [PAPER.alpha]]
     configs = [options.run_config(context.params, one) for one in methods]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
@@ -129,15 +150,6 @@ _AGAINST = {
 }
 
 
-def _methods(names: list[options.MethodName], paper: PaperConfig, alphas: list[float]) -> list[MethodConfig]:
-    methods: list[MethodConfig] = []
-    if options.MethodName.or_ in names:
-        methods.append(OrConfig(b_threshold=paper.b_threshold))
-    if options.MethodName.paper in names:
-        methods += [replace(paper, alpha=alpha) for alpha in alphas]
-    return methods
-
-
 def _rates(counts: Confusion) -> dict[str, Any]:
     estimates = {
         "true_positive_rate": counts.true_positive_rate(),
@@ -150,15 +162,42 @@ def _rates(counts: Confusion) -> dict[str, Any]:
 
 
 def _as_json(row: Score) -> dict[str, Any]:
-    best_threshold, best = row.sweep.best()
+    best, best_iou = row.sweep.best()
     return {
         "config": row.config.to_json(),
         "threshold": row.threshold,
         "mean_iou": row.iou.mean,
         "std_iou": row.iou.std,
-        "best_threshold": best_threshold,
-        "best_mean_iou": best.mean,
+        "best_knob": _knob(row.config),
+        "best_threshold": best,
+        "best_mean_iou": best_iou.mean,
+        "safety": None if row.safety is None else _safety_json(row.safety),
         "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
+    }
+
+
+def _knob(config: RunConfig) -> str:
+    """What is turned for the best IoU."""
+    return "b_threshold" if isinstance(config.method, OrConfig) else "threshold"
+
+
+def _safety_json(safety: Safety) -> dict[str, Any]:
+    from crowdfence.evaluation.safety import BUFFERS_M
+
+    per_buffer = {
+        "in_zone": safety.share_in_zone,
+        "in_zone_in_range": safety.share_in_zone_in_range,
+        "blocked_per_own": safety.blocked_per_own,
+    }
+    return {
+        "buffers_m": list(BUFFERS_M),
+        **{
+            name: [None if share != share else share for share in shares.tolist()]
+            for name, shares in per_buffer.items()
+        },
+        "on_empty": None if safety.people == 0 else safety.share_on_empty,
+        "people": safety.people,
+        "people_in_range": safety.people_in_range,
     }
 
 
@@ -186,12 +225,55 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
             f"{best.mean:.3f}",
         )
     out.print(table)
+    out.print(_safety_table(scores))
+    if any(row.safety is not None for row in scores):
+        out.print(_LEGEND)
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
         out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
-    out.print("The best threshold is chosen on this very recording.")
+    out.print("The best threshold, of or the best b_threshold, is chosen on this very recording.")
+
+
+def _safety_table(scores: list[Score]) -> Table | str:
+    """Who stands in a zone; nothing where nobody knows where people are."""
+    from rich.table import Table
+
+    from crowdfence.evaluation.safety import BUFFERS_M
+
+    if any(row.safety is None or row.safety.people == 0 for row in scores):
+        return ""
+    table = Table(
+        title="\nPeople of crowds in view: who stands in a zone and its buffer",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+    )
+    table.add_column("method", no_wrap=True)
+    for column in (*(f"{buffer_m:g} m" for buffer_m in _SHOWN_M), "in range", "on empty", "closed"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in scores:
+        safety = row.safety
+        assert safety is not None
+        in_zone = [safety.share_in_zone[BUFFERS_M.index(buffer_m)] for buffer_m in _SHOWN_M]
+        shares = [*in_zone, safety.share_in_zone_in_range[_AT], safety.share_on_empty]
+        table.add_row(
+            _label(row.config),
+            *("-" if share != share else f"{share:.1%}" for share in shares),
+            f"{safety.blocked_per_own[_AT]:.2f} x",
+        )
+    return table
+
+
+_SHOWN_M = (0.0, 2.0, 5.0)
+_AT = 2
+"""5 m among the buffers."""
+_LEGEND = (
+    "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
+    "on ground that the map calls empty. Closed: ground in zones per ground of crowds\n"
+    "that was seen, both with 5 m around."
+)
 
 
 def _label(config: RunConfig) -> str:
     method = config.method
-    return method.name if isinstance(method, OrConfig) else f"{method.name}, alpha {method.alpha:g}"
+    return f"{method.name}, alpha {method.alpha:g}" if isinstance(method, PaperConfig) else method.name

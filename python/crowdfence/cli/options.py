@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from crowdfence.config import (
+    EvidenceConfig,
     GroupingConfig,
     MethodConfig,
     OrConfig,
@@ -25,15 +26,18 @@ if TYPE_CHECKING:
     from crowdfence.georeference import Georeference
 
 DEFAULT = RunConfig()
+EVIDENCE = EvidenceConfig()
 PAPER = PaperConfig()
-PartT = TypeVar("PartT", PaperConfig, OrConfig, ProjectionConfig, GroupingConfig, ZoneConfig)
-_METHOD, _RATES, _MAP = "Method", "Detector rates and prior", "Projection and map"
-_ZONES = "Zones"
+OR = OrConfig()
+PartT = TypeVar("PartT", EvidenceConfig, PaperConfig, OrConfig, ProjectionConfig, GroupingConfig, ZoneConfig)
+_METHOD, _EVIDENCE, _PAPER = "Method", "Method evidence", "Methods paper and or"
+_MAP, _ZONES = "Projection and map", "Zones"
 
 
 class MethodName(str, Enum):
     """Fusion methods."""
 
+    evidence = "evidence"
     paper = "paper"
     or_ = "or"
 
@@ -163,59 +167,102 @@ Files = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]
+MemoryS = Annotated[
+    float,
+    typer.Option("--memory-s", rich_help_panel=_EVIDENCE, help="After so long a look weighs 1 / e, > 0."),
+]
+SharpGsdM = Annotated[
+    float,
+    typer.Option(
+        "--sharp-gsd-m",
+        rich_help_panel=_EVIDENCE,
+        help="Metres per pixel up to which a look weighs fully, > 0.",
+    ),
+]
+Doubt = Annotated[
+    float,
+    typer.Option(
+        "--doubt", rich_help_panel=_EVIDENCE, help="Sharp looks that the prior stands against, > 0."
+    ),
+]
+Agreement = Annotated[
+    float,
+    typer.Option(
+        "--agreement",
+        rich_help_panel=_EVIDENCE,
+        help="What further drones add: 0 they only average, 1 they add up.",
+    ),
+]
+ZoneLogOdds = Annotated[
+    float,
+    typer.Option(
+        "--zone-log-odds",
+        rich_help_panel=_EVIDENCE,
+        help="Crowd from this far above the prior, unless --threshold.",
+    ),
+]
+ClearLogOdds = Annotated[
+    float,
+    typer.Option(
+        "--clear-log-odds", rich_help_panel=_EVIDENCE, help="Empty from this far below the prior, > 0."
+    ),
+]
 Alpha = Annotated[
-    float, typer.Option("--alpha", rich_help_panel=_METHOD, help="Weight of the newest instant, in (0, 1].")
+    float, typer.Option("--alpha", rich_help_panel=_PAPER, help="Weight of the newest instant, in (0, 1].")
 ]
 Decay = Annotated[
     float,
-    typer.Option("--decay", rich_help_panel=_METHOD, help="lambda of equation 3 per --decay-unit, >= 0."),
+    typer.Option("--decay", rich_help_panel=_PAPER, help="lambda of equation 3 per --decay-unit, >= 0."),
 ]
 DecayUnitOption = Annotated[
-    DecayUnit, typer.Option("--decay-unit", rich_help_panel=_METHOD, help="Unit of lambda.")
+    DecayUnit, typer.Option("--decay-unit", rich_help_panel=_PAPER, help="Unit of lambda.")
 ]
 UnseenOption = Annotated[
     Unseen,
     typer.Option(
         "--unseen",
-        rich_help_panel=_METHOD,
+        rich_help_panel=_PAPER,
         help="Who votes: the whole fleet, or the drones that see a voxel.",
     ),
 ]
 Normalise = Annotated[
-    bool, typer.Option("--normalise", rich_help_panel=_METHOD, help="Divide the weights by their sum.")
+    bool, typer.Option("--normalise", rich_help_panel=_PAPER, help="Divide the weights by their sum.")
 ]
 InitialOption = Annotated[
-    Initial, typer.Option("--initial", rich_help_panel=_METHOD, help="Belief before the first look.")
+    Initial, typer.Option("--initial", rich_help_panel=_PAPER, help="Belief before the first look.")
 ]
 TruePositiveRate = Annotated[
     float | None,
     typer.Option(
-        "--tpr", rich_help_panel=_RATES, help="P(B = 1 | A = 1). Default: the detector's own, else 0.9."
+        "--tpr", rich_help_panel=_PAPER, help="P(B = 1 | A = 1). Default: the detector's own, else 0.9."
     ),
 ]
 FalsePositiveRate = Annotated[
     float | None,
     typer.Option(
-        "--fpr", rich_help_panel=_RATES, help="P(B = 1 | A = 0). Default: the detector's own, else 0.02."
+        "--fpr", rich_help_panel=_PAPER, help="P(B = 1 | A = 0). Default: the detector's own, else 0.02."
     ),
 ]
 Prior = Annotated[
     float | None,
     typer.Option(
-        "--prior", rich_help_panel=_RATES, help="P(A = 1). Default: share of the map fit for landing."
+        "--prior",
+        rich_help_panel=_METHOD,
+        help="P(A = 1). Default: by evidence, the detector's own; by paper, the share of the map fit for "
+        "landing.",
     ),
 ]
 BThreshold = Annotated[
     float,
     typer.Option(
         "--b-threshold",
-        rich_help_panel=_RATES,
+        rich_help_panel=_PAPER,
         help="Mean heatmap value above which a view calls a voxel crowd.",
     ),
 ]
 FleetSize = Annotated[
     int | None,
-    typer.Option("--fleet-size", rich_help_panel=_RATES, help="N. Default: the recording's drones."),
+    typer.Option("--fleet-size", rich_help_panel=_PAPER, help="N. Default: the recording's drones."),
 ]
 MaxRangeM = Annotated[
     float, typer.Option("--max-range-m", rich_help_panel=_MAP, help="Rays end at this distance.")
@@ -360,6 +407,17 @@ def zone_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
     from crowdfence.zones import safety_distance_m
 
     return {**parameters, "buffer_m": safety_distance_m(parameters["buffer"] or [])}
+
+
+def method_config(parameters: Mapping[str, Any], name: MethodName) -> MethodConfig:
+    """A method from a command's parameters."""
+    match name:
+        case MethodName.evidence:
+            return part(EvidenceConfig, parameters)
+        case MethodName.paper:
+            return part(PaperConfig, parameters)
+        case MethodName.or_:
+            return part(OrConfig, parameters)
 
 
 def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> PartT:

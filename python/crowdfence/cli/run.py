@@ -12,8 +12,8 @@ import typer
 
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT, PAPER
-from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
+from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -42,7 +42,14 @@ def run(
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
-    method: options.Method = options.MethodName.paper,
+    method: options.Method = options.MethodName.evidence,
+    memory_s: options.MemoryS = EVIDENCE.memory_s,
+    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
+    doubt: options.Doubt = EVIDENCE.doubt,
+    agreement: options.Agreement = EVIDENCE.agreement,
+    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
+    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
+    prior: options.Prior = None,
     alpha: options.Alpha = PAPER.alpha,
     decay: options.Decay = PAPER.decay,
     decay_unit: options.DecayUnitOption = options.DecayUnit.second,
@@ -51,7 +58,6 @@ def run(
     initial: options.InitialOption = options.Initial.zero,
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
-    prior: options.Prior = None,
     b_threshold: options.BThreshold = PAPER.b_threshold,
     fleet_size: options.FleetSize = None,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
@@ -78,11 +84,7 @@ def run(
 ) -> None:
     """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
     picture."""
-    chosen_method: MethodConfig = (
-        options.part(OrConfig, context.params)
-        if method is options.MethodName.or_
-        else options.part(PaperConfig, context.params)
-    )
+    chosen_method = options.method_config(context.params, method)
     config = options.run_config(options.zone_parameters(context.params), chosen_method)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
@@ -174,7 +176,8 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
                 "method": _method(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}{_left_out(summary)}",
                 **_also_closed(summary),
-                "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago",
+                "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago; "
+                f"{area['not_cleared']:.0f} m2 looked at, not cleared",
             },
         )
     )
@@ -218,6 +221,11 @@ def _method(summary: dict[str, Any]) -> str:
     used = summary["parameters"]
     if summary["method"] == "or":
         return f"or, b > {used['b_threshold']:g}"
+    if summary["method"] == "evidence":
+        return (
+            f"evidence, memory {used['memory_s']:g} s, prior {used['prior']:.4f}, "
+            f"empty up to P = {used['cleared']:.2g}"
+        )
     return (
         f"paper, alpha {used['alpha']:g}, lambda {used['decay']:g} per {used['decay_unit']}, prior "
         f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "

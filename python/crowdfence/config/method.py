@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from crowdfence._core import Or, Paper, Rates, Terrain
+from crowdfence.config.evidence import EvidenceConfig
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -103,7 +104,7 @@ class OrConfig:
         return Or(b_threshold=self.b_threshold)
 
 
-MethodConfig = PaperConfig | OrConfig
+MethodConfig = EvidenceConfig | PaperConfig | OrConfig
 
 
 def _stated(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from crowdfence._core import CrowdMap, Terrain
+from crowdfence._core import CrowdMap, LikelihoodRatio, Terrain
+from crowdfence.config.evidence import EvidenceConfig
 from crowdfence.config.grouping import GroupingConfig
-from crowdfence.config.method import MethodConfig, PaperConfig
+from crowdfence.config.method import MethodConfig
 from crowdfence.config.projection import ProjectionConfig
 from crowdfence.config.zones import ZoneConfig
 
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """How a recording is fused. The defaults follow the paper."""
+    """How a recording is fused; complete by default."""
 
-    method: MethodConfig = field(default_factory=PaperConfig)
+    method: MethodConfig = field(default_factory=EvidenceConfig)
     projection: ProjectionConfig = field(default_factory=ProjectionConfig)
     grouping: GroupingConfig = field(default_factory=GroupingConfig)
     zones: ZoneConfig = field(default_factory=ZoneConfig)
@@ -68,5 +69,11 @@ class RunConfig:
     def to_json(self) -> dict[str, Any]:
         """Every field by its name, ready for JSON."""
         parts = (self.method, self.projection, self.grouping, self.zones)
-        fields = {name: value for part in parts for name, value in asdict(part).items()}
+        fields = {name: _plain(value) for part in parts for name, value in asdict(part).items()}
         return {"method": self.method.name, **fields, **self.zone_parameters()}
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, LikelihoodRatio):
+        return value
+    return {name: getattr(value, name).tolist() for name in ("gsd_m", "tilt_deg", "mean", "log_ratio")}

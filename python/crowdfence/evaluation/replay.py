@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMass, Terrain
-from crowdfence.config import RunConfig
+from crowdfence.config import OrConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
+from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.frame_loop import FrameLoop
@@ -23,7 +25,10 @@ from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthO
 TruthKind = Literal["projected", "world"]
 OnInstant = Callable[[Instant, InstantViews], None]
 
-THRESHOLDS = np.arange(0.01, 1.0, 0.01)
+THRESHOLDS = np.concatenate([np.geomspace(1e-4, 0.009, 20), np.arange(0.01, 1.0, 0.01)])
+"""Of the probability. A crowd is rare, so thresholds of a calibrated probability are small."""
+MEANS = np.concatenate([np.arange(0.01, 0.99, 0.01), [0.985, 0.99, 0.995, 0.999]])
+"""Of the mean heatmap value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +40,9 @@ class Score:
     iou: MeanIou
     """Equation 4 at `threshold`."""
     sweep: SweepResult
+    """Of `or`: over its `b_threshold`, its only knob."""
+    safety: Safety | None
+    """Who stands in a zone, once a second; None where the recording does not say where people are."""
 
 
 class Scores(NamedTuple):
@@ -106,25 +114,38 @@ def score(
     crowds = _truth(truth, recording, terrain, first)
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)
-    loops = [FrameLoop(config.crowd_map(terrain, drones), config.zones) for config in configs]
-    sweeps = [ThresholdSweep([*THRESHOLDS, loop.threshold]) for loop in loops]
+    judged = [
+        _Judged(config, FrameLoop(config.crowd_map(terrain, drones), config.zones)) for config in configs
+    ]
+    tested = None if heatmaps.contract is None else heatmaps.contract.validity
+    watch = CrowdWatch(recording, terrain, tested) if len(recording.people.stamps_ns) else None
+    highest = np.zeros(terrain.voxel_count, np.float32)
+    watched_ns = -np.inf
     refused = list(recording.refused)
     with heatmaps.detecting(drones) as detect:
         for instant in recording.instants(first.grouping.tolerance_ms):
             found = detect(instant)
             # Views are projected once; the other maps take the observations.
-            update = loops[0].integrate(found.views, instant.stamp_ns)
-            for loop in loops[1:]:
-                loop.integrate_observed(update.observations, instant.stamp_ns)
+            update = judged[0].loop.integrate(found.views, instant.stamp_ns)
+            for one in judged[1:]:
+                one.loop.integrate_observed(update.observations, instant.stamp_ns)
+            for seen in update.observations:
+                highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
             crowd = crowds.at(instant)
-            for loop, sweep in zip(loops, sweeps, strict=True):
-                seen_ids, probability = loop.crowd_map.seen_probability(instant.stamp_ns)
-                sweep.update(probability, crowd[seen_ids])
+            for one in judged:
+                one.compare(crowd, highest, instant.stamp_ns)
+            if watch is not None:
+                watch.saw(update.observations)
+                if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+                    watched_ns = instant.stamp_ns
+                    in_view = watch.at(instant)
+                    for one in judged:
+                        one.watch(in_view, instant.stamp_ns)
             refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
-    rows = [_score(*parts) for parts in zip(configs, loops, sweeps, strict=True)]
-    return Scores(rows, tuple(refused), loops[0].crowd_mass)
+    rows = [one.score(safety=watch is not None) for one in judged]
+    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass)
 
 
 def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:
@@ -142,6 +163,28 @@ def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunC
     )
 
 
-def _score(config: RunConfig, loop: FrameLoop, sweep: ThresholdSweep) -> Score:
-    result = sweep.result()
-    return Score(config, loop.threshold, result.at(loop.threshold), result)
+class _Judged:
+    """One configuration at work, and what is counted of it."""
+
+    def __init__(self, config: RunConfig, loop: FrameLoop) -> None:
+        self.config, self.loop = config, loop
+        self.safety = Safety()
+        self._sweeps_mean = isinstance(config.method, OrConfig)
+        self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
+        knobs = MEANS if self._sweeps_mean else THRESHOLDS
+        self._sweep = ThresholdSweep([*knobs, self._knob] if self._knob > 0.0 else knobs)
+
+    def compare(self, crowd: NDArray[np.bool_], highest: NDArray[np.float32], stamp_ns: int) -> None:
+        """Against the crowd voxels [V]; highest [V] mean value so far decides what `or` says at every
+        knob."""
+        ids, probability = self.loop.crowd_map.seen_probability(stamp_ns)
+        self._sweep.update(highest[ids] if self._sweeps_mean else probability, crowd[ids])
+
+    def watch(self, crowds: CrowdsInView, stamp_ns: int) -> None:
+        self.safety.add(crowds, self.loop.crowd_map, stamp_ns, self.loop.threshold)
+
+    def score(self, *, safety: bool) -> Score:
+        result = self._sweep.result()
+        return Score(
+            self.config, self.loop.threshold, result.at(self._knob), result, self.safety if safety else None
+        )

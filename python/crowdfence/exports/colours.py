@@ -18,6 +18,7 @@ STATE_COLOURS: dict[VoxelState, Rgb] = {
     VoxelState.EMPTY: (148, 208, 154),
     VoxelState.STALE: (112, 136, 194),
     VoxelState.CROWD: (214, 56, 30),
+    VoxelState.NOT_CLEARED: (212, 174, 230),
 }
 """Flat colour of a state, for legends and for exports that cannot show a ramp."""
 

@@ -1,10 +1,11 @@
 //! A method beside what it believes about every voxel that was seen.
 
 use super::pages::Pages;
-use crate::method::{FusionMethod, Method, Or, Paper};
+use crate::method::{Evidence, FusionMethod, Method, Or, Paper};
 
 #[derive(Debug, Clone)]
 pub(super) enum Beliefs {
+    Evidence(BeliefsOf<Evidence>),
     Paper(BeliefsOf<Paper>),
     Or(BeliefsOf<Or>),
 }
@@ -24,6 +25,7 @@ impl<M: FusionMethod> BeliefsOf<M> {
 impl Beliefs {
     pub fn new(method: Method, voxel_count: usize) -> Beliefs {
         match method {
+            Method::Evidence(evidence) => Beliefs::Evidence(BeliefsOf::new(evidence, voxel_count)),
             Method::Paper(paper) => Beliefs::Paper(BeliefsOf::new(paper, voxel_count)),
             Method::Or(or) => Beliefs::Or(BeliefsOf::new(or, voxel_count)),
         }
@@ -31,6 +33,7 @@ impl Beliefs {
 
     pub fn method(&self) -> Method {
         match self {
+            Beliefs::Evidence(beliefs) => Method::Evidence(beliefs.method.clone()),
             Beliefs::Paper(beliefs) => Method::Paper(beliefs.method),
             Beliefs::Or(beliefs) => Method::Or(beliefs.method),
         }

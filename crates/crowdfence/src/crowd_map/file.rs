@@ -1,8 +1,8 @@
-//! The crowd map's file format, version 3, in the frame of [`crate::sealed`]; versions 1 and 2 are read too.
+//! The crowd map's file format, version 4, in the frame of [`crate::sealed`]; versions 1 to 3 are read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
-//! method           u8 0 = paper, 1 = or, then its parameters as its file in `method/` says
+//! method           u8 0 = paper, 1 = or, 2 = evidence, then its parameters as its file in `method/` says
 //! projection       f64 max_range_m, target_height_m; u8 coverage and surface (0 rays, 1 full onto
 //!                  voxels, 2 rays, 3 full onto planes)
 //! max_gap_s        f64
@@ -10,26 +10,28 @@
 //! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
 //! looks            pages of u32: position among the named instants, 2^32 - 2 occluded, 2^32 - 1 never
 //! beliefs          pages of the method's beliefs
-//! drones           u32 count, then per drone: name (u32 length, UTF-8), pages of u64: a bit a voxel that it saw
+//! drones           u32 count, then per drone: name (u32 length, UTF-8), u32 how many gave a view before it, pages of
+//!                  u64: a bit a voxel that it saw
 //! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! version 2 differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
+//! version 3 does not say which drone came first; version 2 also differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
 //!   drones         u32 count, names
 //!   instants       u32 count, i64 stamps, strictly increasing
 //!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
 //!                  among the instants, or as above)
 //! ```
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::CrowdMap;
 use super::beliefs::{Beliefs, BeliefsOf};
-use super::history::{History, Look};
+use super::history::{Drone, History, Look};
 use super::instants::Instant;
 use super::pages::{PAGE_LENGTH, Pages};
 use crate::back_projection::{Coverage, Projection};
 use crate::error::Result;
-use crate::method::{Method, Or, Paper, Stored, each_method};
+use crate::method::{Evidence, Method, Or, Paper, Stored, each_method};
 use crate::sealed::{Kind, Reader, Writer};
 use crate::terrain::{Surface, Terrain, TerrainKey};
 
@@ -41,7 +43,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
     (Coverage::Full, Surface::Planes),
 ];
 
-const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 3 };
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 4 };
 
 impl CrowdMap {
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -52,6 +54,7 @@ impl CrowdMap {
         payload.u8(match self.method() {
             Method::Paper(_) => 0,
             Method::Or(_) => 1,
+            Method::Evidence(_) => 2,
         });
         each_method!(&self.beliefs, Beliefs, beliefs => beliefs.method.write(&mut payload));
         payload.f64(self.projection.max_range_m());
@@ -62,8 +65,9 @@ impl CrowdMap {
         write_looks(&self.history, &mut payload);
         each_method!(&self.beliefs, Beliefs, beliefs => write_beliefs(beliefs, &mut payload));
         payload.u32(self.history.drones.len() as u32);
-        for (drone, seen) in &self.history.drones {
-            payload.text(drone);
+        for (name, Drone { number, seen }) in &self.history.drones {
+            payload.text(name);
+            payload.u32(*number);
             write_pages(seen, &mut payload, |&word, payload| payload.u64(word));
         }
         KIND.seal(payload)
@@ -73,8 +77,9 @@ impl CrowdMap {
         let (version, mut reader) = KIND.open(data)?;
         let key = TerrainKey { fingerprint: reader.u64()?, voxel_count: reader.u64()? as usize };
         terrain.key().check_same(key, KIND.name)?;
-        let method = match reader.choice(&[0, 1])? {
+        let method = match reader.choice(&[0, 1, 2])? {
             0 => Method::Paper(Paper::read(&mut reader, version)?),
+            2 => Method::Evidence(Evidence::read(&mut reader, version)?),
             _ => Method::Or(Or::read(&mut reader, version)?),
         };
         let (max_range_m, target_height_m) = (reader.f64()?, reader.f64()?);
@@ -173,19 +178,25 @@ fn read_since_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap, version: u3
     read_pages(reader, &mut looks, |reader| reader.numbers(PAGE_LENGTH, u32::from_le_bytes))?;
     take_looks(reader, history, &named, looks)?;
     each_method!(&mut map.beliefs, Beliefs, beliefs => read_beliefs(reader, beliefs, version))?;
-    read_drones(reader, history)
+    read_drones(reader, history, version)
 }
 
 fn read_beliefs<M: Stored>(reader: &mut Reader<'_>, beliefs: &mut BeliefsOf<M>, version: u32) -> Result<()> {
     read_pages(reader, &mut beliefs.pages, |reader| M::read_beliefs(reader, version, PAGE_LENGTH))
 }
 
-fn read_drones(reader: &mut Reader<'_>, history: &mut History) -> Result<()> {
-    for _ in 0..reader.u32()? {
-        let drone = reader.text()?;
+fn read_drones(reader: &mut Reader<'_>, history: &mut History, version: u32) -> Result<()> {
+    let count = reader.u32()?;
+    let mut numbers = BTreeSet::new();
+    for at in 0..count {
+        let name = reader.text()?;
+        let number = if version >= 4 { reader.u32()? } else { at };
+        if number >= count || !numbers.insert(number) {
+            return Err(reader.damaged("drones that came in no order"));
+        }
         let mut seen = history.none_seen();
         read_pages(reader, &mut seen, |reader| reader.numbers(PAGE_LENGTH, u64::from_le_bytes))?;
-        history.drones.insert(drone, seen);
+        history.drones.insert(name, Drone { number, seen });
     }
     Ok(())
 }
@@ -194,7 +205,7 @@ fn read_version_1(reader: &mut Reader<'_>, map: &mut CrowdMap) -> Result<()> {
     let history = &mut map.history;
     for _ in 0..reader.u32()? {
         let drone = reader.text()?;
-        history.drones.insert(drone, history.none_seen());
+        history.enlist(&drone);
     }
     let count = reader.u32()? as usize;
     let stamps_ns = reader.numbers(count, i64::from_le_bytes)?;

@@ -23,17 +23,26 @@ pub(super) struct Fused {
     pub probability: Vec<f64>,
 }
 
-/// Lets the method update what it believes about the voxels of `observations`, and remembers when they were seen.
-/// `taken` is when each view counts as taken, `now` the instant itself.
+/// The views of one instant.
+#[derive(Clone, Copy)]
+pub(super) struct Views<'a> {
+    pub observations: &'a [Arc<Observation>],
+    /// Number of each view's drone.
+    pub drones: &'a [u32],
+    /// When each view counts as taken.
+    pub taken: &'a [Instant],
+}
+
+/// Lets the method update what it believes about the voxels of `views`, and remembers when they were seen; `now` is
+/// the instant itself.
 pub(super) fn fuse<M: FusionMethod>(
     beliefs: &mut BeliefsOf<M>,
     history: &mut History,
-    observations: &[Arc<Observation>],
-    taken: &[Instant],
+    views: Views<'_>,
     now: Instant,
 ) -> Fused {
-    let times = Times::open(&beliefs.method, &mut history.instants, taken, now);
-    let rows = rows_by_page(observations);
+    let times = Times::open(&beliefs.method, &mut history.instants, views.taken, now);
+    let rows = rows_by_page(views.observations);
     let pages: Vec<&[Rows]> = rows.chunk_by(|a, b| a.page == b.page).collect();
     let numbers: Vec<usize> = pages.iter().map(|rows| rows[0].page).collect();
     let (looks, believed) = (history.looks.open(&numbers), beliefs.pages.open(&numbers));
@@ -42,8 +51,8 @@ pub(super) fn fuse<M: FusionMethod>(
         .into_par_iter()
         .with_min_len(PAGES_AT_ONCE)
         .map(|(rows, looks, beliefs)| {
-            let mut page = Page { looks, beliefs, seen: PageSeen::new(&times) };
-            page.take_in(rows, observations, method, instants, &times);
+            let mut page = Page { looks, beliefs, aged: vec![], seen: PageSeen::new(&times) };
+            page.take_in(rows, views, method, instants, &times);
             page.seen
         })
         .collect();
@@ -65,6 +74,8 @@ struct Times<M: FusionMethod> {
     slots: Vec<u32>,
     /// What is left at each of the beliefs of every slot.
     fading: Vec<Vec<M::Fading>>,
+    /// What is left of a look at each of them at each other, row by row.
+    between: Vec<Vec<M::Fading>>,
     /// What is left of them after the instant.
     fading_after: Vec<M::Fading>,
     /// Position in `instants` for each view.
@@ -79,10 +90,12 @@ impl<M: FusionMethod> Times<M> {
         instants.dedup();
         let slots = instants.iter().map(|&instant| known.open(instant)).collect();
         let fading_at = |&instant: &Instant| fading(method, known, instant);
+        let between_all = |to: &Instant| instants.iter().map(|from| method.fading(from.until(*to))).collect();
         let place = |instant: &Instant| instants.binary_search(instant).expect("it is one of them");
         Times {
             slots,
             fading: instants.iter().map(fading_at).collect(),
+            between: instants.iter().map(between_all).collect(),
             fading_after: fading_at(&now),
             of_view: taken.iter().map(place).collect(),
             instants,
@@ -139,6 +152,8 @@ impl PageSeen {
 struct Page<'a, M: FusionMethod> {
     looks: &'a mut [u32],
     beliefs: &'a mut [M::Belief],
+    /// The looks at one voxel, and what time leaves of each.
+    aged: Vec<(VoxelLook, M::Fading)>,
     seen: PageSeen,
 }
 
@@ -147,7 +162,7 @@ impl<M: FusionMethod> Page<'_, M> {
     fn take_in(
         &mut self,
         rows: &[Rows],
-        observations: &[Arc<Observation>],
+        views: Views<'_>,
         method: &M,
         instants: &Instants,
         times: &Times<M>,
@@ -155,13 +170,13 @@ impl<M: FusionMethod> Page<'_, M> {
         let mut next: Vec<Range<usize>> = rows.iter().map(|rows| rows.rows.clone()).collect();
         let mut looks = Vec::with_capacity(rows.len());
         let next_id = |rows: &Rows, next: &Range<usize>| {
-            (!next.is_empty()).then(|| observations[rows.view].voxel_ids()[next.start])
+            (!next.is_empty()).then(|| views.observations[rows.view].voxel_ids()[next.start])
         };
         while let Some(id) = rows.iter().zip(&next).filter_map(|(rows, next)| next_id(rows, next)).min() {
             looks.clear();
             for (rows, next) in rows.iter().zip(&mut next) {
                 if next_id(rows, next) == Some(id) {
-                    looks.push(look(&observations[rows.view], rows.view, next.start));
+                    looks.push(views.look(rows.view, next.start));
                     next.start += 1;
                 }
             }
@@ -171,18 +186,25 @@ impl<M: FusionMethod> Page<'_, M> {
 
     fn see(&mut self, id: u32, looks: &[VoxelLook], method: &M, instants: &Instants, times: &Times<M>) {
         let at = id as usize % PAGE_LENGTH;
-        let taken = looks.iter().map(|look| times.of_view[look.view as usize]);
-        let newest = taken.max().expect("a voxel that was seen has looks");
+        let time_of = |look: &VoxelLook| times.of_view[look.view as usize];
+        let newest = looks.iter().map(time_of).max().expect("a voxel that was seen has looks");
         let last = match Look::from_code(self.looks[at]) {
             Look::At(slot) => Some(slot),
             Look::Never | Look::Occluded => None,
         };
+        // An older look than the last one does not make it older.
+        let newer = last.map(|slot| instants.at(slot)).filter(|&last| last > times.instants[newest]);
+        let late = |look: &VoxelLook| match newer {
+            Some(last) => method.fading(times.instants[time_of(look)].until(last)),
+            None => times.between[newest][time_of(look)],
+        };
+        self.aged.clear();
+        self.aged.extend(looks.iter().map(|look| (*look, late(look))));
         let before = last.map(|slot| (self.beliefs[at], times.fading[newest][slot as usize]));
-        let belief = method.update(before, looks);
+        let belief = method.update(before, &self.aged);
         self.beliefs[at] = belief;
         let slot = match last {
-            // An older look than the last one does not make it older.
-            Some(slot) if instants.at(slot) > times.instants[newest] => slot,
+            Some(slot) if newer.is_some() => slot,
             _ => {
                 last.into_iter().for_each(|slot| self.seen.leave(slot));
                 self.seen.entered[newest] += 1;
@@ -195,14 +217,19 @@ impl<M: FusionMethod> Page<'_, M> {
     }
 }
 
-fn look(observation: &Observation, view: usize, row: usize) -> VoxelLook {
-    let seen = observation.seen();
-    VoxelLook {
-        voxel_id: seen.ids[row],
-        view: view as u32,
-        mean: seen.mean[row],
-        pixel_count: seen.pixel_count[row],
-        range_m: seen.range_m[row],
-        tilt_deg: seen.tilt_deg[row],
+impl Views<'_> {
+    /// What row `row` of a view's observation says.
+    fn look(&self, view: usize, row: usize) -> VoxelLook {
+        let seen = self.observations[view].seen();
+        VoxelLook {
+            voxel_id: seen.ids[row],
+            view: view as u32,
+            drone: self.drones[view],
+            mean: seen.mean[row],
+            pixel_count: seen.pixel_count[row],
+            range_m: seen.range_m[row],
+            tilt_deg: seen.tilt_deg[row],
+            focal_px: self.observations[view].focal_px(),
+        }
     }
 }

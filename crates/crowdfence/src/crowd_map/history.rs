@@ -10,9 +10,17 @@ pub(super) struct History {
     /// Coded as in [`Look`].
     pub looks: Pages<u32>,
     pub instants: Instants,
-    /// Every drone that ever gave a view, and the voxels that it has seen, one bit each.
-    pub drones: BTreeMap<String, Pages<u64>>,
+    /// Every drone that ever gave a view, by name.
+    pub drones: BTreeMap<String, Drone>,
     voxel_count: usize,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Drone {
+    /// How many gave a view before it did.
+    pub number: u32,
+    /// The voxels that it has seen, one bit each.
+    pub seen: Pages<u64>,
 }
 
 /// The last look at a voxel.
@@ -49,6 +57,12 @@ fn bit(id: u32) -> u64 {
     1 << (id as usize % WORD_VOXELS)
 }
 
+impl Drone {
+    pub fn has_seen(&self, id: u32) -> bool {
+        self.seen.get(word(id)) & bit(id) != 0
+    }
+}
+
 impl History {
     pub fn new(voxel_count: usize) -> History {
         History {
@@ -78,12 +92,19 @@ impl History {
         }
     }
 
-    /// Adds voxels to those that a drone has seen.
-    pub fn add_seen(&mut self, drone: &str, ids: &[u32]) {
-        if !self.drones.contains_key(drone) {
-            self.drones.insert(drone.to_owned(), self.none_seen());
+    /// Number of a drone that gives a view.
+    pub fn enlist(&mut self, drone: &str) -> u32 {
+        if let Some(known) = self.drones.get(drone) {
+            return known.number;
         }
-        let seen = self.drones.get_mut(drone).expect("just inserted");
+        let number = self.drones.len() as u32;
+        self.drones.insert(drone.to_owned(), Drone { number, seen: self.none_seen() });
+        number
+    }
+
+    /// Adds voxels to those that a drone, which is enlisted, has seen.
+    pub fn add_seen(&mut self, drone: &str, ids: &[u32]) {
+        let Drone { seen, .. } = self.drones.get_mut(drone).expect("the drone is enlisted");
         for ids in ids.chunk_by(|&a, &b| word(a) == word(b)) {
             *seen.get_mut(word(ids[0])) |= ids.iter().fold(0, |bits, &id| bits | bit(id));
         }
@@ -104,8 +125,13 @@ impl History {
 
     /// Drones that have ever seen one of the voxels, by name.
     pub fn seen_by(&self, ids: &[u32]) -> Vec<&str> {
-        let sees = |seen: &Pages<u64>| ids.iter().any(|&id| seen.get(word(id)) & bit(id) != 0);
-        self.drones.iter().filter(|(_, seen)| sees(seen)).map(|(drone, _)| drone.as_str()).collect()
+        let sees = |drone: &Drone| ids.iter().any(|&id| drone.has_seen(id));
+        self.drones.iter().filter(|(_, drone)| sees(drone)).map(|(name, _)| name.as_str()).collect()
+    }
+
+    /// How many drones have ever seen a voxel.
+    pub fn drone_count(&self, id: u32) -> u32 {
+        self.drones.values().filter(|drone| drone.has_seen(id)).count() as u32
     }
 
     /// Voxels that somebody has seen, sorted. Costs what was seen, not the map.

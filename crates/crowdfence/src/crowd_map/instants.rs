@@ -22,6 +22,16 @@ pub(super) struct Instant {
     pub number: u64,
 }
 
+impl Instant {
+    /// Time to `later`, none if that is older.
+    pub fn until(self, later: Instant) -> Elapsed {
+        Elapsed {
+            seconds: seconds_between(self.stamp_ns, later.stamp_ns).max(0.0),
+            instants: later.number.saturating_sub(self.number),
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Slot {
     instant: Instant,
@@ -73,10 +83,7 @@ impl Instants {
 
     /// Time from the instant of each slot to `now`, none where `now` is older.
     pub fn elapsed(&self, now: Instant) -> impl Iterator<Item = Elapsed> + '_ {
-        self.slots.iter().map(move |Slot { instant, .. }| Elapsed {
-            seconds: seconds_between(instant.stamp_ns, now.stamp_ns).max(0.0),
-            instants: now.number.saturating_sub(instant.number),
-        })
+        self.slots.iter().map(move |slot| slot.instant.until(now))
     }
 
     /// How many voxels name an instant: those that somebody has seen.

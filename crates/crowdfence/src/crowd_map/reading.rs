@@ -3,10 +3,14 @@
 use rayon::prelude::*;
 
 use super::beliefs::BeliefsOf;
+use super::check_threshold;
 use super::history::{History, Look};
 use super::instants::{Instant, Instants};
 use super::pages::PAGE_LENGTH;
+use super::voxel_state::{VoxelKnowledge, VoxelState};
+use crate::error::{Result, require};
 use crate::method::FusionMethod;
+use crate::stamp::seconds_between;
 
 /// Few voxels of a page are seen as a rule: so many pages are one piece of work.
 const PAGES_AT_ONCE: usize = 16;
@@ -14,13 +18,29 @@ const PAGES_AT_ONCE: usize = 16;
 pub(super) struct Reading<'a, M: FusionMethod> {
     beliefs: &'a BeliefsOf<M>,
     history: &'a History,
+    now: Instant,
     /// What is left of the beliefs of each slot.
     fading: Vec<M::Fading>,
 }
 
+/// What decides about a state beside the method.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StateRule {
+    threshold: f64,
+    stale_after_s: f64,
+}
+
+impl StateRule {
+    pub fn new(threshold: f64, stale_after_s: f64) -> Result<StateRule> {
+        check_threshold(threshold)?;
+        require(stale_after_s >= 0.0, "stale_after_s", stale_after_s, ">= 0")?;
+        Ok(StateRule { threshold, stale_after_s })
+    }
+}
+
 impl<'a, M: FusionMethod> Reading<'a, M> {
     pub fn new(beliefs: &'a BeliefsOf<M>, history: &'a History, now: Instant) -> Reading<'a, M> {
-        Reading { beliefs, history, fading: fading(&beliefs.method, &history.instants, now) }
+        Reading { beliefs, history, now, fading: fading(&beliefs.method, &history.instants, now) }
     }
 
     /// Probability of crowd of a voxel; the method's initial value where nobody has looked.
@@ -29,6 +49,45 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
             Look::At(slot) => self.faded(self.beliefs.pages.get(id as usize), slot),
             Look::Never | Look::Occluded => self.beliefs.method.unseen_probability(),
         }
+    }
+
+    pub fn state(&self, id: u32, rule: StateRule) -> VoxelState {
+        let slot = match self.history.look(id) {
+            Look::Never => return VoxelState::NeverSeen,
+            Look::Occluded => return VoxelState::Occluded,
+            Look::At(slot) => slot,
+        };
+        let probability = self.faded(self.beliefs.pages.get(id as usize), slot);
+        if probability >= rule.threshold {
+            VoxelState::Crowd
+        } else if self.age_s(slot) > rule.stale_after_s {
+            VoxelState::Stale
+        } else if self.beliefs.method.clears(probability) {
+            VoxelState::Empty
+        } else {
+            VoxelState::NotCleared
+        }
+    }
+
+    pub fn knowledge(&self, id: u32, rule: StateRule) -> VoxelKnowledge {
+        let (age_s, looks) = match self.history.look(id) {
+            Look::At(slot) => {
+                let belief = self.beliefs.pages.get(id as usize);
+                (Some(self.age_s(slot)), self.beliefs.method.looks(belief, self.fading[slot as usize]))
+            }
+            Look::Never | Look::Occluded => (None, None),
+        };
+        VoxelKnowledge {
+            state: self.state(id, rule),
+            probability: self.probability(id),
+            age_s,
+            looks,
+            drones: self.history.drone_count(id),
+        }
+    }
+
+    fn age_s(&self, slot: u32) -> f64 {
+        seconds_between(self.history.instants.at(slot).stamp_ns, self.now.stamp_ns)
     }
 
     /// What `answer` says of the voxels that somebody has seen and of their probabilities, in the order of their

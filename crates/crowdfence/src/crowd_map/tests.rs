@@ -1,9 +1,12 @@
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
+use proptest::prelude::*;
 
 use super::*;
 use crate::back_projection::Coverage;
 use crate::camera::{Camera, Distortion};
-use crate::method::{DecayUnit, Initial, Or, Paper};
+use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Or, Paper};
 use crate::observation::{CrowdMass, SeenVoxels};
 use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::temporal_blend::TemporalBlend;
@@ -30,6 +33,22 @@ fn paper(alpha: f64, decay: f64, unit: DecayUnit, initial: Initial) -> Method {
     let rates = Rates::new(0.9, 0.05).unwrap();
     let pool = OpinionPool::new(rates, 0.2, 0.5, Unseen::Fleet, false).unwrap();
     Method::Paper(Paper::new(pool, TemporalBlend::new(alpha, decay).unwrap(), 3, initial, unit).unwrap())
+}
+
+/// Up to .5 a look says -2, above it 3; it is sharp from .1 m a pixel on: from 10 m, as `look` sees.
+fn evidence() -> Method {
+    let likelihood = LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap();
+    let settings = EvidenceSettings {
+        prior: 0.2,
+        memory_s: 10.0,
+        sharp_gsd_m: 0.1,
+        doubt: 1.0,
+        agreement: 0.5,
+        threshold: 0.5,
+        cleared: 0.1,
+        focal_px: 100.0,
+    };
+    Method::Evidence(Evidence::new(Arc::new(likelihood), settings).unwrap())
 }
 
 fn map(method: Method) -> CrowdMap {
@@ -185,7 +204,7 @@ fn by_default_a_crowd_that_one_drone_sees_is_marked_at_the_fourth_look() {
     // One sure view of three pools to P = (POSITIVE + 2 NEGATIVE) / 3 = .290; the threshold is a quarter of the
     // way from NEGATIVE to it, .0917. After n looks P~ = P (1 - .9^n): .0786 for n = 3, .0997 for n = 4.
     let method = paper(0.1, 0.0, DecayUnit::Second, Initial::Zero);
-    let mut map = map(method);
+    let mut map = map(method.clone());
     let looks = [0, 1, 2, 3].map(|second| {
         map.integrate(&[look("a", 0.0, 1.0, second * SECOND)], second * SECOND).unwrap();
         map.state(second * SECOND, method.default_threshold(), 30.0).unwrap()[0]
@@ -198,7 +217,7 @@ fn by_default_a_crowd_that_one_drone_sees_is_marked_at_the_fourth_look() {
 #[test]
 fn views_projected_before_give_the_same_map() {
     let method = paper(0.3, 0.01, DecayUnit::Second, Initial::Zero);
-    let (mut by_views, mut by_observations) = (map(method), map(method));
+    let (mut by_views, mut by_observations) = (map(method.clone()), map(method));
     for second in 0..5 {
         let stamp = second * SECOND;
         let views = [look("a", 0.0, 0.2 * second as f32, stamp), look("b", 0.0, 0.9, stamp)];
@@ -278,6 +297,111 @@ fn or_takes_instants_in_any_order() {
 }
 
 #[test]
+fn evidence_worked_by_hand() {
+    let log_odds = |p: f64| (p / (1.0 - p)).ln();
+    let prior = log_odds(0.2);
+    let mut map = map(evidence());
+    // Two drones at once: (3 + 3) / (2 + 1) sqrt 2. Nobody looks at voxel 1.
+    map.integrate(&[look("a", 0.0, 0.9, 0), look("b", 0.0, 0.8, 0)], 0).unwrap();
+    let first = map.probability(0).unwrap();
+    assert!((log_odds(first[0]) - prior - 2.0 * 2f64.sqrt()).abs() < 1e-5);
+    assert_close(first[1], 0.2);
+    // After one memory 1 / e of it is left, and drone a sees nothing: weights 1 + 1 / e and 1 / e.
+    let stamp = 10 * SECOND;
+    map.integrate(&[look("a", 0.0, 0.1, stamp)], stamp).unwrap();
+    let left = (-1f64).exp();
+    let (a, b) = (1.0 + left, left);
+    let drones = (a + b).powi(2) / (a * a + b * b);
+    let expected = (6.0 * left - 2.0) / (a + b + 1.0) * drones.sqrt();
+    assert!((log_odds(map.probability(stamp).unwrap()[0]) - prior - expected).abs() < 1e-5);
+}
+
+#[test]
+fn looked_at_is_not_empty() {
+    let mut map = map(evidence());
+    let state = |map: &CrowdMap, stamp| map.state(stamp, 0.5, 30.0).unwrap()[0];
+    // From 40 m a look has a sixteenth of the pixels: it says nearly nothing, and clears nothing.
+    let mut far = look("a", 0.0, 0.0, 0);
+    far.world_from_camera.translation.z = 40.0;
+    map.integrate(&[far], 0).unwrap();
+    assert_eq!(state(&map, 0), VoxelState::NotCleared);
+    map.integrate(&[look("a", 0.0, 0.0, SECOND)], SECOND).unwrap();
+    assert_eq!(state(&map, SECOND), VoxelState::Empty);
+    // What it says fades before it counts as old.
+    assert_eq!(state(&map, 30 * SECOND), VoxelState::NotCleared);
+    assert_eq!(state(&map, 32 * SECOND), VoxelState::Stale);
+}
+
+#[test]
+fn all_that_is_known_about_a_voxel() {
+    let mut map = map(evidence());
+    map.integrate(&[look("a", 0.0, 0.9, 0), look("b", 0.0, 0.8, 0)], 0).unwrap();
+    let stamp = 10 * SECOND;
+    let known = map.knowledge(&[0, 1], stamp, 0.5, 30.0).unwrap();
+    assert_eq!(known[0].state, VoxelState::Crowd);
+    assert_eq!(known[0].probability, map.probability(stamp).unwrap()[0]);
+    assert_eq!((known[0].age_s, known[0].drones), (Some(10.0), 2));
+    assert!((known[0].looks.unwrap() - 2.0 * (-1f64).exp()).abs() < 1e-6);
+    let unknown = VoxelKnowledge {
+        state: VoxelState::NeverSeen,
+        probability: map.probability(stamp).unwrap()[1],
+        age_s: None,
+        looks: None,
+        drones: 0,
+    };
+    assert_eq!(known[1], unknown);
+    let message = map.knowledge(&[0], stamp, 0.0, 30.0).unwrap_err().to_string();
+    assert_eq!(message, "threshold is 0; it must be in (0, 1]");
+}
+
+proptest! {
+    #[test]
+    fn evidence_is_the_same_in_any_order_and_grouping(
+        looks in prop::collection::vec((0usize..3, any::<bool>(), 0.0f32..=1.0, 0i64..100), 1..40),
+        shuffled in any::<prop::sample::Index>(),
+    ) {
+        // One view per drone and stamp; every look is an instant of its own, in some other order.
+        let views: BTreeMap<(i64, usize), View> = looks.iter().map(|&(drone, at_second, m, second)| {
+            let x = if at_second { 50.0 } else { 0.0 };
+            ((second, drone), look(["a", "b", "c"][drone], x, m, second * SECOND))
+        }).collect();
+        let mut grouped = map(evidence());
+        for second in 0..100 {
+            let together: Vec<View> =
+                views.iter().filter(|((at, _), _)| *at == second).map(|(_, view)| view.clone()).collect();
+            if !together.is_empty() {
+                grouped.integrate(&together, second * SECOND).unwrap();
+            }
+        }
+        let mut alone: Vec<&View> = views.values().collect();
+        let middle = shuffled.index(alone.len());
+        alone.rotate_left(middle);
+        alone.reverse();
+        let mut single = map(evidence());
+        for view in alone {
+            single.integrate(std::slice::from_ref(view), view.stamp_ns).unwrap();
+        }
+        let stamp = 120 * SECOND;
+        assert_all_within(&single.probability(stamp).unwrap(), &grouped.probability(stamp).unwrap(), 1e-5);
+        prop_assert_eq!(single.last_seen_ns().collect::<Vec<_>>(), grouped.last_seen_ns().collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_view_that_comes_late_weighs_what_its_age_leaves(m in 0.0f32..=1.0, late_s in 2i64..60) {
+        // Drone b's view arrives with the instant at 100 s, though it was taken before.
+        let taken = (100 - late_s) * SECOND;
+        let (mut in_time, mut late) = (map(evidence()), map(evidence()));
+        in_time.integrate(&[look("b", 0.0, m, taken)], taken).unwrap();
+        for map in [&mut in_time, &mut late] {
+            map.integrate(&[look("a", 0.0, 0.7, 99 * SECOND)], 99 * SECOND).unwrap();
+        }
+        late.integrate(&[look("b", 0.0, m, taken)], 100 * SECOND).unwrap();
+        let at = 100 * SECOND;
+        assert_all_within(&late.probability(at).unwrap(), &in_time.probability(at).unwrap(), 1e-5);
+    }
+}
+
+#[test]
 fn or_needs_no_fleet_size() {
     let mut map = map(Method::Or(Or::new(0.5).unwrap()));
     let views: Vec<View> = (0..100).map(|at| look(&format!("uav{at}"), 0.0, 0.1, 0)).collect();
@@ -322,6 +446,8 @@ fn a_file_of_an_older_version_gives_the_probabilities_that_it_was_saved_with() {
         ("or_v1", Method::Or(Or::new(0.25).unwrap())),
         ("paper_v2", paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior)),
         ("or_v2", Method::Or(Or::new(0.25).unwrap())),
+        ("paper_v3", paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior)),
+        ("or_v3", Method::Or(Or::new(0.25).unwrap())),
     ] {
         let path = format!("{}/../../reference/{name}", env!("CARGO_MANIFEST_DIR"));
         let saved = std::fs::read(format!("{path}.crowdmap")).unwrap();
@@ -362,7 +488,8 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
             map.integrate(&[look("a", 0.0, m, second * SECOND)], second * SECOND).unwrap();
         }
     };
-    for method in [paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), Method::Or(Or::new(0.25).unwrap())] {
+    let or = Method::Or(Or::new(0.25).unwrap());
+    for method in [evidence(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or] {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
         let mut resumed = CrowdMap::from_bytes(&whole.to_bytes(), two_voxels()).unwrap();
@@ -385,8 +512,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 4;
-    assert!(message(&newer).contains("version 4; this build reads version 1 to 3"));
+    newer[8] = 5;
+    assert!(message(&newer).contains("version 5; this build reads version 1 to 4"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;

@@ -1,6 +1,6 @@
-//! The five states, as whoever reads the map sees them.
+//! What is known about a voxel, as whoever reads the map sees it.
 
-/// What is known about a voxel. Unseen is never the same as empty.
+/// In one word. Unseen is never the same as empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum VoxelState {
@@ -8,9 +8,25 @@ pub enum VoxelState {
     NeverSeen = 0,
     /// Never seen: a camera pointed at it and something hid it.
     Occluded = 1,
-    /// Seen lately, not crowd.
+    /// Seen lately, and the looks speak against crowd.
     Empty = 2,
     /// Seen, not crowd, but too long ago to be evidence of absence.
     Stale = 3,
     Crowd = 4,
+    /// Seen lately, not crowd, but in a way that would not have shown one: from too far, too flat, too little.
+    NotCleared = 5,
+}
+
+/// In full.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VoxelKnowledge {
+    pub state: VoxelState,
+    /// Of crowd; of a voxel that nobody has seen the method's initial value, which says nothing about the place.
+    pub probability: f64,
+    /// Age of the last look; None = nobody has seen it.
+    pub age_s: Option<f64>,
+    /// Looks that the method still remembers, in those that weigh 1; None where it does not count them.
+    pub looks: Option<f64>,
+    /// How many drones have ever seen it.
+    pub drones: u32,
 }

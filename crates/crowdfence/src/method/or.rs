@@ -24,9 +24,9 @@ impl FusionMethod for Or {
 
     fn fading(&self, _since: Elapsed) {}
 
-    fn update(&self, before: Option<(bool, ())>, looks: &[VoxelLook]) -> bool {
+    fn update(&self, before: Option<(bool, ())>, looks: &[(VoxelLook, ())]) -> bool {
         let crowd_before = before.is_some_and(|(crowd, _)| crowd);
-        crowd_before || looks.iter().any(|look| look.mean > self.b_threshold)
+        crowd_before || looks.iter().any(|(look, ())| look.mean > self.b_threshold)
     }
 
     fn probability(&self, crowd: bool, _fading: ()) -> f64 {

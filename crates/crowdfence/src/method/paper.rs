@@ -49,8 +49,8 @@ impl FusionMethod for Paper {
         self.blend.beta(self.counted(since))
     }
 
-    fn update(&self, before: Option<(u32, f64)>, looks: &[VoxelLook]) -> u32 {
-        let pooled = self.pool.pool(looks.iter().map(|look| look.mean), self.fleet_size); // equations 1-2
+    fn update(&self, before: Option<(u32, f64)>, looks: &[(VoxelLook, f64)]) -> u32 {
+        let pooled = self.pool.pool(looks.iter().map(|(look, _)| look.mean), self.fleet_size); // equations 1-2
         let faded = match (before, self.initial) {
             (Some((previous, beta)), _) => beta * from_steps(previous),
             (None, Initial::Zero) => 0.0,
@@ -237,7 +237,16 @@ mod tests {
     use super::*;
 
     fn look(mean: f64) -> VoxelLook {
-        VoxelLook { voxel_id: 0, view: 0, mean, pixel_count: 1, range_m: 10.0, tilt_deg: 90.0 }
+        VoxelLook {
+            voxel_id: 0,
+            view: 0,
+            drone: 0,
+            mean,
+            pixel_count: 1,
+            range_m: 10.0,
+            tilt_deg: 90.0,
+            focal_px: 0.0,
+        }
     }
 
     #[test]
@@ -262,7 +271,7 @@ mod tests {
             let (mut kept, mut exact) = (None, 0.0);
             for (mean, seconds) in looks {
                 let beta = paper.fading(Elapsed { seconds, instants: 1 });
-                kept = Some(paper.update(kept.map(|belief| (belief, beta)), &[look(mean)]));
+                kept = Some(paper.update(kept.map(|belief| (belief, beta)), &[(look(mean), 1.0)]));
                 exact = blend.blend(exact, seconds, pool.pool([mean], 1));
                 let off = (paper.probability(kept.unwrap(), 1.0) - exact).abs();
                 prop_assert!(off <= 1.001 * (-33f64).exp2() / alpha, "{off}");

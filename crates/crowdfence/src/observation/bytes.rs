@@ -1,4 +1,4 @@
-//! An observation as bytes, version 1, in the frame of [`crate::sealed`].
+//! An observation as bytes, version 2, in the frame of [`crate::sealed`]; version 1 is read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
@@ -8,6 +8,7 @@
 //!                  f32 range_m, f32 tilt_deg
 //! occluded         u32 count, u32 ids
 //! crowd mass       f64 ground, out_of_range, hole, off_map, sky, unusable
+//! focal length     f32 pixels, 0 = not known; not in version 1
 //! ```
 
 use super::{CrowdMass, Observation, SeenVoxels};
@@ -15,7 +16,7 @@ use crate::error::Result;
 use crate::sealed::{Kind, Reader, Writer};
 use crate::terrain::TerrainKey;
 
-const KIND: Kind = Kind { magic: b"CROWDOBS", name: "observation", version: 1 };
+const KIND: Kind = Kind { magic: b"CROWDOBS", name: "observation", version: 2 };
 
 impl Observation {
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -33,12 +34,13 @@ impl Observation {
         payload.u32(self.occluded_ids.len() as u32);
         self.occluded_ids.iter().for_each(|&id| payload.u32(id));
         self.crowd_mass.by_fate().iter().for_each(|&(_, mass)| payload.f64(mass));
+        payload.f32(self.focal_px);
         KIND.seal(payload)
     }
 
     /// Bytes are checked as any other input is; whether they belong to a certain terrain, the crowd map checks.
     pub fn from_bytes(data: &[u8]) -> Result<Observation> {
-        let (_, mut reader) = KIND.open(data)?;
+        let (version, mut reader) = KIND.open(data)?;
         let fingerprint = reader.u64()?;
         let voxel_count = reader.u64()? as usize;
         let (drone, stamp_ns) = (reader.text()?, reader.i64()?);
@@ -46,9 +48,10 @@ impl Observation {
         let occluded = reader.u32()? as usize;
         let occluded_ids = reader.numbers(occluded, u32::from_le_bytes)?;
         let crowd_mass = crowd_mass(&mut reader)?;
+        let focal_px = if version >= 2 { reader.f32()? } else { 0.0 };
         reader.end()?;
         let terrain = TerrainKey { fingerprint, voxel_count };
-        Observation::new(terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass)
+        Observation::new(terrain, drone, stamp_ns, seen, occluded_ids, crowd_mass)?.with_focal_px(focal_px)
     }
 }
 

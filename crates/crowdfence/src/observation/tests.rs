@@ -87,6 +87,7 @@ prop_compose! {
         drone in "[a-z]{1,8}",
         stamp_ns in 0i64..,
         mass in prop::array::uniform6(0.0f64..1e9),
+        focal_px in 0.0f32..1e4,
     ) -> Observation {
         let hidden = hidden.into_iter().filter(|id| !voxels.contains_key(id)).collect();
         let seen = SeenVoxels {
@@ -98,8 +99,35 @@ prop_compose! {
         };
         let [ground, out_of_range, hole, off_map, sky, unusable] = mass;
         let crowd_mass = CrowdMass { ground, out_of_range, hole, off_map, sky, unusable };
-        Observation::new(TERRAIN, drone, stamp_ns, seen, hidden, crowd_mass).unwrap()
+        let observation = Observation::new(TERRAIN, drone, stamp_ns, seen, hidden, crowd_mass).unwrap();
+        observation.with_focal_px(focal_px).unwrap()
     }
+}
+
+#[test]
+fn a_focal_length_is_one() {
+    for focal_px in [f32::NAN, -1.0, f32::INFINITY] {
+        let observation =
+            Observation::new(TERRAIN, "uav1", 0, seen(&[]), vec![], CrowdMass::default()).unwrap();
+        let refused = observation.with_focal_px(focal_px).unwrap_err().to_string();
+        assert!(refused.starts_with("focal_px is"), "{refused}");
+    }
+}
+
+#[test]
+fn bytes_without_a_focal_length_are_read() {
+    // Version 1 ended with the crowd mass.
+    let observation =
+        Observation::new(TERRAIN, "uav1", 5, seen(&[3, 9]), vec![4], CrowdMass::default()).unwrap();
+    let mut bytes = observation.to_bytes();
+    let (checksum, focal, length) = (4, 4, bytes.len());
+    bytes.truncate(length - checksum - focal);
+    bytes[8..12].copy_from_slice(&1u32.to_le_bytes());
+    let payload = (bytes.len() - 20) as u64;
+    bytes[12..20].copy_from_slice(&payload.to_le_bytes());
+    let sum = crc32fast::hash(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    assert_eq!(Observation::from_bytes(&bytes).unwrap(), observation);
 }
 
 proptest! {

@@ -25,6 +25,7 @@ _MOST_DRONES = 8
 _STATE_TEXTS = {
     VoxelState.CROWD: "crowd",
     VoxelState.EMPTY: "seen, empty",
+    VoxelState.NOT_CLEARED: "looked at, not cleared",
     VoxelState.STALE: "seen long ago",
     VoxelState.OCCLUDED: "hidden from view",
     VoxelState.NEVER_SEEN: "never seen",
@@ -128,7 +129,7 @@ def _states(column: _Column, grid: SurfaceGrid) -> None:
     column.heading("Ground")
     for state, text in _STATE_TEXTS.items():
         area_m2 = grid.area_m2(state)
-        if area_m2 == 0.0 and state in (VoxelState.STALE, VoxelState.OCCLUDED):
+        if area_m2 == 0.0 and state in (VoxelState.STALE, VoxelState.OCCLUDED, VoxelState.NOT_CLEARED):
             continue
         colour = np.array(STATE_COLOURS[state]) / 255
         swatch = Rectangle((0, column.y - 18), 30, 16, facecolor=colour, edgecolor="none")

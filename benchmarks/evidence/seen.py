@@ -1,0 +1,68 @@
+"""What the views of a mission show, projected once: every method is then fed the same observations."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import crowdfence as cf
+from crowdfence.detector.contract.contract import Contract
+from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch
+from crowdfence.pipeline.detect import heatmap_source
+from crowdfence.truth.over_time import CrowdsOfTheWorld
+
+
+class Moment(NamedTuple):
+    """One instant."""
+
+    stamp_ns: int
+    observations: list[cf.Observation]
+    crowd_ids: NDArray[np.int64]
+    """Voxels that crowds stand on, seen or not."""
+    in_view: CrowdsInView | None
+    """Who stands where, once in `EVERY_S`."""
+
+
+class Mission(NamedTuple):
+    name: str
+    terrain: cf.Terrain
+    contract: Contract
+    drones: int
+    moments: list[Moment]
+
+
+def seen(path: Path) -> Mission:
+    """By the shipped detector; kept beside the mission, so that a second reading takes seconds."""
+    recording = cf.open_recording(path)
+    terrain = cf.open_terrain(recording)
+    detector = cf.Detector()
+    kept = path.with_suffix(".seen")
+    if kept.exists():
+        moments = pickle.loads(kept.read_bytes())
+    else:
+        moments = list(_moments(recording, terrain, detector))
+        kept.write_bytes(pickle.dumps(moments))
+    return Mission(path.stem, terrain, detector.contract, len(recording.drones), moments)
+
+
+def _moments(recording: cf.Recording, terrain: cf.Terrain, detector: cf.Detector) -> Iterator[Moment]:
+    config = cf.RunConfig(cf.OrConfig()).with_detector(detector.contract)
+    crowd_map = config.crowd_map(terrain, len(recording.drones))
+    crowds = CrowdsOfTheWorld(recording, terrain)
+    watch = CrowdWatch(recording, terrain, detector.contract.validity)
+    watched_ns = -np.inf
+    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
+    with heatmaps.detecting(len(recording.drones)) as detect:
+        for instant in recording.instants(config.grouping.tolerance_ms):
+            update = crowd_map.integrate(detect(instant).views, instant.stamp_ns)
+            watch.saw(update.observations)
+            in_view = None
+            if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+                watched_ns, in_view = instant.stamp_ns, watch.at(instant)
+            crowd_ids = np.flatnonzero(crowds.at(instant))
+            yield Moment(instant.stamp_ns, list(update.observations), crowd_ids, in_view)

@@ -1,0 +1,211 @@
+use proptest::prelude::*;
+
+use super::*;
+
+const SHARP_PX: f32 = 100.0;
+
+/// From .1 m a pixel on sharp. Up to .5 a look says -2 from near and -.5 from .2 m a pixel on, above it says 3.
+fn evidence() -> Evidence {
+    let likelihood = LikelihoodRatio::new(vec![0.2], vec![], vec![0.5], vec![-2.0, 3.0, -0.5, 3.0]).unwrap();
+    Evidence::new(Arc::new(likelihood), settings()).unwrap()
+}
+
+fn settings() -> EvidenceSettings {
+    EvidenceSettings {
+        prior: 0.2,
+        memory_s: 10.0,
+        sharp_gsd_m: 0.1,
+        doubt: 1.0,
+        agreement: 0.5,
+        threshold: 0.5,
+        cleared: 0.1,
+        focal_px: 100.0,
+    }
+}
+
+/// From 10 m: .1 m a pixel.
+fn look(drone: u32, mean: f64) -> VoxelLook {
+    VoxelLook {
+        voxel_id: 0,
+        view: drone,
+        drone,
+        mean,
+        pixel_count: 1,
+        range_m: 10.0,
+        tilt_deg: 90.0,
+        focal_px: SHARP_PX,
+    }
+}
+
+/// L without the prior.
+fn log_ratio(evidence: &Evidence, sum: LooksSum, seconds: f64) -> f64 {
+    let fading = evidence.fading(Elapsed { seconds, instants: 0 });
+    let p = evidence.probability(sum, fading);
+    (p / (1.0 - p)).ln() - (0.2f64 / 0.8).ln()
+}
+
+#[track_caller]
+fn assert_close(actual: f64, expected: f64) {
+    assert!((actual - expected).abs() < 1e-5, "{actual} != {expected}");
+}
+
+#[test]
+fn looks_are_averaged_against_the_doubt() {
+    let evidence = evidence();
+    let after = |means: &[f64]| {
+        let sum =
+            means.iter().fold(None, |sum, &mean| Some((evidence.update(sum, &[(look(0, mean), 1.0)]), 1.0)));
+        log_ratio(&evidence, sum.unwrap().0, 0.0)
+    };
+    assert_close(after(&[0.9]), 3.0 / 2.0);
+    assert_close(after(&[0.9, 0.9, 0.9]), 9.0 / 4.0);
+    assert_close(after(&[0.9, 0.2]), (3.0 - 2.0) / 3.0);
+    assert_close(after(&[0.5]), -2.0 / 2.0);
+}
+
+#[test]
+fn another_drone_adds_what_the_same_one_does_not() {
+    let evidence = evidence();
+    let both = |second| evidence.update(None, &[(look(0, 0.9), 1.0), (look(second, 0.9), 1.0)]);
+    assert_close(log_ratio(&evidence, both(0), 0.0), 6.0 / 3.0);
+    assert_close(log_ratio(&evidence, both(1), 0.0), 6.0 / 3.0 * 2f64.sqrt());
+    // Two looks of one drone and one of another: 3^2 / (2^2 + 1) = 1.8 drones.
+    let third = evidence.update(Some((both(0), 1.0)), &[(look(1, 0.9), 1.0)]);
+    assert_close(log_ratio(&evidence, third, 0.0), 9.0 / 4.0 * 1.8f64.sqrt());
+}
+
+#[test]
+fn a_coarse_look_weighs_by_its_pixels_and_says_less() {
+    let evidence = evidence();
+    // Twice as far: a quarter of the pixels, and by the table -.5 instead of -2.
+    let far = VoxelLook { range_m: 20.0, ..look(0, 0.1) };
+    let sum = evidence.update(None, &[(far, 1.0)]);
+    assert_close(log_ratio(&evidence, sum, 0.0), 0.25 * -0.5 / 1.25);
+    // A camera of twice the focal length sees the same from there as the other from 10 m.
+    let long = VoxelLook { focal_px: 200.0, ..far };
+    assert_eq!(evidence.update(None, &[(long, 1.0)]), evidence.update(None, &[(look(0, 0.1), 1.0)]));
+    // A view that does not say its focal length has that of the calibration.
+    let unknown = VoxelLook { focal_px: 0.0, ..far };
+    assert_eq!(evidence.update(None, &[(unknown, 1.0)]), sum);
+}
+
+#[test]
+fn what_nobody_looks_at_returns_to_the_prior() {
+    let evidence = evidence();
+    let sum = evidence.update(None, &[(look(0, 0.9), 1.0)]);
+    let left = 0.5; // after ln 2 memories
+    let seconds = 10.0 * std::f64::consts::LN_2;
+    assert_close(log_ratio(&evidence, sum, seconds), 3.0 * left / (left + 1.0));
+    assert_close(log_ratio(&evidence, sum, 1e6), 0.0);
+    assert_close(evidence.unseen_probability(), 0.2);
+}
+
+#[test]
+fn empty_is_a_claim() {
+    let evidence = evidence();
+    let after = |mean| evidence.probability(evidence.update(None, &[(look(0, mean), 1.0)]), 1.0);
+    assert!(evidence.clears(after(0.1))); // 1 / (1 + 4 e)
+    assert!(!evidence.clears(evidence.unseen_probability()));
+    let far = VoxelLook { range_m: 40.0, ..look(0, 0.1) };
+    let unsure = evidence.probability(evidence.update(None, &[(far, 1.0)]), 1.0);
+    assert!(unsure < 0.2 && !evidence.clears(unsure));
+}
+
+#[test]
+fn a_belief_takes_sixteen_bytes() {
+    assert_eq!(size_of::<LooksSum>(), 16);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_by_its_name() {
+    let refusal = |settings| {
+        let likelihood = evidence().likelihood().clone();
+        Evidence::new(Arc::new(likelihood), settings).unwrap_err().to_string()
+    };
+    let good = settings();
+    assert!(refusal(EvidenceSettings { prior: 0.0, ..good }).starts_with("prior is 0;"));
+    assert!(refusal(EvidenceSettings { memory_s: f64::INFINITY, ..good }).starts_with("memory_s is inf;"));
+    assert!(refusal(EvidenceSettings { doubt: 0.0, ..good }).starts_with("doubt is 0;"));
+    assert!(refusal(EvidenceSettings { agreement: 1.5, ..good }).starts_with("agreement is 1.5;"));
+    assert!(
+        refusal(EvidenceSettings { cleared: 0.3, ..good }).contains("below both the prior and the threshold")
+    );
+    assert!(refusal(EvidenceSettings { focal_px: f64::NAN, ..good }).starts_with("focal_px is NaN;"));
+    let table = |gsd_m: Vec<f32>, log_ratio: Vec<f32>| {
+        LikelihoodRatio::new(gsd_m, vec![], vec![0.5], log_ratio).unwrap_err().to_string()
+    };
+    assert_eq!(table(vec![0.2], vec![0.0; 3]), "log_ratio has 3 values; 4 are needed");
+    assert!(table(vec![0.2, 0.2], vec![0.0; 6]).contains("finite, > 0 and increasing"));
+    assert!(table(vec![0.2], vec![0.0, 0.0, f32::NAN, 0.0]).starts_with("log_ratio is NaN;"));
+}
+
+prop_compose! {
+    /// A look and its age in seconds.
+    fn aged_look()(
+        drone in 0u32..3, mean in 0.0f64..=1.0, range_m in 1.0f32..100.0, age in 0.0f64..60.0,
+    ) -> (VoxelLook, f64) {
+        (VoxelLook { range_m, ..look(drone, mean) }, age)
+    }
+}
+
+/// The sums straight from their definition, in f64.
+fn slow_log_ratio(evidence: &Evidence, looks: &[(VoxelLook, f64)]) -> f64 {
+    let (mut sum, mut weights) = (0.0, [0.0; 3]);
+    for (look, age) in looks {
+        let gsd_m = look.range_m / look.focal_px;
+        let weight = f64::from((0.1 / gsd_m).min(1.0)).powi(2) * (-age / 10.0).exp();
+        sum += weight * f64::from(evidence.likelihood().log_ratio(gsd_m, look.tilt_deg, look.mean as f32));
+        weights[look.drone as usize] += weight;
+    }
+    let weight: f64 = weights.iter().sum();
+    let drones = weight * weight / weights.iter().map(|weight| weight * weight).sum::<f64>();
+    sum / (weight + 1.0) * drones.sqrt()
+}
+
+proptest! {
+    #[test]
+    fn the_sums_are_those_of_the_definition(looks in prop::collection::vec(aged_look(), 1..60)) {
+        let evidence = evidence();
+        let late = looks.iter().map(|&(look, age)| (look, evidence.fading(Elapsed { seconds: age, instants: 0 })));
+        let sum = evidence.update(None, &late.collect::<Vec<_>>());
+        prop_assert!((log_ratio(&evidence, sum, 0.0) - slow_log_ratio(&evidence, &looks)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn more_crowd_never_makes_crowd_less_likely(
+        looks in prop::collection::vec(aged_look(), 1..20), which in any::<prop::sample::Index>(),
+    ) {
+        let evidence = evidence();
+        let p = |looks: &[(VoxelLook, f64)]| {
+            let late = looks.iter().map(|&(look, age)| (look, evidence.fading(Elapsed { seconds: age, instants: 0 })));
+            evidence.probability(evidence.update(None, &late.collect::<Vec<_>>()), 1.0)
+        };
+        let mut more = looks.clone();
+        more[which.index(looks.len())].0.mean = 1.0;
+        prop_assert!(p(&more) >= p(&looks) - 1e-9);
+        prop_assert!((0.0..=1.0).contains(&p(&looks)));
+    }
+
+    #[test]
+    fn forgetting_leads_towards_the_prior_and_never_past_it(
+        looks in prop::collection::vec(aged_look(), 1..20), seconds in 0.0f64..100.0, more in 0.0f64..100.0,
+    ) {
+        let evidence = evidence();
+        let late: Vec<_> = looks.iter().map(|&(look, _)| (look, 1.0)).collect();
+        let sum = evidence.update(None, &late);
+        let (sooner, later) = (log_ratio(&evidence, sum, seconds), log_ratio(&evidence, sum, seconds + more));
+        prop_assert!(later.abs() <= sooner.abs() + 1e-6 && later * sooner >= -1e-9);
+    }
+
+    #[test]
+    fn a_look_that_comes_twice_says_nothing_new(looks in prop::collection::vec(aged_look(), 1..20)) {
+        // Every look twice: the mean stays, only the doubt counts for less. No more is claimed than the mean.
+        let evidence = evidence();
+        let late: Vec<_> = looks.iter().map(|&(look, _)| (look, 1.0)).collect();
+        let once = evidence.update(None, &late);
+        let twice = evidence.update(Some((once, 1.0)), &late);
+        let (before, after) = (log_ratio(&evidence, once, 0.0), log_ratio(&evidence, twice, 0.0));
+        prop_assert!(after.abs() <= 2.0 * before.abs() + 1e-5 && after * before >= -1e-9);
+        prop_assert!(after.abs() <= 3.0 * 3f64.sqrt() + 1e-5);
+    }
+}

@@ -1,0 +1,196 @@
+"""Who stands in a zone: the people of crowds that a fleet has in view, and the ground that is closed for
+them.
+
+A zone is the ground of the columns that the map calls crowd, with a buffer around it. People count by where
+they stand, on ground that some drone has seen by then, whether or not it could have seen them there. The
+ground that is closed is set against the crowds' own: what they stand on, as far as it was seen, with the same
+buffer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdMap, Observation, Terrain
+from crowdfence.sources.recording import Instant, Recording
+from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at
+from crowdfence.truth.crowd_ground import crowds_of
+from crowdfence.voxel_state import VoxelState
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Validity
+
+BUFFERS_M = (0.0, 2.0, 5.0, 10.0)
+EVERY_S = 1.0
+"""People and ground are counted this often."""
+
+Cells = NDArray[np.int64]
+"""Columns of the voxel grid [N, 2], each once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrowdsInView:
+    """The crowds of one moment, as far as the fleet has had their ground in view."""
+
+    people: Cells
+    """Column of every person of a crowd [N, 2] who stands on ground that was seen."""
+    in_range: NDArray[np.bool_]
+    """[N] whether a look at that ground lay within the range that the detector was tested in."""
+    ground_ids: NDArray[np.int64]
+    """Voxels of the crowds' own ground that were seen."""
+    ground: Cells
+    """Their columns."""
+
+
+class CrowdWatch:
+    """Knows what was seen, in which range, and who stands there."""
+
+    def __init__(self, recording: Recording, terrain: Terrain, tested: Validity | None) -> None:
+        """`tested`: the range that the detector states; None = any look counts. ValueError when the
+        recording does not hold people's positions."""
+        if not len(recording.people.stamps_ns):
+            raise ValueError(f"{recording.name} does not record where people are")
+        self._recording, self._terrain, self._tested = recording, terrain, tested
+        self._seen = np.zeros(terrain.voxel_count, np.bool_)
+        self._in_range = np.zeros(terrain.voxel_count, np.bool_)
+
+    def saw(self, observations: Iterable[Observation]) -> None:
+        """Take note of what was seen."""
+        for observation in observations:
+            ids = observation.voxel_ids
+            self._seen[ids] = True
+            self._in_range[ids[_in_range(observation, self._tested)]] = True
+
+    def at(self, instant: Instant) -> CrowdsInView:
+        """Who stands where at an instant. FrameError when nobody's position is recorded then."""
+        people = people_at(instant.frames[-1], self._recording)
+        crowd = crowds_of(people.position, **crowd_definition(self._recording.manifest)) >= 0
+        ground = np.flatnonzero(crowd_ground_of(people, self._recording, self._terrain) & self._seen)
+        seen, tested = self._columns(ground), self._columns(ground[self._in_range[ground]])
+        origin = np.asarray(self._terrain.origin)[:2]
+        feet = np.floor((people.position[crowd, :2] - origin) / self._terrain.voxel_size_m).astype(np.int64)
+        feet = feet[_is_among(feet, seen)]
+        return CrowdsInView(feet, _is_among(feet, tested), ground, seen)
+
+    def _columns(self, ids: NDArray[np.int64]) -> Cells:
+        return np.unique(self._terrain.voxel_indices(ids)[:, :2], axis=0)
+
+
+@dataclass(slots=True)
+class Safety:
+    """Sums over the moments that were counted; the shares are properties. Arrays have one value per
+    buffer."""
+
+    people: int = 0
+    people_in_range: int = 0
+    people_on_empty: int = 0
+    """Who stand on ground that the map calls empty."""
+    in_zone: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M), np.int64))
+    in_zone_in_range: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M), np.int64))
+    blocked_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M)))
+    own_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M)))
+
+    def add(self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> None:
+        """Count one moment of a map."""
+        zone = crowd_map.crowd_columns(stamp_ns, threshold=threshold).indices
+        self.add_zone(crowds, zone, crowd_map.terrain.voxel_size_m)
+        self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold)
+
+    def add_zone(self, crowds: CrowdsInView, zone: Cells, size_m: float) -> None:
+        """The same for columns that are closed, without a word about what is called empty."""
+        inside = distance_m(crowds.people, zone, size_m)[:, None] <= np.array(BUFFERS_M)
+        self.people += len(crowds.people)
+        self.people_in_range += int(np.count_nonzero(crowds.in_range))
+        self.in_zone += inside.sum(axis=0)
+        self.in_zone_in_range += inside[crowds.in_range].sum(axis=0)
+        self.blocked_m2 += areas_m2(zone, size_m)
+        self.own_m2 += areas_m2(crowds.ground, size_m)
+
+    @property
+    def share_in_zone(self) -> NDArray[np.float64]:
+        """Of the people of crowds in view; NaN when there were none."""
+        return _share(self.in_zone, self.people)
+
+    @property
+    def share_in_zone_in_range(self) -> NDArray[np.float64]:
+        """Of those on ground that was seen within the tested range."""
+        return _share(self.in_zone_in_range, self.people_in_range)
+
+    @property
+    def share_on_empty(self) -> float:
+        """Of the people of crowds in view, those whose ground the map calls empty."""
+        return self.people_on_empty / self.people if self.people else float("nan")
+
+    @property
+    def blocked_per_own(self) -> NDArray[np.float64]:
+        """Ground closed, as a multiple of the crowds' own."""
+        return self.blocked_m2 / np.where(self.own_m2 > 0.0, self.own_m2, np.nan)
+
+
+def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]:
+    """From the middle of each column of `places` [N] to the nearest column of `zone`: 0 inside, inf without
+    one.
+
+    To the column, not to its middle: somebody beside a zone is at its edge."""
+    from scipy.spatial import cKDTree
+
+    if len(zone) == 0 or len(places) == 0:
+        return np.full(len(places), np.inf)
+    count = min(_NEAREST, len(zone))
+    _, nearest = cKDTree(zone).query(places, k=np.arange(1, count + 1))
+    apart = np.maximum(np.abs(zone[nearest] - places[:, None]) - 0.5, 0.0)
+    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) * size_m)
+
+
+_NEAREST = 9
+"""The column whose middle is nearest need not be the nearest column; it is among so many."""
+
+
+def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
+    """Ground of the columns with each of `BUFFERS_M` around them, by columns whose middle lies inside."""
+    from scipy.ndimage import distance_transform_edt
+
+    if len(zone) == 0:
+        return np.zeros(len(BUFFERS_M))
+    margin = int(np.ceil(BUFFERS_M[-1] / size_m)) + 1
+    corner = zone.min(axis=0) - margin
+    free = np.ones(zone.max(axis=0) - corner + margin + 1, np.bool_)
+    free[tuple((zone - corner).T)] = False
+    apart_m = distance_transform_edt(free) * size_m
+    return np.array([np.count_nonzero(apart_m <= buffer_m) * size_m**2 for buffer_m in BUFFERS_M])
+
+
+def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
+    """How many stand where every voxel of the crowd's ground that was seen is called empty."""
+    state = crowd_map.state(stamp_ns, threshold=threshold)[crowds.ground_ids]
+    other = crowd_map.terrain.voxel_indices(crowds.ground_ids[state != VoxelState.EMPTY])
+    return int(np.count_nonzero(~_is_among(crowds.people, other)))
+
+
+def _in_range(observation: Observation, tested: Validity | None) -> NDArray[np.bool_]:
+    inside = np.ones(len(observation), np.bool_)
+    if tested is None:
+        return inside
+    if tested.gsd_m is not None and observation.focal_px > 0.0:
+        inside &= observation.range_m <= tested.gsd_m[1] * observation.focal_px
+    if tested.tilt_deg is not None:
+        inside &= observation.tilt_deg >= tested.tilt_deg[0]
+    return inside
+
+
+def _is_among(cells: Cells, others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each of the columns is one of others [M, 2 or 3]."""
+
+    def key(some: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.asarray(some[:, 0] * (1 << 32) + some[:, 1])
+
+    return np.isin(key(cells), key(others))
+
+
+def _share(count: NDArray[np.int64], of: int) -> NDArray[np.float64]:
+    return count / of if of else np.full(len(count), np.nan)

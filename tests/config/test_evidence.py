@@ -1,0 +1,109 @@
+"""Method `evidence` as it is configured: what is given, what the detector states, what is left."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from crowdfence import Detector, Evidence, LikelihoodRatio, RunConfig, Terrain
+from crowdfence.config import EvidenceConfig
+from crowdfence.detector.contract.contract import Contract, Validity
+
+FLOOR = Terrain.from_occupancy(np.ones((4, 1, 1), bool), 1.0)
+RATES = {
+    "crowd_observations": 30,
+    "empty_observations": 970,
+    "likelihood_ratio": {
+        "distance_m": [0.0, 50.0, 300.0],
+        "tilt_deg": [0.0, 90.0],
+        "mean": [0.0, 0.5, 1.0],
+        "log10_ratio": [[[-1.0, 2.0]], [[-0.5, 1.0]]],
+    },
+}
+
+
+def contract(rates: dict[str, Any] | None, validity: Validity | None = None) -> Contract:
+    """All that matters here of one."""
+    return cast(Contract, SimpleNamespace(rates=rates, validity=validity))
+
+
+def method(config: EvidenceConfig) -> Evidence:
+    return config.fusion_method(FLOOR, 3)
+
+
+def test_evidence_is_what_a_run_does_unless_told_otherwise() -> None:
+    assert RunConfig().method == EvidenceConfig()
+    assert RunConfig().crowd_map(FLOOR, 3).method.name == "evidence"
+
+
+def test_a_contract_states_table_prior_and_cameras() -> None:
+    # 40 m away at .1 m a pixel: 400 px of focal length.
+    stated = contract(RATES, Validity(gsd_m=(0.1, 0.5), distance_m=(40.0, 200.0)))
+    complete = EvidenceConfig().with_detector(stated)
+    assert complete.prior == 0.03
+    assert complete.focal_px == pytest.approx(400.0)
+    assert complete.likelihood is not None
+    np.testing.assert_allclose(complete.likelihood.gsd_m, [50.0 / 400.0])
+    np.testing.assert_allclose(
+        complete.likelihood.log_ratio, np.log(10.0) * np.array([[[-1.0, 2.0]], [[-0.5, 1.0]]]), rtol=1e-6
+    )
+    # What is given is not overruled.
+    given = EvidenceConfig(likelihood=LikelihoodRatio([], [], [], [[[0.0]]]), prior=0.1, focal_px=100.0)
+    assert given.with_detector(stated) == given
+
+
+def test_a_detector_that_states_nothing_is_taken_for_the_shipped_one() -> None:
+    complete = EvidenceConfig().with_detector(contract(None))
+    assert complete == EvidenceConfig().with_detector(None)
+    shipped = Detector().contract
+    assert shipped.rates is not None
+    table = shipped.rates["likelihood_ratio"]
+    assert complete.likelihood is not None
+    overall = np.log(10.0) * np.array(table["all_log10_ratio"])
+    np.testing.assert_allclose(complete.likelihood.log_ratio[0, 0], overall, atol=0.06)
+    np.testing.assert_allclose(complete.likelihood.mean, table["mean"][1:-1])
+    stated = EvidenceConfig().with_detector(shipped)
+    assert stated.prior == pytest.approx(complete.prior, abs=5e-4)
+    assert stated.focal_px == pytest.approx(complete.focal_px, abs=1.0)
+
+
+def test_threshold_and_empty_lie_around_the_prior() -> None:
+    evidence = method(EvidenceConfig(prior=0.5, zone_log_odds=np.log(3.0), clear_log_odds=np.log(9.0)))
+    assert evidence.default_threshold == pytest.approx(0.75)
+    assert evidence.cleared == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mean": [0.0, 1.0]}, r"log_ratio has shape \[2, 1, 2\]; it must be \[2, 1, 1\]"),
+        ({"log10_ratio": None}, "cannot be used"),
+        ({"distance_m": [0.0, -5.0, 300.0]}, "gsd_m is"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused(change: dict[str, Any], words: str) -> None:
+    broken = contract(RATES | {"likelihood_ratio": RATES["likelihood_ratio"] | change})
+    with pytest.raises(ValueError, match=f"likelihood_ratio cannot be used.*{words}|{words}"):
+        EvidenceConfig().with_detector(broken)
+    with pytest.raises(ValueError, match="likelihood_ratio cannot be used"):
+        EvidenceConfig().with_detector(contract({"likelihood_ratio": {}}))
+
+
+def test_what_makes_no_sense_is_refused_when_the_map_is_made() -> None:
+    for change, words in (
+        ({"prior": 2.0}, "prior is 2"),
+        ({"memory_s": -1.0}, "memory_s is -1"),
+        ({"clear_log_odds": -1.0}, "cleared is"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            method(replace(EvidenceConfig(), **cast(Any, change)))
+
+
+def test_a_summary_holds_the_table() -> None:
+    config = RunConfig().with_detector(None)
+    told = json.loads(json.dumps(config.to_json()))
+    assert told["method"] == "evidence"
+    assert np.shape(told["likelihood"]["log_ratio"]) == (1, 1, 15)

@@ -1,0 +1,134 @@
+"""Method `evidence` from Python: arrays in, what they mean, and what is refused."""
+
+import numpy as np
+import pytest
+
+from crowdfence import CrowdMap, Evidence, LikelihoodRatio, Observation, Terrain, VoxelState
+
+SECOND = 1_000_000_000
+FLOOR = Terrain.from_occupancy(np.ones((4, 1, 1), bool), 1.0)
+# Up to .5 a look says -2, above it 3, from .2 m a pixel on both half as much.
+RATIO = LikelihoodRatio([0.2], [], [0.5], [[[-2.0, 3.0]], [[-1.0, 1.5]]])
+SETTINGS = {
+    "prior": 0.2,
+    "memory_s": 10.0,
+    "sharp_gsd_m": 0.1,
+    "doubt": 1.0,
+    "agreement": 0.5,
+    "threshold": 0.5,
+    "cleared": 0.1,
+    "focal_px": 100.0,
+}
+EVIDENCE = Evidence(RATIO, **SETTINGS)
+
+
+def look(
+    drone: str, mean: float, *, range_m: float = 10.0, focal_px: float = 100.0, at: int = 0
+) -> Observation:
+    """At voxel 0."""
+    return Observation(
+        FLOOR,
+        drone,
+        at,
+        voxel_ids=[0],
+        mean=[mean],
+        pixel_count=[1],
+        range_m=[range_m],
+        tilt_deg=[90.0],
+        occluded_ids=[],
+        focal_px=focal_px,
+    )
+
+
+def log_ratio(*looks: Observation) -> float:
+    """Log odds against the prior after one instant."""
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations(list(looks), 0)
+    p = float(crowd_map.probability(0)[0])
+    return float(np.log(p / (1.0 - p)) - np.log(0.2 / 0.8))
+
+
+def test_a_look_is_read_in_metres_per_pixel() -> None:
+    assert log_ratio(look("a", 0.9)) == pytest.approx(3.0 / 2.0, abs=1e-5)
+    # 20 m away at 100 px: .2 m a pixel, where a look says half and has a quarter of the pixels.
+    far = 0.25 * 1.5 / 1.25
+    assert log_ratio(look("a", 0.9, range_m=20.0)) == pytest.approx(far, abs=1e-5)
+    assert log_ratio(look("a", 0.9, range_m=40.0, focal_px=200.0)) == pytest.approx(far, abs=1e-5)
+    # Without a focal length, that of the calibration.
+    assert log_ratio(look("a", 0.9, range_m=20.0, focal_px=0.0)) == pytest.approx(far, abs=1e-5)
+
+
+def test_drones_add_up() -> None:
+    assert log_ratio(look("a", 0.9), look("b", 0.9)) == pytest.approx(2.0 * np.sqrt(2.0), abs=1e-5)
+
+
+def test_what_a_look_could_not_show_is_not_cleared() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.0, range_m=50.0)], 0)
+    assert crowd_map.state(0).tolist() == [VoxelState.NOT_CLEARED] + 3 * [VoxelState.NEVER_SEEN]
+    crowd_map.integrate_observations([look("a", 0.0, at=SECOND)], SECOND)
+    assert crowd_map.state(SECOND)[0] == VoxelState.EMPTY
+    assert crowd_map.state(40 * SECOND)[0] == VoxelState.STALE
+
+
+def test_all_that_is_known_about_a_voxel() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.9), look("b", 0.9)], 0)
+    known = crowd_map.knowledge([0, 3], 10 * SECOND)
+    assert len(known) == 2
+    assert known.state.tolist() == [VoxelState.CROWD, VoxelState.NEVER_SEEN]
+    np.testing.assert_array_equal(known.probability, crowd_map.probability(10 * SECOND, [0, 3]))
+    np.testing.assert_array_equal(known.age_s, [10.0, np.nan])
+    np.testing.assert_allclose(known.looks, [2.0 / np.e, np.nan], rtol=1e-6)
+    assert known.drones.tolist() == [2, 0]
+    with pytest.raises(ValueError, match="voxel id 4 does not exist"):
+        crowd_map.knowledge([4], 0)
+
+
+def test_a_saved_map_comes_back_with_its_method() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("b", 0.9), look("a", 0.1)], 0)
+    again = CrowdMap.from_bytes(crowd_map.to_bytes(), FLOOR)
+    assert again.method == EVIDENCE
+    assert again.to_bytes() == crowd_map.to_bytes()
+    np.testing.assert_array_equal(again.probability(5 * SECOND), crowd_map.probability(5 * SECOND))
+
+
+def test_the_table_says_what_it_was_told() -> None:
+    assert RATIO.of(0.1, 45.0, 0.5) == -2.0  # a value on a border of the mean belongs to the bin below
+    assert RATIO.of(0.2, 45.0, 0.6) == 1.5  # a distance on a border to the bin above
+    assert RATIO.log_ratio.shape == (2, 1, 2)
+    for name, column in (("gsd_m", [0.2]), ("tilt_deg", []), ("mean", [0.5])):
+        np.testing.assert_array_equal(getattr(RATIO, name), np.array(column, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (([0.2], [], [0.5], [[[-2.0, 3.0]]]), r"log_ratio has shape \[1, 1, 2\]; it must be \[2, 1, 2\]"),
+        (([0.2, 0.1], [], [], np.zeros((3, 1, 1))), "gsd_m is 0.1"),
+        (([], [], [0.5], [[[np.nan, 3.0]]]), "log_ratio is NaN"),
+        (([], [], [0.5], [[[-30.0, 3.0]]]), r"log_ratio is -30; it must be inside \[-20, 20\]"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(table: tuple[object, ...], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        LikelihoodRatio(*table)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("prior", 1.0),
+        ("memory_s", 0.0),
+        ("sharp_gsd_m", -1.0),
+        ("doubt", np.inf),
+        ("agreement", 1.1),
+        ("threshold", 0.0),
+        ("cleared", 0.2),
+        ("focal_px", np.nan),
+    ],
+)
+def test_parameters_out_of_bounds_are_named(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"^{name} is"):
+        Evidence(RATIO, **SETTINGS | {name: value})

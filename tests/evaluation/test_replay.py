@@ -1,0 +1,49 @@
+"""Methods on the bundled recording, which knows where everybody stood."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig
+from crowdfence.evaluation.replay import Scores, score
+from crowdfence.pipeline import open_terrain
+from crowdfence.sources import open_recording
+
+DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race.mcap"
+STRICT = 0.9
+
+
+@pytest.fixture(scope="module")
+def scores() -> Scores:
+    """With the heatmaps of the simulated detector."""
+    recording = open_recording(DEMO)
+    methods = (EvidenceConfig(), PaperConfig(), OrConfig(), OrConfig(b_threshold=STRICT))
+    return score(recording, open_terrain(recording), [RunConfig(one) for one in methods], truth="world")
+
+
+def test_the_knob_of_or_is_its_b_threshold(scores: Scores) -> None:
+    """One map tells what `or` would say at every other knob."""
+    *_, usual, strict = scores.rows
+    assert usual.sweep.at(STRICT).mean == strict.iou.mean
+    assert strict.sweep.at(0.5).mean == usual.iou.mean
+    assert usual.iou.mean != strict.iou.mean
+
+
+def test_people_are_counted_once_and_larger_buffers_hold_more_of_them(scores: Scores) -> None:
+    people = set()
+    for row in scores.rows:
+        assert row.safety is not None
+        people.add((row.safety.people, row.safety.people_in_range))
+        assert (np.diff(row.safety.share_in_zone) >= 0.0).all()
+        assert (np.diff(row.safety.blocked_m2) >= 0.0).all()
+        assert 0.0 <= row.safety.share_on_empty <= 1.0 - row.safety.share_in_zone[0]
+    # Without a detector nothing says in which range it was tested: any look counts.
+    ((everybody, in_range),) = people
+    assert everybody == in_range > 100
+
+
+def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scores) -> None:
+    evidence, paper, either, _ = (row.safety for row in scores.rows)
+    assert evidence is not None and paper is not None and either is not None
+    assert evidence.share_on_empty < 0.1 * min(paper.share_on_empty, either.share_on_empty)

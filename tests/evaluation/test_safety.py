@@ -1,0 +1,83 @@
+"""Who stands in a zone, and how much ground that closes: worked by hand on a plain."""
+
+import numpy as np
+import pytest
+
+from crowdfence import CrowdMap, Observation, Or, Terrain
+from crowdfence.detector.contract.contract import Validity
+from crowdfence.evaluation.safety import BUFFERS_M, CrowdsInView, CrowdWatch, Safety, areas_m2, distance_m
+from crowdfence.sources.recording import Recording
+
+PLAIN = Terrain.from_occupancy(np.ones((40, 40, 1), bool), 1.0)
+
+
+def cells(*columns: tuple[int, int]) -> np.ndarray:
+    return np.array(columns, np.int64).reshape(-1, 2)
+
+
+def test_people_are_as_far_from_a_zone_as_from_its_edge() -> None:
+    zone = cells((10, 10), (11, 10), (12, 10))
+    people = cells((11, 10), (13, 10), (16, 10), (14, 13), (11, 8))
+    # In it; beside its edge, half a column away; 3.5 columns; 1.5 and 2.5; 1.5.
+    expected = [0.0, 0.5, 3.5, np.hypot(1.5, 2.5), 1.5]
+    np.testing.assert_allclose(distance_m(people, zone, 1.0), expected)
+    np.testing.assert_allclose(distance_m(people, zone, 0.5), np.array(expected) / 2.0)
+    assert np.isinf(distance_m(people, cells(), 1.0)).all()
+
+
+def test_ground_is_closed_as_far_as_the_buffer_reaches() -> None:
+    none, two, *_ = areas_m2(cells((0, 0)), 1.0)
+    assert none == 1.0
+    assert two == 13.0  # columns whose middle is within 2 m: 1 + 4 + 4 + 4
+    np.testing.assert_array_equal(areas_m2(cells(), 1.0), np.zeros(len(BUFFERS_M)))
+
+
+def crowd_map(called: list[int]) -> CrowdMap:
+    """Every voxel seen, some called crowd."""
+    ids = np.arange(PLAIN.voxel_count)
+    seen = Observation(
+        PLAIN,
+        "a",
+        0,
+        voxel_ids=ids,
+        mean=np.isin(ids, called).astype(float),
+        pixel_count=np.ones(len(ids), int),
+        range_m=np.full(len(ids), 10.0),
+        tilt_deg=np.full(len(ids), 90.0),
+        occluded_ids=[],
+    )
+    result = CrowdMap(PLAIN, Or())
+    result.integrate_observations([seen], 0)
+    return result
+
+
+def test_shares_count_people_and_ground() -> None:
+    # Four people stand at x = 10, 11, 13 and 20; the map calls x = 10 alone crowd. The last is out of range.
+    people = cells((10, 5), (11, 5), (13, 5), (20, 5))
+    ids = PLAIN.voxel_ids(np.column_stack([people, np.zeros(4, int)]))
+    crowds = CrowdsInView(people, np.array([True, True, True, False]), ids, people)
+    safety = Safety()
+    safety.add(crowds, crowd_map([int(ids[0])]), 0, 0.5)
+    np.testing.assert_allclose(safety.share_in_zone, [1 / 4, 2 / 4, 3 / 4, 4 / 4])
+    np.testing.assert_allclose(safety.share_in_zone_in_range, [1 / 3, 2 / 3, 1.0, 1.0])
+    assert safety.share_on_empty == 3 / 4  # all but the first: `or` calls what it does not call crowd empty
+    assert safety.blocked_per_own[0] == 1 / 4
+    np.testing.assert_allclose(
+        safety.blocked_per_own[2], areas_m2(people[:1], 1.0)[2] / areas_m2(people, 1.0)[2]
+    )
+    # A second moment without anybody changes no share.
+    nobody = CrowdsInView(cells(), np.zeros(0, bool), np.zeros(0, np.int64), cells())
+    safety.add(nobody, crowd_map([]), 0, 0.5)
+    np.testing.assert_allclose(safety.share_in_zone, [1 / 4, 2 / 4, 3 / 4, 4 / 4])
+
+
+def test_no_people_leave_the_shares_unknown() -> None:
+    assert np.isnan(Safety().share_in_zone).all()
+    assert np.isnan(Safety().share_on_empty)
+    assert np.isnan(Safety().blocked_per_own).all()
+
+
+def test_a_recording_that_knows_nobody_is_refused() -> None:
+    bare = Recording("bare", ("a",), (), None, None, (), (), {}, {})
+    with pytest.raises(ValueError, match="bare does not record where people are"):
+        CrowdWatch(bare, PLAIN, Validity())
