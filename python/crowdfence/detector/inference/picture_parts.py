@@ -25,7 +25,7 @@ ENLARGED = (2.0, 2.0**0.5)
 AFFORDABLE_PX = 640 * 480
 AFFORDABLE_SHARE = 1.15
 """Far ground is enlarged as long as the model sees at most this share of the picture's own pixels, or of
-those of a 640 x 480 picture where it is smaller: 30 frames a second on one core."""
+those of a 640 x 480 picture where it is smaller: meant for 30 frames a second on one core."""
 
 SUSPICION = 0.05
 """Where a whole far part is not affordable, its cells above this are looked at again, enlarged."""
