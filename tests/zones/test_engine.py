@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from crowdfence import CrowdMap, Observation, Or, Paper, Rates, Terrain
-from crowdfence.config import ZoneConfig
+from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
 from support.small_crowd_maps import flat_crowd_map, look
 from support.small_zones import SECOND_NS, DrawnZones, ids, told
@@ -82,6 +82,29 @@ def test_the_older_id_is_kept_though_its_zone_is_smaller() -> None:
     zones.drawn("#.....")
     zones.drawn("#..###")
     assert told(zones.drawn("######")) == [("merged", "Z2", "Z1"), ("updated", "Z1")]
+
+
+def test_what_evidence_forgets_stays_closed_until_somebody_looks() -> None:
+    terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=5.0).fusion_method(terrain, drones=1))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    ids_of = np.arange(6)
+    for second in range(3):
+        look(crowd_map, "uav1", second * SECOND_NS, ids_of[:3], 0.95)
+        zones = engine.step(second * SECOND_NS)
+    assert [zone.cell_count for zone in zones] == [3]
+    # The drone looks elsewhere for two minutes. The map has forgotten, the ground is closed.
+    for second in range(3, 120, 3):
+        look(crowd_map, "uav1", second * SECOND_NS, ids_of[3:], 0.0)
+        zones = engine.step(second * SECOND_NS)
+    (zone,) = zones
+    assert (zone.cell_count, zone.reason, zone.valid_until_ns) == (3, "not_looked_at", None)
+    assert zone.probability_max < crowd_map.method.default_threshold
+    # It looks again at two of the three, and sees nobody.
+    look(crowd_map, "uav1", 120 * SECOND_NS, ids_of[:2], 0.0)
+    assert [zone.cell_count for zone in engine.step(120 * SECOND_NS)] == [1]
+    look(crowd_map, "uav1", 121 * SECOND_NS, ids_of[2:3], 0.0)
+    assert told(engine.step(121 * SECOND_NS)) == [("expired", "Z1")]
 
 
 def test_ground_stays_closed_between_the_two_thresholds() -> None:

@@ -36,6 +36,13 @@ def column_belief(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> Colum
     return ColumnBelief(columns, _valid_until_ns(crowd_map, columns, stamp_ns, threshold), None)
 
 
+def forgotten_probability(crowd_map: CrowdMap) -> float | None:
+    """What crowd that nobody looks at comes down to, where a method forgets towards "not known" and not
+    towards "free": the prior of `evidence`. None for the others."""
+    parameters = crowd_map.method.parameters
+    return float(parameters["prior"]) if crowd_map.method.name == "evidence" else None
+
+
 def _valid_until_ns(
     crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int, threshold: float
 ) -> NDArray[np.int64] | None:

@@ -2,6 +2,9 @@
 
     what the map says -> columns of crowd -> regions -> zones with ids that last -> what is closed
 
+Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, its
+ground stays closed until somebody looks again.
+
 An instant costs what was seen so far; outlines, buffers and fewer corners are worked out again only for zones
 whose columns changed. The same instants give the same zones, to the bit.
 """
@@ -16,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
-from crowdfence.zones.belief import ColumnBelief, column_belief
+from crowdfence.zones.belief import ColumnBelief, column_belief, forgotten_probability
 from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
@@ -58,6 +61,10 @@ class ZoneEngine:
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
         self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
         self._closed = np.empty(0, dtype=np.int64)
+        self._stepped_ns = NEVER_NS
+        forgotten = forgotten_probability(crowd_map)
+        # A hair below, so that what is forgotten to the last bit is found.
+        self._forgotten = None if forgotten is None else min(forgotten * (1.0 - 1e-9), rules.off_threshold)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
         # A method without this parameter weighs values in its own way.
@@ -69,13 +76,15 @@ class ZoneEngine:
         """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
         what the drones saw becomes the zones' evidence."""
         rules = self.rules
-        belief = column_belief(self._crowd_map, stamp_ns, rules.off_threshold)
+        belief = self._belief(stamp_ns)
         columns = belief.columns
         keys = column_keys(columns.indices)
-        is_crowd = columns.probability >= rules.threshold
-        if rules.off_threshold < rules.threshold:
-            is_crowd |= np.isin(keys, self._closed, assume_unique=True)
-        self._closed = keys[is_crowd]
+        is_closed = np.isin(keys, self._closed, assume_unique=True)
+        is_held = is_closed & (columns.probability >= rules.off_threshold)
+        if self._forgotten is not None:
+            is_held |= is_closed & (columns.last_seen_ns <= self._stepped_ns)
+        is_crowd = (columns.probability >= rules.threshold) | is_held
+        self._closed, self._stepped_ns = keys[is_crowd], stamp_ns
         self.crowd_voxel_ids = np.sort(self._at_threshold(columns, stamp_ns).voxel_ids)
         region = np.full(len(keys), -1, dtype=np.int64)
         runs = Runs.of(columns.indices[is_crowd])
@@ -100,9 +109,16 @@ class ZoneEngine:
             events=tuple(events),
         )
 
+    def _belief(self, stamp_ns: int) -> ColumnBelief:
+        """Of all columns that can be closed."""
+        belief = column_belief(self._crowd_map, stamp_ns, self.rules.off_threshold)
+        if self._forgotten is None or np.isin(self._closed, column_keys(belief.columns.indices)).all():
+            return belief
+        return column_belief(self._crowd_map, stamp_ns, self._forgotten)
+
     def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> CrowdColumns:
         threshold = self.rules.threshold
-        if self.rules.off_threshold == threshold:
+        if len(columns) and columns.probability.min() >= threshold == self.rules.off_threshold:
             return columns
         return self._crowd_map.crowd_columns(stamp_ns, threshold=threshold)
 
@@ -187,7 +203,7 @@ class ZoneEngine:
         if any(look.value > self._shows_crowd for look in looks_now):
             return "seen"
         if zone.probability_max < self.rules.threshold:
-            return "held"
+            return "held" if looks_now or self._forgotten is None else "not_looked_at"
         return "not_cleared" if looks_now else "not_looked_at"
 
     def _unknown_ground(self, stamp_ns: int) -> tuple[Zone, ...]:
