@@ -406,7 +406,8 @@ def test_version_and_help() -> None:
 
 
 def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> None:
-    """The recording knows where everybody stood: every zone of any size must have a crowd in or beside it."""
+    """The recording knows where everybody stood: every zone that is likely to hold a crowd has one in or beside
+    it. Zones of a few percent also close what only may be one."""
     done = crowdfence("demo", "-o", tmp_path / "demo", "--json")
     assert done.returncode == 0, done.stderr
     recording = open_recording(RECORDING)
@@ -419,9 +420,9 @@ def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> N
     for told, zone in zip(summary["zones"], zones, strict=True):
         # To the last digit: rounded twice, a table said 0.59 where the map says 0.60.
         assert told["probability_max"] == zone["properties"]["probability_max"]
-    large = [zone for zone in zones if zone["properties"]["area_m2"] > 20.0]
-    assert large
-    for zone in large:
+    likely = [zone for zone in zones if zone["properties"]["probability_max"] > 0.5]
+    assert len(likely) >= 3
+    for zone in likely:
         longitude, latitude = np.array(shape(zone["geometry"]).centroid.coords[0])
         centre = recording.georeference.local_from_geodetic(latitude, longitude, 1200.0)
         assert np.linalg.norm(crowd - np.ravel(centre)[:2], axis=1).min() < 10.0
