@@ -406,8 +406,8 @@ def test_version_and_help() -> None:
 
 
 def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> None:
-    """The recording knows where everybody stood: every zone that is likely to hold a crowd has one in or beside
-    it. Zones of a few percent also close what only may be one."""
+    """The recording knows where everybody stood: every zone that is likely to hold a crowd has one in or
+    beside it. Zones of a few percent also close what only may be one."""
     done = crowdfence("demo", "-o", tmp_path / "demo", "--json")
     assert done.returncode == 0, done.stderr
     recording = open_recording(RECORDING)

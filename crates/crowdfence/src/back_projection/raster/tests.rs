@@ -149,7 +149,7 @@ fn a_pixel_of_smooth_ground_belongs_to_what_its_ray_meets() {
         let turn = f64::from(number);
         let (x, y) = (6.1 + (37.7 * turn) % 116.0, 3.3 + (53.9 * turn) % 120.0);
         let above = [1.7, 4.0, 12.0, 40.0, 90.0][number as usize % 5];
-        let tilt = [0.02, 0.2, 0.6, 1.1, 1.5708][number as usize / 5 % 5];
+        let tilt = [0.02, 0.2, 0.6, 1.1, std::f64::consts::FRAC_PI_2][number as usize / 5 % 5];
         let rotation = looking(0.7 * turn, tilt, 0.1 * (turn % 5.0 - 2.0));
         let at = DVec3::new(x, y, height(x, y) + above);
         let focal = [30.0, 60.0, 200.0][number as usize % 3];
