@@ -22,7 +22,7 @@ pub mod temporal_blend;
 pub mod terrain;
 pub mod view;
 
-pub use back_projection::{Coverage, Projection, project};
+pub use back_projection::{Coverage, Projection, project, project_by_rays};
 pub use camera::{Camera, Distortion};
 pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};

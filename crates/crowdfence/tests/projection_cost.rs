@@ -1,0 +1,70 @@
+//! Painting the terrain stays many times cheaper than casting the ray of every pixel, which means the same. Both are
+//! timed here, in the CPU time of one thread of one run: a ratio, whatever the machine does besides. Benchmarks tell
+//! figures; this tells when a change has lost the fast way.
+
+use std::sync::Arc;
+
+use crowdfence::terrain::height_map::HeightMap;
+use crowdfence::view::Pose;
+use crowdfence::{
+    Camera, Coverage, Distortion, Heatmap, Observation, Projection, Terrain, View, project, project_by_rays,
+};
+use glam::{DMat3, DVec3};
+
+/// Of a build for tests, on open hills: half of what it was when this was written.
+const LEAST_RATIO: f64 = 12.0;
+
+/// Hills of 300 x 300 m with cells of 0.5 m.
+fn hills() -> Terrain {
+    let side = 600;
+    let height = |cell: usize| {
+        let (x, y) = ((cell / side) as f64 * 0.5, (cell % side) as f64 * 0.5);
+        (8.0 * (x / 40.0).sin() * (y / 55.0).cos() + 0.5 * (x / 6.0 + y / 9.0).sin()) as f32
+    };
+    let heights: Vec<f32> = (0..side * side).map(height).collect();
+    let map = HeightMap::new(&heights, [side, side], 0.5).unwrap();
+    Terrain::from_height_map(&map, 0.5, DVec3::ZERO).unwrap()
+}
+
+/// From 50 m above the middle, 35 degrees down.
+fn view() -> View {
+    let (width, height) = (640, 480);
+    let (sin, cos) = 35f64.to_radians().sin_cos();
+    let forward = DVec3::new(0.0, cos, -sin);
+    let rotation = DMat3::from_cols(DVec3::X, forward.cross(DVec3::X), forward);
+    let camera = Camera::new(width, height, 320.0, 320.0, 320.0, 240.0, Distortion::None).unwrap();
+    let values = (0..width * height).map(|pixel| (pixel % 97) as f32 / 200.0).collect();
+    let heatmap = Heatmap::new(values, height as usize, width as usize).unwrap();
+    let pose = Pose { rotation, translation: DVec3::new(150.0, 120.0, 50.0) };
+    View::new("drone", 0, Arc::new(camera), pose, heatmap).unwrap()
+}
+
+/// CPU time of this thread so far; None where the system does not tell.
+fn cpu_s() -> Option<f64> {
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    Some(told.split(' ').next()?.parse::<f64>().ok()? * 1e-9)
+}
+
+fn least_cpu_s(look: impl Fn() -> Observation) -> Option<f64> {
+    let times = (0..3).map(|_| {
+        let start = cpu_s()?;
+        std::hint::black_box(look());
+        Some(cpu_s()? - start)
+    });
+    times.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::min)
+}
+
+#[test]
+fn painting_is_many_times_cheaper_than_casting() {
+    let (terrain, view) = (hills(), view());
+    let projection = Projection::new(300.0, 0.0, Coverage::Rays).unwrap();
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let times = one_thread.install(|| {
+        let painted = least_cpu_s(|| project(&view, &terrain, &projection))?;
+        Some((painted, least_cpu_s(|| project_by_rays(&view, &terrain, &projection))?))
+    });
+    let Some((painted_s, cast_s)) = times else { return };
+    let ratio = cast_s / painted_s;
+    println!("painted {:.1} ms, cast {:.1} ms: {ratio:.1} x", 1e3 * painted_s, 1e3 * cast_s);
+    assert!(ratio >= LEAST_RATIO, "casting takes {ratio:.1} times as long as painting, less than {LEAST_RATIO}");
+}
