@@ -66,5 +66,8 @@ fn painting_is_many_times_cheaper_than_casting() {
     let Some((painted_s, cast_s)) = times else { return };
     let ratio = cast_s / painted_s;
     println!("painted {:.1} ms, cast {:.1} ms: {ratio:.1} x", 1e3 * painted_s, 1e3 * cast_s);
-    assert!(ratio >= LEAST_RATIO, "casting takes {ratio:.1} times as long as painting, less than {LEAST_RATIO}");
+    assert!(
+        ratio >= LEAST_RATIO,
+        "casting takes {ratio:.1} times as long as painting, less than {LEAST_RATIO}"
+    );
 }
