@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3};
 
 use super::canvas::Painted;
 use super::optics::before_camera;
+use super::prism::{OVERLAP, before};
 use super::tile::{Piece, Tile, corner};
 use super::{Painter, Place};
 use crate::terrain::Solid;
@@ -45,13 +46,18 @@ impl Painter<'_> {
     fn paint_wall(&mut self, tile: &Tile, piece: &Piece, place: &Place, shoulder: f64, cut: bool) {
         let solid = piece.solid;
         let bottom = solid.bottom - self.origin.z;
-        for z in solid.lowest..solid.uppermost {
+        let hidden = [0, 1].map(|axis| hidden_up_to(tile, piece, place, axis) - self.origin.z);
+        // Nobody looks at what lies behind other columns, and under the lowest voxel only from below.
+        let first = if bottom > 0.0 { f64::NEG_INFINITY } else { hidden[0].min(hidden[1]) + self.origin.z };
+        let first = first.clamp(f64::from(solid.lowest), f64::from(solid.uppermost)) as u32;
+        for z in first..solid.uppermost {
             let is_lowest = z == solid.lowest;
             let floor = if is_lowest { bottom } else { f64::from(z) - self.origin.z };
             let is_next_to_uppermost = z + 1 == solid.uppermost;
             let ceiling = f64::from(z + 1) - self.origin.z;
             let ceiling = if is_next_to_uppermost { shoulder } else { ceiling.min(shoulder) };
-            let face = |axis| side(place, axis, [floor; 4], [ceiling; 4]).filter(|_| floor < ceiling);
+            let shows = |axis: usize| floor < ceiling && ceiling > hidden[axis];
+            let face = |axis| side(place, axis, [floor; 4], [ceiling; 4]).filter(|_| shows(axis));
             let below = underside(place, bottom).filter(|_| is_lowest);
             let painted = self.paint_all(&[face(0), face(1), below], cut);
             let middle = place.middle(f64::from(z) + 0.5 - self.origin.z);
@@ -97,6 +103,25 @@ impl Painter<'_> {
         };
         self.canvas.paint(&polygon, owner, Some(&in_range))
     }
+}
+
+/// Height up to which the column before a piece, along an axis, hides the side that is turned to the camera; or all of
+/// it where no side is.
+#[inline(always)]
+fn hidden_up_to(tile: &Tile, piece: &Piece, place: &Place, axis: usize) -> f64 {
+    let side = place.side[axis];
+    if side == 0 {
+        return f64::INFINITY;
+    }
+    let mut at = place.at;
+    at[axis] -= side;
+    let Some(before) = before(tile, at, piece).filter(|before| before.solid.bottom <= piece.solid.bottom) else {
+        return f64::NEG_INFINITY;
+    };
+    // Its edge towards the piece.
+    let edge = usize::from(side > 0);
+    let top = |other: usize| before.tops[if axis == 0 { corner(edge, other) } else { corner(other, edge) }];
+    top(0).min(top(1)) - OVERLAP
 }
 
 /// The top, when the camera is above its plane.

@@ -84,7 +84,7 @@ impl Painter<'_> {
 
 /// The solid in the column before a piece that hides its side: the one that reaches below its top.
 #[inline(always)]
-fn before(tile: &Tile, at: [i32; 2], piece: &Piece) -> Option<Piece> {
+pub fn before(tile: &Tile, at: [i32; 2], piece: &Piece) -> Option<Piece> {
     let reached = piece.solid.top();
     for upper in tile.upper(at).iter().rev() {
         if upper.solid.bottom <= reached {
