@@ -27,6 +27,7 @@ use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
 use canvas::{Canvas, NOBODY, Painted};
 use frame::Frame;
+use ground::Shown;
 use optics::Optics;
 use tile::{Piece, Tile};
 
@@ -225,7 +226,7 @@ impl<'a> Painter<'a> {
         for i in self.outward(0, square.low[0], 1, side) {
             for j in self.outward(1, square.low[1], 1, side) {
                 let place = self.place(square.low, [i as i32, j as i32]);
-                self.paint_column(tile, &place);
+                self.paint_column(tile, &place, Shown::Unsure, None);
             }
         }
     }
@@ -265,17 +266,16 @@ impl<'a> Painter<'a> {
         beyond.first().into_iter().for_each(|(square, _)| self.stacks.release(square));
     }
 
-    /// What stands on one column: what is at the camera's height, then downwards and upwards.
+    /// What stands on one column: what is at the camera's height, then downwards and upwards. The last two are what is
+    /// known of its ground.
     #[inline(always)]
-    fn paint_column(&mut self, tile: &Tile, place: &Place) {
+    fn paint_column(&mut self, tile: &Tile, place: &Place, ground: Shown, middle_px: Option<(usize, usize)>) {
         let upper = tile.upper(place.at);
         let below = upper.partition_point(|piece| piece.solid.bottom <= self.origin.z);
         for piece in upper[..below].iter().rev() {
             self.paint_piece(tile, piece, place);
         }
-        if let Some(piece) = tile.lowest(place.at) {
-            self.paint_piece(tile, &piece, place);
-        }
+        self.paint_ground(tile, place, ground, middle_px);
         for piece in &upper[below..] {
             self.paint_piece(tile, piece, place);
         }

@@ -115,7 +115,8 @@ fn hidden_up_to(tile: &Tile, piece: &Piece, place: &Place, axis: usize) -> f64 {
     }
     let mut at = place.at;
     at[axis] -= side;
-    let Some(before) = before(tile, at, piece).filter(|before| before.solid.bottom <= piece.solid.bottom) else {
+    let Some(before) = before(tile, at, piece).filter(|before| before.solid.bottom <= piece.solid.bottom)
+    else {
         return f64::NEG_INFINITY;
     };
     // Its edge towards the piece.

@@ -1,5 +1,5 @@
 //! Smooth ground: the pixels of a row of sixteen columns at once, painted column after column. What is worked out in f32
-//! is exact or is not used: where a sign could be wrong, a column goes to [`Painter::paint_column`], which asks the same
+//! is exact or is not used: where a sign could be wrong, a column goes to [`Painter::paint_piece`], which asks the same
 //! in f64.
 
 use glam::DVec3;
@@ -25,8 +25,9 @@ struct Shapes {
     pixel: [i32; 2],
 }
 
+/// What of the ground of a column is painted.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Shown {
+pub(super) enum Shown {
     OutOfRange,
     /// No pixel, or those of a block.
     Pixels(Option<Block>),
@@ -153,23 +154,34 @@ impl Painter<'_> {
                 } else {
                     backwards &= !(1 << j);
                 }
-                let with_care = (beside | tile.stacked(i as usize)) >> j & 1 != 0;
-                let shown = if with_care { Shown::Unsure } else { shapes.shown(j as usize) };
-                let at = [i as i32, j as i32];
-                let place = self.place(square.low, at);
-                match shown {
-                    Shown::OutOfRange => (),
-                    Shown::Unsure => self.paint_column(tile, &place),
-                    Shown::Pixels(block) => {
-                        let middle = (middles >> j & 1 != 0).then(|| shapes.middle(j as usize));
-                        self.paint_shape(tile, &place, block, middle);
-                    }
-                }
+                let shown = if beside >> j & 1 != 0 { Shown::Unsure } else { shapes.shown(j as usize) };
+                let middle_px = (middles >> j & 1 != 0).then(|| shapes.middle(j as usize));
+                let place = self.place(square.low, [i as i32, j as i32]);
+                self.paint_column(tile, &place, shown, middle_px);
             }
         }
     }
 
-    /// Of a column with nothing above its ground; with the pixel over its middle where that is in the image.
+    /// The lowest solid of a column; with the pixel over its middle where that is in the image.
+    #[inline(always)]
+    pub(super) fn paint_ground(
+        &mut self,
+        tile: &Tile,
+        place: &Place,
+        shown: Shown,
+        middle_px: Option<(usize, usize)>,
+    ) {
+        match shown {
+            Shown::OutOfRange => (),
+            Shown::Unsure => {
+                if let Some(piece) = tile.lowest(place.at) {
+                    self.paint_piece(tile, &piece, place);
+                }
+            }
+            Shown::Pixels(block) => self.paint_shape(tile, place, block, middle_px),
+        }
+    }
+
     #[inline(always)]
     fn paint_shape(
         &mut self,
