@@ -98,7 +98,7 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
         "last look": f"{_ago(zone.last_seen_ns, stamp_ns)}; at its oldest part "
         f"{_ago(zone.oldest_look_ns, stamp_ns)}",
         "since": "not known" if zone.created_ns is None else f"{_ago(zone.created_ns, stamp_ns)}",
-        "until": "no end is known: the method does not forget"
+        "until": "none of its own: only a look can open it"
         if zone.valid_until_ns is None
         else f"{iso_utc(zone.valid_until_ns)} if nobody looks again",
         "seen by": ", ".join(zone.seen_by) or "not known",
