@@ -188,20 +188,8 @@ impl PyEvidence {
     }
 
     fn __repr__(&self) -> String {
-        let settings = self.0.settings();
-        format!(
-            "Evidence({}, prior={}, memory_s={}, sharp_gsd_m={}, doubt={}, agreement={}, threshold={}, \
-             cleared={}, focal_px={})",
-            self.likelihood().__repr__(),
-            settings.prior,
-            settings.memory_s,
-            settings.sharp_gsd_m,
-            settings.doubt,
-            settings.agreement,
-            settings.threshold,
-            settings.cleared,
-            settings.focal_px
-        )
+        let named = self.0.settings().named().map(|(name, number)| format!("{name}={number}"));
+        format!("Evidence({}, {})", self.likelihood().__repr__(), named.join(", "))
     }
 }
 

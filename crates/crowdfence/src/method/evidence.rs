@@ -122,17 +122,8 @@ impl FusionMethod for Evidence {
     }
 
     fn parameters(&self) -> Vec<(&'static str, Parameter)> {
-        let settings = &self.settings;
-        vec![
-            ("prior", Parameter::Number(settings.prior)),
-            ("memory_s", Parameter::Number(settings.memory_s)),
-            ("sharp_gsd_m", Parameter::Number(settings.sharp_gsd_m)),
-            ("doubt", Parameter::Number(settings.doubt)),
-            ("agreement", Parameter::Number(settings.agreement)),
-            ("threshold", Parameter::Number(settings.threshold)),
-            ("cleared", Parameter::Number(settings.cleared)),
-            ("focal_px", Parameter::Number(settings.focal_px)),
-        ]
+        let named = self.settings.named();
+        named.into_iter().map(|(name, number)| (name, Parameter::Number(number))).collect()
     }
 }
 
@@ -190,6 +181,20 @@ impl LooksSum {
 }
 
 impl EvidenceSettings {
+    /// All of them by name, in the order of files.
+    pub fn named(&self) -> [(&'static str, f64); 8] {
+        [
+            ("prior", self.prior),
+            ("memory_s", self.memory_s),
+            ("sharp_gsd_m", self.sharp_gsd_m),
+            ("doubt", self.doubt),
+            ("agreement", self.agreement),
+            ("threshold", self.threshold),
+            ("cleared", self.cleared),
+            ("focal_px", self.focal_px),
+        ]
+    }
+
     fn check(&self) -> Result<()> {
         let inside = |value: f64| value > 0.0 && value < 1.0;
         let positive = |value: f64| value.is_finite() && value > 0.0;

@@ -317,8 +317,8 @@ impl Tile {
     /// A run of voxels, lowest, uppermost and id of that, unless it is the lowest of its column.
     fn push_upper(&mut self, run: Option<(u32, u32, u32)>, at: usize, planes: &[Plane]) {
         if let Some((lowest, uppermost, id)) = run.filter(|run| run.0 != self.ground.solids.lowest[at]) {
-            let plane = planes.get(id as usize).copied().unwrap_or(Plane::CEILING);
-            self.upper.push(Piece::new(self.solid(lowest, uppermost, plane, false), id, false));
+            let solid = self.solid(lowest, uppermost, planes[id as usize], false);
+            self.upper.push(Piece::new(solid, id, false));
         }
     }
 

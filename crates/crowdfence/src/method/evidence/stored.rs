@@ -12,19 +12,7 @@ use crate::sealed::{Reader, Writer};
 
 impl Stored for Evidence {
     fn write(&self, payload: &mut Writer) {
-        let settings = &self.settings;
-        for number in [
-            settings.prior,
-            settings.memory_s,
-            settings.sharp_gsd_m,
-            settings.doubt,
-            settings.agreement,
-            settings.threshold,
-            settings.cleared,
-            settings.focal_px,
-        ] {
-            payload.f64(number);
-        }
+        self.settings.named().into_iter().for_each(|(_, number)| payload.f64(number));
         for column in self.likelihood.columns() {
             payload.u32(column.len() as u32);
             column.iter().for_each(|&number| payload.f32(number));
