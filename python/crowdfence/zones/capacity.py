@@ -93,16 +93,13 @@ class _Shape:
     def __init__(self, covered: Polygon, circles: bool) -> None:
         self.covered = covered
         self._circles = circles
-        self.shape: Polygon | Circle = covered
+        self.draw(covered)
+
+    def draw(self, shape: Polygon | Circle) -> None:
+        self.shape = shape
+        self.items = 1 if isinstance(shape, Circle) else vertex_count(shape)
+        self.area_m2 = shape.area_m2 if isinstance(shape, Circle) else float(shape.area)
         self._next: tuple[Polygon | Circle, float] | bool | None = False
-
-    @property
-    def items(self) -> int:
-        return 1 if isinstance(self.shape, Circle) else vertex_count(self.shape)
-
-    @property
-    def area_m2(self) -> float:
-        return self.shape.area_m2 if isinstance(self.shape, Circle) else float(self.shape.area)
 
     @property
     def next(self) -> tuple[Polygon | Circle, float] | None:
@@ -125,7 +122,7 @@ class _Shape:
 
     def take(self) -> None:
         assert self.next is not None
-        self.shape, self._next = self.next[0], False
+        self.draw(self.next[0])
 
 
 _Joins = dict[tuple[_Shape, _Shape], _Shape]
@@ -145,9 +142,10 @@ def circle_around(outline: Polygon | MultiPolygon) -> Circle:
 def _reduce(shapes: list[_Shape], max_items: int, circles: bool) -> None:
     """Make the cheapest moves, in place, until the shapes fit."""
     known: _Joins = {}
+    neighbours = _neighbours(shapes)
     while sum(shape.items for shape in shapes) > max_items:
         moves = [(shape.next[1], 0, number, number) for number, shape in enumerate(shapes) if shape.next]
-        for first, second in _neighbours(shapes):
+        for first, second in neighbours:
             joined = _joined(shapes[first], shapes[second], circles, known)
             items, area_m2 = shapes[first].items + shapes[second].items, _area_m2(shapes, first, second)
             if joined.items < items:
@@ -156,6 +154,7 @@ def _reduce(shapes: list[_Shape], max_items: int, circles: bool) -> None:
         if is_join:
             shapes[first] = _joined(shapes[first], shapes[second], circles, known)
             del shapes[second]
+            neighbours = _neighbours(shapes)
         else:
             shapes[first].take()
 
@@ -176,11 +175,11 @@ def _joined(first: _Shape, second: _Shape, circles: bool, known: _Joins) -> _Sha
     if (first, second) not in known:
         joined = _around([first, second], circles)
         if circles and joined.items >= first.items + second.items:
-            joined.shape = circle_around(joined.covered)
+            joined.draw(circle_around(joined.covered))
         known[first, second] = joined
     joined = known[first, second]
     if circles and joined.items >= first.items + second.items:  # they became smaller since
-        joined.shape = circle_around(joined.covered)
+        joined.draw(circle_around(joined.covered))
     return joined
 
 
@@ -192,7 +191,9 @@ def _around(group: Sequence[_Shape], circles: bool) -> _Shape:
     """One convex shape around several."""
     import shapely
 
-    return _Shape(shapely.convex_hull(shapely.union_all([shape.covered for shape in group])), circles)
+    return _Shape(
+        shapely.convex_hull(shapely.geometrycollections([shape.covered for shape in group])), circles
+    )
 
 
 def _groups(shapes: Sequence[_Shape], count: int) -> list[list[_Shape]]:
