@@ -74,6 +74,7 @@ PACKAGES = (
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
     Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
     Package("av", "av", "videos in and out", extra="video"),
+    Package("pymavlink", "pymavlink.dialects.v20.common", "fences of autopilots", extra="mavlink"),
     Package("onnx", "onnx", "training and calibration of detectors", extra="train"),
     Package("torch", "torch", "training of detectors", extra="train"),
 )

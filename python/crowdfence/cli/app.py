@@ -19,6 +19,7 @@ from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.explain import explain
 from crowdfence.cli.export import export
+from crowdfence.cli.fence import app as fence
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.model import app as model
 from crowdfence.cli.route import route
@@ -49,6 +50,7 @@ app.command("evaluate")(evaluate)
 app.command("simulate")(simulate)
 app.command("calibrate")(calibrate)
 app.command("train")(train)
+app.add_typer(fence, name="fence")
 app.add_typer(model, name="model")
 app.add_typer(data, name="data")
 app.command("demo")(demo)

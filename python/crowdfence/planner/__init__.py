@@ -2,9 +2,11 @@
 
 - `clear_air`  points and paths in space and time against the zones that were known then
 - `route`      the shortest way round the zones of one moment
+- `way_out`    the nearest clear place
 """
 
 from crowdfence.planner.clear_air import ClearAir, Conflict
 from crowdfence.planner.route import NoRoute, Route, safe_route
+from crowdfence.planner.way_out import way_out
 
-__all__ = ["ClearAir", "Conflict", "NoRoute", "Route", "safe_route"]
+__all__ = ["ClearAir", "Conflict", "NoRoute", "Route", "safe_route", "way_out"]

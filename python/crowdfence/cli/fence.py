@@ -1,0 +1,249 @@
+"""`crowdfence fence`: zones sent to an autopilot over MAVLink, and kept there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.cli import console, options
+from crowdfence.cli.export import At
+
+if TYPE_CHECKING:
+    from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport
+
+ALARM = 3
+
+app = typer.Typer(
+    help="An autopilot's fence over MAVLink: send zones, read it, keep it equal to zones, clear it.",
+    epilog="Exit codes: 0 ok, 1 nothing was changed, 2 usage, 3 done, with an alarm.",
+    no_args_is_help=True,
+)
+
+Zones = Annotated[
+    Path, typer.Argument(help="Folder that `crowdfence run` wrote, its zone history, or zones as GeoJSON.")
+]
+Link = Annotated[
+    str,
+    typer.Option(
+        "--link",
+        metavar="udpin|udpout|tcp:HOST:PORT",
+        help="Where the vehicle is, such as udpin:0.0.0.0:14550.",
+    ),
+]
+System = Annotated[
+    int | None,
+    typer.Option("--system", min=1, max=254, help="System id of the vehicle. Default: the only one heard."),
+]
+CapacityItems = Annotated[
+    int | None,
+    typer.Option(
+        "--capacity",
+        min=1,
+        help="Items that the fence holds, those of others with them. Default: 63 for PX4, 560 bytes for "
+        "ArduPilot, less where the vehicle refuses.",
+    ),
+]
+State = Annotated[
+    Path | None,
+    typer.Option(
+        "--state",
+        help="Folder that remembers what was written last, by which our shapes are told from those of "
+        "others. Default: ~/.local/state/crowdfence/fences.",
+    ),
+]
+TimeoutS = Annotated[
+    float, typer.Option("--timeout-s", min=0.1, help="How long to wait for a vehicle that says nothing.")
+]
+
+
+@app.callback()
+def _group() -> None:
+    pass
+
+
+@app.command("push")
+def push(
+    zones: Zones,
+    link: Link,
+    at: At = "last",
+    static_zones: options.StaticZones = None,
+    system: System = None,
+    capacity: CapacityItems = None,
+    state: State = None,
+    timeout_s: TimeoutS = 5.0,
+    as_json: options.Json = False,
+) -> None:
+    """Make the fence of a vehicle cover the zones, as they were at an instant.
+
+    The whole list is replaced, read back and compared; shapes of others stay in it. The vehicle keeps the
+    fence that it had on any failure.
+    """
+    from crowdfence.fence_sync import ZoneSource
+    from crowdfence.static_zones import read_static_zones
+
+    wanted = ZoneSource(zones, at).read()
+    others, left_out = read_static_zones(static_zones or [], wanted.georeference)
+    for reason in left_out:
+        console.warn(reason)
+    with _keeper(link, system, capacity, state, timeout_s) as keeper:
+        report = keeper.put((*wanted.zones, *others), wanted.georeference)
+    _tell_report(report, keeper, as_json)
+
+
+@app.command("pull")
+def pull(
+    link: Link,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="GeoJSON file to write. Default: print it.")
+    ] = None,
+    system: System = None,
+    state: State = None,
+    timeout_s: TimeoutS = 5.0,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Read the fence of a vehicle: what closes which ground, and which of it is ours."""
+    from contextlib import nullcontext
+
+    from crowdfence.fence_sync import fence_geojson
+
+    if output is not None and output.exists() and not force:
+        raise FileExistsError(f"{output} exists; --force replaces it")
+    with nullcontext() if output is None else writable_file(output):
+        with _keeper(link, system, None, state, timeout_s) as keeper:
+            shapes, ours = keeper.read()
+        text = fence_geojson(shapes, ours, keeper.station.vehicle.name)
+        if output is None:
+            print(text, end="")
+            return
+        write_bytes(output, text.encode())
+    items = sum(map(len, shapes))
+    if as_json:
+        told = {"file": str(output), "shapes": len(shapes), "items": items, "our_shapes": len(ours)}
+        console.print_json(told)
+        return
+    console.stdout().print(
+        f"{len(shapes)} shapes in {items} items, {len(ours)} of them ours, in {output}", soft_wrap=True
+    )
+
+
+@app.command("clear")
+def clear(
+    link: Link,
+    everything: Annotated[bool, typer.Option("--all", help="Shapes of others, too.")] = False,
+    system: System = None,
+    state: State = None,
+    timeout_s: TimeoutS = 5.0,
+    as_json: options.Json = False,
+) -> None:
+    """Remove what we wrote from the fence of a vehicle; what others drew stays unless --all."""
+    with _keeper(link, system, None, state, timeout_s) as keeper:
+        report = keeper.clear(everything=everything)
+    _tell_report(report, keeper, as_json)
+
+
+@app.command("watch")
+def watch(
+    zones: Zones,
+    link: Link,
+    opening_s: Annotated[
+        float, typer.Option("--opening-s", min=0.0, help="Ground opens when it has been open for so long.")
+    ] = 5.0,
+    interval_s: Annotated[
+        float, typer.Option("--interval-s", min=0.0, help="Least time between two fences.")
+    ] = 2.0,
+    check_s: Annotated[
+        float, typer.Option("--check-s", min=1.0, help="Read the fence back so often.")
+    ] = 20.0,
+    stale_after_s: Annotated[
+        float | None,
+        typer.Option("--stale-after-s", help="Alarm when the zones are not written for so long."),
+    ] = None,
+    expires: Annotated[
+        bool,
+        typer.Option("--expires", help="Zones end at their valid_until, even if nobody looked there again."),
+    ] = False,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", help="Stop after so long. Default: with Ctrl-C.")
+    ] = None,
+    system: System = None,
+    capacity: CapacityItems = None,
+    state: State = None,
+    timeout_s: TimeoutS = 5.0,
+    as_json: options.Json = False,
+) -> None:
+    """Keep the fence of a vehicle equal to zones as they are written, until Ctrl-C, which leaves it there.
+
+    New ground is closed at once, ground opens after a while. --json prints an event a line.
+    """
+    from crowdfence.fence_sync import FenceWatch, WatchPlan, ZoneSource
+
+    source = ZoneSource(zones)
+    source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
+    plan = WatchPlan(opening_s, interval_s, check_s, stale_after_s, expires)
+    with _keeper(link, system, capacity, state, timeout_s) as keeper:
+        watching = FenceWatch(keeper, source, plan, lambda event: _tell([event], as_json))
+        clock = keeper.station.clock
+        try:
+            watching.run(float("inf") if duration_s is None else clock() + duration_s)
+        except KeyboardInterrupt:
+            console.stderr().print("stopped; the vehicle keeps its fence")
+    if watching.alarms:
+        raise typer.Exit(ALARM)
+
+
+@contextmanager
+def _keeper(
+    link: str, system: int | None, capacity: int | None, state: Path | None, timeout_s: float
+) -> Iterator[FenceKeeper]:
+    from crowdfence.fence_sync import (
+        FenceKeeper,
+        GroundStation,
+        ItemCapacity,
+        Patience,
+        open_transport,
+    )
+    from crowdfence.fence_sync.vehicle_memory import default_folder
+
+    patience = Patience(tries=max(1, round(timeout_s / Patience().retry_s)))
+    station = GroundStation(open_transport(link), clock=time.monotonic, patience=patience)
+    try:
+        with console.working() as step:
+            step("waiting for a vehicle")
+            station.find_vehicle(timeout_s, system)
+        yield FenceKeeper(
+            station, state or default_folder(), None if capacity is None else ItemCapacity(capacity)
+        )
+    finally:
+        station.close()
+
+
+def _tell_report(report: FenceReport, keeper: FenceKeeper, as_json: bool) -> None:
+    if as_json:
+        told: dict[str, Any] = {"vehicle": keeper.station.vehicle.name, **report.to_json()}
+        console.print_json(told)
+    else:
+        console.stdout().print(keeper.station.vehicle.name)
+        _tell(report.events, as_json=False)
+    if report.alarms:
+        raise typer.Exit(ALARM)
+
+
+def _tell(events: Iterable[FenceEvent], as_json: bool) -> None:
+    import json
+
+    from rich.markup import escape
+
+    for event in events:
+        if as_json:
+            print(json.dumps(event.to_json()), flush=True)
+        elif event.alarm:
+            console.stdout().print(f"[bold red]alarm[/]: {escape(event.text)}", soft_wrap=True)
+        else:
+            console.stdout().print(escape(event.text), soft_wrap=True)

@@ -1,0 +1,71 @@
+"""Parameters that decide what an autopilot does at a fence: nothing, too much, or what is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.fence_sync.fence_event import FenceEvent
+from crowdfence.fence_sync.messages import Autopilot
+
+TERMINATE = 4
+"""GF_ACTION of PX4: the motors stop in the air."""
+_PX4_MILD = {0: "none", 1: "warn"}
+_POLYGONS_BIT = 4
+"""Of FENCE_TYPE: polygons and circles."""
+
+PARAMETERS: Mapping[int, tuple[str, ...]] = {
+    Autopilot.PX4: ("GF_ACTION",),
+    Autopilot.ARDUPILOT: ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ACTION"),
+}
+
+
+def enforcement(autopilot: int, values: Mapping[str, float]) -> Iterator[FenceEvent]:
+    """What will not happen at the fence. FenceError where the vehicle would be dropped on the crowd, or
+    where it is not known that it would not."""
+    if autopilot == Autopilot.PX4:
+        yield from _px4(values)
+    elif autopilot == Autopilot.ARDUPILOT:
+        yield from _ardupilot(values)
+    else:
+        yield FenceEvent(
+            "autopilot_unknown",
+            f"autopilot {autopilot} is neither PX4 nor ArduPilot: what it does at a fence is not known",
+            alarm=True,
+        )
+
+
+def _px4(values: Mapping[str, float]) -> Iterator[FenceEvent]:
+    if "GF_ACTION" not in values:
+        raise FenceError(
+            "GF_ACTION could not be read, so it may stop the motors at a fence; nothing was sent. Check the "
+            "link, or the parameter in a ground station"
+        )
+    action = round(values["GF_ACTION"])
+    if action == TERMINATE:
+        raise FenceError(
+            "GF_ACTION is 4 (terminate): the motors would stop at the fence of a crowd; nothing was sent. "
+            "Set it to 2 (hold), 3 (return) or 5 (land)"
+        )
+    if action in _PX4_MILD:
+        yield _not_enforced(
+            f"GF_ACTION is {action} ({_PX4_MILD[action]}): the vehicle flies through the fence; set 2 (hold)"
+        )
+
+
+def _ardupilot(values: Mapping[str, float]) -> Iterator[FenceEvent]:
+    unread = [name for name in PARAMETERS[Autopilot.ARDUPILOT] if name not in values]
+    if unread:
+        yield _not_enforced(f"{', '.join(unread)} could not be read: whether the fence is kept is not known")
+    if values.get("FENCE_ENABLE", 1.0) == 0.0:
+        yield _not_enforced("FENCE_ENABLE is 0: the vehicle ignores its fence; set 1")
+    fence_type = round(values.get("FENCE_TYPE", _POLYGONS_BIT))
+    if not fence_type & _POLYGONS_BIT:
+        wanted = fence_type | _POLYGONS_BIT
+        yield _not_enforced(f"FENCE_TYPE is {fence_type}: polygons and circles are ignored; set {wanted}")
+    if values.get("FENCE_ACTION", 1.0) == 0.0:
+        yield _not_enforced("FENCE_ACTION is 0 (report only): the vehicle flies through the fence; set 1")
+
+
+def _not_enforced(text: str) -> FenceEvent:
+    return FenceEvent("not_enforced", text, alarm=True)

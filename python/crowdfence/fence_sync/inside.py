@@ -1,0 +1,108 @@
+"""Is the vehicle, or its home, in what its fence closes?
+
+Then the fence is taken and not kept: PX4 drops every shape that holds the vehicle or its home, with a line in
+its log only, and a vehicle in the middle of a zone stays there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.fence_sync.fence_event import FenceEvent
+from crowdfence.fence_sync.fence_item import CIRCLE_EXCLUSION, POLYGON_EXCLUSION, FenceShape
+from crowdfence.fence_sync.ground_station import Vehicle
+from crowdfence.fence_sync.messages import Home, Position
+from crowdfence.fence_sync.placement import ground_of
+from crowdfence.georeference import Georeference
+from crowdfence.planner.way_out import way_out
+from crowdfence.zones import Zone
+
+POSITION_ERROR_M = 2.0
+"""A vehicle this near to a shape may be in it."""
+CLEARANCE_M = 15.0
+"""Of a place to go to: PX4 halts 11 m before a fence."""
+
+
+def inside(
+    vehicle: Vehicle, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
+) -> Iterator[FenceEvent]:
+    """Alarms, for all exclusion shapes that the vehicle holds. Heights do not count: a fence has none."""
+    exclusions = [one for one in shapes if one[0].command in (POLYGON_EXCLUSION, CIRCLE_EXCLUSION)]
+    closed = [ground for one in exclusions if (ground := ground_of(one, georeference)) is not None]
+    if not closed:
+        return
+    if vehicle.position is None:
+        yield FenceEvent(
+            "position_unknown",
+            "the vehicle does not say where it is: if it is in the fence, the fence is not kept",
+            alarm=True,
+        )
+    elif (place := _within(vehicle.position, closed, georeference)) is not None:
+        yield _vehicle_inside(vehicle, place, closed, zones, georeference)
+    if vehicle.home is None:
+        yield FenceEvent(
+            "home_unknown", "the vehicle does not say where its home is; it may lie in the fence"
+        )
+    elif (place := _within(vehicle.home, closed, georeference)) is not None:
+        yield FenceEvent(
+            "home_inside",
+            f"home lies in the fence{_of_zone(place, zones)}: PX4 drops that part of the fence without "
+            "a word, and a return leads into it; move home or land elsewhere",
+            alarm=True,
+        )
+
+
+def _within(
+    where: Position | Home, closed: Sequence[Any], georeference: Georeference
+) -> NDArray[np.float64] | None:
+    """The place [2] in local metres where it is in something, else None."""
+    import shapely
+
+    local = georeference.local_from_geodetic(where.latitude_deg, where.longitude_deg, georeference.height_m)
+    place = local[0, :2]
+    nearest_m = shapely.distance(np.array(closed, dtype=object), shapely.Point(place)).min()
+    return place if nearest_m <= POSITION_ERROR_M else None
+
+
+def _vehicle_inside(
+    vehicle: Vehicle,
+    place: NDArray[np.float64],
+    closed: Sequence[Any],
+    zones: Sequence[Zone],
+    georeference: Georeference,
+) -> FenceEvent:
+    clear = way_out(place, closed, CLEARANCE_M)
+    latitude, longitude, _ = georeference.geodetic_from_local([[*clear, 0.0]])
+    distance_m = float(np.hypot(*(clear - place)))
+    bearing_deg = float(np.degrees(np.arctan2(*(clear - place)))) % 360.0
+    advice = (
+        f"fly {distance_m:.0f} m towards {bearing_deg:.0f} deg, to {latitude[0]:.7f}, {longitude[0]:.7f} "
+        f"(nearest place {CLEARANCE_M:g} m clear), or hold if people are below the way"
+        if vehicle.armed
+        else "do not take off here"
+    )
+    return FenceEvent(
+        "vehicle_inside",
+        f"the vehicle is in the fence{_of_zone(place, zones)}, which is then taken and not kept; {advice}",
+        alarm=True,
+        details={
+            "suggestion": "evacuate" if vehicle.armed else "stay_down",
+            "clear_latitude": round(float(latitude[0]), 7),
+            "clear_longitude": round(float(longitude[0]), 7),
+            "distance_m": round(distance_m, 1),
+            "bearing_deg": round(bearing_deg, 1),
+        },
+    )
+
+
+def _of_zone(place: NDArray[np.float64], zones: Sequence[Zone]) -> str:
+    """Which zone that is; a fence of few items also closes ground between zones."""
+    import shapely
+
+    point = shapely.Point(place)
+    names = [zone.id for zone in zones if zone.polygon.distance(point) <= POSITION_ERROR_M]
+    return f" of zone {', '.join(names)}" if names else ", beside the zones"

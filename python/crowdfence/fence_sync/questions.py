@@ -1,0 +1,57 @@
+"""What a vehicle is asked besides its fence: which one it is, where it is, where its home is, parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from crowdfence.fence_sync.conversation import Clock, Conversation, Patience, ask
+from crowdfence.fence_sync.fence_error import Silence
+from crowdfence.fence_sync.messages import (
+    HOME_MESSAGE,
+    POSITION_MESSAGE,
+    VERSION_MESSAGE,
+    Home,
+    Message,
+    Parameter,
+    Position,
+    ReadParameter,
+    RequestMessage,
+    Version,
+)
+
+_OPTIONAL_TRIES = 4
+"""Of what a vehicle may not know: a position without satellites, a number of its own."""
+_NUMBERS: dict[type, int] = {
+    Position: POSITION_MESSAGE,
+    Home: HOME_MESSAGE,
+    Version: VERSION_MESSAGE,
+}
+
+
+def optional(kind: type, clock: Clock, patience: Patience) -> Conversation[Message | None]:
+    """A `Position`, `Home` or `Version`; None where the vehicle does not say it."""
+    few = replace(patience, tries=min(patience.tries, _OPTIONAL_TRIES))
+
+    def answer(heard: Message) -> Message | None:
+        return heard if isinstance(heard, kind) else None
+
+    try:
+        return (yield from ask(RequestMessage(_NUMBERS[kind]), answer, clock, few))
+    except Silence:
+        return None
+
+
+def parameters(names: Iterable[str], clock: Clock, patience: Patience) -> Conversation[dict[str, float]]:
+    """Values by name, of those that the vehicle says."""
+    values = {}
+    for name in names:
+
+        def answer(heard: Message, name: str = name) -> float | None:
+            return heard.value if isinstance(heard, Parameter) and heard.name == name else None
+
+        try:
+            values[name] = yield from ask(ReadParameter(name), answer, clock, patience)
+        except Silence:
+            continue
+    return values

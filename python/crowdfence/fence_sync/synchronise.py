@@ -1,0 +1,301 @@
+"""A vehicle's fence made equal to the zones: read, fit, replace, read back, compare, remember.
+
+Whatever goes wrong, the vehicle keeps the list that it held, because it takes a new one only whole; and no
+list is replaced before it is known what others put into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from crowdfence.atomic_file import writable_folder
+from crowdfence.fence_sync.autopilot_capacity import Capacity, StorageCapacity, usual_capacity
+from crowdfence.fence_sync.enforcement import PARAMETERS, enforcement
+from crowdfence.fence_sync.fence_error import FenceError, Silence
+from crowdfence.fence_sync.fence_event import FenceEvent
+from crowdfence.fence_sync.fence_item import (
+    FenceItem,
+    FenceShape,
+    are_same,
+    items_of,
+    parted,
+    shapes_of,
+)
+from crowdfence.fence_sync.ground_station import GroundStation
+from crowdfence.fence_sync.inside import inside
+from crowdfence.fence_sync.messages import (
+    Home,
+    MissionResult,
+    Position,
+    StatusText,
+    Version,
+    result_name,
+)
+from crowdfence.fence_sync.placement import NOTHING, PlacedFence, placed
+from crowdfence.fence_sync.questions import optional, parameters
+from crowdfence.fence_sync.transfer import download, upload
+from crowdfence.fence_sync.vehicle_memory import VehicleMemory, memory_file, recall, remember
+from crowdfence.georeference import Georeference
+from crowdfence.zones import Zone
+
+POSITION_AGE_S = 2.0
+"""An older position is asked for again."""
+TEXTS_S = 1.0
+"""Autopilots say what they think of a fence after they took it."""
+_UPLOADS = 4
+"""Of one list over a link that loses packets."""
+_REFUSALS = 12
+"""Each asks for a quarter less: 12 lead from 63 items to 1."""
+_PAUSE_S = 0.3
+"""In which an answer that comes twice has come."""
+_WARNING = 4
+"""MAV_SEVERITY; lower numbers are worse."""
+_ABOUT_FENCES = ("fence", "reposition")
+
+
+@dataclass(frozen=True, slots=True)
+class FenceReport:
+    """What a vehicle holds now, and what is to be said of it."""
+
+    shapes: tuple[FenceShape, ...]
+    """All of it, as read back."""
+    ours: tuple[FenceShape, ...]
+    written: bool
+    """False where it held that already."""
+    placed: PlacedFence
+    capacity: str
+    events: tuple[FenceEvent, ...]
+
+    @property
+    def alarms(self) -> tuple[FenceEvent, ...]:
+        return tuple(event for event in self.events if event.alarm)
+
+    def to_json(self) -> dict[str, Any]:
+        fence = self.placed.fence
+        return {
+            "written": self.written,
+            "items": len(items_of(self.shapes)),
+            "our_items": len(items_of(self.ours)),
+            "polygons": sum(len(shape) > 1 for shape in self.ours),
+            "circles": sum(len(shape) == 1 for shape in self.ours),
+            "shapes_of_others": len(self.shapes) - len(self.ours),
+            "capacity": self.capacity,
+            "zone_area_m2": fence.zone_area_m2,
+            "over_coverage_m2": fence.over_coverage_m2,
+            "events": [event.to_json() for event in self.events],
+        }
+
+
+class FenceKeeper:
+    """Keeps the fence of one vehicle."""
+
+    def __init__(self, station: GroundStation, folder: Path, capacity: Capacity | None = None) -> None:
+        """`folder` holds what was written last, one file a vehicle; `capacity` where it is known."""
+        self.station = station
+        self._folder = folder
+        self._given = capacity
+        if not station.vehicle.uid:
+            station.hold(optional(Version, station.clock, station.patience))
+        self.memory_path = memory_file(folder, station.vehicle)
+
+    def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
+        """All shapes that the vehicle holds, and those of them that are ours."""
+        there = tuple(shapes_of(self._download()))
+        ours, _, _ = parted(there, recall(self.memory_path).ours)
+        return there, tuple(ours)
+
+    def put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
+        """Make our part of the fence cover the zones, and nothing else. FenceError or ValueError where it
+        could not be done; the fence is then as it was."""
+        with writable_folder(self._folder, parents=True):
+            return self._put(zones, georeference)
+
+    def _put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
+        station, events = self.station, list(_of_zones(zones))
+        events += self._enforcement() if zones else []
+        self._locate()
+        memory, before = recall(self.memory_path), self._download()
+        _, others, missing = parted(shapes_of(before), memory.ours)
+        events += _of_others(others, missing, memory)
+        station.vehicle.texts.clear()
+        capacity = self._capacity(memory)
+        for _ in range(_REFUSALS):
+            fence = placed(zones, georeference, capacity, others)
+            wanted = [*items_of(others), *items_of(fence.shapes)]
+            written = not are_same(before, wanted)
+            result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
+            if result == MissionResult.ACCEPTED:
+                break
+            capacity = self._smaller(capacity, result, [*others, *fence.shapes])
+            events.append(FenceEvent("capacity_learned", f"the vehicle has no space; trying {capacity}"))
+            memory = replace(memory, most=_size(capacity))
+        else:
+            raise FenceError("the vehicle refuses every fence for want of space; the one before stays")
+        now_ours = tuple(shapes_of(held[len(items_of(others)) :]))
+        remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most))
+        station.listen(TEXTS_S if written else 0.0)
+        events += _of_texts(station.vehicle.texts)
+        events += inside(station.vehicle, shapes_of(held), zones, georeference)
+        events += _of_fence(fence, zones, written)
+        return FenceReport(tuple(shapes_of(held)), now_ours, written, fence, str(capacity), tuple(events))
+
+    def clear(self, *, everything: bool = False) -> FenceReport:
+        """Remove our part of the fence, or all of it."""
+        memory, before = recall(self.memory_path), self._download()
+        _, others, missing = parted(shapes_of(before), memory.ours)
+        kept = [] if everything else others
+        wanted = items_of(kept)
+        written = not are_same(before, wanted)
+        events = [] if everything else list(_of_others(others, missing, memory))
+        if written:
+            result, _ = self._replace(wanted)
+            if result != MissionResult.ACCEPTED:
+                raise FenceError(self._refused(result))
+        remember(self.memory_path, VehicleMemory((), tuple(kept), memory.most))
+        removed = len(shapes_of(before)) - len(kept)
+        events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
+        return FenceReport(tuple(kept), (), written, NOTHING, "", tuple(events))
+
+    def whereabouts(
+        self, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
+    ) -> Iterator[FenceEvent]:
+        """Whether the vehicle or its home is in what it holds, now."""
+        self._find_position()
+        yield from inside(self.station.vehicle, shapes, zones, georeference)
+
+    def _download(self) -> tuple[FenceItem, ...]:
+        return self.station.hold(download(self.station.clock, self.station.patience))
+
+    def _replace(self, wanted: Sequence[FenceItem]) -> tuple[int, tuple[FenceItem, ...]]:
+        """Upload until the vehicle says something of it, and what it holds then. After silence its list tells
+        whether it was taken; over a link that brings old packets late, another one may have been."""
+        station = self.station
+        for attempt in range(_UPLOADS):
+            silence = None
+            try:
+                result = station.hold(upload(wanted, station.clock, station.patience))
+            except Silence as error:
+                silence, result = error, MissionResult.ACCEPTED
+            held = self._download()
+            if result != MissionResult.ACCEPTED or are_same(held, wanted):
+                return result, held
+            if attempt == _UPLOADS - 1:
+                raise silence or _differs(wanted, held)
+        raise AssertionError("the last upload returns or raises")
+
+    def _smaller(self, capacity: Capacity, result: int, shapes: Sequence[FenceShape]) -> Capacity:
+        """The next capacity to try. FenceError where the refusal is not for want of space."""
+        self.station.listen(_PAUSE_S)
+        is_full = result == MissionResult.NO_SPACE or any(
+            "exceeds storage" in text.text.lower() for text in self.station.vehicle.texts
+        )
+        if not is_full or self._given is not None:
+            raise FenceError(self._refused(result))
+        self.station.vehicle.texts.clear()
+        return capacity.after_refusal(shapes)
+
+    def _refused(self, result: int) -> str:
+        said = "; ".join(dict.fromkeys(text.text for text in self.station.vehicle.texts))
+        hint = "; give a smaller --capacity" if result == MissionResult.NO_SPACE else ""
+        return (
+            f"the vehicle refused the fence: {result_name(result)}{f' ({said})' if said else ''}; the one "
+            f"before stays{hint}"
+        )
+
+    def _capacity(self, memory: VehicleMemory) -> Capacity:
+        if self._given is not None:
+            return self._given
+        usual = usual_capacity(self.station.vehicle.autopilot)
+        return usual if memory.most is None else type(usual)(memory.most)  # type: ignore[call-arg]
+
+    def _enforcement(self) -> list[FenceEvent]:
+        station = self.station
+        names = PARAMETERS.get(station.vehicle.autopilot, ())
+        values = station.hold(parameters(names, station.clock, station.patience))
+        return list(enforcement(station.vehicle.autopilot, values))
+
+    def _find_position(self) -> None:
+        station = self.station
+        if station.clock() - station.vehicle.position_s > POSITION_AGE_S:
+            station.vehicle.position = None
+            station.hold(optional(Position, station.clock, station.patience))
+
+    def _locate(self) -> None:
+        self._find_position()
+        station = self.station
+        if station.vehicle.home is None:
+            station.hold(optional(Home, station.clock, station.patience))
+
+
+def _size(capacity: Capacity) -> int:
+    return capacity.bytes if isinstance(capacity, StorageCapacity) else capacity.items  # type: ignore[attr-defined]
+
+
+def _differs(wanted: Sequence[FenceItem], held: Sequence[FenceItem]) -> FenceError:
+    same = sum(a.is_same(b) for a, b in zip(wanted, held, strict=False))
+    return FenceError(
+        f"the fence read back is not the one that was sent: {len(held)} items instead of {len(wanted)}, "
+        f"{same} of them equal; did another ground station write meanwhile? Look with "
+        "`crowdfence fence pull`, then send again"
+    )
+
+
+def _of_zones(zones: Sequence[Zone]) -> Iterator[FenceEvent]:
+    for zone in zones:
+        if zone.polygon.is_empty:
+            yield FenceEvent(
+                "zone_without_ground", f"zone {zone.id} has no ground and is not in the fence", alarm=True
+            )
+
+
+def _of_others(
+    others: Sequence[FenceShape], missing: Sequence[FenceShape], memory: VehicleMemory
+) -> Iterator[FenceEvent]:
+    if others:
+        yield FenceEvent(
+            "kept_others", f"{len(others)} shapes ({len(items_of(others))} items) of others are kept"
+        )
+    _, new, gone = parted(others, memory.others)
+    if memory.is_first or not (missing or new or gone):
+        return
+    said = [
+        f"{len(missing)} of our shapes changed or gone" if missing else "",
+        f"{len(new)} shapes new" if new else "",
+        f"{len(gone)} of theirs gone" if gone else "",
+    ]
+    yield FenceEvent(
+        "changed_by_others",
+        f"somebody else changed the fence since it was written last: {', '.join(filter(None, said))}",
+        alarm=bool(missing),
+        details={"ours_missing": len(missing), "new": len(new), "gone": len(gone)},
+    )
+
+
+def _of_texts(texts: Sequence[StatusText]) -> Iterator[FenceEvent]:
+    for text in dict.fromkeys(texts):
+        if text.severity <= _WARNING and any(word in text.text.lower() for word in _ABOUT_FENCES):
+            yield FenceEvent(
+                "refused_by_text",
+                f"the vehicle took the fence, but says: {text.text}",
+                alarm=True,
+                details={"statustext": text.text},
+            )
+
+
+def _of_fence(fence: PlacedFence, zones: Sequence[Zone], written: bool) -> Iterator[FenceEvent]:
+    if zones:
+        yield FenceEvent("no_heights", "a fence has no heights: its ground is closed at every height")
+    over_m2 = fence.fence.over_coverage_m2
+    if over_m2 > 0.0:
+        yield FenceEvent(
+            "over_coverage",
+            f"{over_m2:.0f} m2 more than the zones ({fence.fence.zone_area_m2:.0f} m2) are closed, because "
+            "the vehicle has no room to leave them open",
+        )
+    if written:
+        yield FenceEvent("written", f"{len(zones)} zones in {fence.items} items, read back and equal")
+    else:
+        yield FenceEvent("unchanged", f"{len(zones)} zones in {fence.items} items stand there already")

@@ -1,0 +1,110 @@
+"""The mission protocol for fences: read the whole list, replace the whole list.
+
+There is no part of a list, and no word of a change that somebody else makes: the vehicle takes a list when
+its last item has arrived, and keeps the one before until then. Packets may be lost, come twice and out
+of order.
+https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from crowdfence.fence_sync.conversation import Clock, Conversation, Patience, Waiting, ask
+from crowdfence.fence_sync.fence_error import FenceError, Silence
+from crowdfence.fence_sync.fence_item import FenceItem
+from crowdfence.fence_sync.messages import (
+    Ack,
+    Count,
+    Item,
+    Message,
+    MissionResult,
+    RequestItem,
+    RequestList,
+    result_name,
+)
+
+_READINGS = 4
+"""Times that a list is read which changes meanwhile."""
+
+
+def upload(items: Sequence[FenceItem], clock: Clock, patience: Patience) -> Conversation[int]:
+    """Replace the list; the `MissionResult` of the vehicle. The vehicle asks for the items, in its order.
+
+    Silence after which it is not known whether the list was taken: the last answer may be what was lost.
+    """
+    asked: set[int] = set()
+    last: Message = Count(len(items))
+    say: tuple[Message, ...] = (last,)
+    give_up_s = clock() + patience.longest_s
+    until_s, silent = clock() + patience.retry_s, 0
+    while silent < patience.tries and clock() < give_up_s:
+        heard = yield Waiting(say, until_s)
+        say = ()
+        if heard is None:
+            silent += 1
+        elif isinstance(heard, RequestItem) and heard.seq < len(items):
+            asked.add(heard.seq)
+            last, silent = Item(heard.seq, items[heard.seq]), 0
+        elif isinstance(heard, Ack) and _ends(heard, asked, items):
+            return heard.result
+        else:
+            continue
+        say, until_s = (last,), clock() + patience.retry_s
+    raise Silence(
+        f"the vehicle fell silent after {len(asked)} of {len(items)} items were sent; check the link"
+    )
+
+
+def _ends(ack: Ack, asked: set[int], items: Sequence[FenceItem]) -> bool:
+    """An old answer that comes twice does not accept what was not asked for yet, and ArduPilot says "invalid
+    sequence" of an item that comes twice and goes on."""
+    if ack.result == MissionResult.ACCEPTED:
+        return len(asked) == len(items)
+    return ack.result != MissionResult.INVALID_SEQUENCE
+
+
+def download(clock: Clock, patience: Patience) -> Conversation[tuple[FenceItem, ...]]:
+    """The list as the vehicle holds it. Its length is asked for before and after, so that an old answer that
+    comes late is not taken for it. Silence; FenceError for a vehicle that refuses, or a list that keeps
+    changing."""
+    for _ in range(_READINGS):
+        count = yield from ask(RequestList(), _count, clock, patience)
+        items = yield from _items(count, clock, patience)
+        if items is None or (yield from ask(RequestList(), _count, clock, patience)) != count:
+            continue
+        yield Waiting((Ack(MissionResult.ACCEPTED),), clock())
+        return items
+    raise FenceError("the fence keeps changing while it is read; is another ground station writing it?")
+
+
+def _items(count: int, clock: Clock, patience: Patience) -> Conversation[tuple[FenceItem, ...] | None]:
+    """None where the vehicle says another length meanwhile."""
+    items: list[FenceItem] = []
+    for seq in range(count):
+
+        def answer(heard: Message, seq: int = seq) -> Message | None:
+            _require_readable(heard)
+            if isinstance(heard, Count) and heard.count != count:
+                return heard
+            return heard if isinstance(heard, Item) and heard.seq == seq else None
+
+        found = yield from ask(RequestItem(seq), answer, clock, patience)
+        if not isinstance(found, Item):
+            return None
+        items.append(found.item)
+    return tuple(items)
+
+
+def _count(heard: Message) -> int | None:
+    _require_readable(heard)
+    return heard.count if isinstance(heard, Count) else None
+
+
+def _require_readable(heard: Message) -> None:
+    """Old answers to an upload are no refusal to read, but that it has no fences is."""
+    if isinstance(heard, Ack) and heard.result in (MissionResult.UNSUPPORTED, MissionResult.DENIED):
+        raise FenceError(
+            f"the vehicle does not give its fence away: {result_name(heard.result)}; "
+            "does its firmware take fences over the mission protocol?"
+        )

@@ -1,0 +1,91 @@
+"""What we last wrote to a vehicle, one small file each: how our shapes are told from those of others.
+
+A fence item has no place for an owner. What stands on the vehicle exactly as we read it back last is ours;
+everything else was drawn by somebody else and is kept. Where the file is lost, our old shapes count as those
+of others: too much stays closed, nothing opens.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+
+from crowdfence.atomic_file import write_bytes
+from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.fence_sync.fence_item import FenceItem, FenceShape
+from crowdfence.fence_sync.ground_station import Vehicle
+
+_FORMAT = "crowdfence fence memory"
+_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMemory:
+    """After the last list that was written and read back."""
+
+    ours: tuple[FenceShape, ...] = ()
+    others: tuple[FenceShape, ...] = ()
+    """That stood beside them."""
+    most: int | None = None
+    """Items or bytes that the vehicle holds, where it refused more."""
+    is_first: bool = True
+    """Nothing was ever written."""
+
+
+def default_folder() -> Path:
+    """Where programs keep their state (XDG base directories)."""
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "crowdfence" / "fences"
+
+
+def memory_file(folder: Path, vehicle: Vehicle) -> Path:
+    """By the vehicle's own number where it says one, because many have the system id 1."""
+    uid = "".join(character for character in vehicle.uid if character.isalnum())
+    return folder / f"vehicle-{vehicle.system}{f'-{uid}' if uid else ''}.json"
+
+
+def recall(path: Path) -> VehicleMemory:
+    """What is in a file; of a vehicle without one nothing. FenceError for a file that is damaged."""
+    if not path.exists():
+        return VehicleMemory()
+    try:
+        told = json.loads(path.read_bytes())
+        if (told["format"], told["version"]) != (_FORMAT, _VERSION):
+            raise ValueError(f"it is {told['format']} version {told['version']}")
+        return VehicleMemory(_shapes(told["ours"]), _shapes(told["others"]), told["most"], is_first=False)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FenceError(
+            f"{path} does not say what was written last ({type(error).__name__} {error}); remove it, then "
+            "everything on the vehicle counts as somebody else's and is kept"
+        ) from error
+
+
+def remember(path: Path, memory: VehicleMemory) -> None:
+    """Write the file. OSError where it cannot be written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    told = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "ours": _lists(memory.ours),
+        "others": _lists(memory.others),
+        "most": memory.most,
+    }
+    write_bytes(path, (json.dumps(told) + "\n").encode())
+
+
+def _shapes(lists: Sequence[Sequence[Sequence[float]]]) -> tuple[FenceShape, ...]:
+    return tuple(tuple(_item(values) for values in shape) for shape in lists)
+
+
+def _item(values: Sequence[float]) -> FenceItem:
+    command, param1, latitude_e7, longitude_e7, *rest, frame = values
+    param2, param3, param4, z = map(float, rest)
+    place = (int(latitude_e7), int(longitude_e7))
+    return FenceItem(int(command), float(param1), *place, param2, param3, param4, z, int(frame))
+
+
+def _lists(shapes: Sequence[FenceShape]) -> list[list[tuple[float, ...]]]:
+    return [[astuple(item) for item in shape] for shape in shapes]

@@ -1,0 +1,182 @@
+"""A vehicle's fence kept equal to zones that change, until somebody stops it.
+
+Whatever goes wrong is said and tried again; the vehicle keeps the last fence that it took. Something that
+lasts is said once when it begins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from crowdfence.fence_sync.conversation import Clock
+from crowdfence.fence_sync.debounce import Debounce
+from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.fence_sync.fence_event import FenceEvent
+from crowdfence.fence_sync.fence_item import FenceShape
+from crowdfence.fence_sync.synchronise import FenceKeeper
+from crowdfence.fence_sync.zone_source import PlacedZones, ZoneSource
+from crowdfence.zones import Zone
+
+POLL_S = 0.5
+LOST_S = 3.0
+"""Without a word from a vehicle, which sends a heartbeat a second."""
+
+_PLACES = ("vehicle_inside", "home_inside", "position_unknown", "home_unknown")
+_LASTING = (
+    *_PLACES,
+    "not_enforced",
+    "autopilot_unknown",
+    "refused_by_text",
+    "zone_without_ground",
+    "kept_others",
+    "no_heights",
+)
+
+Tell = Callable[[FenceEvent], None]
+
+
+@dataclass(frozen=True, slots=True)
+class WatchPlan:
+    """How often, in seconds."""
+
+    opening_s: float = 5.0
+    """Ground opens in the fence when it has been open for so long."""
+    interval_s: float = 2.0
+    """Between two fences."""
+    check_s: float = 20.0
+    """Between two readings of what the vehicle holds."""
+    stale_s: float | None = None
+    """Zones that are not written anew for so long are an alarm; None: they may stand for ever."""
+    expires: bool = False
+    """Zones end at their `valid_until` even if nobody looked again."""
+
+
+class FenceWatch:
+    """One vehicle and one place where zones are written."""
+
+    def __init__(
+        self,
+        keeper: FenceKeeper,
+        source: ZoneSource,
+        plan: WatchPlan,
+        tell: Tell,
+        wall_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """`wall_ns` is what `valid_until` is compared with; everything else goes by the station's clock."""
+        self._keeper, self._source, self._plan, self._tell = keeper, source, plan, tell
+        self._wall_ns = wall_ns
+        self._debounce = Debounce(plan.opening_s, plan.interval_s)
+        self._placed: PlacedZones | None = None
+        self._alive: tuple[Zone, ...] | None = None
+        self._shapes: tuple[FenceShape, ...] = ()
+        self._read_s = self._checked_s = self._clock()
+        self._standing: dict[str, FenceEvent] = {}
+
+    @property
+    def _clock(self) -> Clock:
+        return self._keeper.station.clock
+
+    @property
+    def alarms(self) -> tuple[FenceEvent, ...]:
+        """Those that stand."""
+        return tuple(event for event in self._standing.values() if event.alarm)
+
+    def run(self, until_s: float = float("inf")) -> None:
+        """Until the clock says so, or KeyboardInterrupt, which leaves the fence as it is."""
+        while self._clock() < until_s:
+            self.step()
+            self._keeper.station.listen(min(POLL_S, max(0.0, until_s - self._clock())))
+
+    def step(self) -> None:
+        """Everything once."""
+        self._read_zones()
+        if not self._is_heard():
+            return
+        if (wanted := self._debounce.due(self._clock())) is not None:
+            self._send(wanted)
+        elif self._clock() - self._checked_s >= self._plan.check_s and self._placed is not None:
+            self._check()
+        elif self._shapes and self._placed is not None:
+            self._say_while(
+                _PLACES,
+                self._keeper.whereabouts(self._shapes, self._placed.zones, self._placed.georeference),
+            )
+
+    def _read_zones(self) -> None:
+        now_s = self._clock()
+        if self._placed is None or self._source.has_changed():
+            try:
+                self._placed = self._source.read()
+            except (OSError, ValueError) as error:
+                reason = " ".join(str(error).split())
+                unread = FenceEvent("zones_unreadable", f"{reason}; the last fence stays", alarm=True)
+                self._say_while(("zones_unreadable",), [unread])
+            else:
+                self._read_s, self._alive = now_s, None
+                self._say_while(("zones_unreadable",), [])
+        stale_s = self._plan.stale_s
+        if stale_s is not None and now_s - self._read_s > stale_s:
+            old = FenceEvent(
+                "zones_stale", f"no new zones for {stale_s:g} s; the last fence stays", alarm=True
+            )
+            self._say_while(("zones_stale",), [old])
+        else:
+            self._say_while(("zones_stale",), [])
+        if self._placed is None:
+            return
+        alive = self._placed.at(self._wall_ns()) if self._plan.expires else self._placed.zones
+        if alive != self._alive:
+            self._alive = alive
+            self._debounce.offer(alive, now_s)
+
+    def _is_heard(self) -> bool:
+        silent_s = self._clock() - self._keeper.station.vehicle.heard_s
+        lost = silent_s > LOST_S
+        if lost:
+            text = f"nothing was heard of the vehicle for {LOST_S:g} s; it keeps the fence that it has"
+            self._say_while(("link_lost",), [FenceEvent("link_lost", text, alarm=True)])
+        elif "link_lost" in self._standing:
+            self._say_while(("link_lost",), [])
+            self._tell(FenceEvent("link_back", "the vehicle is heard again; its fence is read"))
+            self._checked_s = float("-inf")
+        return not lost
+
+    def _send(self, zones: tuple[Zone, ...]) -> None:
+        assert self._placed is not None
+        try:
+            report = self._keeper.put(zones, self._placed.georeference)
+        except (FenceError, ValueError, OSError) as error:
+            self._debounce.failed(self._clock())
+            self._say_while(("failed",), [FenceEvent("failed", " ".join(str(error).split()), alarm=True)])
+            return
+        self._debounce.sent(zones, self._clock())
+        self._shapes, self._checked_s = report.shapes, self._clock()
+        self._say_while(("failed",), [])
+        self._say_while(_LASTING, [event for event in report.events if event.kind in _LASTING])
+        for event in report.events:
+            if event.kind not in _LASTING:
+                self._tell(event)
+
+    def _check(self) -> None:
+        """Read the fence; where it is not what was written, it is written again, others' shapes kept."""
+        self._checked_s = self._clock()
+        try:
+            shapes, _ = self._keeper.read()
+        except FenceError as error:
+            self._say_while(("failed",), [FenceEvent("failed", str(error), alarm=True)])
+            return
+        if shapes != self._shapes and self._alive is not None:
+            self._debounce.failed(float("-inf"))
+
+    def _say_while(self, kinds: Iterable[str], events: Iterable[FenceEvent]) -> None:
+        """Say what begins, forget what has ended; what goes on was said."""
+        now = {event.kind: event for event in events}
+        for kind in kinds:
+            if kind in now and kind not in self._standing:
+                self._tell(now[kind])
+            if kind in now:
+                self._standing[kind] = now[kind]
+            else:
+                self._standing.pop(kind, None)

@@ -1,0 +1,103 @@
+"""Zones of a run's folder, its zone history or a GeoJSON file, and whether they have changed since."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.georeference import Georeference
+from crowdfence.result_folder import HISTORY, open_history, stamp_of
+from crowdfence.static_zones import StaticZoneError
+from crowdfence.static_zones.given_zone import local_zones
+from crowdfence.static_zones.plain_geojson import geojson_zones
+from crowdfence.zones import MAX_ID_LENGTH, Zone
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedZones:
+    """Zones, and where on Earth their local frame lies."""
+
+    zones: tuple[Zone, ...]
+    georeference: Georeference
+
+    def at(self, stamp_ns: int) -> tuple[Zone, ...]:
+        """Without those that ended before a stamp by themselves."""
+        return tuple(
+            zone for zone in self.zones if zone.valid_until_ns is None or zone.valid_until_ns > stamp_ns
+        )
+
+
+class ZoneSource:
+    """A place where zones are written."""
+
+    def __init__(self, path: str | os.PathLike[str], at: str = "last") -> None:
+        """`at` is the instant of a history; a GeoJSON file has one only."""
+        self.path = Path(path)
+        self._at = at
+        self._mark: tuple[int, ...] | None = None
+
+    def read(self) -> PlacedZones:
+        """What is there now. OSError, or ValueError that names the file."""
+        self._mark = self._stat()
+        file = self._file()
+        if file.suffix.lower() in (".geojson", ".json"):
+            return read_geojson(file)
+        history = open_history(self.path)
+        if history.georeference is None:
+            raise FenceError(f"{self.path}: the run has no place on Earth, so its zones cannot be sent")
+        return PlacedZones(history.at(stamp_of(self._at, history)).closed, history.georeference)
+
+    def has_changed(self) -> bool:
+        """Whether it was written since it was read. A file that is away while it is replaced has not."""
+        return (mark := self._stat()) is not None and mark != self._mark
+
+    def _file(self) -> Path:
+        return self.path / HISTORY if self.path.is_dir() else self.path
+
+    def _stat(self) -> tuple[int, ...] | None:
+        try:
+            state = self._file().stat()
+        except OSError:
+            return None
+        return state.st_mtime_ns, state.st_ino, state.st_size
+
+
+def read_geojson(path: Path) -> PlacedZones:
+    """The polygons of a file, in a local frame around their middle. StaticZoneError names what is wrong."""
+    try:
+        document = json.loads(path.read_bytes())
+        given = list(geojson_zones(document, []))
+        corners = np.vstack([ring for one in given for ring in one.rings]) if given else np.zeros((1, 2))
+        if not np.isfinite(corners).all() or (np.abs(corners) > (180.0, 90.0)).any():
+            raise ValueError("a corner is no longitude and latitude")
+        anchor = Georeference(*_middle(corners), 0.0)
+        ends = {name: end for feature in document.get("features", ()) for name, end in _end(feature)}
+        zones = []
+        for one in given:
+            (zone,) = local_zones([one], anchor, set())
+            zones.append(replace(zone, id=one.name[:MAX_ID_LENGTH], valid_until_ns=ends.get(one.name)))
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise StaticZoneError(f"{path}: {what}") from error
+    return PlacedZones(tuple(zones), anchor)
+
+
+def _end(feature: Mapping[str, Any]) -> list[tuple[str, int]]:
+    properties = feature.get("properties") or {}
+    end = properties.get("valid_until_ns")
+    return [] if end is None else [(str(feature.get("id") or properties.get("id")), int(end))]
+
+
+def _middle(corners: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float]:
+    """Latitude and longitude. Longitudes are taken around the first, which may lie at the antimeridian."""
+    first = corners[0, 0]
+    east = first + (corners[:, 0] - first + 180.0) % 360.0 - 180.0
+    longitude = ((east.min() + east.max()) / 2 + 180.0) % 360.0 - 180.0
+    return float((corners[:, 1].min() + corners[:, 1].max()) / 2), float(longitude)

@@ -1,0 +1,310 @@
+"""A vehicle's fence made equal to zones: what stands on it afterwards, and what is said."""
+
+import json
+from pathlib import Path
+
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from crowdfence import Georeference
+from crowdfence.fence_sync import FenceError, FenceReport, ItemCapacity
+from crowdfence.fence_sync.vehicle_memory import recall
+from crowdfence.planner import ClearAir
+from crowdfence.zones import ZoneSet
+from support.fence_zones import HERE, box, covers, keeper, zone
+from support.vehicle_emulator import ARDUPILOT, CIRCLE, POLYGONS, Channel, EmulatedVehicle, polygon
+
+FAR = [box(100.0, 100.0), box(200.0, -50.0, name="Z2")]
+THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56), command=POLYGONS[0])
+
+
+def told(report: FenceReport) -> dict[str, str]:
+    return {event.kind: event.text for event in report.events}
+
+
+def alarms(report: FenceReport) -> list[str]:
+    return [event.kind for event in report.alarms]
+
+
+def test_zones_stand_on_the_vehicle(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert covers(vehicle, FAR) and len(vehicle.items) == 8
+    assert report.written and alarms(report) == []
+    assert told(report)["written"] == "2 zones in 8 items, read back and equal"
+    assert "closed at every height" in told(report)["no_heights"]
+    assert vehicle.kept == [0, 4]
+
+
+def test_what_stands_there_already_is_not_sent_again(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR, HERE)
+    report = keep.put(FAR, HERE)
+    assert not report.written and len(vehicle.lists) == 1
+    assert "unchanged" in told(report) and "changed_by_others" not in told(report)
+
+
+def test_a_zone_that_opened_is_removed_and_the_last_one_clears_the_list(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR, HERE)
+    keep.put(FAR[:1], HERE)
+    assert covers(vehicle, FAR[:1]) and not covers(vehicle, FAR[1:])
+    keep.put([], HERE)
+    assert vehicle.items == []
+
+
+def test_shapes_of_others_stay(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    keep = keeper(vehicle, tmp_path)
+    for zones in (FAR, FAR[:1], []):
+        report = keep.put(zones, HERE)
+        assert vehicle.items[:3] == THEIRS and covers(vehicle, zones)
+        assert told(report)["kept_others"] == "1 shapes (3 items) of others are kept"
+        assert alarms(report) == [] and "changed_by_others" not in told(report)
+
+
+def test_ours_are_known_again_by_another_process(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    keeper(vehicle, tmp_path).put(FAR, HERE)
+    keeper(vehicle, tmp_path).put(FAR[1:], HERE)
+    assert len(vehicle.items) == 3 + 4
+    # A vehicle with the same system id, but another one: nothing on it is ours.
+    twin = EmulatedVehicle(items=list(vehicle.items), uid=0x9999)
+    report = keeper(twin, tmp_path).put(FAR[:1], HERE)
+    assert len(twin.items) == 3 + 4 + 4 and "changed_by_others" not in told(report)
+
+
+def test_a_fence_that_somebody_else_changed_is_said_and_kept(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR, HERE)
+    vehicle.items = [*vehicle.items[:4], *THEIRS]  # our second zone is gone, a shape of theirs is new
+    report = keep.put(FAR, HERE)
+    assert "1 of our shapes changed or gone, 1 shapes new" in told(report)["changed_by_others"]
+    assert alarms(report) == ["changed_by_others"]
+    assert vehicle.items[:3] == THEIRS and covers(vehicle, FAR)
+    vehicle.items = vehicle.items[3:]
+    report = keep.put(FAR, HERE)
+    assert "1 of theirs gone" in told(report)["changed_by_others"] and alarms(report) == []
+    assert "changed_by_others" not in told(keep.put(FAR, HERE))
+
+
+def test_a_shape_of_ours_that_somebody_moved_is_theirs_now(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR[:1], HERE)
+    moved = [(command, count, north + 9000, east) for command, count, north, east in vehicle.items]
+    vehicle.items = list(moved)
+    report = keep.put(FAR[:1], HERE)
+    assert vehicle.items[:4] == moved and covers(vehicle, FAR[:1])
+    assert "1 of our shapes changed or gone, 1 shapes new" in told(report)["changed_by_others"]
+
+
+def test_somebody_who_writes_while_we_do_is_noticed(tmp_path: Path) -> None:
+    """Another ground station replaces the list each time that ours was taken."""
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    take = vehicle._take
+    vehicle._take = lambda items: take(list(THEIRS))  # type: ignore[method-assign]
+    with pytest.raises(FenceError, match="3 items instead of 8, 0 of them equal; did another ground station"):
+        keep.put(FAR, HERE)
+    assert recall(keep.memory_path).is_first  # nothing of it counts as ours
+
+
+def test_a_vehicle_with_less_room_is_learned_and_remembered(tmp_path: Path) -> None:
+    zones = [box(100.0 + 60 * (i % 5), 60.0 * (i // 5), name=f"Z{i}") for i in range(15)]
+    vehicle = EmulatedVehicle(capacity=15)
+    keep = keeper(vehicle, tmp_path)
+    report = keep.put(zones, HERE)
+    assert covers(vehicle, zones) and len(vehicle.items) <= 15 and len(vehicle.lists) == 1
+    assert "no space" in told(report)["capacity_learned"] and "over_coverage" in told(report)
+    report = keep.put(zones[:14], HERE)
+    assert "capacity_learned" not in told(report) and covers(vehicle, zones[:14])
+    # A capacity that was given is not doubted: the refusal is said.
+    with pytest.raises(FenceError, match="NO_SPACE; the one before stays; give a smaller --capacity"):
+        keeper(vehicle, tmp_path, capacity=ItemCapacity(40)).put(zones, HERE)
+    assert covers(vehicle, zones[:14])
+
+
+def test_an_ardupilot_is_filled_by_bytes(tmp_path: Path) -> None:
+    """560 bytes: 5 + n * (2 + 8 * 4) for n squares leaves room for 16 of them."""
+    squares = [box(100.0 + 60 * (i % 5), 60.0 * (i // 5), name=f"Z{i}") for i in range(20)]
+    parameters = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+    vehicle = EmulatedVehicle(
+        autopilot=ARDUPILOT, capacity=999, storage_bytes=560, parameters=parameters, home=(47.3, 8.5)
+    )
+    report = keeper(vehicle, tmp_path).put(squares[:16], HERE)
+    assert len(vehicle.items) == 64 and alarms(report) == []
+    report = keeper(vehicle, tmp_path).put(squares, HERE)
+    assert covers(vehicle, squares) and len(vehicle.lists) == 2 and alarms(report) == []
+    # A smaller board says so with a text and an error.
+    small = EmulatedVehicle(
+        system=2, uid=2, autopilot=ARDUPILOT, capacity=999, storage_bytes=160, parameters=parameters
+    )
+    report = keeper(small, tmp_path).put(squares, HERE)
+    assert covers(small, squares) and "capacity_learned" in told(report)
+
+
+def test_no_room_beside_others(tmp_path: Path) -> None:
+    full = [(CIRCLE, 10.0, 473_000_000 + i * 9000, 85_000_000) for i in range(63)]
+    vehicle = EmulatedVehicle(items=list(full))
+    with pytest.raises(FenceError, match=r"of which others take 63 items: there is no room"):
+        keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert vehicle.items == full
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "message"),
+    [
+        (EmulatedVehicle(parameters={"GF_ACTION": 4}), r"GF_ACTION is 4 \(terminate\).*Set it to 2"),
+        (EmulatedVehicle(parameters={}), "GF_ACTION could not be read"),
+        (EmulatedVehicle(rejects=mavlink.MAV_MISSION_INVALID), "refused the fence: INVALID; the one before"),
+        (EmulatedVehicle(rejects=mavlink.MAV_MISSION_DENIED), "refused the fence: DENIED"),
+        (EmulatedVehicle(rejects=mavlink.MAV_MISSION_NO_SPACE), "refuses every fence for want of space|room"),
+        (EmulatedVehicle(rejects=77), "refused the fence: result 77"),
+    ],
+)
+def test_a_refusal_leaves_the_fence_as_it_was(tmp_path: Path, vehicle: EmulatedVehicle, message: str) -> None:
+    vehicle.items = list(THEIRS)
+    with pytest.raises(FenceError, match=message):
+        keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert vehicle.items == THEIRS and vehicle.lists == []
+
+
+def test_a_vehicle_in_a_zone_is_an_alarm_with_a_way_out(tmp_path: Path) -> None:
+    """It stands 10 m from the western edge of the zone: 10 + 15 m to the west it is clear."""
+    vehicle = EmulatedVehicle()
+    around = [box(-10.0, -50.0, 100.0)]
+    report = keeper(vehicle, tmp_path).put(around, HERE)
+    assert alarms(report) == ["vehicle_inside", "home_inside"]
+    (event,) = [event for event in report.events if event.kind == "vehicle_inside"]
+    assert "in the fence of zone Z1" in event.text and event.details["suggestion"] == "evacuate"
+    assert event.details["distance_m"] == pytest.approx(25.0, abs=0.5)
+    assert event.details["bearing_deg"] == pytest.approx(270.0, abs=1.0)
+    place = (event.details["clear_latitude"], event.details["clear_longitude"])
+    point = HERE.local_from_geodetic(*place, HERE.height_m)
+    clearance_m = ClearAir(ZoneSet(tuple(around), 0.5, 0.0, 0, 0.0)).clearance_m(point, 0)
+    assert 15.0 <= clearance_m[0] <= 15.5
+    assert vehicle.kept == []  # this is why
+    vehicle.armed = False
+    report = keeper(vehicle, tmp_path).put([box(-11.0, -50.0, 100.0)], HERE)
+    assert "do not take off here" in told(report)["vehicle_inside"]
+
+
+def test_a_vehicle_on_ground_that_is_closed_for_nothing_is_told_so(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(home=(47.3, 8.5))
+    beside = [box(-60.0, -10.0), box(40.0, -10.0, name="Z2")]
+    report = keeper(vehicle, tmp_path, capacity=ItemCapacity(1)).put(beside, HERE)
+    assert "in the fence, beside the zones" in told(report)["vehicle_inside"]
+
+
+def test_a_vehicle_that_does_not_know_where_it_is(tmp_path: Path) -> None:
+    report = keeper(EmulatedVehicle(position=None, home=None), tmp_path).put(FAR, HERE)
+    assert alarms(report) == ["position_unknown"] and "home_unknown" in told(report)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "autopilot", "words"),
+    [
+        ({"GF_ACTION": 0}, mavlink.MAV_AUTOPILOT_PX4, "GF_ACTION is 0 (none)"),
+        ({"GF_ACTION": 1}, mavlink.MAV_AUTOPILOT_PX4, "GF_ACTION is 1 (warn)"),
+        ({"FENCE_ENABLE": 0, "FENCE_TYPE": 7, "FENCE_ACTION": 1}, ARDUPILOT, "FENCE_ENABLE is 0"),
+        ({"FENCE_ENABLE": 1, "FENCE_TYPE": 3, "FENCE_ACTION": 1}, ARDUPILOT, "FENCE_TYPE is 3"),
+        ({"FENCE_ENABLE": 1, "FENCE_TYPE": 4, "FENCE_ACTION": 0}, ARDUPILOT, "FENCE_ACTION is 0"),
+        ({"FENCE_TYPE": 4, "FENCE_ACTION": 1}, ARDUPILOT, "FENCE_ENABLE could not be read"),
+    ],
+)
+def test_a_fence_that_will_not_be_kept_is_an_alarm(
+    tmp_path: Path, parameters: dict[str, int], autopilot: int, words: str
+) -> None:
+    vehicle = EmulatedVehicle(parameters=parameters, autopilot=autopilot)
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert words in told(report)["not_enforced"] and alarms(report) == ["not_enforced"]
+    assert covers(vehicle, FAR)
+
+
+def test_an_autopilot_that_nobody_knows(tmp_path: Path) -> None:
+    report = keeper(EmulatedVehicle(autopilot=0), tmp_path).put(FAR, HERE)
+    assert alarms(report) == ["autopilot_unknown"]
+
+
+def test_a_text_that_refuses_what_the_answer_accepted(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(says="Geofence invalid, doesn't contain home position")
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert alarms(report) == ["refused_by_text"] and "doesn't contain home" in told(report)["refused_by_text"]
+    vehicle.says = "Battery is hot"
+    assert alarms(keeper(vehicle, tmp_path).put(FAR[:1], HERE)) == []
+
+
+def test_a_zone_without_ground_is_said(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    report = keeper(vehicle, tmp_path).put([*FAR, zone(shapely.Polygon(), "Z3")], HERE)
+    assert alarms(report) == ["zone_without_ground"] and covers(vehicle, FAR)
+
+
+def test_clear_removes_ours_and_all_removes_everything(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR, HERE)
+    assert "2 shapes removed, 1 stay" in told(keep.clear())["cleared"] and vehicle.items == THEIRS
+    assert "0 shapes removed, 1 stay" in told(keep.clear())["cleared"]
+    assert "1 shapes removed, 0 stay" in told(keep.clear(everything=True))["cleared"]
+    assert vehicle.items == []
+
+
+def test_a_memory_that_is_damaged_or_cannot_be_written(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.memory_path.write_text(json.dumps({"format": "crowdfence fence memory", "version": 9}))
+    with pytest.raises(FenceError, match="does not say what was written last.*remove it"):
+        keep.put(FAR, HERE)
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="file"):
+        keeper(vehicle, tmp_path / "file").put(FAR, HERE)
+    assert vehicle.lists == []
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    lose=st.sampled_from([0.0, 0.15, 0.3]),
+    twice=st.sampled_from([0.0, 0.2]),
+    late=st.sampled_from([0.0, 0.2]),
+)
+def test_a_bad_link_never_covers_less(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, lose: float, twice: float, late: float
+) -> None:
+    """Every list that the vehicle ever takes covers the zones that stay, and those of others stay in it."""
+    tmp_path = tmp_path_factory.mktemp("state")
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    keeper(vehicle, tmp_path).put(FAR[:1], HERE)
+    channel = Channel(seed, lose, twice, late)
+    try:
+        report = keeper(vehicle, tmp_path, channel).put(FAR, HERE)
+    except FenceError:
+        assert covers(vehicle, FAR[:1])
+    else:
+        assert report.written and covers(vehicle, FAR)
+    for items in vehicle.lists:
+        assert covers(EmulatedVehicle(items=items), FAR[:1]) and items[:3] == THEIRS
+
+
+def test_a_link_that_loses_a_third_gets_there(tmp_path: Path) -> None:
+    for seed in range(6):
+        vehicle = EmulatedVehicle()
+        channel = Channel(seed, lose=0.3, twice=0.2, late=0.2)
+        report = keeper(vehicle, tmp_path / str(seed), channel).put(FAR, HERE)
+        assert report.written and covers(vehicle, FAR)
+
+
+@pytest.mark.parametrize("anchor", [Georeference(89.99, 0.0, 0.0), Georeference(-89.5, 10.0, 0.0)])
+def test_zones_at_a_pole_are_refused(tmp_path: Path, anchor: Georeference) -> None:
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    with pytest.raises(ValueError, match=r"up to 89.0 degrees"):
+        keeper(vehicle, tmp_path).put(FAR, anchor)
+    assert vehicle.items == THEIRS

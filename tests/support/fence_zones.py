@@ -1,0 +1,62 @@
+"""Zones drawn by a test, and a ground station that talks to emulated vehicles on a clock of its own."""
+
+from pathlib import Path
+
+import shapely
+
+from crowdfence import Georeference, Zone
+from crowdfence.fence_sync import FenceKeeper, GroundStation, Patience
+from crowdfence.fence_sync.autopilot_capacity import Capacity
+from support.vehicle_emulator import Channel, EmulatedLink, EmulatedVehicle
+
+HERE = Georeference(47.3977, 8.5456, 500.0)
+"""Where the emulated vehicle stands."""
+
+
+def zone(polygon: shapely.Geometry, name: str = "Z1", ground_m: tuple[float, float] = (0.0, 0.0)) -> Zone:
+    return Zone(
+        id=name,
+        polygon=polygon,
+        cell_count=1,
+        area_m2=polygon.area,
+        probability_max=0.9,
+        probability_mean=0.9,
+        lower_m=ground_m[0],
+        upper_m=ground_m[1],
+        last_seen_ns=0,
+        oldest_look_ns=0,
+        seen_by=("uav1",),
+    )
+
+
+def box(west: float, south: float, side_m: float = 20.0, name: str = "Z1") -> Zone:
+    return zone(shapely.box(west, south, west + side_m, south + side_m), name)
+
+
+def station(link: EmulatedLink, patience: Patience | None = None, system: int | None = None) -> GroundStation:
+    ground = GroundStation(link, clock=link.clock, patience=patience)
+    ground.find_vehicle(10.0, system)
+    return ground
+
+
+def keeper(
+    vehicle: EmulatedVehicle,
+    folder: Path,
+    channel: Channel | None = None,
+    capacity: Capacity | None = None,
+) -> FenceKeeper:
+    return FenceKeeper(station(EmulatedLink(vehicle, channel=channel)), folder, capacity)
+
+
+def covers(vehicle: EmulatedVehicle, zones: list[Zone], georeference: Georeference = HERE) -> bool:
+    """Whether every corner and edge of the zones, half a metre apart, lies in what the vehicle holds, as the
+    vehicle itself works it out."""
+    from support.vehicle_emulator import closes
+
+    for one in zones:
+        corners = shapely.get_coordinates(shapely.segmentize(one.polygon.boundary, 2.0))
+        heights = [[x, y, z] for z in (one.lower_m, one.upper_m) for x, y in corners]
+        latitude, longitude, _ = georeference.geodetic_from_local(heights)
+        if not all(closes(vehicle.items, *place) for place in zip(latitude, longitude, strict=True)):
+            return False
+    return True
