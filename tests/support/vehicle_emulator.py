@@ -27,6 +27,7 @@ POLYGONS = (
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
 )
 CIRCLE = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+CAPABILITIES = mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
 RETRY_S = 0.25
 GIVE_UP_S = 5.0
 PX4_SPHERE_M = 6_371_000.0
@@ -246,7 +247,7 @@ class EmulatedVehicle:
         if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self._say(
                 self._mavlink.autopilot_version_encode(
-                    0, 0, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, self.uid, bytes(18)
+                    CAPABILITIES, 0, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, self.uid, bytes(18)
                 )
             )
         return None

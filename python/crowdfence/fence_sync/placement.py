@@ -106,7 +106,7 @@ def _outline(zone: Zone, georeference: Georeference) -> Polygon:
 
 def _float32_above(value: float) -> float:
     single = np.float32(value)
-    return float(single if single >= value else np.nextafter(single, np.float32(math.inf)))
+    return float(single if float(single) >= value else np.nextafter(single, np.float32(math.inf)))
 
 
 def ground_of(shape: FenceShape, georeference: Georeference) -> Polygon | None:
