@@ -4,7 +4,6 @@ in CROWDFENCE_AUTOPILOT, such as udpin:0.0.0.0:14550. Its fence is replaced and 
 mavsdk is a client that we did not write: what it sends we read, what we send it reads.
 """
 
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -179,12 +178,3 @@ def test_a_vehicle_that_calls_us(tmp_path: Path) -> None:
 def test_an_address_that_is_none(address: str) -> None:
     with pytest.raises(FenceError, match="is no link; give udpin:HOST:PORT"):
         open_transport(address)
-
-
-def test_a_radius_of_ours_is_a_whole_centimetre_in_single_precision() -> None:
-    """What travels as a float32 is not below what was worked out."""
-    from crowdfence.fence_sync.placement import _float32_above
-
-    for value in (0.1, 25.0, 33.33, 1234.57, 98765.43):
-        assert value <= _float32_above(value) <= value * (1 + 2e-7)
-        assert math.isfinite(_float32_above(value))

@@ -94,6 +94,18 @@ def test_ten_thousand_zones() -> None:
     assert shapely.covers(closed, zones).all()
 
 
+def test_an_outline_that_crosses_itself_is_closed_as_a_whole() -> None:
+    """A star drawn in one line: by the even-odd rule its middle would be open."""
+    angles = np.radians(144.0 * np.arange(5))
+    star = shapely.Polygon(np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    line = shapely.Polygon([(5, 0), (9, 0), (7, 0)])
+    fence = fitted([star, line], 63)
+    assert ground_of(fence).covers(shapely.union_all([shapely.convex_hull(star), shapely.convex_hull(line)]))
+    assert fitted([shapely.Polygon()], 63).items == 0
+    with pytest.raises(ValueError, match="not finite"):
+        fitted([shapely.Polygon([(0, 0), (1, 0), (1, np.inf)])], 63)
+
+
 def test_a_fence_without_room_is_refused() -> None:
     with pytest.raises(ValueError, match="a fence of 0 items holds no zone; it takes 1"):
         fitted([shapely.box(0, 0, 1, 1)], 0)

@@ -144,3 +144,10 @@ def test_a_large_outline_keeps_its_budget() -> None:
     assert vertex_count(ground) > 500 and vertex_count(result) <= 60
     assert result.covers(ground)
     assert result.area < shapely.convex_hull(ground).area
+
+
+def test_a_needle_fits_into_three_corners() -> None:
+    """Its own triangle would be so sharp that its mitre is cut off."""
+    needle = shapely.Polygon([(0, 0), (200, 1e-5), (200, 2e-5), (100, 2e-5)])
+    triangle = simplified(needle, max_vertices=3)
+    assert vertex_count(triangle) == 3 and triangle.covers(needle)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,12 +29,13 @@ from crowdfence.zones.capacity import Fence, fitted
 from crowdfence.zones.grow import grown
 
 if TYPE_CHECKING:
-    from shapely import Polygon
+    from shapely import MultiPolygon, Polygon
 
 DECIMALS = 7
 _STORED_MARGIN_M = 0.012
 """Some autopilots lose the last of the 7 decimals."""
 _ANY_CORNER = 1e3
+_BOX_MARGIN_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,24 +89,32 @@ def _shapes(fence: Fence, zones: Sequence[Zone], georeference: Georeference) -> 
             )
     for circle in fence.circles:
         east, north, radius_m = geographic_circle(circle, georeference, lowest_m, highest_m, DECIMALS)
-        yield (FenceItem(CIRCLE_EXCLUSION, _float32_above(radius_m), round(north * 1e7), round(east * 1e7)),)
+        yield (FenceItem(CIRCLE_EXCLUSION, float32_above(radius_m), round(north * 1e7), round(east * 1e7)),)
 
 
-def _outline(zone: Zone, georeference: Georeference) -> Polygon:
-    """Longitude and latitude, without holes; convex where an outline is too fine for the decimals."""
+def _outline(zone: Zone, georeference: Georeference) -> Polygon | MultiPolygon:
+    """Longitude and latitude, without holes; convex, or a box, where an outline is too fine for the
+    decimals."""
     import shapely
 
-    shell = shapely.Polygon(zone.polygon.exterior)
-    shell = shapely.buffer(shell, _STORED_MARGIN_M, join_style="mitre", mitre_limit=_ANY_CORNER)
-    roomy = replace(zone, polygon=shapely.Polygon(shell.exterior))
-    try:
-        return geographic_outline(roomy, georeference, max_edge_m=None, decimals=DECIMALS)
-    except ValueError:
-        hull = replace(roomy, polygon=shapely.convex_hull(roomy.polygon))
-        return geographic_outline(hull, georeference, max_edge_m=None, decimals=DECIMALS)
+    shell = shapely.buffer(
+        shapely.Polygon(zone.polygon.exterior), _STORED_MARGIN_M, join_style="mitre", mitre_limit=_ANY_CORNER
+    )
+    roomy = shapely.Polygon(shell.exterior)
+    hull = shapely.convex_hull(roomy)
+    box = shapely.envelope(shapely.buffer(hull, _BOX_MARGIN_M))
+    for polygon in (roomy, hull):
+        with suppress(ValueError):
+            return _placed_outline(zone, polygon, georeference)
+    return _placed_outline(zone, box, georeference)
 
 
-def _float32_above(value: float) -> float:
+def _placed_outline(zone: Zone, polygon: Polygon, georeference: Georeference) -> Polygon | MultiPolygon:
+    whole = replace(zone, polygon=polygon)
+    return geographic_outline(whole, georeference, max_edge_m=None, decimals=DECIMALS)
+
+
+def float32_above(value: float) -> float:
     single = np.float32(value)
     return float(single if float(single) >= value else np.nextafter(single, np.float32(math.inf)))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,18 +64,19 @@ class Fence:
 def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circles: bool = True) -> Fence:
     """The outlines in at most `max_items` items; without `circles` every shape is a polygon.
 
-    ValueError where not even one shape fits.
+    An outline that crosses itself, or has no width, is closed with everything between its corners. ValueError
+    where not even one shape fits, and for a corner that is not finite.
     """
     import shapely
 
     least = 1 if circles else LEAST_VERTICES
     if max_items < least:
         raise ValueError(f"a fence of {max_items} items holds no zone; it takes {least}")
-    union = shapely.union_all([shapely.make_valid(outline) for outline in outlines])
+    union = shapely.union_all(_whole_parts(outlines))
     shapes = [
         _Shape(shapely.Polygon(part.exterior), circles)
         for part in shapely.get_parts(union).tolist()
-        if part.geom_type == "Polygon" and not part.is_empty
+        if not part.is_empty
     ]
     most = max(1, min(MOST_PAIRED, max_items // least))
     if len(shapes) > most:
@@ -85,6 +86,19 @@ def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circle
     rounds = tuple(shape.shape for shape in shapes if isinstance(shape.shape, Circle))
     drawn = [*polygons, *(shapely.Point(c.east_m, c.north_m).buffer(c.radius_m, 64) for c in rounds)]
     return Fence(polygons, rounds, float(union.area), float(shapely.union_all(drawn).area))
+
+
+def _whole_parts(outlines: Sequence[Polygon | MultiPolygon]) -> NDArray[Any]:
+    """The polygons of all outlines. What a ring that crosses itself means to close is not known."""
+    import shapely
+
+    parts = shapely.get_parts(np.array(outlines, dtype=object))
+    parts = parts[~shapely.is_empty(parts)]
+    if not np.isfinite(shapely.get_coordinates(parts)).all():
+        raise ValueError("an outline has a corner that is not finite")
+    broken = ~shapely.is_valid(parts) | (shapely.area(parts) <= 0.0)
+    parts[broken] = shapely.buffer(shapely.convex_hull(parts[broken]), MARGIN_M, join_style="mitre")
+    return np.asarray(parts)
 
 
 class _Shape:

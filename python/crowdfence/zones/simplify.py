@@ -23,6 +23,7 @@ those who ask whether an edge runs past a corner."""
 LEAST_VERTICES = 3
 _MITRE_LIMIT = 1e3  # every corner stays one corner
 _STRAIGHT = 1e-9
+_NEEDLE = 5e-3
 
 
 def vertex_count(outline: Polygon | MultiPolygon) -> int:
@@ -92,10 +93,13 @@ def _covering(outline: Polygon | MultiPolygon, shape: Polygon | MultiPolygon) ->
 
 
 def _triangle_around(outline: Polygon | MultiPolygon) -> Polygon:
-    """Twice the sides of the smallest rectangle: its far corner lies on the third side."""
+    """Twice the sides of the smallest rectangle: its far corner lies on the third side. That of a needle is
+    made wider, because a mitre as long as its point is has more corners than one."""
     import shapely
 
-    corners = np.asarray(shapely.oriented_envelope(shapely.buffer(outline, MARGIN_M)).exterior.coords)
+    west, south, east, north = outline.bounds
+    margin_m = max(MARGIN_M, _NEEDLE * float(np.hypot(east - west, north - south)))
+    corners = np.asarray(shapely.oriented_envelope(shapely.buffer(outline, margin_m)).exterior.coords)
     corner, along, _, across = corners[:4]
     return shapely.Polygon([corner, 2 * along - corner, 2 * across - corner])
 
