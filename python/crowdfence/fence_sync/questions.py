@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import cast
 
 from crowdfence.fence_sync.conversation import Clock, Conversation, Patience, ask
 from crowdfence.fence_sync.fence_error import Silence
@@ -22,14 +23,15 @@ from crowdfence.fence_sync.messages import (
 
 _OPTIONAL_TRIES = 4
 """Of what a vehicle may not know: a position without satellites, a number of its own."""
-_NUMBERS: dict[type, int] = {
+_Optional = type[Position] | type[Home] | type[Version]
+_NUMBERS: dict[_Optional, int] = {
     Position: POSITION_MESSAGE,
     Home: HOME_MESSAGE,
     Version: VERSION_MESSAGE,
 }
 
 
-def optional(kind: type, clock: Clock, patience: Patience) -> Conversation[Message | None]:
+def optional(kind: _Optional, clock: Clock, patience: Patience) -> Conversation[Message | None]:
     """A `Position`, `Home` or `Version`; None where the vehicle does not say it."""
     few = replace(patience, tries=min(patience.tries, _OPTIONAL_TRIES))
 
@@ -37,9 +39,10 @@ def optional(kind: type, clock: Clock, patience: Patience) -> Conversation[Messa
         return heard if isinstance(heard, kind) else None
 
     try:
-        return (yield from ask(RequestMessage(_NUMBERS[kind]), answer, clock, few))
+        found = yield from ask(RequestMessage(_NUMBERS[kind]), answer, clock, few)
     except Silence:
         return None
+    return cast("Message", found)
 
 
 def parameters(names: Iterable[str], clock: Clock, patience: Patience) -> Conversation[dict[str, float]]:

@@ -41,8 +41,8 @@ from crowdfence.fence_sync.vehicle_memory import VehicleMemory, memory_file, rec
 from crowdfence.georeference import Georeference
 from crowdfence.zones import Zone
 
-POSITION_AGE_S = 2.0
-"""An older position is asked for again."""
+POSITION_AGE_S = 4.0
+"""An older position is asked for again. Longer than it takes to see that the vehicle is silent."""
 TEXTS_S = 1.0
 """Autopilots say what they think of a fence after they took it."""
 _UPLOADS = 4
@@ -289,7 +289,7 @@ def _of_fence(fence: PlacedFence, zones: Sequence[Zone], written: bool) -> Itera
     if zones:
         yield FenceEvent("no_heights", "a fence has no heights: its ground is closed at every height")
     over_m2 = fence.fence.over_coverage_m2
-    if over_m2 > 0.0:
+    if round(over_m2) > 0:
         yield FenceEvent(
             "over_coverage",
             f"{over_m2:.0f} m2 more than the zones ({fence.fence.zone_area_m2:.0f} m2) are closed, because "

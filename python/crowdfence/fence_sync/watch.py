@@ -67,7 +67,7 @@ class FenceWatch:
         """`wall_ns` is what `valid_until` is compared with; everything else goes by the station's clock."""
         self._keeper, self._source, self._plan, self._tell = keeper, source, plan, tell
         self._wall_ns = wall_ns
-        self._debounce = Debounce(plan.opening_s, plan.interval_s)
+        self._debounce = self._new_debounce()
         self._placed: PlacedZones | None = None
         self._alive: tuple[Zone, ...] | None = None
         self._shapes: tuple[FenceShape, ...] = ()
@@ -82,6 +82,9 @@ class FenceWatch:
     def alarms(self) -> tuple[FenceEvent, ...]:
         """Those that stand."""
         return tuple(event for event in self._standing.values() if event.alarm)
+
+    def _new_debounce(self) -> Debounce:
+        return Debounce(self._plan.opening_s, self._plan.interval_s)
 
     def run(self, until_s: float = float("inf")) -> None:
         """Until the clock says so, or KeyboardInterrupt, which leaves the fence as it is."""
@@ -108,13 +111,15 @@ class FenceWatch:
         now_s = self._clock()
         if self._placed is None or self._source.has_changed():
             try:
-                self._placed = self._source.read()
+                placed = self._source.read()
             except (OSError, ValueError) as error:
                 reason = " ".join(str(error).split())
                 unread = FenceEvent("zones_unreadable", f"{reason}; the last fence stays", alarm=True)
                 self._say_while(("zones_unreadable",), [unread])
             else:
-                self._read_s, self._alive = now_s, None
+                if self._placed is not None and placed.georeference != self._placed.georeference:
+                    self._debounce = self._new_debounce()  # another mission, in another local frame
+                self._placed, self._read_s, self._alive = placed, now_s, None
                 self._say_while(("zones_unreadable",), [])
         stale_s = self._plan.stale_s
         if stale_s is not None and now_s - self._read_s > stale_s:

@@ -7,9 +7,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.georeference import Georeference
@@ -18,6 +19,14 @@ from crowdfence.static_zones import StaticZoneError
 from crowdfence.static_zones.given_zone import local_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
 from crowdfence.zones import MAX_ID_LENGTH, Zone
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+MOST_APART_M = 50_000.0
+"""From the anchor: beyond, a plane is no map."""
+_LEAST_EARTH_M, _MOST_EARTH_M = 6_335_000.0, 6_400_000.0
+"""Radii of curvature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +51,16 @@ class ZoneSource:
         self.path = Path(path)
         self._at = at
         self._mark: tuple[int, ...] | None = None
+        self._anchor: Georeference | None = None
 
     def read(self) -> PlacedZones:
         """What is there now. OSError, or ValueError that names the file."""
         self._mark = self._stat()
         file = self._file()
         if file.suffix.lower() in (".geojson", ".json"):
-            return read_geojson(file)
+            placed = read_geojson(file, self._anchor)
+            self._anchor = placed.georeference
+            return placed
         history = open_history(self.path)
         if history.georeference is None:
             raise FenceError(f"{self.path}: the run has no place on Earth, so its zones cannot be sent")
@@ -69,20 +81,31 @@ class ZoneSource:
         return state.st_mtime_ns, state.st_ino, state.st_size
 
 
-def read_geojson(path: Path) -> PlacedZones:
-    """The polygons of a file, in a local frame around their middle. StaticZoneError names what is wrong."""
+def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
+    """The polygons of a file, in the local frame of an anchor that is near, else in one around their middle.
+    StaticZoneError names what is wrong."""
     try:
         document = json.loads(path.read_bytes())
         given = list(geojson_zones(document, []))
-        corners = np.vstack([ring for one in given for ring in one.rings]) if given else np.zeros((1, 2))
+        corners = np.vstack([ring for one in given for ring in one.rings]) if given else np.empty((0, 2))
         if not np.isfinite(corners).all() or (np.abs(corners) > (180.0, 90.0)).any():
             raise ValueError("a corner is no longitude and latitude")
-        anchor = Georeference(*_middle(corners), 0.0)
+        anchor = _near(corners, anchor)
         ends = {name: end for feature in document.get("features", ()) for name, end in _end(feature)}
         zones = []
         for one in given:
             (zone,) = local_zones([one], anchor, set())
-            zones.append(replace(zone, id=one.name[:MAX_ID_LENGTH], valid_until_ns=ends.get(one.name)))
+            low_m, high_m = _heights(zone.polygon)
+            until_ns = ends.get(one.name)
+            zones.append(
+                replace(
+                    zone,
+                    id=one.name[:MAX_ID_LENGTH],
+                    valid_until_ns=until_ns,
+                    lower_m=low_m,
+                    upper_m=high_m,
+                )
+            )
     except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise StaticZoneError(f"{path}: {what}") from error
@@ -95,9 +118,30 @@ def _end(feature: Mapping[str, Any]) -> list[tuple[str, int]]:
     return [] if end is None else [(str(feature.get("id") or properties.get("id")), int(end))]
 
 
-def _middle(corners: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float]:
+def _near(corners: NDArray[np.float64], anchor: Georeference | None) -> Georeference:
+    """An anchor no farther than `MOST_APART_M` from all corners (longitude, latitude). ValueError where there
+    is none."""
+    if not len(corners):
+        return anchor or Georeference(0.0, 0.0, 0.0)
+    for one in filter(None, (anchor, Georeference(*_middle(corners), 0.0))):
+        local = one.local_from_geodetic(corners[:, 1], corners[:, 0], 0.0)
+        if np.abs(local).max() <= MOST_APART_M:
+            return one
+    raise ValueError(f"zones lie more than {MOST_APART_M / 500:.0f} km apart; give those of one flight")
+
+
+def _middle(corners: NDArray[np.float64]) -> tuple[float, float]:
     """Latitude and longitude. Longitudes are taken around the first, which may lie at the antimeridian."""
     first = corners[0, 0]
     east = first + (corners[:, 0] - first + 180.0) % 360.0 - 180.0
     longitude = ((east.min() + east.max()) / 2 + 180.0) % 360.0 - 180.0
     return float((corners[:, 1].min() + corners[:, 1].max()) / 2), float(longitude)
+
+
+def _heights(outline: Polygon | MultiPolygon) -> tuple[float, float]:
+    """Local heights of ground at the anchor's height: it falls away from the local plane."""
+    import shapely
+
+    nearest_m = outline.distance(shapely.Point(0.0, 0.0))
+    farthest_m = float(np.linalg.norm(shapely.get_coordinates(outline), axis=1).max())
+    return -(farthest_m**2) / (2 * _LEAST_EARTH_M), -(nearest_m**2) / (2 * _MOST_EARTH_M)

@@ -1,0 +1,199 @@
+"""A fence that follows zones: when it is sent, when ground opens, what is said when something goes wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+import shapely
+
+from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan, ZoneSource
+from crowdfence.fence_sync.debounce import Debounce
+from support.fence_zones import box, station
+from support.vehicle_emulator import EmulatedLink, EmulatedVehicle, polygon
+
+A, B = box(100.0, 100.0, name="A"), box(200.0, 100.0, name="B")
+THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56))
+
+
+def names(zones: object) -> list[str] | None:
+    return None if zones is None else sorted(zone.id for zone in zones)  # type: ignore[attr-defined]
+
+
+def test_new_ground_is_closed_at_once_and_opens_after_a_while() -> None:
+    debounce = Debounce(opening_s=5.0, interval_s=0.0)
+    assert debounce.due(0.0) is None
+    debounce.offer([A], 0.0)
+    assert names(debounce.due(0.0)) == ["A"]
+    debounce.sent([A], 0.0)
+    assert debounce.due(0.1) is None
+    debounce.offer([A, B], 1.0)
+    wanted = debounce.due(1.0)
+    assert wanted is not None and names(wanted) == ["A", "B"]
+    debounce.sent(wanted, 1.0)
+    debounce.offer([B], 2.0)
+    assert debounce.due(2.0) is None and debounce.due(6.9) is None  # A has been open for less than 5 s
+    assert names(debounce.due(7.0)) == ["B"]
+
+
+def test_a_zone_that_comes_and_goes_stays() -> None:
+    debounce = Debounce(opening_s=5.0, interval_s=0.0)
+    debounce.offer([A], 0.0)
+    debounce.sent([A], 0.0)
+    for second in range(1, 30):
+        debounce.offer([A] if second % 3 else [], float(second))
+        assert debounce.due(float(second)) is None
+
+
+def test_a_zone_that_moves_is_closed_where_it_was_too() -> None:
+    debounce = Debounce(opening_s=5.0, interval_s=0.0)
+    for second in range(10):
+        debounce.offer([box(10.0 * second, 0.0, name="A")], float(second))
+    wanted = debounce.due(9.0)
+    assert wanted is not None
+    closed = shapely.union_all([zone.polygon for zone in wanted])
+    assert closed.bounds == (40.0, 0.0, 110.0, 20.0)  # that of 3 ended at 4, 5 s ago
+
+
+def test_fences_are_not_sent_too_often() -> None:
+    debounce = Debounce(opening_s=0.0, interval_s=2.0)
+    debounce.offer([A], 0.0)
+    debounce.sent([A], 0.0)
+    debounce.offer([B], 1.0)
+    assert debounce.due(1.9) is None and names(debounce.due(2.0)) == ["B"]
+    debounce.failed(2.0)
+    assert debounce.due(3.9) is None and names(debounce.due(4.0)) == ["B"]
+
+
+class Watched:
+    """A vehicle on a clock of its own, a file of zones, and what is said."""
+
+    def __init__(self, folder: Path, **plan: object) -> None:
+        self.vehicle = EmulatedVehicle()
+        self.link = EmulatedLink(self.vehicle)
+        self.path = folder / "zones.geojson"
+        self.wall_s = 1_000.0
+        self.said: list[FenceEvent] = []
+        self.write(north_m=100.0)
+        keeper = FenceKeeper(station(self.link), folder / "state")
+        self.watch = FenceWatch(
+            keeper,
+            ZoneSource(self.path),
+            WatchPlan(**plan),  # type: ignore[arg-type]
+            self.said.append,
+            wall_ns=lambda: round((self.wall_s + self.link.now_s) * 1e9),
+        )
+
+    def write(self, *, north_m: float, count: int = 1, **properties: object) -> None:
+        features = []
+        for i in range(count):
+            south, west = 47.3977 + north_m / 111_190, 8.5456 + 5e-4 * i
+            ring = [(0, 0), (2.7e-4, 0), (2.7e-4, 1.8e-4), (0, 1.8e-4), (0, 0)]
+            corners = [[west + east, south + north] for east, north in ring]
+            geometry = {"type": "Polygon", "coordinates": [corners]}
+            features.append(
+                {"type": "Feature", "id": f"Z{i}", "geometry": geometry, "properties": properties}
+            )
+        new = self.path.with_suffix(".new")
+        new.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+        new.replace(self.path)
+
+    def run(self, duration_s: float) -> list[str]:
+        """What is said meanwhile."""
+        self.said.clear()
+        self.watch.run(self.link.now_s + duration_s)
+        return [event.kind for event in self.said]
+
+
+def test_the_fence_follows_the_file(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, opening_s=4.0)
+    assert "written" in watched.run(1.0) and len(watched.vehicle.items) == 4
+    watched.write(north_m=100.0, count=3)
+    assert "written" in watched.run(5.0) and len(watched.vehicle.items) == 12
+    watched.write(north_m=100.0, count=0)
+    assert watched.run(3.0) == [] and len(watched.vehicle.items) == 12
+    assert watched.run(3.0) == ["written"] and watched.vehicle.items == []
+    assert watched.watch.alarms == ()
+
+
+def test_zones_that_expire_are_removed_if_asked(tmp_path: Path) -> None:
+    for expires, left in ((False, 4), (True, 0)):
+        folder = tmp_path / str(expires)
+        folder.mkdir()
+        watched = Watched(folder, expires=expires, opening_s=1.0)
+        watched.write(north_m=100.0, valid_until_ns=round((watched.wall_s + 10.0) * 1e9))
+        watched.run(6.0)
+        assert len(watched.vehicle.items) == 4
+        watched.run(10.0)
+        assert len(watched.vehicle.items) == left
+
+
+def test_a_file_that_cannot_be_read_is_said_once_and_the_fence_stays(tmp_path: Path) -> None:
+    watched = Watched(tmp_path)
+    watched.run(3.0)
+    watched.path.write_text("{")
+    assert watched.run(5.0) == ["zones_unreadable"]
+    assert len(watched.vehicle.items) == 4 and [one.kind for one in watched.watch.alarms] == [
+        "zones_unreadable"
+    ]
+    watched.path.unlink()
+    assert watched.run(5.0) == []
+    watched.write(north_m=100.0, count=2)
+    assert watched.run(5.0) == ["written"] and watched.watch.alarms == ()
+
+
+def test_zones_that_nobody_writes_any_more_are_an_alarm(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, stale_s=10.0)
+    assert "zones_stale" not in watched.run(9.0)
+    assert watched.run(5.0) == ["zones_stale"] and len(watched.vehicle.items) == 4
+    watched.write(north_m=100.0)
+    watched.run(1.0)
+    assert watched.watch.alarms == ()
+
+
+def test_a_vehicle_that_flies_into_the_fence_is_an_alarm_at_once(tmp_path: Path) -> None:
+    watched = Watched(tmp_path)
+    watched.run(3.0)
+    watched.vehicle.position = (47.3977 + 110.0 / 111_190, 8.5457)
+    assert watched.run(4.0) == ["vehicle_inside"]
+    watched.vehicle.position = (47.3977, 8.5456)
+    assert watched.run(4.0) == [] and watched.watch.alarms == ()
+
+
+def test_a_link_that_is_lost_and_comes_back(tmp_path: Path) -> None:
+    """Meanwhile the vehicle was given another fence."""
+    watched = Watched(tmp_path)
+    watched.run(3.0)
+    watched.vehicle.mute = True
+    assert watched.run(6.0) == ["link_lost"]
+    watched.vehicle.items, watched.vehicle.mute = list(THEIRS), False
+    said = watched.run(6.0)
+    assert said[0] == "link_back" and "changed_by_others" in said and "written" in said
+    assert watched.vehicle.items[:3] == THEIRS and len(watched.vehicle.items) == 3 + 4
+
+
+def test_what_others_do_to_the_fence_is_found_by_reading_it(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.run(3.0)
+    watched.vehicle.items = []
+    assert "changed_by_others" in watched.run(8.0) and len(watched.vehicle.items) == 4
+
+
+def test_a_refusal_is_said_once_and_tried_again(tmp_path: Path) -> None:
+    watched = Watched(tmp_path)
+    watched.vehicle.rejects = 5
+    assert watched.run(10.0).count("failed") == 1 and watched.vehicle.items == []
+    watched.vehicle.rejects = None
+    assert "written" in watched.run(5.0) and watched.watch.alarms == ()
+
+
+def test_nothing_is_watched_without_an_end(tmp_path: Path) -> None:
+    watched = Watched(tmp_path)
+
+    def interrupt() -> None:
+        if watched.link.now_s > 12.0:
+            raise KeyboardInterrupt
+
+    watched.link.before_receive = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        watched.watch.run()
+    assert len(watched.vehicle.items) == 4
