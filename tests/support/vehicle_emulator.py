@@ -12,7 +12,9 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 import shapely
@@ -388,6 +390,6 @@ class UdpVehicle:
                 pass
             self.vehicle.tick(time.monotonic())
             packets, self.vehicle.out = self.vehicle.out, []
-            for packet in packets:
-                for peer in self._peers:
+            for packet, peer in product(packets, self._peers):
+                with suppress(OSError):  # nobody listens there any more
                     self._socket.sendto(packet, peer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -247,3 +248,4 @@ def _tell(events: Iterable[FenceEvent], as_json: bool) -> None:
             console.stdout().print(f"[bold red]alarm[/]: {escape(event.text)}", soft_wrap=True)
         else:
             console.stdout().print(escape(event.text), soft_wrap=True)
+    sys.stdout.flush()  # who follows a log sees an alarm when it happens
