@@ -30,8 +30,8 @@ def open_history(run: str | PathLike[str]) -> ZoneHistory:
 
 
 def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | None:
-    """The map of the run in a folder at its last instant, seen from above; None where the run did not write its
-    map and terrain. MapFileError for files that do not belong together."""
+    """The map of the run in a folder at its last instant, seen from above; None where the run did not write
+    its map and terrain. MapFileError for files that do not belong together."""
     from crowdfence.maps import open_terrain
 
     terrain, state = Path(run) / "terrain.bt", Path(run) / "crowd_map.crowdmap"

@@ -52,8 +52,8 @@ def convert(
     """Write the recording as a mission file.
 
     `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
-    `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages of
-    others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it.
+    `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages
+    of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be

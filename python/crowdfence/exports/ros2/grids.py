@@ -28,11 +28,9 @@ def belief_cells(grid: SurfaceGrid) -> NDArray[np.int8]:
     return np.where(told, hundredths, UNKNOWN).astype(np.int8)
 
 
-def closed_cells(
-    zones: Sequence[Zone], grid: SurfaceGrid, *, with_state: bool = False
-) -> NDArray[np.int8]:
-    """[X, Y] occupied where a zone touches the cell, else not known; `with_state`: free where the grid, which is
-    of the same moment then, knows it to be empty, and occupied where it holds crowd."""
+def closed_cells(zones: Sequence[Zone], grid: SurfaceGrid, *, with_state: bool = False) -> NDArray[np.int8]:
+    """[X, Y] occupied where a zone touches the cell, else not known; `with_state`: free where the grid, then
+    of the same moment, knows it to be empty, and occupied where it holds crowd."""
     from affine import Affine
     from rasterio.features import rasterize
 
@@ -51,7 +49,7 @@ def closed_cells(
 
 
 def occupancy_grid(cells: NDArray[np.int8], grid: SurfaceGrid, stamp_ns: int) -> dict[str, Any]:
-    """The message of cells [X, Y], row by row from the south-west corner, at the height of the lowest ground."""
+    """The message of cells [X, Y], row by row from the south-west corner, at the lowest ground's height."""
     west, south, _, _ = grid.bounds_m
     lowest = grid.bottom_index[grid.has_surface]
     height_m = float(grid.height_m(int(lowest.min()))) if lowest.size else 0.0

@@ -50,7 +50,7 @@ def height_at(grid: SurfaceGrid) -> HeightAt:
 
 
 def ground_cloud(grid: SurfaceGrid, threshold: float, stamp_ns: int) -> dict[str, Any]:
-    """sensor_msgs/PointCloud2: the top of every cell with terrain; probability is NaN where nobody has looked."""
+    """sensor_msgs/PointCloud2: the top of every cell with terrain; P is NaN where nobody has looked."""
     i, j = np.nonzero(grid.has_surface)
     table = np.zeros(len(i), _POINT)
     table["x"] = (grid.east_edges_m[i] + grid.east_edges_m[i + 1]) / 2
@@ -113,8 +113,7 @@ def _lattice(grid: SurfaceGrid) -> tuple[NDArray[np.float64], NDArray[np.float64
     known = (~np.isnan(blocks)).sum(axis=(1, 3))
     heights = np.where(known > 0, np.nansum(blocks, axis=(1, 3)) / np.maximum(known, 1), np.nan)
     west, south, _, _ = grid.bounds_m
-    middles = [
-        start + (np.arange(count) + 0.5) * side * grid.cell_size_m
-        for start, count in ((west, heights.shape[0]), (south, heights.shape[1]))
-    ]
-    return middles[0], middles[1], heights
+    east_m, north_m = (
+        (np.arange(count, dtype=np.float64) + 0.5) * side * grid.cell_size_m for count in heights.shape
+    )
+    return west + east_m, south + north_m, np.asarray(heights, dtype=np.float64)

@@ -37,6 +37,7 @@ _COLOURS = {
 _LIFT_M = 0.3
 """Drawn above the ground, so that the terrain does not hide it."""
 _TEXT_M = 4.0
+_ABOVE = np.array([0.0, 0.0, 2 * _TEXT_M])
 _IDENTITY = {"position": {}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
 
 
@@ -82,7 +83,7 @@ def _markers(zone: Zone, ground: HeightAt | None) -> Iterator[dict[str, Any]]:
     yield {
         "ns": f"{zone.kind} label",
         "type": TEXT,
-        "pose": {**_IDENTITY, "position": points(on_ground(middle) + [0.0, 0.0, 2 * _TEXT_M])[0]},
+        "pose": {**_IDENTITY, "position": points(on_ground(middle) + _ABOVE)[0]},
         "scale": _scale(0.0, 0.0, _TEXT_M),
         "color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0},
         "text": label(zone),

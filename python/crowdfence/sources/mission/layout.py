@@ -5,7 +5,7 @@ Per drone, all with the image's stamp in the header and the same number as log t
     /<drone>/camera/image/compressed  sensor_msgs/CompressedImage  JPEG or PNG, bytes untouched
     /<drone>/camera/camera_info       sensor_msgs/CameraInfo       one per frame
     /<drone>/heatmap                  sensor_msgs/Image            mono8 (value / 255) or 32FC1
-    /<drone>/heatmap/camera_info      sensor_msgs/CameraInfo       the camera at the heatmap's size, for viewers
+    /<drone>/heatmap/camera_info      sensor_msgs/CameraInfo       the camera at the heatmap's size
     /<drone>/truth/regions            sensor_msgs/Image            mono8 or mono16, crowd number, 0 = none
     /<drone>/truth/silhouettes        sensor_msgs/Image            mono8, 255 = a person of a crowd
     /<drone>/truth/depth              sensor_msgs/Image            32FC1, metres along z (REP 118), or NaN

@@ -1,4 +1,4 @@
-"""Writes ROS 2 messages by topic to an MCAP file that is whole or absent. Which messages is the caller's matter."""
+"""Writes ROS 2 messages by topic to an MCAP file that is whole or absent."""
 
 from __future__ import annotations
 

@@ -34,6 +34,7 @@ from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
+
 class MissionWriter(TopicWriter):
     """Writes a mission file; a context manager.
 
@@ -55,7 +56,7 @@ class MissionWriter(TopicWriter):
         depth_images: bool = False,
     ) -> None:
         """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file;
-        `depth_images`: depth is written as images that viewers draw, where PNG would be a third of the bytes."""
+        `depth_images`: depth as images that viewers draw, where PNG would be a third of the bytes."""
         description = _description(Path(path), georeference, terrain, source)
         super().__init__(path)
         self._depth_images = depth_images
@@ -116,9 +117,7 @@ class MissionWriter(TopicWriter):
         )
         # Nothing may be written of a frame that cannot be, not even its drone.
         frame = self._next_camera_frame(drone)
-        parts = encode_frame(
-            content, self._cameras[drone], stamp_ns, frame, depth_images=self._depth_images
-        )
+        parts = encode_frame(content, self._cameras[drone], stamp_ns, frame, depth_images=self._depth_images)
         self.add_encoded_frame(drone, stamp_ns, parts)
 
     def add_encoded_frame(
