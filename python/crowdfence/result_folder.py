@@ -8,10 +8,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from crowdfence._core import CrowdMap
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.zones.history import ZoneHistory
 
 HISTORY = "zone_history.jsonl"
+MARGIN_M = 60.0
+STALE_AFTER_S = 30.0
+"""Of a run that does not say it."""
 
 
 def open_history(run: str | PathLike[str]) -> ZoneHistory:
@@ -22,6 +27,23 @@ def open_history(run: str | PathLike[str]) -> ZoneHistory:
         if not path.exists():
             raise FileNotFoundError(f"{run} holds no {HISTORY}; is it a folder that crowdfence run wrote?")
     return ZoneHistory.read(path)
+
+
+def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | None:
+    """The map of the run in a folder at its last instant, seen from above; None where the run did not write
+    its map and terrain. MapFileError for files that do not belong together."""
+    from crowdfence.maps import open_terrain
+
+    terrain, state = Path(run) / "terrain.bt", Path(run) / "crowd_map.crowdmap"
+    if not (terrain.exists() and state.exists()):
+        return None
+    return SurfaceGrid.from_crowd_map(
+        CrowdMap.load(state, open_terrain(terrain)),
+        history.stamps_ns[-1],
+        threshold=history.sets[-1].threshold,
+        stale_after_s=float(history.description.get("stale_after_s", STALE_AFTER_S)),
+        margin_m=MARGIN_M,
+    )
 
 
 def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:

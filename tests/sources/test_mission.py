@@ -160,6 +160,7 @@ def test_rosbags_reads_it(mission, airsim):
             "camera/camera_info": ("sensor_msgs/msg/CameraInfo", 6),
             "camera/image/compressed": ("sensor_msgs/msg/CompressedImage", 6),
             "heatmap": ("sensor_msgs/msg/Image", 6),
+            "heatmap/camera_info": ("sensor_msgs/msg/CameraInfo", 6),
             "truth/regions": ("sensor_msgs/msg/Image", 6),
             "truth/silhouettes": ("sensor_msgs/msg/Image", 6),
             "truth/depth": ("sensor_msgs/msg/Image", 6),

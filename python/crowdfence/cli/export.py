@@ -31,6 +31,7 @@ class ExportFormat(str, Enum):
     csv = "csv"
     state = "state"
     costmap = "costmap"
+    mcap = "mcap"
 
 
 _RASTERS = (ExportFormat.state, ExportFormat.costmap)
@@ -61,7 +62,10 @@ def export(
     kind: Annotated[
         ExportFormat,
         typer.Option(
-            "--format", "-f", help="What to write; state: GeoTIFF with colours, costmap: YAML and PGM."
+            "--format",
+            "-f",
+            help="What to write; state: GeoTIFF with colours, costmap: YAML and PGM, mcap: ROS 2 messages of "
+            "the whole run for Foxglove.",
         ),
     ],
     at: At = "last",
@@ -100,7 +104,9 @@ def export(
         # Zones hold from the instant that found them, not from when somebody asks.
         stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
-        if kind in _RASTERS:
+        if kind is ExportFormat.mcap:
+            _write_mcap(output, run, history, report)
+        elif kind in _RASTERS:
             _write_raster(kind, output, run, history, stamp_ns)
         elif kind is ExportFormat.geojson:
             write_bytes(output, _geojson(history, stamp_ns).encode())
@@ -141,6 +147,17 @@ def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHist
         write_state_geotiff(output, crowd_map)
     else:
         write_costmap(output, crowd_map, history.at(stamp_ns).closed)
+
+
+def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str, Any]) -> None:
+    """Of all instants, whichever is asked for."""
+    from crowdfence.exports.ros2 import write_results_mcap
+    from crowdfence.result_folder import open_grid
+
+    grid = open_grid(run, history)
+    report["messages"] = write_results_mcap(output, history, grid)
+    if grid is None:
+        console.warn(f"{run} holds no terrain.bt and crowd_map.crowdmap: the file shows zones alone")
 
 
 def _geojson(history: ZoneHistory, stamp_ns: int) -> str:
@@ -196,6 +213,10 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.print_json(report)
         return
     out = console.stdout()
+    if "messages" in report:
+        count, topics = sum(report["messages"].values()), len(report["messages"])
+        out.print(f"{count} messages on {topics} topics in {report['file']}", soft_wrap=True)
+        return
     out.print(f"{report['zones']} zones of {iso_utc(report['stamp_ns'])} in {report['file']}", soft_wrap=True)
     if "fence_items" in report:
         over_m2 = report["over_coverage_m2"]

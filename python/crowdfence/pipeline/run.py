@@ -162,6 +162,7 @@ def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict
         "drones": list(recording.drones),
         "method": loop.crowd_map.method.name,
         "threshold": loop.threshold,
+        "stale_after_s": config.zones.stale_after_s,
         "parameters": {**config.parameters(loop.crowd_map), **config.zone_parameters()},
     }
 

@@ -1,6 +1,6 @@
 """Any recording -> a mission file with the same frames, poses and pixels."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from heapq import merge
 from operator import itemgetter
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
 from crowdfence.sources.mission.layout import CROWD_CLASS
+from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import as_png, picture_format
 from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame
@@ -44,12 +45,15 @@ def convert(
     *,
     heatmap_of: Callable[[Frame], Pixels] | None = None,
     source: str | None = None,
+    beside: Iterable[TopicMessage] = (),
+    depth_images: bool = False,
     progress: Progress | None = None,
 ) -> Conversion:
     """Write the recording as a mission file.
 
     `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
-    `source` says where the file comes from, instead of the recording's kind and name.
+    `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages
+    of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
@@ -65,12 +69,16 @@ def convert(
         georeference=recording.georeference,
         terrain=recording.terrain,
         source=_source(recording) if source is None else source,
+        depth_images=depth_images,
     ) as writer:
         if "simulation" in recording.manifest:
             writer.add_simulation(recording.manifest["simulation"])
         for drone in recording.drones:
             writer.add_drone(drone)
-        everything = merge(_poses(recording), _people(recording), _frames(recording), key=itemgetter(0))
+        others = ((message.stamp_ns, message) for message in beside)
+        everything = merge(
+            _poses(recording), _people(recording), _frames(recording), others, key=itemgetter(0)
+        )
         for stamp_ns, item in everything:
             if item is None:
                 _write_people(writer, recording, stamp_ns, conversion)
@@ -79,6 +87,8 @@ def convert(
                 done += 1
                 if progress is not None:
                     progress(done, len(recording.frames))
+            elif isinstance(item, TopicMessage):
+                writer.add_message(item)
             else:
                 writer.add_pose(*item)
         writer.add_refused(refused)

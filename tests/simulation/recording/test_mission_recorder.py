@@ -38,10 +38,10 @@ from crowdfence.simulation.schedule import Capture, build_schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
 from crowdfence.sources import open_recording
 from crowdfence.sources.convert import convert
-from crowdfence.sources.mission import writer as mission_writer
+from crowdfence.sources.mission import topic_writer
 from crowdfence.sources.mission.layout import CLASSES, CROWD_CLASS
 from crowdfence.sources.mission.messages import depth_in_whole_cm
-from crowdfence.sources.mission.writer import part_path
+from crowdfence.sources.mission.topic_writer import part_path
 
 LABELS = FrameOptions(rgb=False)
 SEED, FRAMES, DRONES = 3, 6, 3
@@ -59,7 +59,7 @@ def beach(seed: int = SEED, **overrides: object) -> Scene:
 def small_chunks():
     """As many chunks as a mission with large frames has."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(mission_writer, "CHUNK_BYTES", 100_000)
+        patched.setattr(topic_writer, "CHUNK_BYTES", 100_000)
         yield
 
 

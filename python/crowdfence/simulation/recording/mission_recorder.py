@@ -24,7 +24,8 @@ from crowdfence.simulation.scene_truth import people_truth
 from crowdfence.simulation.schedule import Capture, build_schedule
 from crowdfence.sources.mission.layout import Part, camera_frame, topic_prefix
 from crowdfence.sources.mission.messages import FrameContent, encode_frame
-from crowdfence.sources.mission.writer import MissionWriter, part_path
+from crowdfence.sources.mission.topic_writer import part_path
+from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.recorded_truth import RecordedPeople
 
 
@@ -180,7 +181,7 @@ def _parts_of(options: FrameOptions) -> frozenset[Part]:
     if options.rgb:
         parts.add("image")
     if options.heatmaps:
-        parts.add("heatmap")
+        parts |= {"heatmap", "heatmap_info"}
     return frozenset(parts)
 
 

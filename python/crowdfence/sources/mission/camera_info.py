@@ -11,18 +11,22 @@ _HALF_PIXEL = 0.5
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 
 
-def camera_info_fields(camera: Camera) -> dict[str, Any]:
-    """The fields of a CameraInfo message apart from its header."""
-    cx, cy = camera.cx - _HALF_PIXEL, camera.cy - _HALF_PIXEL
+def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> dict[str, Any]:
+    """The fields of a CameraInfo message apart from its header; `size` (width, height) is that of a raster
+    over the whole image, None = the image's own."""
+    width, height = size or (camera.width, camera.height)
+    across, down = width / camera.width, height / camera.height
+    fx, fy = camera.fx * across, camera.fy * down
+    cx, cy = camera.cx * across - _HALF_PIXEL, camera.cy * down - _HALF_PIXEL
     fisheye = camera.model == "kannala_brandt"
     return {
-        "height": camera.height,
-        "width": camera.width,
+        "height": height,
+        "width": width,
         "distortion_model": "equidistant" if fisheye else "plumb_bob",
         "d": list(camera.distortion) or [0.0] * 5,
-        "k": [camera.fx, 0.0, cx, 0.0, camera.fy, cy, 0.0, 0.0, 1.0],
+        "k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
         "r": _IDENTITY,
-        "p": [camera.fx, 0.0, cx, 0.0, 0.0, camera.fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        "p": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
     }
 
 

@@ -5,6 +5,7 @@ Per drone, all with the image's stamp in the header and the same number as log t
     /<drone>/camera/image/compressed  sensor_msgs/CompressedImage  JPEG or PNG, bytes untouched
     /<drone>/camera/camera_info       sensor_msgs/CameraInfo       one per frame
     /<drone>/heatmap                  sensor_msgs/Image            mono8 (value / 255) or 32FC1
+    /<drone>/heatmap/camera_info      sensor_msgs/CameraInfo       the camera at the heatmap's size
     /<drone>/truth/regions            sensor_msgs/Image            mono8 or mono16, crowd number, 0 = none
     /<drone>/truth/silhouettes        sensor_msgs/Image            mono8, 255 = a person of a crowd
     /<drone>/truth/depth              sensor_msgs/Image            32FC1, metres along z (REP 118), or NaN
@@ -66,6 +67,7 @@ Part = Literal[
     "image",
     "camera_info",
     "heatmap",
+    "heatmap_info",
     "regions",
     "silhouettes",
     "depth",
@@ -82,6 +84,7 @@ TOPICS: dict[Part, tuple[str, str]] = {
     "image": ("camera/image/compressed", ros2_messages.COMPRESSED_IMAGE),
     "camera_info": ("camera/camera_info", ros2_messages.CAMERA_INFO),
     "heatmap": ("heatmap", ros2_messages.IMAGE),
+    "heatmap_info": ("heatmap/camera_info", ros2_messages.CAMERA_INFO),
     "regions": ("truth/regions", ros2_messages.IMAGE),
     "silhouettes": ("truth/silhouettes", ros2_messages.IMAGE),
     "depth": ("truth/depth", ros2_messages.IMAGE),

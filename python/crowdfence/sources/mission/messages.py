@@ -49,9 +49,11 @@ class FrameContent:
 
 
 def encode_frame(
-    content: FrameContent, camera: Camera, stamp_ns: int, camera_frame: str
+    content: FrameContent, camera: Camera, stamp_ns: int, camera_frame: str, *, depth_images: bool = False
 ) -> dict[Part, bytes]:
     """The CDR messages of one frame by part, in the order in which they are written.
+
+    `depth_images`: depth as an image that viewers draw, never as a PNG of centimetres.
 
     ValueError for pixels that a mission file cannot hold.
     """
@@ -60,12 +62,14 @@ def encode_frame(
         fields["image"] = _compressed(content.image)
     if content.heatmap is not None:
         fields["heatmap"] = _raster(_heatmap_pixels(content.heatmap))
+        size = (fields["heatmap"]["width"], fields["heatmap"]["height"])
+        fields["heatmap_info"] = camera_info_fields(camera, size)
     if content.regions is not None:
         fields["regions"] = _raster(_numbers("crowd numbers", content.regions))
     if content.silhouettes is not None:
         fields["silhouettes"] = _raster(_silhouette_pixels(content.silhouettes))
     if content.depth_m is not None:
-        part, message = _depth(np.asarray(content.depth_m, dtype=np.float32))
+        part, message = _depth(np.asarray(content.depth_m, dtype=np.float32), depth_images)
         fields[part] = message
     if content.segmentation is not None:
         fields["segmentation"] = _raster(_numbers("classes", content.segmentation, 255))
@@ -207,9 +211,9 @@ def depth_in_whole_cm(depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.where(kept, metres, np.float32(np.nan)).astype(np.float32)
 
 
-def _depth(depth_m: NDArray[np.float32]) -> tuple[Part, dict[str, Any]]:
+def _depth(depth_m: NDArray[np.float32], as_image: bool) -> tuple[Part, dict[str, Any]]:
     """Centimetres where that loses nothing: a third of the bytes."""
-    if np.array_equal(depth_in_whole_cm(depth_m), depth_m, equal_nan=True) and depth_m.size:
+    if not as_image and np.array_equal(depth_in_whole_cm(depth_m), depth_m, equal_nan=True) and depth_m.size:
         from PIL import Image
 
         centimetres = np.rint(np.nan_to_num(depth_m) * 100).astype(np.uint16)

@@ -60,6 +60,56 @@ uint32 point_step
 uint32 row_step
 uint8[] data
 bool is_dense"""
+_DURATION = ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec")
+_COMPRESSED_IMAGE = "std_msgs/Header header\nstring format\nuint8[] data"
+_OCCUPANCY_GRID = "std_msgs/Header header\nMapMetaData info\nint8[] data"
+_MAP_META_DATA = (
+    "nav_msgs/MapMetaData",
+    "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\n"
+    "geometry_msgs/Pose origin",
+)
+_COLOR = ("std_msgs/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a")
+_MARKER = (
+    "visualization_msgs/Marker",
+    """\
+int32 ARROW=0
+int32 CUBE=1
+int32 SPHERE=2
+int32 CYLINDER=3
+int32 LINE_STRIP=4
+int32 LINE_LIST=5
+int32 CUBE_LIST=6
+int32 SPHERE_LIST=7
+int32 POINTS=8
+int32 TEXT_VIEW_FACING=9
+int32 MESH_RESOURCE=10
+int32 TRIANGLE_LIST=11
+int32 ADD=0
+int32 MODIFY=0
+int32 DELETE=2
+int32 DELETEALL=3
+std_msgs/Header header
+string ns
+int32 id
+int32 type
+int32 action
+geometry_msgs/Pose pose
+geometry_msgs/Vector3 scale
+std_msgs/ColorRGBA color
+builtin_interfaces/Duration lifetime
+bool frame_locked
+geometry_msgs/Point[] points
+std_msgs/ColorRGBA[] colors
+string texture_resource
+sensor_msgs/CompressedImage texture
+UVCoordinate[] uv_coordinates
+string text
+string mesh_resource
+MeshFile mesh_file
+bool mesh_use_embedded_materials""",
+)
+_UV_COORDINATE = ("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v")
+_MESH_FILE = ("visualization_msgs/MeshFile", "string filename\nuint8[] data")
 
 
 def _definition(text: str, *parts: tuple[str, str]) -> str:
@@ -74,10 +124,12 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
+OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 
 DEFINITIONS = {
     IMAGE: _definition(_IMAGE, _HEADER, _TIME),
-    COMPRESSED_IMAGE: _definition("std_msgs/Header header\nstring format\nuint8[] data", _HEADER, _TIME),
+    COMPRESSED_IMAGE: _definition(_COMPRESSED_IMAGE, _HEADER, _TIME),
     CAMERA_INFO: _definition(_CAMERA_INFO, _REGION, _HEADER, _TIME),
     POSE_STAMPED: _definition(
         "std_msgs/Header header\nPose pose", _POSE, _POINT, _QUATERNION, _HEADER, _TIME
@@ -94,6 +146,22 @@ DEFINITIONS = {
     POINT_CLOUD2: _definition(_POINT_CLOUD2, _POINT_FIELD, _HEADER, _TIME),
     TIME_REFERENCE: _definition(
         "std_msgs/Header header\nbuiltin_interfaces/Time time_ref\nstring source", _HEADER, _TIME
+    ),
+    OCCUPANCY_GRID: _definition(_OCCUPANCY_GRID, _MAP_META_DATA, _POSE, _POINT, _QUATERNION, _HEADER, _TIME),
+    MARKER_ARRAY: _definition(
+        "Marker[] markers",
+        _MARKER,
+        _UV_COORDINATE,
+        _MESH_FILE,
+        ("sensor_msgs/CompressedImage", _COMPRESSED_IMAGE),
+        _COLOR,
+        _POSE,
+        _POINT,
+        _QUATERNION,
+        _VECTOR3,
+        _DURATION,
+        _HEADER,
+        _TIME,
     ),
 }
 

@@ -1,17 +1,13 @@
 """Writes the native mission file frame by frame. `layout` describes it."""
 
-import contextlib
 import json
 import os
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
-from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import Writer
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
@@ -33,20 +29,17 @@ from crowdfence.sources.mission.layout import (
     topic_prefix,
 )
 from crowdfence.sources.mission.messages import FrameContent, encode_frame, encode_people, pose_fields
+from crowdfence.sources.mission.topic_writer import TopicWriter
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
-CHUNK_BYTES = 2**20
-"""A chunk is written when it holds this much; a kill loses the one at hand."""
 
-
-class MissionWriter:
+class MissionWriter(TopicWriter):
     """Writes a mission file; a context manager.
 
-    The file grows as `<path>.part` and takes its name when the writer is closed, so that no half-written file
-    ever carries it. After an error inside the `with` block the partial file is removed; after a power cut it
-    stays, and `open_recording` reads what is in it.
+    After an error inside the `with` block the partial file is removed; after a power cut it stays, and
+    `open_recording` reads what is in it.
 
     Poses and frames may come in any order between drones, but the stamps of one drone's poses, and of its
     frames, must increase: ValueError otherwise, and for stamps outside [0, LAST_STAMP_NS]. Of frames that are
@@ -60,20 +53,17 @@ class MissionWriter:
         georeference: Georeference | None = None,
         terrain: str | PathLike[str] | None = None,
         source: str = "",
+        depth_images: bool = False,
     ) -> None:
-        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file."""
-        self.path = Path(path)
-        description = _description(self.path, georeference, terrain, source)
-        self._part_path = part_path(self.path)
-        self._file = self._part_path.open("wb")
-        self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES)
-        self._mcap.start(profile=Profile.ROS2, library="crowdfence")
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file;
+        `depth_images`: depth as images that viewers draw, where PNG would be a third of the bytes."""
+        description = _description(Path(path), georeference, terrain, source)
+        super().__init__(path)
+        self._depth_images = depth_images
         self._prefixes: dict[str, str] = {}
         self._cameras: dict[str, Camera] = {}
         self._last_stamp_ns: dict[tuple[str, str], int] = {}
-        self._mcap.add_metadata(METADATA, description)
+        self.add_metadata(METADATA, description)
 
     def add_camera(self, drone: str, camera: Camera) -> None:
         """Intrinsics of the drone's frames from now on."""
@@ -126,7 +116,8 @@ class MissionWriter:
             people,
         )
         # Nothing may be written of a frame that cannot be, not even its drone.
-        parts = encode_frame(content, self._cameras[drone], stamp_ns, self._next_camera_frame(drone))
+        frame = self._next_camera_frame(drone)
+        parts = encode_frame(content, self._cameras[drone], stamp_ns, frame, depth_images=self._depth_images)
         self.add_encoded_frame(drone, stamp_ns, parts)
 
     def add_encoded_frame(
@@ -153,11 +144,11 @@ class MissionWriter:
 
     def add_simulation(self, manifest: Mapping[str, Any]) -> None:
         """What a simulation was made from, ready for JSON; goes before its first message."""
-        self._mcap.add_metadata(METADATA_SIMULATION, {"manifest": json.dumps(manifest)})
+        self.add_metadata(METADATA_SIMULATION, {"manifest": json.dumps(manifest)})
 
     def add_statistics(self, statistics: Mapping[str, Any]) -> None:
         """What came out of a simulation, ready for JSON; goes behind its last message."""
-        self._mcap.add_metadata(METADATA_STATISTICS, {"statistics": json.dumps(statistics)})
+        self.add_metadata(METADATA_STATISTICS, {"statistics": json.dumps(statistics)})
 
     def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
         """Frames that the source of this mission had but could not pass on; readers report them again."""
@@ -165,47 +156,11 @@ class MissionWriter:
             {"drone": frame.drone, "stamp_ns": frame.stamp_ns, "reason": frame.reason} for frame in refused
         ]
         if rows:
-            self._mcap.add_metadata(METADATA_REFUSED, {"frames": json.dumps(rows)})
+            self.add_metadata(METADATA_REFUSED, {"frames": json.dumps(rows)})
 
     def add_drone(self, drone: str) -> None:
         """Announce a drone of the fleet. Its first pose or frame does the same."""
         self._prefix(drone)
-
-    def close(self) -> None:
-        """Finish the file and give it its name. Closing twice is harmless."""
-        if self._file.closed:
-            return
-        self._mcap.finish()
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        os.replace(self._part_path, self.path)
-
-    def abandon(self) -> None:
-        """Stop writing and leave the partial file, which `open_recording` reads as far as it goes."""
-        with contextlib.suppress(OSError):
-            self._file.close()
-
-    def discard(self) -> None:
-        """Stop writing and remove the partial file."""
-        # Closing flushes, which fails again on a full disk; the file is removed anyway.
-        self.abandon()
-        self._part_path.unlink(missing_ok=True)
-
-    def __enter__(self) -> "MissionWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            self.discard()
-            return
-        try:
-            self.close()
-        except BaseException:
-            self.discard()
-            raise
 
     def _advance(self, drone: str, what: str, stamp_ns: int, *, at_once: bool = False) -> None:
         if not 0 <= stamp_ns <= LAST_STAMP_NS:
@@ -221,37 +176,12 @@ class MissionWriter:
         if drone not in self._prefixes:
             prefix = topic_prefix(drone, set(self._prefixes.values()))
             self._prefixes[drone] = prefix
-            self._mcap.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
+            self.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
         return self._prefixes[drone]
 
     def _next_camera_frame(self, drone: str) -> str:
         prefix = self._prefixes.get(drone) or topic_prefix(drone, set(self._prefixes.values()))
         return camera_frame(prefix)
-
-    def _write(
-        self, name: str, message_type: str, message: bytes, log_time_ns: int, stamp_ns: int | None = None
-    ) -> None:
-        published_ns = log_time_ns if stamp_ns is None else stamp_ns
-        self._mcap.add_message(
-            self._channel(name, message_type), log_time=log_time_ns, data=message, publish_time=published_ns
-        )
-
-    def _channel(self, name: str, message_type: str) -> int:
-        if message_type not in self._schemas:
-            definition = ros2_messages.DEFINITIONS[message_type].encode()
-            self._schemas[message_type] = self._mcap.register_schema(
-                message_type, SchemaEncoding.ROS2, definition
-            )
-        if name not in self._channels:
-            self._channels[name] = self._mcap.register_channel(
-                name, MessageEncoding.CDR, self._schemas[message_type]
-            )
-        return self._channels[name]
-
-
-def part_path(path: Path) -> Path:
-    """Where a mission file grows until it is closed."""
-    return path.with_name(path.name + ".part")
 
 
 def _description(
