@@ -8,22 +8,25 @@ from typing import Annotated
 import typer
 
 from crowdfence.atomic_file import writable_file
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 
 
 def convert(
+    context: typer.Context,
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
-    from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert as write_mission
 
     with writable_file(output):
         _require_place(output, recording, force)
-        source = open_recording(recording)
+        source = source_options.open_source(recording, context.params)
         with console.progress("converting", len(source.frames), "frames") as advance:
             conversion = write_mission(source, output, progress=lambda done, total: advance())
     if as_json:
