@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdfence.atomic_file import writable_file
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 def convert(
+    context: typer.Context,
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
     results: Annotated[
@@ -34,16 +35,18 @@ def convert(
             "centimetres where that loses nothing, a third of the bytes.",
         ),
     ] = False,
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
-    from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert as write_mission
 
     with writable_file(output):
         _require_place(output, recording, force)
-        source = open_recording(recording)
+        source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
         with console.progress("converting", len(source.frames), "frames") as advance:
             conversion = write_mission(

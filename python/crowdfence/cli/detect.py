@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.atomic_file import writable_file, writable_folder
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 from crowdfence.detector.shipped import SHIPPED_MODEL
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ MOST_REASONS_SHOWN = 12
 
 
 def detect(
+    context: typer.Context,
     source: Annotated[
         Path, typer.Argument(help="Video, picture, folder of pictures, or recording (every drone of it).")
     ],
@@ -62,12 +63,15 @@ def detect(
     terrain: options.TerrainPath = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
     from crowdfence.pipeline import named_detector
-    from crowdfence.sources import is_recording, open_recording
+    from crowdfence.sources import is_recording
 
     names = models or [SHIPPED_MODEL]
     if contract is not None and len(names) > 1:
@@ -82,7 +86,7 @@ def detect(
         raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
     _require_place(output, source, force)
     with writable_file(output):
-        recording = open_recording(source)
+        recording = source_options.open_source(source, context.params)
         detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         _detect_recording(recording, detector, terrain, map_options, output, every, bool(video), as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 from crowdfence.cli.options import DEFAULT, EVIDENCE, OR, PAPER
 from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig
 
@@ -30,6 +30,9 @@ def evaluate(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
@@ -85,9 +88,8 @@ def evaluate(
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, open_terrain
-    from crowdfence.sources import open_recording
 
-    source = open_recording(recording)
+    source = source_options.open_source(recording, context.params)
     chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.atomic_file import writable_file
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 from crowdfence.inspection import InspectionOptions
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ DEFAULT = InspectionOptions()
 
 
 def inspect(
+    context: typer.Context,
     file: Annotated[
         Path, typer.Argument(help="Map, recording (.mcap or folder) or saved crowd map (.crowdmap).")
     ],
@@ -37,6 +39,9 @@ def inspect(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[
@@ -78,12 +83,13 @@ def inspect(
                 quick=quick,
                 check_pixels=check_pixels,
                 terrain_options=map_options,
+                source_options=source_options.given(context.params),
             ),
             tell=tell,
         )
         if picture is not None:
             tell("drawing the contact sheet")
-            _write_picture(picture, report, terrain, map_options, tolerance_ms)
+            _write_picture(picture, report, terrain, map_options, tolerance_ms, context.params)
     if as_json:
         console.print_json(asdict(report))
     elif isinstance(report, MapReport):
@@ -106,15 +112,15 @@ def _write_picture(
     terrain_path: Path | None,
     terrain_options: dict[str, Any],
     tolerance_ms: float,
+    parameters: Mapping[str, Any],
 ) -> None:
     from crowdfence.exports.contact_sheet import write_contact_sheet
     from crowdfence.inspection.recording import RecordingReport
     from crowdfence.pipeline import open_terrain
-    from crowdfence.sources import open_recording
 
     if not isinstance(report, RecordingReport):
         raise ValueError(f"--picture goes with recordings; {report.path} is not one")
-    recording = open_recording(report.path)
+    recording = source_options.open_source(Path(report.path), parameters)
     terrain = None
     if terrain_path is not None or recording.terrain is not None:
         terrain = open_terrain(recording, terrain_path, **terrain_options)

@@ -98,7 +98,10 @@ class EnlargeChoice(str, Enum):
 AUTO = ["auto"]
 
 RecordingPath = Annotated[
-    Path, typer.Argument(help="Mission file (.mcap), AirSim recording folder, or folder with poses.csv.")
+    Path,
+    typer.Argument(
+        help="Mission file (.mcap), ROS bag, AirSim recording, folder with poses.csv (docs/recordings.md)."
+    ),
 ]
 TerrainPath = Annotated[
     Path | None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.atomic_folder import replaceable_folder
-from crowdfence.cli import console, options
+from crowdfence.cli import console, options, source_options
 from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
 from crowdfence.config import RunConfig
 
@@ -39,6 +39,9 @@ def run(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
+    topics: source_options.Topics = None,
+    mount: source_options.Mount = None,
+    calibration: source_options.Calibration = None,
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
@@ -91,11 +94,10 @@ def run(
     )
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.results import chosen_files
-    from crowdfence.sources import open_recording
 
     wanted = chosen_files(None if files is None else files.split(","))
     with result_folder(output, force=force):
-        source = open_recording(recording)
+        source = source_options.open_source(recording, context.params)
         chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
         ground = read_map(source, terrain, **map_options)
         fuse_and_report(

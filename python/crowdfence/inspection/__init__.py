@@ -55,7 +55,7 @@ def inspect_file(
 def _kind(path: Path) -> str:
     from crowdfence.inspection.crowd_map import MAGIC as CROWD_MAP_MAGIC
     from crowdfence.maps import SUFFIXES
-    from crowdfence.sources.mission.layout import MAGIC as MCAP_MAGIC
+    from crowdfence.sources import KINDS, is_recording
 
     path.stat()  # FileNotFoundError and PermissionError name the file
     if path.is_dir():
@@ -67,9 +67,9 @@ def _kind(path: Path) -> str:
         head = file.read(8)
     if suffix == ".crowdmap" or head == CROWD_MAP_MAGIC:
         return "crowd map"
-    if suffix == ".mcap" or head == MCAP_MAGIC:
+    if is_recording(path):
         return "recording"
     raise ValueError(
-        f"{path} is none of: a map ({' '.join(SUFFIXES)}), a recording (.mcap, or a folder with "
-        "airsim_rec.txt or poses.csv), a saved crowd map (.crowdmap)"
+        f"{path} is none of: a map ({' '.join(SUFFIXES)}), a recording ({KINDS}), a saved crowd map "
+        "(.crowdmap)"
     )

@@ -23,6 +23,8 @@ class InspectionOptions:
     """Read the heatmap, image and truth of every frame; what cannot be read is reported as damaged."""
     terrain_options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the map's reader, see `crowdfence.maps.open_terrain`."""
+    source_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the recording's reader, see `crowdfence.open_recording`."""
 
     def __post_init__(self) -> None:
         if not (0.0 < self.max_range_m < float("inf")):

@@ -98,7 +98,7 @@ class RecordingReport:
 
     path: str
     kind: str
-    """mission, airsim or folder"""
+    """mission, airsim, folder, ROS 1 bag ..."""
     name: str
     frames: int
     first_frame: str | None
@@ -127,7 +127,7 @@ def inspect_recording(
     from crowdfence.sources import open_recording
 
     tell(f"reading {path.name}")
-    recording = open_recording(path)
+    recording = open_recording(path, **options.source_options)
     instants = list(recording.instants(options.tolerance_ms))
     terrain, below = _open_terrain(recording, terrain_path, options, tell)
     damaged = group_trouble(check_pixels(recording.frames, tell)) if options.check_pixels else None

@@ -4,7 +4,6 @@ AirSim: north-east-down from the vehicle's own start, body and camera axes forwa
 Ours: east-north-up from the world's origin, camera axes right-down-forward.
 """
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.sources.airsim.settings import Mount
+from crowdfence.sources.axes import enu_from_ned, optical_quaternions_enu
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
-
-# north, east, down -> east, north, up: half a turn about the horizontal axis half way between north and east.
-_ENU_FROM_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
-# right, down, forward -> forward, right, down: a third of a turn about the diagonal.
-_FORWARD_RIGHT_DOWN_FROM_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
 
 _POSITION = ("position_x", "position_y", "position_z")
 _ATTITUDE = ("q_w", "q_x", "q_y", "q_z")
@@ -44,16 +39,6 @@ def camera_positions_enu(
     turn = rotation_matrix(body_quaternion)
     ned = start_ned + np.asarray(body_position_ned, dtype=np.float64) + turn @ mount.position
     return enu_from_ned(ned)
-
-
-def enu_from_ned(ned: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(north, east, down) -> (east, north, up)."""
-    return np.stack([ned[..., 1], ned[..., 0], -ned[..., 2]], axis=-1)
-
-
-def optical_quaternions_enu(camera_quaternion_ned: ArrayLike) -> NDArray[np.float64]:
-    """Camera axes forward-right-down in NED [N, 4] -> right-down-forward in ENU [N, 4]."""
-    return multiply(multiply(_ENU_FROM_NED, camera_quaternion_ned), _FORWARD_RIGHT_DOWN_FROM_OPTICAL)
 
 
 def compose(

@@ -49,6 +49,10 @@ from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 
+class NoMissionError(ValueError):
+    """An MCAP file without any of our topics."""
+
+
 def read_mission(path: Path, limits: Limits) -> Recording:
     """Open a mission file.
 
@@ -197,7 +201,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
     warnings = [f"damaged file: {sentence}" for sentence in mcap.damage] + content.warnings
     if not content.drones:
         lost = "".join(f"\n  {sentence}" for sentence in warnings)
-        raise ValueError(
+        raise NoMissionError(
             f"{mcap.path} holds no mission: no topic like /<drone>/heatmap or /<drone>/camera/pose{lost}"
         )
     if content.description is None:

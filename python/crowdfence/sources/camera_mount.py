@@ -1,0 +1,67 @@
+"""How a camera hangs on its drone, where nothing recorded it: what the pilot says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply, rotation_matrix
+
+MountKind = Literal["body", "level", "north"]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """Where the camera looks.
+
+    body    turned against the drone, fixed to it: it banks with the drone
+    level   on a stabilised gimbal that follows the drone's heading: pitch and roll against the horizon
+    north   yaw against true north, pitch and roll against the horizon: the same in the whole flight
+
+    Degrees; pitch -90 is straight down, yaw is clockwise from above, roll is right side down. ValueError for
+    angles that are not finite.
+    """
+
+    kind: MountKind
+    pitch_deg: float
+    yaw_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(angle) for angle in (self.pitch_deg, self.yaw_deg, self.roll_deg)):
+            raise ValueError(f"mount angles must be finite, got {self}")
+
+    @classmethod
+    def parse(cls, text: str) -> CameraMount:
+        """From KIND:PITCH[,YAW[,ROLL]], such as level:-60."""
+        kind, _, angles = text.partition(":")
+        try:
+            values = [float(angle) for angle in angles.split(",")]
+        except ValueError:
+            values = []
+        if kind not in get_args(MountKind) or not 1 <= len(values) <= 3:
+            raise ValueError(
+                f"mount {text!r} must be body|level|north:PITCH[,YAW[,ROLL]] in degrees, such as level:-60"
+            )
+        return cls(cast(MountKind, kind), *values)
+
+    @property
+    def needs_body(self) -> bool:
+        """Whether the drone's own attitude must be known."""
+        return self.kind != "north"
+
+    def camera_quaternions_ned(self, body_quaternions_ned: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Body attitudes [N, 4] -> camera attitudes [N, 4], both forward-right-down in north-east-down."""
+        turn = from_yaw_pitch_roll_deg(self.yaw_deg, self.pitch_deg, self.roll_deg)
+        if self.kind == "body":
+            return multiply(body_quaternions_ned, turn)
+        if self.kind == "north":
+            return np.broadcast_to(turn, body_quaternions_ned.shape).copy()
+        forward = rotation_matrix(body_quaternions_ned)[..., 0]
+        heading = np.arctan2(forward[..., 1], forward[..., 0]) / 2
+        zero = np.zeros_like(heading)
+        return multiply(np.stack([np.cos(heading), zero, zero, np.sin(heading)], axis=-1), turn)

@@ -1,0 +1,104 @@
+"""Calibration files -> `Camera`: OpenCV, ROS camera_info and kalibr camchain, all YAML.
+
+All of them count pixels with the centre of the first one at (0, 0), ours is at (0.5, 0.5): half a pixel is
+added to cx and cy. A camchain of several cameras is named with its camera: camchain.yaml:cam1.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from crowdfence._core import Camera
+
+_HALF_PIXEL = 0.5
+_LARGEST_BYTES = 1 << 20
+_RADIAL = {"plumb_bob", "radtan", "rational_polynomial", "brown_conrady", ""}
+_FISHEYE = {"equidistant", "fisheye", "kannala_brandt"}
+
+
+def read_calibration(path: Path) -> Camera:
+    """ValueError names what is missing, or a distortion model that is none of plumb_bob (radtan) and
+    equidistant."""
+    path, camera = _named_camera(path)
+    content = _load(path)
+    try:
+        return _camera(content, camera)
+    except KeyError as error:
+        raise ValueError(
+            f"{path} is no calibration: no {error.args[0]} (OpenCV camera_matrix and image_width, ROS "
+            "camera_info, or kalibr camchain)"
+        ) from error
+    except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{path} cannot be used as a calibration: {error}") from error
+
+
+def _named_camera(path: Path) -> tuple[Path, str | None]:
+    stem, colon, camera = path.name.rpartition(":")
+    return (path.with_name(stem), camera) if colon and not path.exists() else (path, None)
+
+
+def _load(path: Path) -> dict[str, Any]:
+    import yaml
+
+    if path.stat().st_size > _LARGEST_BYTES:
+        raise ValueError(f"{path} has {path.stat().st_size} bytes, too many for a calibration")
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    # OpenCV writes a directive and tags that YAML parsers do not know.
+    text = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())[:200]}") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{path} is no calibration: a table of names is expected")
+    return content
+
+
+def _camera(content: dict[str, Any], camera: str | None) -> Camera:
+    cameras = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
+    if cameras:
+        if camera is not None and camera not in cameras:
+            raise ValueError(f"no camera {camera!r}; it has {', '.join(cameras)}")
+        return _of_kalibr(content[camera or cameras[0]])
+    matrix = _matrix(content["camera_matrix"] if "camera_matrix" in content else content["Camera_Matrix"])
+    width = int(content.get("image_width") or content["image_Width"])
+    height = int(content.get("image_height") or content["image_Height"])
+    model = str(content.get("distortion_model", ""))
+    names = ("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs")
+    coefficients = next((_matrix(content[name]) for name in names if name in content), [])
+    if len(matrix) != 9:
+        raise ValueError(f"camera_matrix has {len(matrix)} values, expected 9")
+    return _of(width, height, matrix[0], matrix[4], matrix[2], matrix[5], model, coefficients)
+
+
+def _of_kalibr(entry: dict[str, Any]) -> Camera:
+    if entry["camera_model"] != "pinhole":
+        raise ValueError(f"camera_model {entry['camera_model']!r} is not supported (pinhole)")
+    fx, fy, cx, cy = (float(value) for value in entry["intrinsics"])
+    width, height = (int(value) for value in entry["resolution"])
+    model = str(entry.get("distortion_model", ""))
+    return _of(width, height, fx, fy, cx, cy, "" if model == "none" else model, entry["distortion_coeffs"])
+
+
+def _of(
+    width: int, height: int, fx: float, fy: float, cx: float, cy: float, model: str, coefficients: Any
+) -> Camera:
+    values = [float(value) for value in coefficients]
+    cx, cy = cx + _HALF_PIXEL, cy + _HALF_PIXEL
+    if model in _FISHEYE:
+        return Camera.fisheye(width, height, fx, fy, cx, cy, (values + [0.0] * 4)[:4])
+    if model not in _RADIAL:
+        raise ValueError(f"distortion model {model!r} is not supported (plumb_bob, radtan, equidistant)")
+    if any(values[5:]):
+        raise ValueError(f"{len(values)} distortion coefficients: only k1, k2, p1, p2, k3 are supported")
+    radial = (values + [0.0] * 5)[:5]
+    return Camera.pinhole(width, height, fx, fy, cx, cy, radial if any(radial) else None)
+
+
+def _matrix(entry: Any) -> list[float]:
+    """A matrix as OpenCV and ROS write it, or as nested lists."""
+    values = entry["data"] if isinstance(entry, dict) else entry
+    flat = [value for row in values for value in (row if isinstance(row, list) else [row])]
+    return [float(value) for value in flat]

@@ -1,0 +1,413 @@
+"""Reads bags of ROS 1 and 2, and MCAP files with topics of others: camera, intrinsics, pose of each drone.
+
+The pose comes from the first of these that the bag has for a drone, and `Recording.warnings` say which:
+
+    camera_pose   the camera's optical frame itself
+    pose          the drone's body, with the camera on it from tf, or as the user says (`mount`)
+    tf            the frames from the world down to the one that the pictures name
+    fix, imu      satellite position and attitude of the body, with the camera on it as for `pose`
+
+Worlds are east-north-up (REP 103), bodies forward-left-up, cameras as in REP 104. Messages are timed by the
+stamps of their headers. Pixels are fetched from the bag when asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.mission.camera_info import camera_from_info
+from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.recording import PixelSources, Recording
+from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of, open_bag
+from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
+from crowdfence.sources.ros_bag.topic_choice import (
+    COMPRESSED,
+    FIX,
+    ODOMETRY,
+    POSE_WITH_COVARIANCE,
+    TRANSFORM,
+    DroneTopics,
+    guessed_topics,
+    stated_topics,
+    topic_list,
+)
+from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, TransformTree, composed
+
+_BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
+"""Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
+_NO_FIX = -1
+
+
+@dataclass(frozen=True, slots=True)
+class BagOptions:
+    """What a bag does not say about itself."""
+
+    topics: Sequence[str] = ()
+    """Per drone `camera=...,info=...,pose=...` (`topic_choice.ROLES`); empty: by types and names."""
+    mount: CameraMount | None = None
+    """How the camera hangs on the drone, where no tf says it."""
+    calibration: Camera | None = None
+    """Intrinsics for all cameras, instead of those in the bag."""
+
+
+def read_bag(path: Path, limits: Limits, options: BagOptions) -> Recording:
+    """Open a bag. ValueError when it is damaged, names of `topics` are wrong, or no camera with a pose is in
+    it; the message then lists the topics that are there."""
+    bag = open_bag(path)
+    topics = bag.topics()
+    stated = stated_topics(options.topics, topics)
+    chosen = stated or guessed_topics(topics)
+    if not chosen:
+        raise ValueError(
+            f"{path} holds no camera with a pose that can be told by itself; name them with --topics "
+            f"camera=...,info=...,pose=... from {topic_list(topics)}"
+        )
+    content = _Content(bag, chosen)
+    reader = _Reader(bag, chosen, content, limits, options, guessed=not stated)
+    return reader.recording()
+
+
+@dataclass(slots=True)
+class _Rows:
+    """Poses or attitudes of one topic in the order of recording."""
+
+    stamps_ns: list[int] = field(default_factory=list)
+    positions: list[list[float]] = field(default_factory=list)
+    quaternions: list[list[float]] = field(default_factory=list)
+    child_frame: str = ""
+
+    def track(self) -> tuple[PoseTrack, list[str]]:
+        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)
+
+
+class _Content:
+    """What one pass over the chosen topics meets."""
+
+    def __init__(self, bag: Bag, chosen: Sequence[DroneTopics]) -> None:
+        self.bag = bag
+        self.types = {name: topic.type for name, topic in bag.topics().items()}
+        self.tree = TransformTree()
+        self.rows: dict[str, _Rows] = {}
+        self.fixes: dict[str, list[tuple[int, float, float, float]]] = {}
+        """Stamp, latitude, longitude, ellipsoidal height by topic."""
+        self.cameras: dict[str, dict[int, Camera | str]] = {}
+        self.pictures: dict[str, dict[int, BagMessage]] = {}
+        """Messages without their data, by topic and stamp."""
+        self.repeated: dict[str, list[int]] = {}
+        self.frames: dict[str, str] = {}
+        """Frame that the messages of a topic name."""
+        self.faulty: dict[str, list[str]] = {}
+        self._known: dict[bytes, Camera | str] = {}
+        pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
+        static = [name for name in self.types if name.endswith("/tf_static")]
+        wanted = {
+            name
+            for one in chosen
+            for name in (one.info, one.camera_pose, one.pose, one.tf, one.fix, one.imu, one.origin)
+            if name
+        }
+        for message in bag.messages([*pixels, *wanted, *static]):
+            try:
+                if message.topic in pixels:
+                    self._take_picture(message)
+                else:
+                    self._take(message)
+            except (ValueError, AttributeError) as error:
+                self.faulty.setdefault(message.topic, []).append(str(error))
+
+    def _take_picture(self, message: BagMessage) -> None:
+        header = header_of(message.data, ros1=self.bag.ros1)
+        self.frames.setdefault(message.topic, header.frame)
+        place = BagMessage(message.topic, message.log_ns, b"", message.place)
+        taken = self.pictures.setdefault(message.topic, {})
+        if taken.setdefault(header.stamp_ns, place) is not place:
+            self.repeated.setdefault(message.topic, []).append(header.stamp_ns)
+
+    def _take(self, message: BagMessage) -> None:
+        kind = self.types[message.topic]
+        if kind.endswith("CameraInfo"):
+            self._take_info(message)
+            return
+        found = decode(message.data, kind, ros1=self.bag.ros1)
+        if hasattr(found, "transforms"):
+            for transform in found.transforms:
+                self.tree.add(transform, fixed=message.topic.endswith("_static"))
+            return
+        stamp = found.header.stamp
+        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+        self.frames.setdefault(message.topic, found.header.frame_id.lstrip("/"))
+        if kind == FIX:
+            if found.status.status > _NO_FIX:
+                place = (float(found.latitude), float(found.longitude), float(found.altitude))
+                self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
+        elif kind.endswith("GeoPointStamped"):
+            at = found.position
+            self.fixes.setdefault(message.topic, []).append(
+                (stamp_ns, float(at.latitude), float(at.longitude), float(at.altitude))
+            )
+        else:
+            self._take_pose(message.topic, kind, stamp_ns, found)
+
+    def _take_pose(self, topic: str, kind: str, stamp_ns: int, found: Any) -> None:
+        rows = self.rows.setdefault(topic, _Rows())
+        rows.child_frame = getattr(found, "child_frame_id", "").lstrip("/") or rows.child_frame
+        if kind.endswith("Imu"):
+            position, turn = SimpleNamespace(x=0.0, y=0.0, z=0.0), found.orientation
+        elif kind == TRANSFORM:
+            position, turn = found.transform.translation, found.transform.rotation
+        else:
+            pose = found.pose.pose if kind in (ODOMETRY, POSE_WITH_COVARIANCE) else found.pose
+            position, turn = pose.position, pose.orientation
+        rows.stamps_ns.append(stamp_ns)
+        rows.positions.append([position.x, position.y, position.z])
+        rows.quaternions.append([turn.w, turn.x, turn.y, turn.z])
+
+    def _take_info(self, message: BagMessage) -> None:
+        header = header_of(message.data, ros1=self.bag.ros1)
+        key = message.data[12:]
+        if key not in self._known:
+            try:
+                info = decode(message.data, self.types[message.topic], ros1=self.bag.ros1)
+                self._known[key] = camera_from_info(_as_ros2(info))
+            except ValueError as error:
+                self._known[key] = f"its camera_info cannot be used: {error}"
+        self.cameras.setdefault(message.topic, {})[header.stamp_ns] = self._known[key]
+
+
+@dataclass(slots=True)
+class _Reader:
+    bag: Bag
+    chosen: list[DroneTopics]
+    content: _Content
+    limits: Limits
+    options: BagOptions
+    guessed: bool
+    anchor: Georeference | None = None
+    warnings: list[str] = field(default_factory=list)
+    poses_from: dict[str, str] = field(default_factory=dict)
+
+    def recording(self) -> Recording:
+        chosen = self.chosen
+        self.warnings += [f"damaged bag: {sentence}" for sentence in self.bag.damage]
+        for topic, faults in self.content.faulty.items():
+            self.warnings.append(f"{topic}: {len(faults)} messages are left out, the first: {faults[0]}")
+        self._require_pictures()
+        tracks = {one.drone: self._track(one) for one in chosen}
+        unplaced = {one.drone: self._unplaced(one) for one in chosen}
+        for one in chosen:
+            how = "taken by types and names" if self.guessed else "as stated"
+            self.warnings.append(f"topics {how}: {one}; pose from {self.poses_from[one.drone]}")
+        self.warnings += self.content.tree.warnings[:4]
+        frames, refused = place_cameras(unplaced, tracks, self.limits)
+        return Recording(
+            name=self.bag.path.resolve().stem,
+            drones=tuple(sorted(tracks)),
+            frames=frames,
+            georeference=self.anchor,
+            terrain=None,
+            refused=tuple(refused),
+            warnings=tuple(self.warnings),
+            manifest={
+                "kind": "ROS 1 bag" if self.bag.ros1 else "ROS 2 bag",
+                "path": str(self.bag.path),
+                "topics": [str(one) for one in chosen],
+            },
+            pose_tracks=tracks,
+        )
+
+    def _require_pictures(self) -> None:
+        pictures = self.content.pictures
+        for one in self.chosen:
+            if not any(pictures.get(name or "") for name in (one.camera, one.heatmap)):
+                why = f"; {self.warnings[0]}" if self.warnings else ""
+                raise ValueError(
+                    f"{self.bag.path}: no picture of {one.drone!r} on {one.camera or one.heatmap}{why}"
+                )
+
+    # --- where the camera was ---
+
+    def _track(self, one: DroneTopics) -> PoseTrack:
+        frame = self._frame(one)
+        if one.camera_pose:
+            return self._moved_to_anchor(one, self._rows(one.drone, one.camera_pose), f"{one.camera_pose}")
+        tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
+        if one.tf and tree_reaches and (self.guessed or not one.pose):
+            segments = self.content.tree.segments(self.content.tree.path(frame))
+            root = self.content.tree.root(frame)
+            track = composed(segments, self.limits.max_pose_gap_s)
+            return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")
+        if one.pose:
+            body = self._rows(one.drone, one.pose)
+            child = self.content.rows[one.pose].child_frame if one.pose in self.content.rows else ""
+            track = self._on_body(one, body, frame, child or BODY_FRAME)
+            return self._moved_to_anchor(one, track, f"{one.pose}{self._how(frame, child or BODY_FRAME)}")
+        if one.fix and one.imu:
+            body = self._satellite_track(one.fix, one.imu)
+            self.poses_from[one.drone] = f"{one.fix} and {one.imu}{self._how(frame, BODY_FRAME)}"
+            return self._on_body(one, body, frame, BODY_FRAME)
+        raise ValueError(
+            f"{self.bag.path}: no pose of {one.drone!r}: name camera_pose=, pose=, tf= or fix= and imu= with "
+            f"--topics; the bag has {topic_list(self.bag.topics())}"
+        )
+
+    def _frame(self, one: DroneTopics) -> str:
+        """The camera's optical frame, as its pictures or its intrinsics name it."""
+        frames = self.content.frames
+        return frames.get(one.camera or "") or frames.get(one.info or "") or ""
+
+    def _rows(self, drone: str, topic: str) -> PoseTrack:
+        track, remarks = self.content.rows.get(topic, _Rows()).track()
+        self.warnings += [f"{drone}: {topic}: {remark}" for remark in remarks]
+        return track
+
+    def _on_body(self, one: DroneTopics, body: PoseTrack, frame: str, body_frame: str) -> PoseTrack:
+        """The camera on a body, forward-left-up in ENU: by the user's word, or by tf."""
+        mount, tree = self.options.mount, self.content.tree
+        if mount is not None:
+            attitudes = mount.camera_quaternions_ned(body_quaternions_ned(body.quaternions))
+            return PoseTrack(body.stamps_ns, body.positions, optical_quaternions_enu(attitudes))
+        path = tree.path(frame, above=body_frame)
+        if not path:
+            raise ValueError(
+                f"{self.bag.path}: nothing says how the camera of {one.drone!r} hangs on the drone: no tf "
+                f"from {body_frame} to {frame or '(no frame)'}. Say it with --mount, such as level:-60, or "
+                "name the pose of the camera itself as camera_pose= in --topics"
+            )
+        segments: list[Segment] = [body, *tree.segments(path)]
+        return composed(segments, self.limits.max_pose_gap_s)
+
+    def _how(self, frame: str, body_frame: str) -> str:
+        mount = self.options.mount
+        if mount is None:
+            return f" with tf from {body_frame} to {frame}"
+        return f" with the camera at {mount.kind}:{mount.pitch_deg:g},{mount.yaw_deg:g},{mount.roll_deg:g}"
+
+    def _satellite_track(self, fix: str, imu: str) -> PoseTrack:
+        fixes = np.array(self.content.fixes.get(fix, []), np.float64).reshape(-1, 4)
+        stamps = [stamp for stamp, *_ in self.content.fixes.get(fix, [])]
+        if not stamps:
+            raise ValueError(f"{self.bag.path}: {fix} never has a position")
+        if self.anchor is None:
+            self.anchor = Georeference(*fixes[0, 1:])
+        positions = self.anchor.local_from_geodetic(*fixes[:, 1:].T)
+        level = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
+        place, _ = track_from_rows(stamps, positions, level)
+        turn, remarks = self.content.rows.get(imu, _Rows()).track()
+        self.warnings += [f"{imu}: {remark}" for remark in remarks]
+        gap_s = max(self.limits.max_pose_gap_s, _longest_usual_gap_s(stamps))
+        return composed([place, turn], gap_s)
+
+    # --- where on Earth ---
+
+    def _moved_to_anchor(self, one: DroneTopics, track: PoseTrack, poses_from: str) -> PoseTrack:
+        """Local poses with the origin of their frame as far as the bag says it; the first one is the anchor
+        of all."""
+        self.poses_from[one.drone] = poses_from
+        origin = self._origin(one, track)
+        if origin is None:
+            return track
+        if self.anchor is None:
+            self.anchor = origin
+        if self.anchor == origin:
+            return track
+        place = (origin.latitude_deg, origin.longitude_deg, origin.height_m)
+        offset = self.anchor.local_from_geodetic(*place)[0]
+        return PoseTrack(track.stamps_ns, track.positions + offset, track.quaternions)
+
+    def _origin(self, one: DroneTopics, track: PoseTrack) -> Georeference | None:
+        if one.origin and self.content.fixes.get(one.origin):
+            return Georeference(*self.content.fixes[one.origin][0][1:])
+        fixes = self.content.fixes.get(one.fix or "", [])
+        pairs = [(place, _near(track, stamp_ns)) for stamp_ns, *place in fixes]
+        known = [(place, at) for place, at in pairs if at is not None]
+        if not known:
+            return None
+        anchor = Georeference(*known[0][0])
+        places, at = np.array([place for place, _ in known]), np.array([at for _, at in known])
+        for _ in range(3):  # the plane of the first position leans against that of the origin
+            apart = anchor.local_from_geodetic(*places.T) - at
+            origin = np.median(apart, axis=0)
+            anchor = Georeference(*(float(value[0]) for value in anchor.geodetic_from_local(origin[None])))
+        spread_m = float(np.linalg.norm(np.median(np.abs(apart - origin), axis=0)))
+        self.warnings.append(
+            f"{one.drone}: (0, 0, 0) of its poses is placed on Earth by {len(known)} positions of {one.fix}, "
+            f"which scatter by {spread_m:.1f} m; name an origin= topic or --origin if you know it better"
+        )
+        return anchor
+
+    # --- what it saw ---
+
+    def _unplaced(self, one: DroneTopics) -> list[UnplacedFrame]:
+        pictures = self.content.pictures.get(one.camera or "", {})
+        heatmaps = self.content.pictures.get(one.heatmap or "", {})
+        cameras = self.content.cameras.get(one.info or "", {})
+        only = next(iter(cameras.values())) if len(set(map(id, cameras.values()))) == 1 else None
+        unplaced = []
+        for stamp_ns in dict.fromkeys([*pictures, *heatmaps]):
+            camera = self.options.calibration or cameras.get(stamp_ns, only)
+            fault = camera if isinstance(camera, str) else None
+            pixels = self._pixels(pictures.get(stamp_ns), heatmaps.get(stamp_ns))
+            usable = None if isinstance(camera, str) else camera
+            unplaced.append(UnplacedFrame(stamp_ns, usable, pixels, fault))
+        if unplaced and all(frame.camera is None and frame.fault is None for frame in unplaced):
+            raise ValueError(
+                f"{self.bag.path}: no intrinsics of {one.drone!r}: name a CameraInfo topic as info= in "
+                "--topics, or a file with --calibration"
+            )
+        unplaced.extend(
+            UnplacedFrame(stamp_ns, None, fault=f"stamp {stamp_ns} repeats an earlier frame of this drone")
+            for stamp_ns in dict.fromkeys(self.content.repeated.get(one.camera or one.heatmap or "", []))
+        )
+        return unplaced
+
+    def _pixels(self, picture: BagMessage | None, heatmap: BagMessage | None) -> PixelSources:
+        bag, types = self.bag, self.content.types
+
+        def message(stored: BagMessage) -> Any:
+            return decode(bag.read(stored.place), types[stored.topic], ros1=bag.ros1)
+
+        def encoded(stored: BagMessage) -> bytes:
+            return encoded_picture(message(stored), packed=types[stored.topic] == COMPRESSED)
+
+        return PixelSources(
+            image=None if picture is None else lambda: encoded(picture),
+            heatmap=None if heatmap is None else lambda: heatmap_pixels(message(heatmap)),
+        )
+
+
+def _on_drone(frame: str) -> bool:
+    name = frame.rpartition("/")[2].lower()
+    return name.startswith(_BODY)
+
+
+def _near(track: PoseTrack, stamp_ns: int) -> NDArray[np.float64] | None:
+    """Where the track is at a stamp, within 0.2 s."""
+    if len(track) == 0:
+        return None
+    nearest = int(np.argmin(np.abs(track.stamps_ns - stamp_ns)))
+    return track.positions[nearest] if abs(int(track.stamps_ns[nearest]) - stamp_ns) < 200_000_000 else None
+
+
+def _longest_usual_gap_s(stamps_ns: Sequence[int]) -> float:
+    """Receivers report once to ten times a second: half as much again as the usual pause."""
+    return 1.5 * float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
+
+
+def _as_ros2(info: Any) -> Any:
+    """A CameraInfo of ROS 1, whose matrices are in capitals, as one of ROS 2."""
+    names = ("d", "k", "r", "p")
+    matrices = {name: list(getattr(info, name, getattr(info, name.upper(), []))) for name in names}
+    plain = ("width", "height", "distortion_model", "binning_x", "binning_y", "roi")
+    return SimpleNamespace(**{name: getattr(info, name) for name in plain}, **matrices)

@@ -1,0 +1,174 @@
+"""Which topics of a bag are whose camera, intrinsics and pose: as the user says, or by types and names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+from crowdfence.sources.ros_bag.bag_file import BagTopic
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+FIX, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
+ORIGIN = "geographic_msgs/msg/GeoPointStamped"
+
+POSES = (POSE, ODOMETRY, POSE_WITH_COVARIANCE, TRANSFORM)
+ROLES: dict[str, tuple[str, ...]] = {
+    "camera": (COMPRESSED, IMAGE),
+    "info": (CAMERA_INFO,),
+    "heatmap": (IMAGE,),
+    "camera_pose": POSES,
+    "pose": POSES,
+    "tf": TF_TYPES,
+    "fix": (FIX,),
+    "imu": (IMU,),
+    "origin": (ORIGIN, FIX),
+}
+"""What `--topics` can name, and the message types that each may have."""
+
+_NO_CAMERA = re.compile(r"depth|disparity|heatmap|truth|mask|segment|confidence|theora|thermal|/ir\b|infra")
+_NO_POSE = re.compile(r"setpoint|target|goal|cmd|command|reference|truth|home|trajectory|desired")
+_HEATMAP = re.compile(r"heatmap")
+
+
+@dataclass(frozen=True, slots=True)
+class DroneTopics:
+    """The topics of one drone's camera; None = there is none."""
+
+    drone: str
+    camera: str | None = None
+    info: str | None = None
+    heatmap: str | None = None
+    """Recorded heatmaps (sensor_msgs/Image, mono8 or 32FC1), with the stamps of their pictures."""
+    camera_pose: str | None = None
+    """Pose of the camera's optical frame in a level, north-aligned world (ENU)."""
+    pose: str | None = None
+    """Pose of the drone's body, forward-left-up, in the same."""
+    tf: str | None = None
+    fix: str | None = None
+    imu: str | None = None
+    origin: str | None = None
+    """Where on Earth the (0, 0, 0) of the poses lies."""
+
+    def __str__(self) -> str:
+        named = ((field.name, getattr(self, field.name)) for field in fields(self)[1:])
+        return f"{self.drone}: " + ",".join(f"{role}={topic}" for role, topic in named if topic)
+
+
+def stated_topics(texts: Sequence[str], topics: Mapping[str, BagTopic]) -> list[DroneTopics]:
+    """From ROLE=TOPIC,... for one drone each, with drone=NAME where there are several.
+
+    ValueError for a role or topic that there is not, or a topic of a type that does not serve the role.
+    """
+    drones = []
+    for number, text in enumerate(texts, start=1):
+        named = dict(_pair(part, text) for part in text.split(","))
+        drone = named.pop("drone", None)
+        for role, topic in named.items():
+            _check_role(role, topic, topics)
+        namespace = _namespace(named.get("camera") or named.get("heatmap") or "")
+        drones.append(DroneTopics(drone or namespace or f"drone{number}", **named))
+    names = [one.drone for one in drones]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"--topics: two drones are called {min(twice)!r}; name them with drone=NAME,...")
+    return drones
+
+
+def guessed_topics(topics: Mapping[str, BagTopic]) -> list[DroneTopics]:
+    """One camera per drone: of the cameras that share a namespace, the one that has intrinsics. Empty when
+    nothing looks like a camera with a pose."""
+    drones: dict[str, DroneTopics] = {}
+    for camera in _cameras(topics):
+        found = _around(camera, topics)
+        other = drones.get(found.drone)
+        if other is None or (other.info is None and found.info is not None):
+            drones[found.drone] = found
+    return [one for one in drones.values() if one.camera_pose or one.pose or one.tf or (one.fix and one.imu)]
+
+
+def topic_list(topics: Mapping[str, BagTopic]) -> str:
+    """What is there, for a message."""
+    rows = (f"{name} ({topic.type}, {topic.count})" for name, topic in sorted(topics.items()))
+    return "; ".join(rows) or "none"
+
+
+def _pair(part: str, text: str) -> tuple[str, str]:
+    role, equals, topic = part.strip().partition("=")
+    if not (equals and topic):
+        raise ValueError(f"--topics {text!r}: {part!r} must be ROLE=TOPIC, roles: drone, {', '.join(ROLES)}")
+    return role, topic
+
+
+def _check_role(role: str, topic: str, topics: Mapping[str, BagTopic]) -> None:
+    if role not in ROLES:
+        raise ValueError(f"--topics: no role {role!r}; roles are drone, {', '.join(ROLES)}")
+    if topic not in topics:
+        raise ValueError(f"--topics: no topic {topic} in the bag; it has {topic_list(topics)}")
+    if topics[topic].type not in ROLES[role]:
+        raise ValueError(
+            f"--topics: {topic} holds {topics[topic].type}; {role} needs {' or '.join(ROLES[role])}"
+        )
+
+
+def _cameras(topics: Mapping[str, BagTopic]) -> list[str]:
+    """Camera topics by name; of a picture that was recorded both packed and raw, the packed one."""
+    names = [
+        name
+        for name, topic in topics.items()
+        if topic.type in (COMPRESSED, IMAGE) and topic.count and not _NO_CAMERA.search(name.lower())
+    ]
+    packed = {name.removesuffix("/compressed") for name in names if topics[name].type == COMPRESSED}
+    return sorted(name for name in names if topics[name].type == COMPRESSED or name not in packed)
+
+
+def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
+    drones = {_namespace(name) for name in _cameras(topics)}
+    several = len(drones) > 1
+
+    def nearest(kinds: Sequence[str], *, named: re.Pattern[str] | None = None) -> str | None:
+        found = [
+            name
+            for name, topic in topics.items()
+            if topic.type in kinds
+            and topic.count
+            and not _NO_POSE.search(name.lower())
+            and (named is None or named.search(name.lower()))
+            and not (several and _namespace(name) in drones - {_namespace(camera)})
+        ]
+        return min(found, key=lambda name: (-_shared(camera, name), len(name), name), default=None)
+
+    infos = [name for name, topic in topics.items() if topic.type == CAMERA_INFO and topic.count]
+    own = [name for name in infos if _shared(camera, name) >= max(1, camera.count("/") - 2)]
+    return DroneTopics(
+        _namespace(camera) or "drone",
+        camera=camera,
+        info=max(own, key=lambda name: _shared(camera, name), default=None),
+        heatmap=nearest((IMAGE,), named=_HEATMAP),
+        camera_pose=nearest((POSE,), named=re.compile("cam")),
+        tf=nearest(TF_TYPES),
+        pose=nearest((ODOMETRY,)) or nearest(POSES),
+        fix=nearest((FIX,)),
+        imu=nearest((IMU,)),
+        origin=nearest((ORIGIN,)),
+    )
+
+
+def _namespace(topic: str) -> str:
+    """First part of a topic's name."""
+    return topic.strip("/").partition("/")[0]
+
+
+def _shared(a: str, b: str) -> int:
+    """How many leading parts two topic names have in common."""
+    count = 0
+    for one, other in zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False):
+        if one != other:
+            break
+        count += 1
+    return count

@@ -1,0 +1,140 @@
+"""Trees of frames (tf): from the world to a camera's optical frame over time.
+
+A chain of transforms, some fixed and some moving, each with stamps of its own, becomes one pose track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
+
+BODY_FRAME = "base_link"
+
+
+@dataclass(frozen=True, slots=True)
+class FixedTransform:
+    """`parent_from_child`, the same at all times."""
+
+    position: NDArray[np.float64]
+    quaternion: NDArray[np.float64]
+    """w, x, y, z"""
+
+
+Segment = FixedTransform | PoseTrack
+
+
+@dataclass(slots=True)
+class _Edge:
+    parent: str
+    stamps_ns: list[int] = field(default_factory=list)
+    positions: list[list[float]] = field(default_factory=list)
+    quaternions: list[list[float]] = field(default_factory=list)
+    fixed: bool = False
+
+    def segment(self) -> Segment:
+        if self.fixed:
+            return FixedTransform(np.array(self.positions[-1]), normalise(np.array(self.quaternions[-1])))
+        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)[0]
+
+
+class TransformTree:
+    """All transforms of a bag. `warnings` says where frames changed their parents."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+        self._edges: dict[str, _Edge] = {}
+
+    def add(self, transform: Any, *, fixed: bool) -> None:
+        """A geometry_msgs/TransformStamped as decoded."""
+        parent = transform.header.frame_id.lstrip("/")
+        child = transform.child_frame_id.lstrip("/")
+        edge = self._edges.setdefault(child, _Edge(parent))
+        if edge.parent != parent:
+            self.warnings.append(f"tf: {child} hangs on {edge.parent} and on {parent}; the first is taken")
+            return
+        edge.fixed = edge.fixed or fixed
+        stamp = transform.header.stamp
+        edge.stamps_ns.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
+        position, turn = transform.transform.translation, transform.transform.rotation
+        edge.positions.append([position.x, position.y, position.z])
+        edge.quaternions.append([turn.w, turn.x, turn.y, turn.z])
+
+    def path(self, frame: str, above: str | None = None) -> list[str]:
+        """Frames from the root (or the one below `above`) down to `frame`; empty when `frame` is not in the
+        tree or `above` is not over it."""
+        path: list[str] = []
+        while frame in self._edges and frame != above and frame not in path:
+            path.append(frame)
+            frame = self._edges[frame].parent
+        return path[::-1] if above is None or frame == above else []
+
+    def root(self, frame: str) -> str:
+        """The frame that everything over `frame` hangs on."""
+        path = self.path(frame)
+        return self._edges[path[0]].parent if path else frame
+
+    def moves(self, frame: str) -> bool:
+        """Whether anything over `frame` moves."""
+        return any(not self._edges[name].fixed for name in self.path(frame))
+
+    def segments(self, path: Iterable[str]) -> list[Segment]:
+        """The transforms into the parents of the frames of a `path`."""
+        return [self._edges[name].segment() for name in path]
+
+
+def composed(segments: Sequence[Segment], max_gap_s: float) -> PoseTrack:
+    """The product of a chain, from the world down, at every stamp of every moving part where all are known:
+    linear between samples, attitudes by slerp, no bridge over more than `max_gap_s`."""
+    moving = [segment for segment in segments if isinstance(segment, PoseTrack)]
+    empty = np.empty(0, np.int64)
+    stamps = np.unique(np.concatenate([empty, *(track.stamps_ns for track in moving)]))
+    position = np.zeros((len(stamps), 3))
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
+    known = np.ones(len(stamps), np.bool_)
+    for segment in segments:
+        if isinstance(segment, FixedTransform):
+            step_position: NDArray[np.float64] = segment.position
+            step_quaternion: NDArray[np.float64] = segment.quaternion
+        else:
+            step_position, step_quaternion, sampled = _sampled(segment, stamps, max_gap_s)
+            known &= sampled
+        turn = rotation_matrix(quaternion)
+        position = position + np.einsum("nij,nj->ni", turn, np.broadcast_to(step_position, position.shape))
+        quaternion = multiply(quaternion, step_quaternion)
+    return PoseTrack(stamps[known], position[known], quaternion[known])
+
+
+def _sampled(
+    track: PoseTrack, stamps_ns: NDArray[np.int64], max_gap_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Positions [N, 3] and quaternions [N, 4] of a track at stamps [N], and where it says them."""
+    count = len(track)
+    if count == 0:
+        return np.zeros((len(stamps_ns), 3)), np.zeros((len(stamps_ns), 4)), np.zeros(len(stamps_ns), bool)
+    after = np.clip(np.searchsorted(track.stamps_ns, stamps_ns, side="left"), 0, count - 1)
+    exact = track.stamps_ns[after] == stamps_ns
+    before = np.where(exact, after, np.maximum(after - 1, 0))
+    gap_ns = track.stamps_ns[after] - track.stamps_ns[before]
+    inside = (stamps_ns >= track.stamps_ns[0]) & (stamps_ns <= track.stamps_ns[-1])
+    fraction = ((stamps_ns - track.stamps_ns[before]) / np.maximum(gap_ns, 1))[:, None]
+    first, second = normalise(track.quaternions[before]), normalise(track.quaternions[after])
+    second = np.where(np.sum(first * second, axis=1, keepdims=True) < 0, -second, second)
+    # Slerp; the angle from chord and sum, as in `rotation.slerp`.
+    chord, total = np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1)
+    angle = 2 * np.arctan2(chord, total)[:, None]
+    sine = np.sin(np.maximum(angle, 1e-12))
+    near = angle < 1e-9
+    weights = [
+        np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine),
+        np.where(near, fraction, np.sin(fraction * angle) / sine),
+    ]
+    position = track.positions[before] + fraction * (track.positions[after] - track.positions[before])
+    usable = inside & (exact | (gap_ns <= max_gap_s * 1e9))
+    return position, normalise(weights[0] * first + weights[1] * second), usable

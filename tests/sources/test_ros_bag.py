@@ -1,0 +1,253 @@
+"""Bags of ROS, written by rosbags: the same frames, poses and zones as the mission they were made from."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crowdfence import open_recording
+from crowdfence.sources.convert import convert
+from support.foreign_recordings import (
+    DRONE,
+    agreement,
+    closed,
+    frames,
+    header,
+    mission,
+    picture_messages,
+    pose,
+    reference,
+    rows,
+    transform,
+    write_bag,
+)
+
+POSE = "geometry_msgs/msg/PoseStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF = "tf2_msgs/msg/TFMessage"
+OPTICAL = "cam_optical"
+# A camera that looks 40 degrees down, 0.3 m before and 0.1 m under the body; optical axes from body axes by
+# where they point: right is minus left, down is minus up.
+DOWN_DEG = 40.0
+MOUNT_POSITION = np.array([0.3, 0.0, -0.1])
+_C, _S = np.cos(np.radians(DOWN_DEG)), np.sin(np.radians(DOWN_DEG))
+MOUNT = Rotation.from_matrix(np.array([[0, -_S, _C], [-1, 0, 0], [0, -_C, -_S]]))
+
+
+def camera_poses(drone: str = DRONE, topic: str | None = None) -> list[tuple[str, str, int, Any]]:
+    name = topic or f"/{drone}/cam/pose"
+    return [
+        (
+            name,
+            POSE,
+            row.stamp_ns,
+            {"header": header(row.stamp_ns, "map"), "pose": pose(row.position, row.turn)},
+        )
+        for row in rows(drone)
+    ]
+
+
+def body(drone: str = DRONE) -> list[tuple[int, np.ndarray, Rotation]]:
+    """Poses of a body that carries the camera at the mount."""
+    poses = []
+    for row in rows(drone):
+        turn = row.turn * MOUNT.inv()
+        poses.append((row.stamp_ns, row.position - turn.apply(MOUNT_POSITION), turn))
+    return poses
+
+
+def odometry(drone: str = DRONE) -> list[tuple[str, str, int, Any]]:
+    return [
+        (
+            f"/{drone}/odom",
+            ODOMETRY,
+            stamp,
+            {
+                "header": header(stamp, "map"),
+                "child_frame_id": "base_link",
+                "pose": {"pose": pose(position, turn), "covariance": [0.0] * 36},
+                "twist": {"covariance": [0.0] * 36},
+            },
+        )
+        for stamp, position, turn in body(drone)
+    ]
+
+
+def static_mount(stamp_ns: int) -> tuple[str, str, int, Any]:
+    mounted = transform(stamp_ns, "base_link", OPTICAL, MOUNT_POSITION, MOUNT)
+    return "/tf_static", TF, stamp_ns, {"transforms": [mounted]}
+
+
+def moving_tree(drone: str = DRONE) -> list[tuple[str, str, int, Any]]:
+    """map -> base_link as flown, base_link -> gimbal turning, gimbal -> camera fixed."""
+    messages = []
+    for number, (stamp, position, turn) in enumerate(body(drone)):
+        swing = Rotation.from_euler("z", 5 * np.sin(number / 50), degrees=True)
+        carried = transform(stamp, "map", "base_link", position, turn * swing.inv())
+        gimbal = transform(stamp, "base_link", "gimbal", np.zeros(3), swing)
+        messages.append(("/tf", TF, stamp, {"transforms": [carried, gimbal]}))
+    fixed = transform(rows(drone)[0].stamp_ns, "gimbal", OPTICAL, MOUNT_POSITION, MOUNT)
+    return [*messages, ("/tf_static", TF, rows(drone)[0].stamp_ns, {"transforms": [fixed]})]
+
+
+def assert_same_frames(found: Any, drones: tuple[str, ...], tolerance: float) -> None:
+    assert found.drones == drones and not found.refused
+    expected = reference(drones).frames
+    assert [(f.drone, f.stamp_ns) for f in found.frames] == [(f.drone, f.stamp_ns) for f in expected]
+    for ours, theirs in zip(found.frames, expected, strict=True):
+        assert np.allclose(ours.world_from_camera, theirs.world_from_camera, rtol=0, atol=tolerance)
+        assert np.array_equal(ours.heatmap(), theirs.heatmap())
+        one, other = ours.camera, theirs.camera
+        assert (one.width, one.height, one.fx, one.fy) == (other.width, other.height, other.fx, other.fy)
+        assert (one.cx, one.cy) == (other.cx, other.cy)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_a_fleet_with_camera_poses_gives_the_same_zones(tmp_path: Path, kind: str) -> None:
+    drones = ("uav1", "uav2")
+    messages = [
+        message
+        for drone in drones
+        for message in (*picture_messages(drone, f"{drone}/{OPTICAL}"), *camera_poses(drone))
+    ]
+    bag = write_bag(tmp_path / ("flight.bag" if kind == "ros1" else "flight"), kind, messages)
+    found = open_recording(bag)
+    assert_same_frames(found, drones, 1e-12)
+    for ours, theirs in zip(found.frames, reference(drones).frames, strict=True):
+        assert ours.encoded_image() == theirs.encoded_image()
+    if kind == "sqlite3":
+        zones = closed(found)
+        assert not zones.is_empty and agreement(zones, closed(reference(drones))) > 1 - 1e-9
+    guess = "uav1: camera=/uav1/cam/image_raw/compressed,info=/uav1/cam/camera_info,heatmap=/uav1/heatmap,"
+    assert any(guess + "camera_pose=/uav1/cam/pose" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_a_tree_of_frames_with_a_gimbal(tmp_path: Path, kind: str) -> None:
+    messages = [*picture_messages(DRONE, OPTICAL), *moving_tree()]
+    bag = write_bag(tmp_path / ("flight.bag" if kind == "ros1" else "flight"), kind, messages)
+    # Interpolating two turning joints is not quite interpolating their product.
+    assert_same_frames(open_recording(bag), (DRONE,), 1e-4)
+
+
+def test_odometry_with_the_camera_on_the_body(tmp_path: Path) -> None:
+    stamp = rows()[0].stamp_ns
+    bag = write_bag(
+        tmp_path / "flight",
+        "sqlite3",
+        [*picture_messages(DRONE, OPTICAL, raw=True), *odometry(), static_mount(stamp)],
+    )
+    found = open_recording(bag)
+    assert_same_frames(found, (DRONE,), 1e-4)  # the lever arm turns between two rows
+    assert np.array_equal(found.frames[0].image(), frames()[0].image())
+    convert(found, tmp_path / "copy.mcap")
+    copy = open_recording(tmp_path / "copy.mcap")
+    for ours, theirs in zip(copy.frames, found.frames, strict=True):
+        assert np.array_equal(ours.world_from_camera, theirs.world_from_camera)
+        assert np.array_equal(ours.image(), theirs.image())
+
+
+def test_a_mount_by_hand_and_topics_by_name(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "flight", "mcap", [*picture_messages(DRONE, OPTICAL), *odometry()])
+    with pytest.raises(ValueError, match=r"nothing says how the camera .* --mount, such as level:-60"):
+        open_recording(bag)
+    topics = (
+        f"camera=/{DRONE}/cam/image_raw/compressed,info=/{DRONE}/cam/camera_info,heatmap=/{DRONE}/heatmap,"
+        f"pose=/{DRONE}/odom"
+    )
+    found = open_recording(bag, topics=topics, mount=f"body:{-DOWN_DEG}")
+    for ours, theirs in zip(found.frames, reference().frames, strict=True):
+        assert np.allclose(ours.world_from_camera[:3, :3], theirs.world_from_camera[:3, :3], atol=1e-6)
+        # What the mount cannot say: 0.3 m before and 0.1 m under the body.
+        apart = np.linalg.norm(ours.world_from_camera[:3, 3] - theirs.world_from_camera[:3, 3])
+        assert apart == pytest.approx(np.hypot(0.3, 0.1), abs=1e-3)
+
+
+def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
+    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
+    for number, row in enumerate(rows()):
+        turn = row.turn * MOUNT.inv()
+        attitude = {
+            "header": header(row.stamp_ns, "base_link"),
+            "orientation": pose(row.position, turn)["orientation"],
+        }
+        messages.append(("/imu/data", "sensor_msgs/msg/Imu", row.stamp_ns, attitude))
+        if number % 5 == 0:
+            latitude, longitude, height = row.geodetic
+            fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+            messages.append(("/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height}))
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert found.georeference is not None and "pose from /fix and /imu/data" in " ".join(found.warnings)
+    anchor = mission().georeference
+    assert anchor is not None
+    for ours, theirs in zip(found.frames, reference().frames, strict=True):
+        place = found.georeference.geodetic_from_local(ours.world_from_camera[None, :3, 3])
+        at = anchor.local_from_geodetic(*place)[0]
+        # 10 Hz positions of a drone that turns, and the lever arm which is taken as fixed to them.
+        assert np.linalg.norm(at - theirs.world_from_camera[:3, 3]) < 0.5
+        assert np.allclose(ours.world_from_camera[:3, :3], theirs.world_from_camera[:3, :3], atol=1e-3)
+
+
+def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path) -> None:
+    messages = [*picture_messages(DRONE, OPTICAL), *camera_poses()]
+    for row in rows()[::10]:
+        latitude, longitude, height = row.geodetic
+        fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+        messages.append(
+            (f"/{DRONE}/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height})
+        )
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    anchor, ours = mission().georeference, found.georeference
+    assert anchor is not None and ours is not None
+    assert ours.latitude_deg == pytest.approx(anchor.latitude_deg, abs=1e-7)
+    assert ours.longitude_deg == pytest.approx(anchor.longitude_deg, abs=1e-7)
+    assert ours.height_m == pytest.approx(anchor.height_m, abs=0.01)
+
+
+def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "flight", "sqlite3", camera_poses(topic="/mavros/local_position/pose"))
+    with pytest.raises(
+        ValueError, match=r"--topics .*/mavros/local_position/pose \(geometry_msgs/msg/PoseSt"
+    ):
+        open_recording(bag)
+    with pytest.raises(ValueError, match=r"no topic /cam in the bag; it has /mavros"):
+        open_recording(bag, topics="camera=/cam")
+    with pytest.raises(ValueError, match=r"camera needs sensor_msgs/msg/CompressedImage or"):
+        open_recording(bag, topics="camera=/mavros/local_position/pose")
+    with pytest.raises(ValueError, match=r"no role 'kamera'"):
+        open_recording(bag, topics="kamera=/cam")
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_damage_is_one_line_and_never_a_traceback(tmp_path: Path, kind: str) -> None:
+    messages = [*picture_messages(DRONE, OPTICAL)[:6], *camera_poses()[:120]]
+    bag = write_bag(tmp_path / ("flight.bag" if kind == "ros1" else "flight"), kind, messages)
+    files = [bag] if bag.is_file() else sorted(bag.iterdir())
+    random = np.random.default_rng(17)
+    refused = used = 0
+    for number in range(24):
+        for file in files:
+            whole = file.read_bytes()
+            damaged = bytearray(whole)
+            if number % 2:
+                damaged = damaged[: int(random.integers(len(whole)))]
+            else:
+                for at in random.integers(len(whole), size=8):
+                    damaged[at] = int(random.integers(256))
+            file.write_bytes(bytes(damaged))
+            try:
+                recording = open_recording(bag)
+                for frame in recording.frames:
+                    frame.image()
+                used += 1
+            except ValueError as error:
+                assert str(error)
+                refused += 1
+            file.write_bytes(whole)
+    assert refused and used
+    shutil.rmtree(bag, ignore_errors=True)

@@ -1,0 +1,225 @@
+"""The bundled recording written the way others record: by their own writers, from positions on Earth and
+angles that are worked out here from direction vectors, not by the package's quaternions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import Transformer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation
+from shapely import unary_union
+
+import crowdfence
+from crowdfence import RunConfig, Terrain, ZoneConfig, open_recording
+from crowdfence.sources.recording import Frame, Recording
+
+DEMO = Path(crowdfence.__file__).parent / "demo_data" / "race.mcap"
+DRONE = "uav1"
+FRAMES = 6
+
+
+@cache
+def mission() -> Recording:
+    return open_recording(DEMO)
+
+
+@cache
+def ground() -> Terrain:
+    return crowdfence.open_terrain(mission())
+
+
+def frames(drone: str = DRONE, count: int = FRAMES) -> list[Frame]:
+    """Frames a second apart, so that few of them see much ground."""
+    return mission().frames_of(drone)[2 : 2 + 5 * count : 5]
+
+
+@dataclass(frozen=True)
+class Row:
+    """The camera at one moment of telemetry."""
+
+    stamp_ns: int
+    position: NDArray[np.float64]
+    """Local ENU."""
+    turn: Rotation
+    """world_from_camera, optical axes."""
+
+    @property
+    def forward_right_down_ned(self) -> Rotation:
+        """Attitude as autopilots tell it, from where its axes point."""
+        right, down, forward = self.turn.as_matrix().T
+        axes = [np.array([v[1], v[0], -v[2]]) for v in (forward, right, down)]
+        return Rotation.from_matrix(np.stack(axes, axis=1))
+
+    @property
+    def yaw_pitch_roll_deg(self) -> NDArray[np.float64]:
+        return self.forward_right_down_ned.as_euler("ZYX", degrees=True)
+
+    @property
+    def geodetic(self) -> tuple[float, float, float]:
+        """Latitude, longitude, ellipsoidal height through Earth-centred coordinates."""
+        anchor = mission().georeference
+        assert anchor is not None
+        lat, lon = np.radians([anchor.latitude_deg, anchor.longitude_deg])
+        east = [-np.sin(lon), np.cos(lon), 0]
+        north = [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)]
+        up = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+        to_ecef = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+        start = to_ecef.transform(anchor.longitude_deg, anchor.latitude_deg, anchor.height_m)
+        ecef = np.array(start) + self.position @ np.array([east, north, up])
+        longitude, latitude, height = to_ecef.transform(*ecef, direction="INVERSE")
+        return latitude, longitude, height
+
+
+def rows(drone: str = DRONE) -> list[Row]:
+    """The drone's telemetry at 50 Hz, as recorded."""
+    track = mission().tracks()[drone]
+    turns = Rotation.from_quat(track.quaternions[:, [1, 2, 3, 0]])
+    return [Row(int(s), p, t) for s, p, t in zip(track.stamps_ns, track.positions, turns, strict=True)]
+
+
+# --- bags ---
+
+
+def write_bag(path: Path, kind: str, messages: list[tuple[str, str, int, Any]]) -> Path:
+    """Messages (topic, type, stamp, fields) as a bag by rosbags: ros1, sqlite3 or mcap."""
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    if kind == "ros1":
+        text = "geometry_msgs/TransformStamped[] transforms"
+        store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+    build = _Builder(store, ros1=kind == "ros1")
+    if kind == "ros1":
+        writer: Any = Writer1(path)
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+    with writer:
+        connections: dict[str, Any] = {}
+        for topic, type_name, stamp_ns, fields in sorted(messages, key=lambda message: message[2]):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, type_name, typestore=store)
+            message = build(type_name, fields)
+            serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
+            writer.write(connections[topic], stamp_ns, serialize(message, type_name))
+    return path
+
+
+class _Builder:
+    """Nested dictionaries -> messages of a type store."""
+
+    def __init__(self, store: Any, *, ros1: bool) -> None:
+        self.store, self.ros1 = store, ros1
+
+    def __call__(self, type_name: str, fields: dict[str, Any]) -> Any:
+        _, described = self.store.fielddefs[type_name]
+        values = {}
+        for name, description in described:
+            if name == "seq":
+                values[name] = 0
+                continue
+            given = fields.get(name, fields.get(name.lower()))
+            values[name] = self._value(description, given)
+        return self.store.types[type_name](**values)
+
+    def _value(self, description: Any, given: Any) -> Any:
+        kind, detail = int(description[0]), description[1]
+        if kind == 1:  # a plain value
+            return given if given is not None else ("" if detail[0] == "string" else 0)
+        if kind == 2:  # a message
+            return self(detail, given or {})
+        (inner, inner_detail), length = detail
+        if int(inner) == 2:
+            return [self(inner_detail, one) for one in given or []]
+        dtype = {"float64": np.float64, "uint8": np.uint8}[inner_detail[0]]
+        return np.array(given if given is not None else [0] * length, dtype)
+
+
+def header(stamp_ns: int, frame: str) -> dict[str, Any]:
+    return {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": frame}
+
+
+def pose(position: NDArray[np.float64], turn: Rotation) -> dict[str, Any]:
+    return {
+        "position": dict(zip("xyz", map(float, position), strict=True)),
+        "orientation": dict(zip("xyzw", map(float, turn.as_quat()), strict=True)),
+    }
+
+
+def transform(
+    stamp_ns: int, parent: str, child: str, position: NDArray[np.float64], turn: Rotation
+) -> dict[str, Any]:
+    placed = pose(position, turn)
+    return {
+        "header": header(stamp_ns, parent),
+        "child_frame_id": child,
+        "transform": {"translation": placed["position"], "rotation": placed["orientation"]},
+    }
+
+
+def picture_messages(drone: str, frame_id: str, *, raw: bool = False) -> list[tuple[str, str, int, Any]]:
+    """Pictures, intrinsics (pixel centres at whole numbers, as ROS has them) and heatmaps of the frames."""
+    messages: list[tuple[str, str, int, Any]] = []
+    for frame in frames(drone):
+        stamp, camera = frame.stamp_ns, frame.camera
+        top = header(stamp, frame_id)
+        if raw:
+            rgb = frame.image()
+            fields = {"height": rgb.shape[0], "width": rgb.shape[1], "encoding": "bgr8"}
+            fields |= {"step": rgb.shape[1] * 3, "data": rgb[..., ::-1].reshape(-1)}
+            messages.append(
+                (f"/{drone}/cam/image_raw", "sensor_msgs/msg/Image", stamp, {"header": top} | fields)
+            )
+        else:
+            fields = {"header": top, "format": "jpeg", "data": np.frombuffer(frame.encoded_image(), np.uint8)}
+            topic = f"/{drone}/cam/image_raw/compressed"
+            messages.append((topic, "sensor_msgs/msg/CompressedImage", stamp, fields))
+        k = [camera.fx, 0, camera.cx - 0.5, 0, camera.fy, camera.cy - 0.5, 0, 0, 1]
+        info = {"header": top, "height": camera.height, "width": camera.width, "k": k, "d": [0.0] * 5}
+        info["distortion_model"] = "plumb_bob"
+        messages.append((f"/{drone}/cam/camera_info", "sensor_msgs/msg/CameraInfo", stamp, info))
+        values = frame.heatmap()
+        grey = {"height": values.shape[0], "width": values.shape[1], "encoding": "mono8"}
+        grey |= {"step": values.shape[1], "data": np.asarray(values, np.uint8).reshape(-1)}
+        messages.append((f"/{drone}/heatmap", "sensor_msgs/msg/Image", stamp, {"header": top} | grey))
+    return messages
+
+
+# --- what must come out ---
+
+
+def reference(drones: tuple[str, ...] = (DRONE,)) -> Recording:
+    """The mission itself, cut down to the frames that the other forms hold."""
+    chosen = sorted(
+        (frame for drone in drones for frame in frames(drone)), key=lambda f: (f.stamp_ns, f.drone)
+    )
+    return replace(mission(), drones=drones, frames=tuple(chosen), refused=())
+
+
+def closed(recording: Recording, terrain: Terrain | None = None) -> Any:
+    """All ground that a run closes, as one shape in local metres of the mission."""
+    heatmaps = {(f.drone, f.stamp_ns): f.heatmap for drone in mission().drones for f in frames(drone)}
+
+    def recorded(frame: Frame) -> NDArray[Any]:
+        """The heatmap of the mission's frame nearest in time: films and photographs hold none."""
+        drone = min(heatmaps, key=lambda key: abs(key[1] - frame.stamp_ns))[0]
+        stamp = min((s for d, s in heatmaps if d == drone), key=lambda s: abs(s - frame.stamp_ns))
+        return heatmaps[drone, stamp]()
+
+    run = crowdfence.run(
+        recording, terrain or ground(), RunConfig(zones=ZoneConfig(min_area_m2=4.0)), detector=recorded
+    )
+    assert not run.refused
+    return unary_union([zone.polygon for zone in run.zones])
+
+
+def agreement(a: Any, b: Any) -> float:
+    """Area that both close over area that either closes."""
+    return float(a.intersection(b).area / a.union(b).area)
