@@ -147,6 +147,7 @@ def fuse_and_report(
             config,
             detector=detector,
             holes=ground.holes,
+            voxel_size_why=ground.voxel_size_why,
             static_zones=others,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
@@ -170,7 +171,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
                 "frames": f"{frames} integrated in {seconds:.1f} s ({frames / seconds:.1f} per second), "
                 f"{len(summary['refused'])} refused",
                 "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
-                f"{summary['terrain']['seen_voxels']:,} of them seen",
+                f"{summary['terrain']['seen_voxels']:,} of them seen; the size: {run.voxel_size_why}",
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),

@@ -12,6 +12,7 @@ from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
+from crowdfence.maps.voxel_size import coarse_voxels_warning
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -53,6 +54,10 @@ class Run:
     """Holes of the map, where its reader counted them."""
     crowd_mass: dict[str, CrowdMass]
     """Where the crowd in the pictures of each drone went."""
+    voxel_size_why: str = ""
+    """Who chose the size of the voxels, where the map's reader said."""
+    doubts: tuple[str, ...] = ()
+    """What is doubtful about the map and what was taken from it, one sentence each."""
 
     @property
     def stamp_ns(self) -> int:
@@ -65,7 +70,7 @@ class Run:
         of_detector = [] if self.review is None else self.review.warnings
         of_pictures = self.heatmaps.watch.warnings
         lost = lost_crowd_warnings(self.crowd_mass)
-        return [*self.recording.warnings, *of_detector, *of_pictures, *lost]
+        return [*self.recording.warnings, *self.doubts, *of_detector, *of_pictures, *lost]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -93,6 +98,7 @@ def run(
     *,
     detector: Detector | HeatmapFunction | None = None,
     holes: MapHoles | None = None,
+    voxel_size_why: str = "",
     static_zones: Sequence[Zone] = (),
     on_step: OnStep | None = None,
 ) -> Run:
@@ -101,7 +107,8 @@ def run(
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
-    those of the map (`read_map`), for the summary. `static_zones` are zones that somebody else drew.
+    those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that somebody
+    else drew.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
     saw any of it. Frames that cannot be used are in `Run.refused`.
@@ -111,7 +118,8 @@ def run(
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
-    config = config.with_detector(heatmaps.contract)
+    config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
+    coarse = coarse_voxels_warning(terrain.voxel_size_m)
     loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones, static_zones)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []
@@ -152,6 +160,8 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
+        doubts=doubts if coarse is None else (*doubts, coarse),
+        voxel_size_why=voxel_size_why,
     )
 
 
