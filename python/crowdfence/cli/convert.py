@@ -14,18 +14,39 @@ from crowdfence.cli import console, options
 def convert(
     recording: options.RecordingPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
+    terrain: Annotated[
+        Path | None,
+        typer.Option("--terrain", "-t", help="Map to put into the file. Default: the recording's own."),
+    ] = None,
+    with_map: Annotated[
+        bool,
+        typer.Option(
+            "--with-map/--without-map", help="Whether the map goes into the file, which then opens anywhere."
+        ),
+    ] = True,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
+    from crowdfence.maps import stated_place
     from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert as write_mission
 
+    if output.suffix.lower() != ".mcap":
+        raise ValueError(f"{output}: convert writes mission files, whose name ends in .mcap")
+    if terrain is not None:
+        stated_place(terrain)  # a map, before anything is read
     with writable_file(output):
         _require_place(output, recording, force)
         source = open_recording(recording)
         with console.progress("converting", len(source.frames), "frames") as advance:
-            conversion = write_mission(source, output, progress=lambda done, total: advance())
+            conversion = write_mission(
+                source,
+                output,
+                terrain=terrain,
+                map_inside=with_map,
+                progress=lambda done, total: advance(),
+            )
     if as_json:
         console.print_json(
             {
@@ -35,6 +56,7 @@ def convert(
                 "poses": conversion.poses,
                 "refused": [str(refused) for refused in conversion.refused],
                 "omitted": conversion.omitted,
+                "map": conversion.map_inside,
             }
         )
         return
@@ -46,11 +68,18 @@ def convert(
                 "size": f"{conversion.size_bytes / 1e6:.1f} MB",
                 "frames": frames,
                 "poses": str(conversion.poses),
+                "map": _map_told(conversion.map_inside, with_map),
             },
         )
     )
     for reason in [*map(str, conversion.refused), *conversion.omitted]:
         console.warn(reason)
+
+
+def _map_told(inside: str | None, wanted: bool) -> str:
+    if inside is not None:
+        return f"{inside}, in the file"
+    return "none: give one with --terrain when you run" if wanted else "not in the file"
 
 
 def _require_place(output: Path, recording: Path, force: bool) -> None:

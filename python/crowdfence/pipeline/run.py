@@ -107,8 +107,8 @@ def run(
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
-    those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that somebody
-    else drew.
+    those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that
+    somebody else drew.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
     saw any of it. Frames that cannot be used are in `Run.refused`.

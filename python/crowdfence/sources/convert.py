@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
+from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import as_png, picture_format
@@ -36,6 +37,8 @@ class Conversion:
     omitted: list[str]
     """Pictures and truth that could not be read; their frames are in the file without them."""
     size_bytes: int = field(default=0)
+    map_inside: str | None = None
+    """Name of the map that went into the file."""
 
 
 def convert(
@@ -44,26 +47,34 @@ def convert(
     *,
     heatmap_of: Callable[[Frame], Pixels] | None = None,
     source: str | None = None,
+    terrain: Path | None = None,
+    map_inside: bool = True,
     progress: Progress | None = None,
 ) -> Conversion:
     """Write the recording as a mission file.
 
     `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
-    `source` says where the file comes from, instead of the recording's kind and name.
+    `source` says where the file comes from, instead of the recording's kind and name. The map goes into the
+    file, the recording's own or `terrain` instead; without `map_inside` the file names the place of the map.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
-    written; nothing is left behind then.
+    written, ValueError for a map too large to go into it; nothing is left behind then.
     """
     refused = list(recording.refused)
     conversion = Conversion(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []
     )
     done = 0
+    terrain = terrain or recording.terrain
+    if terrain is not None and not map_inside and is_copy(terrain):
+        conversion.omitted.append("the map inside the recording, which has no place of its own")
+        terrain = None
     with MissionWriter(
         path,
         georeference=recording.georeference,
-        terrain=recording.terrain,
+        terrain=terrain,
+        map_inside=map_inside,
         source=_source(recording) if source is None else source,
     ) as writer:
         if "simulation" in recording.manifest:
@@ -91,6 +102,7 @@ def convert(
         refused,
         conversion.omitted,
         conversion.path.stat().st_size,
+        terrain.name if terrain is not None and map_inside else None,
     )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.attached_map import attach_map
 from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     MAP_FRAME,
@@ -60,10 +61,13 @@ class MissionWriter:
         georeference: Georeference | None = None,
         terrain: str | PathLike[str] | None = None,
         source: str = "",
+        map_inside: bool = False,
     ) -> None:
-        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file."""
+        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file, or with
+        `map_inside` in it (ValueError for one that is too large)."""
         self.path = Path(path)
-        description = _description(self.path, georeference, terrain, source)
+        inside = map_inside and terrain is not None
+        description = _description(self.path, georeference, None if inside else terrain, source)
         self._part_path = part_path(self.path)
         self._file = self._part_path.open("wb")
         self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES)
@@ -74,6 +78,12 @@ class MissionWriter:
         self._cameras: dict[str, Camera] = {}
         self._last_stamp_ns: dict[tuple[str, str], int] = {}
         self._mcap.add_metadata(METADATA, description)
+        if map_inside and terrain is not None:
+            try:
+                attach_map(self._mcap, Path(terrain))
+            except BaseException:
+                self.discard()
+                raise
 
     def add_camera(self, drone: str, camera: Camera) -> None:
         """Intrinsics of the drone's frames from now on."""
