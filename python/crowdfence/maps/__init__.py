@@ -130,6 +130,8 @@ def _suffix(path: Path) -> str:
         raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
     if path.is_dir():
         raise MapError(path, "is a directory, not a map file")
+    if path.is_fifo():
+        raise MapError(path, "is a pipe; save what it gives in a file, and name that")
     if not path.exists():
         raise MapError(path, "no such file")
     if path.stat().st_size == 0:

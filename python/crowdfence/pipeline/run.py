@@ -110,8 +110,8 @@ def run(
     those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that
     somebody else drew.
 
-    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
-    saw any of it. Frames that cannot be used are in `Run.refused`.
+    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
+    be used, or no view saw any of the terrain. Frames that cannot be used are in `Run.refused`.
     """
     config = RunConfig() if config is None else config
     max_range_m = config.projection.max_range_m
@@ -126,18 +126,20 @@ def run(
     refused = list(recording.refused)
     last_views: dict[str, View] = {}
     last: Step | None = None
+    looked = 0
     with heatmaps.detecting(len(recording.drones)) as detect:
         for instant in recording.instants(config.grouping.tolerance_ms):
             found = detect(instant)
             last = loop.step(found.views, instant.stamp_ns, found.refused)
+            looked += len(last.drones)
             rows.append(frame_row(last, terrain.voxel_size_m))
             zone_sets.append(last.zones)
             refused += last.refused
             last_views.update({view.drone: view for view in found.views})
             if on_step is not None:
                 on_step(instant, last)
-    if last is None:
-        raise ValueError(f"no frame of {recording.name} can be used{_first_reason(refused)}")
+    if last is None or looked == 0:
+        raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
     if last.seen_count == 0:
         raise ValueError(
             f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
@@ -192,5 +194,8 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
     )
 
 
-def _first_reason(refused: list[RefusedFrame]) -> str:
-    return f"; the first of {len(refused)} refusals: {refused[0]}" if refused else ""
+def _reasons(recording: Recording, refused: list[RefusedFrame]) -> str:
+    """What the reader met, then the first frame that was refused: the one is often why the other was."""
+    first = "".join(f": {sentence}" for sentence in recording.warnings[:1])
+    more = f" (and {len(recording.warnings) - 1} more warnings)" if len(recording.warnings) > 1 else ""
+    return first + more + (f"; the first of {len(refused)} refusals: {refused[0]}" if refused else "")

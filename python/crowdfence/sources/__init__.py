@@ -50,6 +50,8 @@ def open_recording(
     limits = Limits(max_pose_gap_s, max_jump_s)
     if path.is_dir():
         return _open_folder(path, limits, airsim_options)
+    if path.is_fifo():
+        raise ValueError(f"{path} is a pipe; save what it gives in a file, and name that")
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError(
