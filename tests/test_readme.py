@@ -6,12 +6,12 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from crowdfence import Detector
 from crowdfence.cli.options import Coverage, MethodName, Surface
+from support.command_line import commands
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -54,22 +54,6 @@ def test_the_second_example_finds_the_crowd_it_draws() -> None:
     # The crowd's cells are the middle of the image, which lies above (30, 30).
     west, south, east, north = map(float, re.findall(r"[\d.]+", bounds))
     assert 27 <= west < 30 < east <= 33 and 27 <= south < 30 < north <= 33
-
-
-def commands() -> dict[str, set[str]]:
-    """Commands as they are typed ("model check") and the options that each takes."""
-    from typer.main import get_command
-
-    from crowdfence.cli.app import app
-
-    def below(name: str, command: Any) -> Iterator[tuple[str, set[str]]]:
-        inner = getattr(command, "commands", None)
-        if inner is None:
-            yield name, {"--help", *(option for parameter in command.params for option in parameter.opts)}
-        for word, one in (inner or {}).items():
-            yield from below(f"{name} {word}".strip(), one)
-
-    return dict(below("", get_command(app)))
 
 
 def status_table() -> dict[str, str]:

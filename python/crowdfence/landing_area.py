@@ -6,7 +6,7 @@ land, people can stand. Suitable here means gentle enough and connected to enoug
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +17,8 @@ from crowdfence.surface_grid import MAX_COLUMNS
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
 
-_VOXELS_PER_BLOCK = 1 << 20
-_CELLS_PER_STRIP = 1 << 21
+_VOXELS_PER_BLOCK = 1 << 18
+_CELLS_PER_STRIP = 1 << 17
 
 
 def landing_prior(
@@ -47,8 +47,7 @@ def landing_prior(
     if landable in (0, columns):
         raise ValueError(
             f"{landable} of {columns} columns are suitable for landing (slope up to {max_slope_deg:g} deg, "
-            f"at least {min_area_m2:g} m2 connected); a prior must lie inside (0, 1): change the limits or "
-            "set the prior by hand"
+            f"at least {min_area_m2:g} m2 connected), and a prior must lie inside (0, 1)"
         )
     return landable / columns
 
@@ -140,7 +139,7 @@ def column_surface_m(terrain: Terrain) -> NDArray[np.float32]:
 
 
 def _strips(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Row ranges of a few million cells, so that intermediate arrays stay small on large maps."""
+    """Row ranges of some hundred thousand cells, whose intermediate arrays stay in the processor's cache."""
     rows = max(1, _CELLS_PER_STRIP // shape[1])
     for start in range(0, shape[0], rows):
         yield slice(start, min(start + rows, shape[0]))
@@ -154,21 +153,21 @@ def _plane_slope_deg(height_m: NDArray[np.float64], cell_size_m: float, reach: i
     known = np.isfinite(height_m)
     if not known.any():
         return np.full(height_m.shape, np.nan)
-    weight = known.astype(np.float64)
     # Heights from the strip's mean: sums of products then keep their digits far above sea level.
     z = np.where(known, height_m - height_m[known].mean(), 0.0)
 
-    def moment(values: NDArray[np.float64], power_x: int, power_y: int) -> NDArray[np.float64]:
-        along_x = correlate1d(values, offset**power_x, axis=0, mode="constant")
-        return np.asarray(correlate1d(along_x, offset**power_y, axis=1, mode="constant"))
+    def along(axis: int, values: NDArray[np.float64], power: int) -> NDArray[np.float64]:
+        return np.asarray(correlate1d(values, offset**power, axis=axis, mode="constant"))
 
-    n, x, y, z_sum = moment(weight, 0, 0), moment(weight, 1, 0), moment(weight, 0, 1), moment(z, 0, 0)
+    n, x, y, x2, y2, x_y = _weight_moments(known, along)
+    z_along_x = along(0, z, 0)
+    z_sum, x_z, y_z = along(1, z_along_x, 0), along(1, along(0, z, 1), 0), along(1, z_along_x, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        xx = moment(weight, 2, 0) - x * x / n
-        yy = moment(weight, 0, 2) - y * y / n
-        xy = moment(weight, 1, 1) - x * y / n
-        xz = moment(z, 1, 0) - x * z_sum / n
-        yz = moment(z, 0, 1) - y * z_sum / n
+        xx = x2 - x * x / n
+        yy = y2 - y * y / n
+        xy = x_y - x * y / n
+        xz = x_z - x * z_sum / n
+        yz = y_z - y * z_sum / n
         determinant = xx * yy - xy * xy
         rise_x = (xz * yy - yz * xy) / determinant
         rise_y = (yz * xx - xz * xy) / determinant
@@ -176,3 +175,18 @@ def _plane_slope_deg(height_m: NDArray[np.float64], cell_size_m: float, reach: i
     # Offsets are whole numbers: points that do not lie in one line have a determinant of 1/n^2 or more.
     fitted = known & (4.0 * n >= offset.size**2) & (determinant > 1e-6)
     return np.where(fitted, slope, np.nan)
+
+
+def _weight_moments(
+    known: NDArray[np.bool_], along: Callable[[int, NDArray[np.float64], int], NDArray[np.float64]]
+) -> list[NDArray[np.float64]]:
+    """Sums over the window of 1, x, y, x2, y2 and x y where the height is known. Without holes the weights
+    are a column times a row, and so are their sums: whole numbers either way."""
+    whole = bool(known.all())
+    rows = known[:, :1] if whole else known
+    of_rows = [along(0, rows.astype(np.float64), power) for power in range(3)]
+    powers = ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+    if whole:
+        of_columns = [along(1, known[:1].astype(np.float64), power) for power in range(3)]
+        return [of_rows[x] * of_columns[y] for x, y in powers]
+    return [along(1, of_rows[x], y) for x, y in powers]

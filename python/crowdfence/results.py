@@ -125,6 +125,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         "terrain": {
             "voxels": run.terrain.voxel_count,
             "voxel_size_m": run.terrain.voxel_size_m,
+            "voxel_size_why": run.voxel_size_why,
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
             "holes": None if run.holes is None else asdict(run.holes),
         },

@@ -10,8 +10,9 @@ from rasterio.transform import Affine, from_origin
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps import MapError, open_terrain, read_map
 from crowdfence.maps.tangent_grid import LocalGrid, resample
+from crowdfence.maps.voxel_size import chosen_voxel_size
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::PendingDeprecationWarning", "ignore::rasterio.errors.NotGeoreferencedWarning"
@@ -157,9 +158,34 @@ def test_without_georeference_the_anchor_is_the_middle_at_the_lowest_height(tmp_
     anchor = terrain.georeference
     assert (anchor.longitude_deg, anchor.latitude_deg) == pytest.approx((8.001, 46.4995), abs=1e-12)
     assert anchor.height_m == 407
-    # Pixels of 7.7 m x 11.1 m: the voxel takes the shorter side, to two digits.
-    assert terrain.voxel_size_m == 7.7
     assert 0 <= terrain.bounds[0, 2] <= 0.9 <= terrain.bounds[1, 2]
+
+
+@pytest.mark.parametrize(
+    ("pixel_m", "side", "size_m", "why"),
+    [
+        (0.77, 20, 0.77, "as the file's pixels of 0.77 m"),
+        (7.7, 20, 0.5, "finer than the file's pixels of 7.7 m, because people are"),
+        # 10 million columns on 36 km2 are 1.9 m wide, on 2500 km2 15.8 m: wider than these pixels are.
+        (60.0, 100, 2.0, "finer than the file's pixels of 60 m"),
+        (10.0, 5000, 10.0, "as the file's pixels of 10 m; finer ones would be too many"),
+    ],
+)
+def test_the_file_or_the_size_of_people_chooses_the_voxels(pixel_m, side, size_m, why):
+    chosen = chosen_voxel_size(None, pixel_m, f"the file's pixels of {pixel_m:g} m", (side * pixel_m) ** 2)
+    assert chosen.size_m == size_m and chosen.why.startswith(why)
+    assert chosen_voxel_size(3.0, pixel_m, "", 1.0).size_m == 3.0
+
+
+def test_voxels_take_the_shorter_side_of_fine_pixels_and_people_s_size_of_coarse_ones(tmp_path):
+    heights = np.full((10, 20), 412.7)
+    fine = write_tif(tmp_path / "fine.tif", heights, "EPSG:4326", from_origin(8.0, 46.5, 1e-5, 1e-5))
+    reading = read_map(fine)
+    # Pixels of 0.77 m x 1.11 m.
+    assert (reading.terrain.voxel_size_m, reading.voxel_size_why) == (0.77, "as the file's pixels of 0.77 m")
+    coarse = write_tif(tmp_path / "coarse.tif", heights, "EPSG:4326", from_origin(8.0, 46.5, 1e-4, 1e-4))
+    reading = read_map(coarse)
+    assert reading.terrain.voxel_size_m == 0.5 and "because people are" in reading.voxel_size_why
 
 
 def local_map(tmp_path, heights, **profile):

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 
 def crowdfence(*arguments: object, columns: int = 120, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -16,3 +18,23 @@ def crowdfence(*arguments: object, columns: int = 120, **variables: str) -> subp
         timeout=300,
         check=False,
     )
+
+
+def commands() -> dict[str, set[str]]:
+    """Commands as they are typed ("model check") and the options that each takes."""
+    from crowdfence.cli.app import app
+    from crowdfence.cli.command_line import command_line
+
+    def below(name: str, command: Any) -> Iterator[tuple[str, set[str]]]:
+        inner = getattr(command, "commands", None)
+        if inner is None:
+            yield name, {"--help", *_options(command)}
+        for word, one in (inner or {}).items():
+            yield from below(f"{name} {word}".strip(), one)
+
+    return dict(below("", command_line(app)))
+
+
+def _options(command: Any) -> Iterator[str]:
+    for parameter in command.params:
+        yield from (*parameter.opts, *parameter.secondary_opts)

@@ -228,3 +228,46 @@ def _save(
     helper.set_model_props(model, entries)
     path.write_bytes(model.SerializeToString())
     return path
+
+
+def write_endless_model(path: Path) -> Path:
+    """A model whose Loop has no trip limit and a condition that stays true."""
+    types = TensorProto
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go_on"], ["still"]),
+            helper.make_node("Identity", ["carried"], ["passed"]),
+        ],
+        "body",
+        [
+            helper.make_tensor_value_info("step", types.INT64, []),
+            helper.make_tensor_value_info("go_on", types.BOOL, []),
+            helper.make_tensor_value_info("carried", types.FLOAT, None),
+        ],
+        [
+            helper.make_tensor_value_info("still", types.BOOL, []),
+            helper.make_tensor_value_info("passed", types.FLOAT, None),
+        ],
+    )
+    nodes = [
+        helper.make_node("Cast", ["image"], ["float"], to=types.FLOAT),
+        helper.make_node("Transpose", ["float"], ["nchw"], perm=[0, 3, 1, 2]),
+        helper.make_node("AveragePool", ["nchw"], ["mean"], kernel_shape=[STRIDE] * 2, strides=[STRIDE] * 2),
+        helper.make_node("Gather", ["mean", "channel"], ["red"], axis=1),
+        helper.make_node("Loop", ["", "true", "red"], ["heatmap"], body=body),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "endless",
+        [helper.make_tensor_value_info("image", types.UINT8, ["N", "H", "W", 3])],
+        [helper.make_tensor_value_info("heatmap", types.FLOAT, ["N", 1, "h", "w"])],
+        [
+            numpy_helper.from_array(np.array(True), "true"),
+            numpy_helper.from_array(np.array([0], np.int64), "channel"),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
+    model.ir_version = 8
+    helper.set_model_props(model, {"crowdfence": json.dumps(contract())})
+    onnx.save(model, path)
+    return path

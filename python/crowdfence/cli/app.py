@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from crowdfence._core import __version__
-from crowdfence.cli import console
+from crowdfence.cli import INTERRUPTED, console
 from crowdfence.cli.calibrate import calibrate
+from crowdfence.cli.command_line import command_line
 from crowdfence.cli.convert import convert
 from crowdfence.cli.data import app as data
 from crowdfence.cli.demo import demo
@@ -20,19 +21,21 @@ from crowdfence.cli.evaluate import evaluate
 from crowdfence.cli.explain import explain
 from crowdfence.cli.export import export
 from crowdfence.cli.fence import app as fence
+from crowdfence.cli.given_paths import check_words
 from crowdfence.cli.inspect import inspect
 from crowdfence.cli.model import app as model
 from crowdfence.cli.route import route
 from crowdfence.cli.run import run
 from crowdfence.cli.simulate import simulate
 from crowdfence.cli.train import train
+from crowdfence.cli.wording import in_options
 
 FAILED = 1
-INTERRUPTED = 130
 
 app = typer.Typer(
     name="crowdfence",
-    help="Crowds seen by a fleet of drones: a crowd map on 3D terrain, and no-fly zones.",
+    help="Where drones must not fly: crowds seen by the cameras of a fleet, put on a map of the terrain, as "
+    "no-fly zones. New here? `crowdfence demo`, then `crowdfence run FLIGHT --terrain MAP -o out`.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -75,7 +78,8 @@ def _options(
 def main() -> None:
     """Run the command line; a failure is one line on stderr. CROWDFENCE_DEBUG=1 shows where it came from."""
     try:
-        app()
+        check_words(sys.argv[1:])
+        command_line(app)()
     except KeyboardInterrupt:
         console.fail("interrupted")
         sys.exit(INTERRUPTED)
@@ -85,7 +89,7 @@ def main() -> None:
         sys.exit(FAILED)
     except (OSError, ValueError) as error:
         _reraise_for_debugging()
-        console.fail(console.one_line(error))
+        console.fail(in_options(console.one_line(error)))
         sys.exit(FAILED)
 
 

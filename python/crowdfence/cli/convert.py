@@ -38,12 +38,27 @@ def convert(
     topics: source_options.Topics = None,
     mount: source_options.Mount = None,
     calibration: source_options.Calibration = None,
+    terrain: Annotated[
+        Path | None,
+        typer.Option("--terrain", "-t", help="Map to put into the file. Default: the recording's own."),
+    ] = None,
+    with_map: Annotated[
+        bool,
+        typer.Option(
+            "--with-map/--without-map", help="Whether the map goes into the file, which then opens anywhere."
+        ),
+    ] = True,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a recording as a mission file (MCAP, ROS 2 messages) that gives the same views bit for bit."""
+    from crowdfence.maps import stated_place
     from crowdfence.sources.convert import convert as write_mission
 
+    if output.suffix.lower() != ".mcap":
+        raise ValueError(f"{output}: convert writes mission files, whose name ends in .mcap")
+    if terrain is not None:
+        stated_place(terrain)  # a map, before anything is read
     with writable_file(output):
         _require_place(output, recording, force)
         source = source_options.open_source(recording, context.params)
@@ -54,6 +69,8 @@ def convert(
                 output,
                 beside=beside,
                 depth_images=depth_images or results is not None,
+                terrain=terrain,
+                map_inside=with_map,
                 progress=lambda done, total: advance(),
             )
     if as_json:
@@ -65,6 +82,7 @@ def convert(
                 "poses": conversion.poses,
                 "refused": [str(refused) for refused in conversion.refused],
                 "omitted": conversion.omitted,
+                "map": conversion.map_inside,
             }
         )
         return
@@ -76,6 +94,7 @@ def convert(
                 "size": f"{conversion.size_bytes / 1e6:.1f} MB",
                 "frames": frames,
                 "poses": str(conversion.poses),
+                "map": _map_told(conversion.map_inside, with_map),
             },
         )
     )
@@ -95,6 +114,12 @@ def _results(run: Path, recording: Recording) -> Iterator[TopicMessage]:
     if recording.georeference not in (None, history.georeference):
         raise ValueError(f"{run} is no run of {recording.name}: its local frame lies elsewhere")
     return result_messages(history, open_grid(run, history))
+
+
+def _map_told(inside: str | None, wanted: bool) -> str:
+    if inside is not None:
+        return f"{inside}, in the file"
+    return "none: give one with --terrain when you run" if wanted else "not in the file"
 
 
 def _require_place(output: Path, recording: Path, force: bool) -> None:

@@ -107,6 +107,9 @@ def evaluate(
             paper, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
     chosen_methods = method or list(options.MethodName)
+    doubts: tuple[str, ...] = ()
+    if options.MethodName.paper in chosen_methods:
+        paper, doubts = paper.with_terrain(ground)  # once for every alpha
     methods: list[MethodConfig] = []
     if options.MethodName.evidence in chosen_methods:
         methods.append(options.part(EvidenceConfig, context.params))
@@ -125,7 +128,7 @@ def evaluate(
         scores, refused, crowd_mass = score(
             source, ground, configs, heatmaps, truth=truth.value, on_instant=count
         )
-    warnings = lost_crowd_warnings(crowd_mass)
+    warnings = [*doubts, *lost_crowd_warnings(crowd_mass)]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     if as_json:
         console.print_json(

@@ -11,6 +11,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
     from crowdfence.exports.zone_formats import ZoneExport
@@ -217,10 +218,15 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         count, topics = sum(report["messages"].values()), len(report["messages"])
         out.print(f"{count} messages on {topics} topics in {report['file']}", soft_wrap=True)
         return
-    out.print(f"{report['zones']} zones of {iso_utc(report['stamp_ns'])} in {report['file']}", soft_wrap=True)
+    out.print(
+        f"{counted(report['zones'], 'zone')} of {iso_utc(report['stamp_ns'])} in {report['file']}",
+        soft_wrap=True,
+    )
     if "fence_items" in report:
         over_m2 = report["over_coverage_m2"]
-        out.print(f"a fence of {report['fence_items']} items closes {over_m2:.0f} m2 more than the zones")
+        out.print(
+            f"a fence of {counted(report['fence_items'], 'item')} closes {over_m2:.0f} m2 more than the zones"
+        )
     if report["dropped_area_m2"]:
         console.warn(
             f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"

@@ -98,6 +98,8 @@ def inspect(
         out.print(header)
         out.print()
         out.print(terrain_facts)
+        for warning in report.warnings:
+            console.warn(warning)
     elif isinstance(report, CrowdMapReport):
         console.stdout().print(_crowd_map_facts(report))
     else:
@@ -146,6 +148,7 @@ def _map_facts(report: MapReport) -> tuple[RenderableType, RenderableType]:
     """What the file says, what becomes of it."""
     header = {name.replace("_", " "): f"{value}" for name, value in report.file.items()}
     rows = _terrain_facts(report.terrain)
+    rows["voxels"] += f", {report.voxel_size_why}"
     rows["memory"] = f"{_megabytes(report.tree_bytes)} ({report.tree_bytes_per_voxel:.2f} bytes a voxel)"
     if report.columns is None:
         rows["columns"] = "not counted: the map spans too many"

@@ -110,14 +110,19 @@ TerrainPath = Annotated[
     ),
 ]
 VoxelSizeM = Annotated[
-    float | None, typer.Option("--voxel-size-m", help="Size of the map's voxels. Default: the file decides.")
+    float | None,
+    typer.Option(
+        "--voxel-size-m",
+        help="Size of the map's cells, in metres. Default: as fine as people, where the file allows it.",
+    ),
 ]
 TerrainOption = Annotated[
     list[str] | None,
     typer.Option(
         "--terrain-option",
         metavar="NAME=VALUE",
-        help="Option of the map reader, such as surface=ground, max_hole_m2=0, up=y; may be repeated.",
+        help="How to read the map: crs=EPSG:32632, height_offset_m=48, surface=ground, max_hole_m2=0, up=y; "
+        "may be repeated.",
     ),
 ]
 Origin = Annotated[
@@ -141,9 +146,10 @@ DetectorChoice = Annotated[
     list[str],
     typer.Option(
         "--detector",
-        metavar="auto|recorded|MODEL.onnx",
-        help="What makes the heatmaps. auto: the shipped model where there are pictures, else as recorded. "
-        "Repeat it to combine several, such as crowdnet-s and yolox_nano.onnx.",
+        metavar="MODEL",
+        help="What finds crowds in the pictures: auto (the shipped model where there are pictures, else as "
+        "recorded), recorded, or a MODEL.onnx. Repeat it to combine several, such as crowdnet-s and "
+        "yolox_nano.onnx.",
     ),
 ]
 EnlargeOption = Annotated[
@@ -169,10 +175,22 @@ Files = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
-Method = Annotated[MethodName, typer.Option("--method", "-m", rich_help_panel=_METHOD, help="Fusion method.")]
+Method = Annotated[
+    MethodName,
+    typer.Option(
+        "--method",
+        "-m",
+        rich_help_panel=_METHOD,
+        help="How looks are put together; paper and or are for research.",
+    ),
+]
 MemoryS = Annotated[
     float,
-    typer.Option("--memory-s", rich_help_panel=_EVIDENCE, help="After so long a look weighs 1 / e, > 0."),
+    typer.Option(
+        "--memory-s",
+        rich_help_panel=_EVIDENCE,
+        help="How long a look counts, in seconds: after so long it weighs 1 / e.",
+    ),
 ]
 SharpGsdM = Annotated[
     float,
@@ -251,8 +269,8 @@ Prior = Annotated[
     typer.Option(
         "--prior",
         rich_help_panel=_METHOD,
-        help="P(A = 1). Default: by evidence, the detector's own; by paper, the share of the map fit for "
-        "landing.",
+        help="How likely crowd is before anybody looked, P(A = 1). Default: by evidence, the detector's own; "
+        "by paper, the share of the map fit for landing, or 0.5.",
     ),
 ]
 BThreshold = Annotated[

@@ -13,6 +13,7 @@ import typer
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.cli.wording import counted
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
@@ -85,8 +86,8 @@ def run(
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
-    """Find the crowds in a recording's pictures, fuse them onto a map, write the map, the zones and a
-    picture."""
+    """From a flight to no-fly zones: finds the crowds in the pictures, puts them on the map, and writes the
+    zones, the map and a report to look at."""
     chosen_method = options.method_config(context.params, method)
     config = options.run_config(options.zone_parameters(context.params), chosen_method)
     map_options = options.terrain_options(
@@ -149,6 +150,7 @@ def fuse_and_report(
             config,
             detector=detector,
             holes=ground.holes,
+            voxel_size_why=ground.voxel_size_why,
             static_zones=others,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
@@ -166,13 +168,14 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
     area = summary["area_m2"]
     out.print(
         console.facts(
-            f"{summary['recording']}: {summary['instants']} instants of {len(summary['frames'])} drones",
+            f"{summary['recording']}: {counted(summary['instants'], 'instant')} of "
+            f"{counted(len(summary['frames']), 'drone')}",
             {
                 "time": f"{summary['first_instant'][:19]}Z, {summary['duration_s']:.1f} s",
                 "frames": f"{frames} integrated in {seconds:.1f} s ({frames / seconds:.1f} per second), "
                 f"{len(summary['refused'])} refused",
                 "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
-                f"{summary['terrain']['seen_voxels']:,} of them seen",
+                f"{summary['terrain']['seen_voxels']:,} of them seen; the size: {run.voxel_size_why}",
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": _heatmaps(summary["detector"]),
                 "method": _method(summary),
@@ -195,7 +198,7 @@ def _left_out(summary: dict[str, Any]) -> str:
     if not regions:
         return ""
     return (
-        f", of it {summary['dropped_area_m2']:.0f} m2 in {regions} regions below "
+        f", of it {summary['dropped_area_m2']:.0f} m2 in {counted(regions, 'region')} below "
         f"{summary['min_area_m2']:g} m2 that no zone covers"
     )
 
@@ -243,7 +246,9 @@ def _zone_table(summary: dict[str, Any]) -> Any:
     ever = counts["created"] + counts["split"]
     if ever > len(zones):
         more += f"; {ever} during the mission"
-    table = Table(title=f"{len(zones)} zones{more}", title_justify="left", title_style="bold", box=None)
+    table = Table(
+        title=f"{counted(len(zones), 'zone')}{more}", title_justify="left", title_style="bold", box=None
+    )
     table.add_column("zone")
     table.add_column("crowd m2", justify="right")
     table.add_column("closed m2", justify="right")

@@ -72,6 +72,10 @@ class EvidenceConfig:
             focal_px=_focal_px(contract) if self.focal_px is None else self.focal_px,
         )
 
+    def with_terrain(self, terrain: Terrain) -> tuple[EvidenceConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
     def fusion_method(self, terrain: Terrain, drones: int) -> Evidence:
         """The method. What is left to the detector has its default; call `with_detector` before where
         there is one. ValueError for values out of bounds."""

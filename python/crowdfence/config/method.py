@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 DEFAULT_TRUE_POSITIVE_RATE = 0.9
 DEFAULT_FALSE_POSITIVE_RATE = 0.02
 """What a run uses where neither its configuration nor its detector says anything."""
+UNDECIDED_PRIOR = 0.5
+"""Prior on a map that is fit for landing everywhere or nowhere: as likely crowd as not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +29,8 @@ class PaperConfig:
     false_positive_rate: float | None = None
     """P(B = 1 | A = 0), inside (0, 1) and below the other; None: what the detector states, or 0.02."""
     prior: float | None = None
-    """P(A = 1), inside (0, 1); None: the share of the terrain that is suitable for landing."""
+    """P(A = 1), inside (0, 1); None: the share of the terrain that is suitable for landing, or 0.5 where
+    that is all of it or nothing."""
     b_threshold: float = 0.5
     """A view calls a voxel crowd when its mean heatmap value is above this."""
     fleet_size: int | None = None
@@ -62,14 +65,23 @@ class PaperConfig:
             false_positive = _stated(contract, "false_positive", DEFAULT_FALSE_POSITIVE_RATE)
         return replace(self, true_positive_rate=true_positive, false_positive_rate=false_positive)
 
+    def with_terrain(self, terrain: Terrain) -> tuple[PaperConfig, tuple[str, ...]]:
+        """The same with a prior, and what is doubtful about it: the given one, else the share of the terrain
+        that is suitable for landing, else `UNDECIDED_PRIOR`."""
+        if self.prior is not None:
+            return self, ()
+        prior, doubts = _landing_prior(terrain)
+        return replace(self, prior=prior), doubts
+
     def fusion_method(self, terrain: Terrain, drones: int) -> Paper:
         """The method for a fleet of `drones`. What is left to the detector has its default; call
         `with_detector` before where there is one. ValueError for values out of bounds."""
-        complete = self.with_detector(None)
+        complete = self.with_detector(None).with_terrain(terrain)[0]
         assert complete.true_positive_rate is not None and complete.false_positive_rate is not None
+        assert complete.prior is not None
         return Paper(
             Rates(complete.true_positive_rate, complete.false_positive_rate),
-            _landing_prior(terrain) if self.prior is None else self.prior,
+            complete.prior,
             alpha=self.alpha,
             decay=self.decay,
             fleet_size=drones if self.fleet_size is None else self.fleet_size,
@@ -99,6 +111,10 @@ class OrConfig:
         """The same: nothing is left to a detector."""
         return self
 
+    def with_terrain(self, terrain: Terrain) -> tuple[OrConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
     def fusion_method(self, terrain: Terrain, drones: int) -> Or:
         """The method. ValueError for a threshold out of bounds."""
         return Or(b_threshold=self.b_threshold)
@@ -122,10 +138,11 @@ def _stated(
     return rate
 
 
-def _landing_prior(terrain: Terrain) -> float:
+def _landing_prior(terrain: Terrain) -> tuple[float, tuple[str, ...]]:
     from crowdfence.landing_area import landing_prior
 
     try:
-        return landing_prior(terrain)
+        return landing_prior(terrain), ()
     except ValueError as error:
-        raise ValueError(f"no prior can be taken from this terrain: {error}") from error
+        doubt = f"prior {UNDECIDED_PRIOR:g}, because the map gives none (set it with --prior): {error}"
+        return UNDECIDED_PRIOR, (doubt,)

@@ -36,6 +36,12 @@ class RunConfig:
             projection=self.projection.with_detector(contract),
         )
 
+    def with_terrain(self, terrain: Terrain) -> tuple[RunConfig, tuple[str, ...]]:
+        """The same with what is left to the terrain (the prior of `paper`) filled in, and what is doubtful
+        about that, one sentence each."""
+        method, doubts = self.method.with_terrain(terrain)
+        return replace(self, method=method), doubts
+
     def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
         """An empty crowd map on a terrain for a fleet of `drones`. What is left to the detector has its
         default; call `with_detector` before where there is one. ValueError for values out of bounds."""

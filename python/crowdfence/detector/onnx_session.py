@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 from crowdfence.detector.contract.json_section import shown
@@ -13,6 +17,11 @@ from crowdfence.errors import DetectorError
 
 if TYPE_CHECKING:
     import onnxruntime
+
+TIME_LIMIT_S = 300.0
+"""One run of a model takes tenths of a second, on a slow machine with a large picture some seconds."""
+TIME_LIMIT_VARIABLE = "CROWDFENCE_MODEL_TIME_LIMIT_S"
+"""Environment variable with another limit."""
 
 _FATAL_ONLY = 4  # what is wrong is in the exception; the runtime would also write it to stderr
 _SOURCE_LINE = re.compile(r"/\S+\.(?:h|cc):\d+ [^()]*\([^()]*\) ")
@@ -48,6 +57,28 @@ def open_session(path: Path, threads: int = 1) -> OnnxSession:
         what = reason(error).removeprefix(f"Load model from {path} failed:")
         raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}") from None
     return OnnxSession(session, face)
+
+
+@contextmanager
+def time_limit() -> Iterator[onnxruntime.RunOptions]:
+    """Options for one run of a session, which ends with a TimeoutError after `TIME_LIMIT_S`. A model may loop
+    without end: ONNX has loops. The runtime looks at its terminate flag before every node, inside loops too;
+    a timer in a thread of its own sets it. One node that never ends cannot be ended so."""
+    import onnxruntime
+
+    seconds = float(os.environ.get(TIME_LIMIT_VARIABLE, TIME_LIMIT_S))
+    options = onnxruntime.RunOptions()
+    timer = Timer(seconds, lambda: setattr(options, "terminate", True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield options
+    except Exception:
+        if options.terminate:
+            raise TimeoutError(f"the model did not end within {seconds:g} s") from None
+        raise
+    finally:
+        timer.cancel()
 
 
 def reason(error: Exception) -> str:

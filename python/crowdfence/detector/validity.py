@@ -70,14 +70,15 @@ class RangeCheck:
         if self.tested is None:
             return []
         what, unit = _NAMES[self.quantity]
-        low, _, high = self.quantiles
+        low, middle, high = self.quantiles
+        flight = f"the middle 90 % of this flight: {low:.3g} to {high:.3g} {unit}, median {middle:.3g}"
         sides = (
             (self.share_below, "below", self.tested[0]),
             (self.share_above, "above", self.tested[1]),
         )
         return [
             f"{what}: {_percent(share)} of the ground seen lies {side} {bound:.3g} {unit}, where the "
-            f"detector {name} was not tested (the flight has {low:.3g} to {high:.3g} {unit})"
+            f"detector {name} was not tested ({flight})"
             for share, side, bound in sides
             if share > TOLERATED_SHARE
         ]

@@ -14,6 +14,7 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
 from crowdfence.maps import MapHoles, MapReading, read_map
+from crowdfence.maps.voxel_size import coarse_voxels_warning
 from crowdfence.surface_grid import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -84,6 +85,9 @@ class MapReport:
     """Why there is none."""
     holes: MapHoles | None
     """None for a map that is no height model."""
+    voxel_size_why: str
+    """Who chose the size of the voxels."""
+    warnings: list[str]
 
 
 def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], None]) -> MapReport:
@@ -106,6 +110,8 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
         landing_prior=prior,
         no_landing_prior=reason,
         holes=reading.holes,
+        voxel_size_why=reading.voxel_size_why,
+        warnings=[] if (coarse := coarse_voxels_warning(terrain.voxel_size_m)) is None else [coarse],
     )
 
 
@@ -114,7 +120,7 @@ def read_map_file(path: Path, options: InspectionOptions) -> MapReading:
     try:
         return read_map(path, **options.terrain_options)
     except TypeError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(str(error)) from error
 
 
 def count_columns(terrain: Terrain) -> ColumnReport | None:

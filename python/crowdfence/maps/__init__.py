@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from inspect import signature
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -62,8 +63,20 @@ def read_map(
     """
     path = Path(path)
     suffix = _suffix(path)
+    reader = _reader(suffix)
+    _require_options(path, reader, options)
     with _naming(path):
-        return _reader(suffix)(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+        return reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+
+
+def _require_options(path: Path, reader: Callable[..., MapReading], options: Mapping[str, Any]) -> None:
+    known = [
+        name for name in signature(reader).parameters if name not in ("path", "voxel_size_m", "georeference")
+    ]
+    if unknown := [name for name in options if name not in known]:
+        raise TypeError(
+            f"{path}: a {path.suffix} map has no option {unknown[0]!r}; it has {', '.join(known)}"
+        )
 
 
 def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = None) -> Place:
@@ -117,6 +130,8 @@ def _suffix(path: Path) -> str:
         raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
     if path.is_dir():
         raise MapError(path, "is a directory, not a map file")
+    if path.is_fifo():
+        raise MapError(path, "is a pipe; save what it gives in a file, and name that")
     if not path.exists():
         raise MapError(path, "no such file")
     if path.stat().st_size == 0:

@@ -21,6 +21,7 @@ from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.raster_projection import RasterProjection
 from crowdfence.maps.source_frame import HeightRules, HeightUnit, chosen_crs
 from crowdfence.maps.tangent_grid import NODE_SPACING_M, LocalGrid, resample
+from crowdfence.maps.voxel_size import VoxelSize, chosen_voxel_size
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -53,7 +54,8 @@ def open_geotiff(
     Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
     the true tangent plane of the anchor, curvature of the earth included. Without `georeference` the anchor
     is the middle of the raster at the lowest height, rounded down to whole metres. Without `voxel_size_m`
-    voxels are as large as pixels, rounded to two digits.
+    voxels are as large as pixels, rounded to two digits; pixels of more than a metre are interpolated to
+    voxels of 0.5 m, or as fine as ten million columns allow (`maps.voxel_size`).
 
     - `band`: which one holds heights (1 = first); must be given when there are several.
     - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are
@@ -82,9 +84,10 @@ def open_geotiff(
         projection = RasterProjection.of(raster, known_crs, georeference, rules)
         bridges, holes = bridge_holes(raster, projection.pixel_area_m2(), max_hole_m2)
         bridged = replace(projection, raster=replace(raster, bridges=bridges))
-        terrain = _terrain(path, bridged, voxel_size_m)
+        voxels = _voxel_size(bridged, voxel_size_m)
+        terrain = _terrain(path, bridged, voxels.size_m)
     terrain.georeference = projection.frame.georeference
-    return MapReading(terrain, holes)
+    return MapReading(terrain, holes, voxels.why)
 
 
 def stated_crs(path: Path) -> CRS | None:
@@ -162,9 +165,16 @@ def _crs(path: Path, dataset: Any) -> CRS | None:
     return None if crs.is_engineering else crs  # "local" or "unnamed" systems have no place on Earth
 
 
-def _terrain(path: Path, projection: RasterProjection, voxel_size_m: float | None) -> Terrain:
+def _voxel_size(projection: RasterProjection, given_m: float | None) -> VoxelSize:
+    low, high = projection.local_bounds()
+    pixel_m = float(f"{projection.pixel_size_m():.1e}")
+    return chosen_voxel_size(
+        given_m, pixel_m, f"the file's pixels of {pixel_m:g} m", float((high - low)[:2].prod())
+    )
+
+
+def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain:
     pixel_size_m = projection.pixel_size_m()
-    size_m = float(f"{pixel_size_m:.1e}") if voxel_size_m is None else voxel_size_m
     bounds = projection.local_bounds()
     # Multiples of the voxel size, so that terrains in the same frame share their voxel grid.
     low, high = np.floor(bounds[0] / size_m), np.ceil(bounds[1] / size_m)

@@ -27,7 +27,7 @@ from crowdfence.maps.source_frame import (
     chosen_crs,
     source_frame,
 )
-from crowdfence.maps.voxel_size import round_voxel_size_m
+from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -71,8 +71,8 @@ def open_lidar(
     - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
 
     Without `voxel_size_m` it follows the mean distance of neighbouring points, rounded up to 1, 2 or 5 times
-    a power of ten. Without `georeference` the anchor is the middle of the file at its lowest height, rounded
-    down to whole metres.
+    a power of ten; where that is above a metre it is 0.5 m, or as fine as ten million columns allow. Without
+    `georeference` the anchor is the middle of the file at its lowest height, rounded down to whole metres.
 
     MapError for a file without reference system, without usable points, with fewer points than its header
     says, more than 200 km from the anchor, too large for the voxel size, or damaged.
@@ -88,14 +88,15 @@ def open_lidar(
         known_crs = chosen_crs(in_file, crs, assume_local=assume_local)
         frame = _frame(known_crs, georeference, HeightRules(height_unit, height_offset_m), low, high)
         corners = frame.local_from_source(*np.stack([low, high], axis=-1))
-        if voxel_size_m is None:
-            area_m2 = float(np.abs(corners[1, :2] - corners[0, :2]).prod())
-            voxel_size_m = round_voxel_size_m(math.sqrt(area_m2 / reader.header.point_count))
-        keys = VoxelKeys(voxel_size_m, near=corners.mean(axis=0))
+        area_m2 = float(np.abs(corners[1, :2] - corners[0, :2]).prod())
+        distance_m = round_voxel_size_m(math.sqrt(area_m2 / reader.header.point_count))
+        told = f"its points, up to {distance_m:g} m apart on average"
+        voxels = chosen_voxel_size(voxel_size_m, distance_m, told, area_m2)
+        keys = VoxelKeys(voxels.size_m, near=corners.mean(axis=0))
         survey = _Survey.of(_chunks(path, reader, frame), keys, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
-    return MapReading(terrain)
+    return MapReading(terrain, voxel_size_why=voxels.why)
 
 
 def stated_crs(path: Path) -> CRS | None:

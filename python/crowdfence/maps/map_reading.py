@@ -15,3 +15,5 @@ class MapReading:
     terrain: Terrain
     holes: MapHoles | None = None
     """None for kinds of maps that are no height models."""
+    voxel_size_why: str = ""
+    """Who chose the size of the voxels, as in "finer than the file's pixels of 2 m"."""

@@ -15,7 +15,7 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
-from crowdfence.maps.voxel_size import round_voxel_size_m
+from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
 
 
 def open_mesh(
@@ -32,7 +32,8 @@ def open_mesh(
     Vertices are local: x east, y north, z up, in units of `unit_m` metres.
     `up="y"` is for files whose y axis points up, as many modelling tools write them: their (x, y, z) becomes
     (x, -z, y). `origin` is then added, in metres. Textures and materials are not read. Without `voxel_size_m`
-    it is a thousandth of the longest side, rounded up to 1, 2 or 5 times a power of ten and at least 5 cm.
+    it is a thousandth of the longest side, rounded up to 1, 2 or 5 times a power of ten and at least 5 cm;
+    where that is above a metre it is 0.5 m, or as fine as ten million columns allow.
     A mesh knows no place on Earth, so `georeference` is taken as given.
     """
     if up not in ("z", "y"):
@@ -44,11 +45,14 @@ def open_mesh(
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=-1)
     vertices += np.asarray(origin, np.float64)
-    if voxel_size_m is None:
-        voxel_size_m = round_voxel_size_m(float(np.ptp(vertices, axis=0).max()) / 1000)
-    terrain = Terrain.from_triangles(vertices, triangles, voxel_size_m)
+    sides_m = np.ptp(vertices, axis=0)
+    thousandth_m = round_voxel_size_m(float(sides_m.max()) / 1000)
+    voxels = chosen_voxel_size(
+        voxel_size_m, thousandth_m, "a thousandth of its longest side", float(sides_m[:2].prod())
+    )
+    terrain = Terrain.from_triangles(vertices, triangles, voxels.size_m)
     terrain.georeference = georeference
-    return MapReading(terrain)
+    return MapReading(terrain, voxel_size_why=voxels.why)
 
 
 def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

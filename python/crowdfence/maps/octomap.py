@@ -40,7 +40,7 @@ def open_octomap(
             "not resampled, so leave voxel_size_m out",
         )
     terrain.georeference = _anchor(path, georeference, None if frame is None else frame.georeference)
-    return MapReading(terrain)
+    return MapReading(terrain, voxel_size_why="as in the file, which cannot be resampled")
 
 
 def stated_anchor(path: Path) -> Georeference | None:

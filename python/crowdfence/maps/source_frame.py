@@ -127,9 +127,7 @@ def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_lo
     `stated` comes from the caller and takes precedence over the file's; `assume_local` is for files without
     any.
     """
-    from pyproj import CRS
-
-    found = in_file if stated is None else CRS.from_user_input(stated)
+    found = in_file if stated is None else stated_crs(stated)
     if assume_local and found is not None:
         raise ValueError(
             f"assume_local contradicts the reference system {found.name!r}; leave one of them out"
@@ -140,6 +138,20 @@ def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_lo
             "assume_local=True if its coordinates are local metres (east, north)"
         )
     return found
+
+
+def stated_crs(stated: str | int | CRS) -> CRS:
+    """The reference system that the caller names. ValueError for one that PROJ does not know."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        return CRS.from_user_input(stated)
+    except CRSError as error:
+        raise ValueError(
+            f"crs is {stated!r}, which is no coordinate reference system that PROJ knows; give one such as "
+            "EPSG:32632"
+        ) from error
 
 
 def horizontal_part(crs: CRS) -> CRS:

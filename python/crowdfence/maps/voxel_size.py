@@ -1,10 +1,54 @@
-"""Voxel sizes that people would choose themselves."""
+"""Which voxels a map is given where nobody says: sizes that people would choose themselves, and why."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 SMALLEST_M = 0.05
+AS_THE_FILE_M = 1.0
+"""Files of this resolution or finer decide themselves."""
+PEOPLE_M = 0.5
+"""Coarser files are read so finely, if that is not too much: the room of a person in a loose crowd, and what
+the shipped detector was measured with."""
+MOST_COLUMNS = 10_000_000
+"""1.6 km x 1.6 km at 0.5 m, read in some seconds."""
+COARSE_M = 2.0
+"""A crowd of ten people stands on about one voxel of this size."""
+
+
+@dataclass(frozen=True, slots=True)
+class VoxelSize:
+    """The size of a map's voxels, and who chose it."""
+
+    size_m: float
+    why: str
+    """As in "0.5 m, ...": after a comma."""
+
+
+def chosen_voxel_size(given_m: float | None, file_m: float, told: str, area_m2: float) -> VoxelSize:
+    """`given_m` where somebody said so; else the resolution `file_m` of the file, `told` in words, or finer
+    where it is coarser than `AS_THE_FILE_M` and the map's area allows: the surface between heights, points
+    and corners is interpolated, and people are small."""
+    if given_m is not None:
+        return VoxelSize(given_m, "as asked for")
+    if file_m <= AS_THE_FILE_M:
+        return VoxelSize(file_m, f"as {told}")
+    affordable_m = round_voxel_size_m(max(PEOPLE_M, math.sqrt(area_m2 / MOST_COLUMNS)))
+    if affordable_m >= file_m:
+        return VoxelSize(file_m, f"as {told}; finer ones would be too many for so large a map")
+    return VoxelSize(affordable_m, f"finer than {told}, because people are; heights are interpolated")
+
+
+def coarse_voxels_warning(size_m: float) -> str | None:
+    """What voxels too large for people do to zones; None for smaller ones."""
+    if size_m <= COARSE_M:
+        return None
+    return (
+        f"voxels of {size_m:g} m are coarse for people: a small crowd does not fill one and may be missed, "
+        "and zones come in steps of that size (give a finer map, or --voxel-size-m where the map's format "
+        "allows it)"
+    )
 
 
 def round_voxel_size_m(wanted_m: float) -> float:

@@ -12,6 +12,7 @@ from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
+from crowdfence.maps.voxel_size import coarse_voxels_warning
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -53,6 +54,10 @@ class Run:
     """Holes of the map, where its reader counted them."""
     crowd_mass: dict[str, CrowdMass]
     """Where the crowd in the pictures of each drone went."""
+    voxel_size_why: str = ""
+    """Who chose the size of the voxels, where the map's reader said."""
+    doubts: tuple[str, ...] = ()
+    """What is doubtful about the map and what was taken from it, one sentence each."""
 
     @property
     def stamp_ns(self) -> int:
@@ -65,7 +70,7 @@ class Run:
         of_detector = [] if self.review is None else self.review.warnings
         of_pictures = self.heatmaps.watch.warnings
         lost = lost_crowd_warnings(self.crowd_mass)
-        return [*self.recording.warnings, *of_detector, *of_pictures, *lost]
+        return [*self.recording.warnings, *self.doubts, *of_detector, *of_pictures, *lost]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -93,6 +98,7 @@ def run(
     *,
     detector: Detector | HeatmapFunction | None = None,
     holes: MapHoles | None = None,
+    voxel_size_why: str = "",
     static_zones: Sequence[Zone] = (),
     on_step: OnStep | None = None,
 ) -> Run:
@@ -101,35 +107,39 @@ def run(
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
-    those of the map (`read_map`), for the summary. `static_zones` are zones that somebody else drew.
+    those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that
+    somebody else drew.
 
-    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, or no view
-    saw any of it. Frames that cannot be used are in `Run.refused`.
+    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
+    be used, or no view saw any of the terrain. Frames that cannot be used are in `Run.refused`.
     """
     config = RunConfig() if config is None else config
     max_range_m = config.projection.max_range_m
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
-    config = config.with_detector(heatmaps.contract)
+    config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
+    coarse = coarse_voxels_warning(terrain.voxel_size_m)
     loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones, static_zones)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []
     refused = list(recording.refused)
     last_views: dict[str, View] = {}
     last: Step | None = None
+    looked = 0
     with heatmaps.detecting(len(recording.drones)) as detect:
         for instant in recording.instants(config.grouping.tolerance_ms):
             found = detect(instant)
             last = loop.step(found.views, instant.stamp_ns, found.refused)
+            looked += len(last.drones)
             rows.append(frame_row(last, terrain.voxel_size_m))
             zone_sets.append(last.zones)
             refused += last.refused
             last_views.update({view.drone: view for view in found.views})
             if on_step is not None:
                 on_step(instant, last)
-    if last is None:
-        raise ValueError(f"no frame of {recording.name} can be used{_first_reason(refused)}")
+    if last is None or looked == 0:
+        raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
     if last.seen_count == 0:
         raise ValueError(
             f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
@@ -152,6 +162,8 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
+        doubts=doubts if coarse is None else (*doubts, coarse),
+        voxel_size_why=voxel_size_why,
     )
 
 
@@ -183,5 +195,8 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
     )
 
 
-def _first_reason(refused: list[RefusedFrame]) -> str:
-    return f"; the first of {len(refused)} refusals: {refused[0]}" if refused else ""
+def _reasons(recording: Recording, refused: list[RefusedFrame]) -> str:
+    """What the reader met, then the first frame that was refused: the one is often why the other was."""
+    first = "".join(f": {sentence}" for sentence in recording.warnings[:1])
+    more = f" (and {len(recording.warnings) - 1} more warnings)" if len(recording.warnings) > 1 else ""
+    return first + more + (f"; the first of {len(refused)} refusals: {refused[0]}" if refused else "")

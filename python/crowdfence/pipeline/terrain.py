@@ -64,7 +64,7 @@ def read_map(
     try:
         return read_map_file(chosen, georeference=anchor, **options)
     except TypeError as error:
-        raise ValueError(f"{chosen}: {error}") from error
+        raise ValueError(str(error)) from error
 
 
 def _anchor(recording: Recording, given: Georeference | None) -> Georeference | None:

@@ -53,6 +53,8 @@ def open_recording(
     limits = Limits(max_pose_gap_s, max_jump_s)
     if path.is_dir():
         return _open_folder(path, limits, options)
+    if path.is_fifo():
+        raise ValueError(f"{path} is a pipe; save what it gives in a file, and name that")
     from crowdfence.sources.mission.layout import MAGIC
 
     with path.open("rb") as file:

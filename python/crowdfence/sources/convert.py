@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
+from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
@@ -37,6 +38,8 @@ class Conversion:
     omitted: list[str]
     """Pictures and truth that could not be read; their frames are in the file without them."""
     size_bytes: int = field(default=0)
+    map_inside: str | None = None
+    """Name of the map that went into the file."""
 
 
 def convert(
@@ -47,27 +50,36 @@ def convert(
     source: str | None = None,
     beside: Iterable[TopicMessage] = (),
     depth_images: bool = False,
+    terrain: Path | None = None,
+    map_inside: bool = True,
     progress: Progress | None = None,
 ) -> Conversion:
     """Write the recording as a mission file.
 
     `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
     `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages
-    of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it.
+    of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it. The
+    map goes into the file, the recording's own or `terrain` instead; without `map_inside` the file names the
+    place of the map.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
-    written; nothing is left behind then.
+    written, ValueError for a map too large to go into it; nothing is left behind then.
     """
     refused = list(recording.refused)
     conversion = Conversion(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []
     )
     done = 0
+    terrain = terrain or recording.terrain
+    if terrain is not None and not map_inside and is_copy(terrain):
+        conversion.omitted.append("the map inside the recording, which has no place of its own")
+        terrain = None
     with MissionWriter(
         path,
         georeference=recording.georeference,
-        terrain=recording.terrain,
+        terrain=terrain,
+        map_inside=map_inside,
         source=_source(recording) if source is None else source,
         depth_images=depth_images,
     ) as writer:
@@ -101,6 +113,7 @@ def convert(
         refused,
         conversion.omitted,
         conversion.path.stat().st_size,
+        terrain.name if terrain is not None and map_inside else None,
     )
 
 

@@ -149,6 +149,9 @@ def _camera(description: dict[str, Any], drone: str, path: Path) -> Camera:
         raise ValueError(f'{path} has no camera for drone {drone!r}: add cameras.{drone} or cameras."*"')
     try:
         width, height, fx, fy, cx, cy = (entry[key] for key in ("width", "height", "fx", "fy", "cx", "cy"))
+        for name in ("width", "height"):
+            if not (isinstance(entry[name], int) and entry[name] >= 1):
+                raise ValueError(f"{name} is {entry[name]!r}; it must be a whole number of at least 1")
         model, distortion = entry.get("model", "pinhole"), entry.get("distortion")
         if model == "kannala_brandt":
             return Camera.fisheye(width, height, fx, fy, cx, cy, distortion or (0.0, 0.0, 0.0, 0.0))

@@ -70,7 +70,7 @@ def _placed(
         if fault is None and image.camera is None:
             fault = "no camera intrinsics were recorded for it"
         if fault is None and track is None:
-            fault = "no telemetry was recorded for this drone"
+            fault = "no telemetry of this drone was recorded, or none can be read"
         if fault is not None or image.camera is None or track is None:
             yield RefusedFrame(drone, image.stamp_ns, fault or "")
             continue

@@ -14,7 +14,7 @@ from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch
 from crowdfence.detector.inference.map_output import Map, map_values
 from crowdfence.detector.inference.patches import Patch, Span, patches
 from crowdfence.detector.inference.people_output import People, people_in
-from crowdfence.detector.onnx_session import OnnxSession, reason
+from crowdfence.detector.onnx_session import OnnxSession, reason, time_limit
 from crowdfence.errors import DetectorError
 
 
@@ -105,7 +105,13 @@ class OnnxModel:
         contract = self._contract
         tensor = self._tensor(pixels)
         try:
-            raw = self._session.run([contract.output.name], {contract.input.name: tensor})[0]
+            with time_limit() as run_options:
+                outputs = self._session.run(
+                    [contract.output.name], {contract.input.name: tensor}, run_options
+                )
+            raw = outputs[0]
+        except TimeoutError as error:
+            raise DetectorError(f"{error} on an input of shape {list(tensor.shape)}") from None
         except Exception as error:  # the runtime's exceptions have no base class of their own
             raise DetectorError(
                 f"the model failed on an input of shape {list(tensor.shape)}: {reason(error)}"

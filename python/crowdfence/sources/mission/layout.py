@@ -37,6 +37,8 @@ drone: its name and its topic prefix, written before its first message), `crowdf
 a conversion had to leave out), and of a simulated mission `crowdfence.simulation` (scenario, seed and
 renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last three hold JSON.
 
+A map may lie inside as an attachment (`attached_map`), before the first message.
+
 Readers skip topics that they do not know, so everything that was added since version 1 began is of
 version 1 too.
 """

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.attached_map import attached_map
 from crowdfence.sources.mission.camera_info import camera_from_info
 from crowdfence.sources.mission.layout import (
     CROWD_CLASS,
@@ -303,6 +304,11 @@ def _georeference(description: dict[str, str], warnings: list[str]) -> Georefere
 
 
 def _terrain(path: Path, description: dict[str, str], warnings: list[str]) -> Path | None:
+    try:
+        if (inside := attached_map(path)) is not None:
+            return inside
+    except (ValueError, OSError) as error:
+        warnings.append(f"{error}; give a map with --terrain")
     if "terrain" not in description:
         return None
     terrain = Path(os.path.normpath(path.parent.resolve() / description["terrain"]))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.attached_map import attach_map
 from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     MAP_FRAME,
@@ -54,16 +55,25 @@ class MissionWriter(TopicWriter):
         terrain: str | PathLike[str] | None = None,
         source: str = "",
         depth_images: bool = False,
+        map_inside: bool = False,
     ) -> None:
-        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file;
-        `depth_images`: depth as images that viewers draw, where PNG would be a third of the bytes."""
-        description = _description(Path(path), georeference, terrain, source)
+        """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file, or with
+        `map_inside` in it (ValueError for one that is too large); `depth_images`: depth as images that
+        viewers draw, where PNG would be a third of the bytes."""
+        inside = map_inside and terrain is not None
+        description = _description(Path(path), georeference, None if inside else terrain, source)
         super().__init__(path)
         self._depth_images = depth_images
         self._prefixes: dict[str, str] = {}
         self._cameras: dict[str, Camera] = {}
         self._last_stamp_ns: dict[tuple[str, str], int] = {}
         self.add_metadata(METADATA, description)
+        if map_inside and terrain is not None:
+            try:
+                attach_map(self._mcap, Path(terrain))
+            except BaseException:
+                self.discard()
+                raise
 
     def add_camera(self, drone: str, camera: Camera) -> None:
         """Intrinsics of the drone's frames from now on."""

@@ -1,0 +1,68 @@
+"""The application as one command, its help made readable in one place."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+import typer
+
+_GROUPS = {
+    "From a flight to zones": ("demo", "inspect", "run", "explain", "export", "route", "serve", "fence"),
+    "Recordings": ("convert", "align", "simulate"),
+    "Detectors": ("detect", "model", "data", "train", "calibrate"),
+    "Research": ("evaluate", "paper"),
+    "This machine": ("doctor",),
+}
+"""What somebody looks for first comes first."""
+
+_PANELS = ("Zones", "Projection and map", "Method", "Method evidence", "Methods paper and or")
+"""Panels of options in the order of their use; those that are not named here come before."""
+
+
+def command_line(app: typer.Typer) -> Any:
+    """The click command of the application: commands in groups, options in the order of their use, help that
+    fits the width, and no type beside switches."""
+    command = typer.main.get_command(app)
+    _in_groups(command)
+    for one in _all(command):
+        _tidy(one)
+    return command
+
+
+def _all(command: Any) -> Iterator[Any]:
+    yield command
+    for one in getattr(command, "commands", {}).values():
+        yield from _all(one)
+
+
+def _in_groups(command: Any) -> None:
+    group_of = {name: group for group, names in _GROUPS.items() for name in names}
+    order = {name: place for place, name in enumerate(group_of)}
+    commands = sorted(command.commands.items(), key=lambda entry: order.get(entry[0], len(order)))
+    command.commands = dict(commands)
+    for name, one in commands:
+        one.rich_help_panel = group_of.get(name, "More")
+
+
+def _tidy(command: Any) -> None:
+    given = command.get_params
+
+    def get_params(context: Any) -> list[Any]:
+        parameters = given(context)
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return sorted(parameters, key=_place)
+
+    command.get_params = get_params
+    if command.help:
+        # The lines of a docstring are not those of the terminal.
+        paragraphs = inspect.cleandoc(command.help).split("\n\n")
+        command.help = "\n\n".join(" ".join(part.split()) for part in paragraphs)
+
+
+def _place(parameter: Any) -> int:
+    panel = getattr(parameter, "rich_help_panel", None)
+    return _PANELS.index(panel) + 1 if panel in _PANELS else 0

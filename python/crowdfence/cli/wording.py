@@ -1,0 +1,41 @@
+"""Messages of the library in the words of the command line.
+
+The library tells its callers which argument to pass; on the command line the same thing is an option. What is
+said here is said once, for every command.
+"""
+
+from __future__ import annotations
+
+import re
+
+_OPTIONS = {
+    "assume_local": "--assume-local",
+    "georeference": "--origin LAT,LON,HEIGHT",
+    "voxel_size_m": "--voxel-size-m",
+    "max_range_m": "--max-range-m",
+}
+_READER_OPTIONS = "band|nodata|crs|height_unit|height_offset_m|max_hole_m2|max_hole_m|surface|up|unit_m"
+
+_RULES = [
+    # Said twice, for both readers: the option stays.
+    (re.compile(r"(--[a-z-]+(?: [A-Z,]+)?), georeference="), r"\1"),
+    (re.compile(r"(--assume-local) \(assume_local=True\)"), r"\1"),
+    (re.compile(r"(--origin) \(georeference\)"), r"\1"),
+    *((re.compile(rf"\b{name}(?:=True| =)?(?![\w=])"), option) for name, option in _OPTIONS.items()),
+    (re.compile(rf"\b({_READER_OPTIONS})=(?:'([^']*)'|([\w.:+-]+))"), r"--terrain-option \1=\2\3"),
+    (re.compile(r"\b(height_offset_m|max_hole_m2|max_hole_m) = "), r"--terrain-option \1="),
+    (re.compile(r"\bpass (crs|height_offset_m)\b"), r"pass --terrain-option \1=..."),
+    (re.compile(r"\((for maps: )(height_offset_m)\)"), r"(\1--terrain-option \2=...)"),
+]
+
+
+def in_options(message: str) -> str:
+    """A message with the options of the command line where the library names its arguments."""
+    for pattern, replacement in _RULES:
+        message = pattern.sub(replacement, message)
+    return message
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 zone", "2 zones"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,0 +1,261 @@
+"""The first hour of somebody new: what the command line says and leaves, seen from outside."""
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from mcap.reader import make_reader
+
+from crowdfence import Terrain, _core, open_recording
+from crowdfence.cli.app import app
+from crowdfence.cli.command_line import command_line
+from crowdfence.cli.wording import counted
+from support.command_line import commands, crowdfence
+from support.onnx_models import contract, write_endless_model, write_map_model
+from support.small_recordings import flight, ground, write_airsim, write_folder
+
+RECORDED = ("--detector", "recorded")
+
+
+@pytest.fixture(scope="module")
+def airsim(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = write_airsim(tmp_path_factory.mktemp("flight") / "recording", flight())
+    write_bt(folder / "terrain" / "terrain.bt", Terrain.from_points(ground(), 2.0))
+    return folder
+
+
+def write_bt(path: Path, terrain: Terrain) -> Path:
+    path.write_bytes(_core.write_octomap_binary(terrain, np.arange(terrain.voxel_count)))
+    return path
+
+
+def test_a_converted_recording_is_one_file_that_opens_elsewhere(airsim: Path, tmp_path: Path) -> None:
+    """The reader of the format's own library finds the map's very bytes in it."""
+    (tmp_path / "here").mkdir()
+    done = crowdfence("convert", airsim, "-o", tmp_path / "here" / "flight.mcap", "--json")
+    assert done.returncode == 0 and json.loads(done.stdout)["map"] == "terrain.bt", done.stderr
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    moved = Path(shutil.move(tmp_path / "here" / "flight.mcap", elsewhere))
+    original = (airsim / "terrain" / "terrain.bt").read_bytes()
+    with moved.open("rb") as file:
+        (attachment,) = make_reader(file).iter_attachments()
+    assert (attachment.name, attachment.data) == ("terrain.bt", original)
+    done = crowdfence("run", moved, *RECORDED, "-o", elsewhere / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)["terrain"]
+    assert (told["voxels"], told["voxel_size_m"]) == (len(np.unique(ground() // 2.0, axis=0)), 2.0)
+    assert {path.name for path in elsewhere.iterdir()} == {"flight.mcap", "out"}
+
+
+def test_a_map_of_another_place_can_go_into_the_file_or_stay_outside(airsim: Path, tmp_path: Path) -> None:
+    other = write_bt(tmp_path / "other.bt", Terrain.from_points(ground(), 4.0))
+    done = crowdfence("convert", airsim, "-o", tmp_path / "a.mcap", "-t", other)
+    assert done.returncode == 0 and "other.bt, in the file" in done.stdout
+    inside = open_recording(tmp_path / "a.mcap").terrain
+    assert inside is not None and inside.read_bytes() == other.read_bytes()
+    assert crowdfence("convert", airsim, "-o", tmp_path / "b.mcap", "--without-map").returncode == 0
+    assert open_recording(tmp_path / "b.mcap").terrain == (airsim / "terrain" / "terrain.bt").resolve()
+    # A map that was inside has no place of its own to be named.
+    done = crowdfence("convert", tmp_path / "a.mcap", "-o", tmp_path / "c.mcap", "--without-map")
+    assert "warning: the map inside the recording" in done.stderr
+    assert open_recording(tmp_path / "c.mcap").terrain is None
+
+
+def test_a_damaged_map_inside_is_told_and_the_recording_still_opens(airsim: Path, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    assert crowdfence("convert", airsim, "-o", path).returncode == 0
+    data = bytearray(path.read_bytes())
+    place = data.index((airsim / "terrain" / "terrain.bt").read_bytes()) + 40
+    data[place] ^= 0xFF
+    path.write_bytes(data)
+    recording = open_recording(path)
+    assert recording.terrain is None and len(recording.frames) > 0
+    assert any("checksum does not match; give a map with --terrain" in line for line in recording.warnings)
+
+
+@pytest.mark.parametrize("name", ["x.bag", "x", "x.zip", "x.mcap.gz"])
+def test_convert_refuses_to_write_what_it_cannot(airsim: Path, tmp_path: Path, name: str) -> None:
+    done = crowdfence("convert", airsim, "-o", tmp_path / name)
+    assert done.returncode == 1 and "whose name ends in .mcap" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def broken_folder(folder: Path, name: str) -> Path:
+    """A plain recording over level ground with one thing wrong all through."""
+    write_folder(folder, flight())
+    write_bt(folder / "g.bt", Terrain.from_points(ground(), 2.0))
+    header, *rows = list(csv.reader((folder / "poses.csv").open()))
+    heatmaps = sorted((folder / "heatmaps").iterdir())
+    if name == "quaternions":
+        rows = [[*row[:5], "0", "0", "0", "0"] for row in rows]
+    if name == "stamps":
+        rows = [[row[0], str(int(row[1]) / 1e9), *row[2:]] for row in rows]
+    if name in ("nan", "size"):
+        shown = np.full((24, 32), np.nan, np.float32) if name == "nan" else np.zeros((15, 23), np.float32)
+        for path in heatmaps:
+            path.unlink()
+            np.save(path.with_suffix(".npy"), shown)
+    if name == "width":
+        description = json.loads((folder / "recording.json").read_text())
+        description["cameras"]["*"]["width"] = -64
+        (folder / "recording.json").write_text(json.dumps(description))
+    with (folder / "poses.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("nan", "heatmap value at row 0, column 0 is NaN"),
+        ("size", "heatmap of 15 x 23 (rows x columns) is no reduction of an image of 24 x 32"),
+        ("quaternions", "a quaternion not of length 1), first at row 0"),
+        ("stamps", "line 2: stamp_ns is '1759999999.8"),
+        ("width", "width is -64; it must be a whole number of at least 1"),
+    ],
+)
+def test_the_real_reason_survives_when_nothing_can_be_used(tmp_path: Path, name: str, reason: str) -> None:
+    folder = broken_folder(tmp_path / name, name)
+    done = crowdfence("run", folder, "-t", folder / "g.bt", *RECORDED, "-o", tmp_path / "out")
+    assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
+    assert reason in done.stderr
+    assert "no view saw" not in done.stderr and "has no telemetry" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_model_that_gives_nan_is_the_reason(airsim: Path, tmp_path: Path) -> None:
+    model = write_map_model(tmp_path / "nan.onnx", contract(), scale=float("nan"))
+    done = crowdfence("run", airsim, "--detector", model, "-o", tmp_path / "out")
+    assert done.returncode == 1 and "no frame of recording can be used" in done.stderr
+    assert "output heatmap holds nan at [0, 0, 0]" in done.stderr
+
+
+def test_a_model_that_never_ends_is_ended(tmp_path: Path) -> None:
+    model = write_endless_model(tmp_path / "endless.onnx")
+    done = crowdfence("model", "check", model, CROWDFENCE_MODEL_TIME_LIMIT_S="1")
+    assert done.returncode == 1
+    assert "the model did not end within 1 s on an input of shape" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["run", "inspect", "convert", "detect"])
+def test_a_pipe_is_refused_at_once(tmp_path: Path, command: str) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    done = crowdfence(command, tmp_path / "pipe.mcap", "-o", tmp_path / "out.mcap")
+    assert done.returncode == 1 and "is a pipe; save what it gives in a file" in done.stderr
+    with pytest.raises(ValueError, match="is a pipe"):
+        open_recording(tmp_path / "pipe.mcap")
+
+
+def test_a_path_that_is_no_utf8_fails_before_the_work(airsim: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "crowdfence", "run", airsim, "-o", os.fsencode(tmp_path) + b"/\xff\xfe"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1 and "is no UTF-8; rename the file or folder" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path: Path) -> None:
+    """A module that is imported early interrupts, as Ctrl-C would at that moment."""
+    (tmp_path / "typer.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
+    )
+    done = crowdfence("--version", PYTHONPATH=str(tmp_path))
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+def write_dem(path: Path, crs: str | None = "EPSG:32632") -> Path:
+    """4 x 4 km, so that no flight misses it, level at 1175 m."""
+    transform = rasterio.transform.from_origin(421000.0, 5152000.0, 40.0, 40.0)
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(path, "w", width=100, height=100, **profile) as raster:
+        raster.write(np.full((100, 100), 1175.0, np.float32), 1)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--terrain-option", "crs=EPSG:999999"], "crs is 'EPSG:999999', which is no coordinate reference"),
+        (["--terrain-option", "colour=red"], "a .tif map has no option 'colour'; it has band, nodata,"),
+        (["--terrain-option", "band=7"], "band is 7, the file has bands 1 to 1"),
+        (["--voxel-size-m", "0.001"], "pass a --voxel-size-m above"),
+        ([], "--terrain-option crs=EPSG:... if you know it, or --assume-local if its"),
+    ],
+)
+def test_errors_name_options_and_no_python(tmp_path: Path, options: list[str], said: str) -> None:
+    dem = write_dem(tmp_path / "dem.tif", None if options == [] else "EPSG:32632")
+    done = crowdfence("inspect", dem, *options)
+    assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
+    assert said in done.stderr
+    assert not re.search(r"Traceback|=True|\(\)|keyword|Error\b|assume_local|voxel_size_m", done.stderr)
+
+
+def test_a_map_with_a_place_says_with_which_option_the_recording_gets_one(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "flight", flight())
+    description = json.loads((folder / "recording.json").read_text())
+    del description["georeference"]
+    (folder / "recording.json").write_text(json.dumps(description))
+    done = crowdfence("run", folder, "-t", write_dem(tmp_path / "dem.tif"), *RECORDED, "-o", tmp_path / "o")
+    assert "--origin LAT,LON,HEIGHT" in done.stderr and "--assume-local" in done.stderr
+    assert "georeference=" not in done.stderr and "=True" not in done.stderr
+
+
+def test_level_ground_has_a_stated_prior(tmp_path: Path) -> None:
+    """All of it is fit for landing, which is no prior."""
+    folder = write_folder(tmp_path / "flight", flight())
+    flat = np.stack(np.meshgrid(np.arange(-600.0, 600.0, 2.0), np.arange(-600.0, 600.0, 2.0)), -1)
+    points = np.concatenate([flat.reshape(-1, 2), np.full((flat.size // 2, 1), -25.0)], axis=1)
+    level = write_bt(tmp_path / "level.bt", Terrain.from_points(points, 2.0))
+    common = ("run", folder, "-t", level, *RECORDED, "-m", "paper", "--json")
+    done = crowdfence(*common, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["parameters"]["prior"] == 0.5
+    (told,) = [line for line in summary["warnings"] if "prior" in line]
+    assert told.startswith("prior 0.5, because the map gives none (set it with --prior): 360000 of 360000")
+    given = json.loads(crowdfence(*common, "-o", tmp_path / "given", "--prior", 0.2).stdout)
+    assert given["parameters"]["prior"] == 0.2
+    assert not [line for line in given["warnings"] if "prior" in line]
+
+
+def test_what_was_chosen_of_the_map_is_said_and_coarse_voxels_are_warned_of(tmp_path: Path) -> None:
+    dem = write_dem(tmp_path / "dem.tif")
+    # 16 km2 hold at most ten million columns of 1.3 m: the next round size is 2 m.
+    done = crowdfence("inspect", "--quick", dem)
+    assert "of 2 m, finer than the file's pixels of 40 m, because" in " ".join(done.stdout.split())
+    assert done.stderr == ""
+    done = crowdfence("inspect", "--quick", dem, "--voxel-size-m", 40)
+    assert "of 40 m, as asked for" in done.stdout
+    assert "warning: voxels of 40 m are coarse for people" in done.stderr
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_help_has_no_types_beside_switches_and_fits(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for command in ("", *commands()):
+        with pytest.raises(SystemExit) as left:
+            command_line(app)([*command.split(), "--help"])
+        shown = capsys.readouterr().out
+        assert left.value.code == 0 and f"{command} [OPTIONS]".strip() in " ".join(shown.split())
+        assert "<bool>" not in shown and "BOOLEAN" not in shown, command
+        assert max(map(len, shown.splitlines())) <= columns, command
+
+
+def test_one_is_no_plural(airsim: Path, tmp_path: Path) -> None:
+    assert (
+        counted(1, "zone") == "1 zone" and counted(0, "zone") == "0 zones" and counted(2, "zone") == "2 zones"
+    )
