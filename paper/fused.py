@@ -20,8 +20,10 @@ from crowdfence.truth.projected import TruthMap
 
 WAYS = np.unique(np.concatenate([np.geomspace(0.002, 1.0, 40), [0.25]]))
 """Thresholds of `paper`: how far from P of a place that all see empty to that of one where all are sure."""
-LOG_ODDS = np.arange(-2.0, 8.01, 0.25)
+LOG_ODDS = np.arange(0.25, 8.01, 0.25)
 """Thresholds of `evidence`, above the prior."""
+SHOWS_NOTHING = 0.005
+"""Mean heatmap value that speaks against crowd at any distance."""
 
 
 class Fused(NamedTuple):
@@ -41,15 +43,46 @@ def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) 
     judged = [_Judged(one, mission) for one in missing]
     truth = TruthMap(mission.terrain.voxel_count)
     stamps_ns = []
+    counts = _counting(mission) if judged else None
     for look in mission.looks() if judged else ():
         truth.update(look.truth)
         crowd = truth.crowd
         stamps_ns.append(look.stamp_ns)
+        counting = [_among(one, counts, mission.terrain) for one in look.observations]
         for one in judged:
-            one.take_in(look.observations, look.stamp_ns, crowd)
+            one.take_in(look.observations if one.counts_all else counting, look.stamp_ns, crowd)
     for one in judged:
         one.save(_file(kept, one.setting), np.array(stamps_ns))
     return {one.name: _read(_file(kept, one)) for one in settings}
+
+
+def _counting(mission: Mission | Weakened) -> NDArray[np.bool_]:
+    """Voxels [V] that can count in equation 4 at all: ever labelled crowd, or above `SHOWS_NOTHING` in some
+    look. The others are never called crowd: below any b threshold they stay at P(A | 0) or under it, where no
+    threshold lies, and `evidence` holds them for emptier than ground that nobody has seen."""
+    counts = np.zeros(mission.terrain.voxel_count, np.bool_)
+    for look in mission.looks():
+        for seen in look.observations:
+            counts[seen.voxel_ids[seen.mean > SHOWS_NOTHING]] = True
+        for label in look.truth:
+            counts[label.crowd_ids] = True
+    return counts
+
+
+def _among(seen: cf.Observation, counts: NDArray[np.bool_], terrain: cf.Terrain) -> cf.Observation:
+    chosen = counts[seen.voxel_ids]
+    return cf.Observation(
+        terrain,
+        seen.drone,
+        seen.stamp_ns,
+        voxel_ids=seen.voxel_ids[chosen],
+        mean=seen.mean[chosen],
+        pixel_count=seen.pixel_count[chosen],
+        range_m=seen.range_m[chosen],
+        tilt_deg=seen.tilt_deg[chosen],
+        occluded_ids=[],
+        focal_px=seen.focal_px,
+    )
 
 
 class _Judged:
@@ -60,6 +93,8 @@ class _Judged:
         config = RunConfig(_complete(setting.method, mission), LITERAL).with_detector(mission.contract)
         self._map = config.crowd_map(mission.terrain, mission.drones)
         self._highest: NDArray[np.float32] | None = None
+        self.counts_all = isinstance(config.method, PaperConfig) and config.method.initial == "prior"
+        """From a prior on it takes some looks until voxels that show nothing fall below P(A | 0)."""
         self.threshold = self._map.default_threshold()
         knobs = _thresholds(self._map.method)
         if isinstance(config.method, OrConfig):

@@ -103,11 +103,11 @@ def markdown(regimes: list[Regime], settled: str) -> str:
         lines += [f"## {regime.name}", "", *_table(regime), ""]
     lines += ["# What the paper leaves open", ""]
     lines += [
-        "One choice changed at a time, from alpha 0.1 and decay 0.0005 on: mean IoU at the default",
-        "threshold, and at the best one of each mission. Bold is what Table 1 is made with.",
+        "One choice changed at a time, from alpha 0.1 and decay 0.0005 on, with the shipped detector: mean",
+        "IoU at the default threshold and at the best one of each mission. Bold is what Table 1 is made with.",
         "",
     ]
-    lines += _sensitivity(regimes)
+    lines += _sensitivity(regimes[0])
     lines += ["", "## Binarisation threshold", "", *_thresholds(regimes)]
     return "\n".join(lines) + "\n"
 
@@ -138,12 +138,12 @@ def _cells(name: str, baseline: float, row: list[float]) -> str:
     return f"| {name} | {baseline:.3f} | {cells} | {max(row) / baseline:.2f} |"
 
 
-def _sensitivity(regimes: list[Regime]) -> Iterator[str]:
-    yield "| question | answer | " + " | ".join(f"{one.name}: default | best" for one in regimes) + " |"
-    yield "|---|---|" + "---|---|" * len(regimes)
+def _sensitivity(regime: Regime) -> Iterator[str]:
+    yield "| question | answer | at the default threshold | at the best threshold |"
+    yield "|---|---|---|---|"
     for question, answer, setting, ours in CHOICES:
-        pairs = (f"{one.mean(setting):.3f} | {one.mean(setting, best=True):.3f}" for one in regimes)
-        yield f"| {question} | {f'**{answer}**' if ours else answer} | " + " | ".join(pairs) + " |"
+        told = f"**{answer}**" if ours else answer
+        yield f"| {question} | {told} | {regime.mean(setting):.3f} | {regime.mean(setting, best=True):.3f} |"
 
 
 def _thresholds(regimes: list[Regime]) -> Iterator[str]:
