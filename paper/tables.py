@@ -104,7 +104,7 @@ def markdown(regimes: list[Regime], settled: str) -> str:
     lines += ["# What the paper leaves open", ""]
     lines += [
         "One choice changed at a time, from alpha 0.1 and decay 0.0005 on, with the shipped detector: mean",
-        "IoU at the default threshold and at the best one of each mission. Bold is what Table 1 is made with.",
+        "IoU at the default threshold and at the best of each mission. Bold is what Table 1 is made with.",
         "",
     ]
     lines += _sensitivity(regimes[0])
