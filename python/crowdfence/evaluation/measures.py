@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,24 @@ class Measures:
         if self.moments % ROUTES_EVERY == 0:
             self.routes.add(crowds, closed, terrain)
         self.moments += 1
+
+    def to_json(self) -> dict[str, Any]:
+        """Every figure by its name; None where it is not known."""
+        at_five, at_one = self.cost.curve(np.array([0.05, 0.01])).tolist()
+        mark, clear = self.delay.to_mark, self.delay.to_clear
+        figures = {
+            "average_precision": self.quality.average_precision,
+            "brier": self.quality.brier,
+            "calibration_error": self.quality.calibration_error,
+            "closed_for_nothing_at_5_percent_missed": at_five,
+            "closed_for_nothing_at_1_percent_missed": at_one,
+            "median_s_to_mark": mark.median_s,
+            "share_never_marked": mark.never,
+            "median_s_to_clear": clear.median_s,
+            "share_never_cleared": clear.never,
+            "share_of_ways_over_a_crowd": self.routes.share_crossing,
+        }
+        return {name: None if value != value else value for name, value in figures.items()}
 
 
 def _by_column(places: Cells, score: NDArray[np.float64]) -> tuple[Cells, NDArray[np.float64]]:

@@ -48,6 +48,11 @@ class Score:
     measures: Measures | None = None
     """What else a report shows, where it was asked for."""
 
+    @property
+    def knob(self) -> float:
+        """What `iou` stands at: `threshold`, or the `b_threshold` of `or`, which has no other."""
+        return self.config.method.b_threshold if isinstance(self.config.method, OrConfig) else self.threshold
+
 
 class Scores(NamedTuple):
     """What a replay found: `rows, refused, crowd_mass = score(...)`."""
