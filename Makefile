@@ -7,7 +7,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training lint fuzz bench bench-rivals lock clean setup \
-	setup-rivals setup-training stub opengl demo-recording detector
+	setup-rivals setup-training stub opengl demo-recording detector paper
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -38,8 +38,8 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(BIN)/ruff check python tests benchmarks crates
-	$(BIN)/ruff format --check python tests benchmarks crates
+	$(BIN)/ruff check python tests benchmarks crates paper
+	$(BIN)/ruff format --check python tests benchmarks crates paper
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest crowdfence._core
 
@@ -115,6 +115,9 @@ bench-rivals: setup-rivals ## back-projection against its rivals: benchmarks/riv
 	@$(MAKE) --no-print-directory $(RIVALS)/embree $(RIVALS)/octomap $(RIVALS)/openvdb
 	cargo build --release --locked --quiet -p crowdfence-rivals
 	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick)
+
+paper: setup opengl ## the paper's Table 1 and Fig. 3 into paper/: hours (QUICK=1: out/paper-quick/, the bundled race)
+	$(BIN)/python paper/reproduce.py $(if $(QUICK),--quick --work out/paper-quick/work -o out/paper-quick)
 
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \

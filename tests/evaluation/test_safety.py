@@ -57,7 +57,7 @@ def test_shares_count_people_and_ground() -> None:
     ids = PLAIN.voxel_ids(np.column_stack([people, np.zeros(4, int)]))
     crowds = CrowdsInView(people, np.array([True, True, True, False]), ids, people)
     safety = Safety()
-    safety.add(crowds, crowd_map([int(ids[0])]), 0, 0.5)
+    safety.add(crowds, crowd_map([int(ids[0])]), 0, 0.5, people[:1])
     np.testing.assert_allclose(safety.share_in_zone, [1 / 4, 2 / 4, 3 / 4, 4 / 4])
     np.testing.assert_allclose(safety.share_in_zone_in_range, [1 / 3, 2 / 3, 1.0, 1.0])
     assert safety.share_on_empty == 3 / 4  # all but the first: `or` calls what it does not call crowd empty
@@ -65,9 +65,11 @@ def test_shares_count_people_and_ground() -> None:
     np.testing.assert_allclose(
         safety.blocked_per_own[2], areas_m2(people[:1], 1.0)[2] / areas_m2(people, 1.0)[2]
     )
+    # Of four columns the zone holds one, with 2 m also the next, with 5 m the third, with 10 m all.
+    np.testing.assert_allclose(safety.share_missed_m2, [3 / 4, 2 / 4, 1 / 4, 0.0])
     # A second moment without anybody changes no share.
     nobody = CrowdsInView(cells(), np.zeros(0, bool), np.zeros(0, np.int64), cells())
-    safety.add(nobody, crowd_map([]), 0, 0.5)
+    safety.add(nobody, crowd_map([]), 0, 0.5, cells())
     np.testing.assert_allclose(safety.share_in_zone, [1 / 4, 2 / 4, 3 / 4, 4 / 4])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -80,16 +81,26 @@ def evaluate(
     min_iou: Annotated[
         float | None, typer.Option("--min-iou", help="Exit with 3 unless every row reaches this mean IoU.")
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="Folder for a page with tables and plots (index.html)."),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Mean IoU (equation 4) of the methods against the truth that the recording holds, and who stands in a
     zone."""
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
+    from crowdfence.atomic_folder import replaceable_folder
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
+    from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, open_terrain
 
     source = source_options.open_source(recording, context.params)
+    if report is not None:
+        require_people(source)
+        with replaceable_folder(report, contents=CONTENTS, force=True):
+            pass
     chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
@@ -126,20 +137,28 @@ def evaluate(
             advance(len(instant.frames))
 
         scores, refused, crowd_mass = score(
-            source, ground, configs, heatmaps, truth=truth.value, on_instant=count
+            source,
+            ground,
+            configs,
+            heatmaps,
+            truth=truth.value,
+            on_instant=count,
+            with_measures=report is not None,
         )
     warnings = [*doubts, *lost_crowd_warnings(crowd_mass)]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
+    summary = {
+        "detector": {**heatmaps.to_json(), **_rates(counts)},
+        "truth": truth.value,
+        "scores": [_as_json(row) for row in scores],
+        "refused": [str(frame) for frame in refused],
+        "warnings": warnings,
+    }
+    if report is not None:
+        labels = [_label(row.config) for row in scores]
+        write_report(report, source.name, _AGAINST[truth], labels, scores, summary)
     if as_json:
-        console.print_json(
-            {
-                "detector": {**heatmaps.to_json(), **_rates(counts)},
-                "truth": truth.value,
-                "scores": [_as_json(row) for row in scores],
-                "refused": [str(frame) for frame in refused],
-                "warnings": warnings,
-            }
-        )
+        console.print_json(summary)
     else:
         _print(source.name, truth, counts, scores)
         for reason in [*warnings, *map(str, refused)]:
@@ -177,6 +196,7 @@ def _as_json(row: Score) -> dict[str, Any]:
         "best_threshold": best,
         "best_mean_iou": best_iou.mean,
         "safety": None if row.safety is None else _safety_json(row.safety),
+        **({} if row.measures is None else {"measures": row.measures.to_json()}),
         "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
     }
 

@@ -13,6 +13,7 @@ from crowdfence._core import CrowdMass, Terrain
 from crowdfence.config import OrConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
+from crowdfence.evaluation.measures import Measures, SeenVoxels
 from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
@@ -21,6 +22,7 @@ from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
+from crowdfence.zones.closed_ground import ClosedGround
 
 TruthKind = Literal["projected", "world"]
 OnInstant = Callable[[Instant, InstantViews], None]
@@ -43,6 +45,13 @@ class Score:
     """Of `or`: over its `b_threshold`, its only knob."""
     safety: Safety | None
     """Who stands in a zone, once a second; None where the recording does not say where people are."""
+    measures: Measures | None = None
+    """What else a report shows, where it was asked for."""
+
+    @property
+    def knob(self) -> float:
+        """What `iou` stands at: `threshold`, or the `b_threshold` of `or`, which has no other."""
+        return self.config.method.b_threshold if isinstance(self.config.method, OrConfig) else self.threshold
 
 
 class Scores(NamedTuple):
@@ -100,12 +109,14 @@ def score(
     *,
     truth: TruthKind = "projected",
     on_instant: OnInstant | None = None,
+    with_measures: bool = False,
 ) -> Scores:
     """Replay the recording once, feeding every configuration the same views, and score each.
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
     the detector's contract. ValueError when they do not, or when the recording does not hold that truth.
+    `with_measures`: all that a report shows, which takes about as long again.
     """
     configs = [config.with_detector(heatmaps.contract) for config in configs]
     first = configs[0]
@@ -115,7 +126,12 @@ def score(
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)
     judged = [
-        _Judged(config, FrameLoop(config.crowd_map(terrain, drones), config.zones)) for config in configs
+        _Judged(
+            config,
+            FrameLoop(config.crowd_map(terrain, drones), config.zones),
+            Measures() if with_measures else None,
+        )
+        for config in configs
     ]
     tested = None if heatmaps.contract is None else heatmaps.contract.validity
     watch = CrowdWatch(recording, terrain, tested) if len(recording.people.stamps_ns) else None
@@ -140,7 +156,7 @@ def score(
                     watched_ns = instant.stamp_ns
                     in_view = watch.at(instant)
                     for one in judged:
-                        one.watch(in_view, instant.stamp_ns)
+                        one.watch(in_view, crowd, highest, instant.stamp_ns)
             refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
@@ -166,9 +182,11 @@ def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunC
 class _Judged:
     """One configuration at work, and what is counted of it."""
 
-    def __init__(self, config: RunConfig, loop: FrameLoop) -> None:
-        self.config, self.loop = config, loop
+    def __init__(self, config: RunConfig, loop: FrameLoop, measures: Measures | None) -> None:
+        self.config, self.loop, self.measures = config, loop, measures
         self.safety = Safety()
+        rules = config.zones.rules(loop.threshold)
+        self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold)
         self._sweeps_mean = isinstance(config.method, OrConfig)
         self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
         knobs = MEANS if self._sweeps_mean else THRESHOLDS
@@ -177,14 +195,27 @@ class _Judged:
     def compare(self, crowd: NDArray[np.bool_], highest: NDArray[np.float32], stamp_ns: int) -> None:
         """Against the crowd voxels [V]; highest [V] mean value so far decides what `or` says at every
         knob."""
+        self._closed.step(stamp_ns)
         ids, probability = self.loop.crowd_map.seen_probability(stamp_ns)
         self._sweep.update(highest[ids] if self._sweeps_mean else probability, crowd[ids])
 
-    def watch(self, crowds: CrowdsInView, stamp_ns: int) -> None:
-        self.safety.add(crowds, self.loop.crowd_map, stamp_ns, self.loop.threshold)
+    def watch(
+        self,
+        crowds: CrowdsInView,
+        crowd: NDArray[np.bool_],
+        highest: NDArray[np.float32],
+        stamp_ns: int,
+    ) -> None:
+        """Who stands where, against the ground that is held closed; arguments as for `compare`."""
+        crowd_map, closed = self.loop.crowd_map, self._closed.columns
+        self.safety.add(crowds, crowd_map, stamp_ns, self.loop.threshold, closed)
+        if self.measures is not None:
+            ids, probability = crowd_map.seen_probability(stamp_ns)
+            score = highest[ids].astype(np.float64) if self._sweeps_mean else probability
+            seen = SeenVoxels(ids, probability, score, crowd[ids])
+            self.measures.add(crowds, closed, crowd_map.terrain, seen, stamp_ns)
 
     def score(self, *, safety: bool) -> Score:
         result = self._sweep.result()
-        return Score(
-            self.config, self.loop.threshold, result.at(self._knob), result, self.safety if safety else None
-        )
+        counted = self.safety if safety else None
+        return Score(self.config, self.loop.threshold, result.at(self._knob), result, counted, self.measures)

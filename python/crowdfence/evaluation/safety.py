@@ -1,7 +1,8 @@
 """Who stands in a zone: the people of crowds that a fleet has in view, and the ground that is closed for
 them.
 
-A zone is the ground of the columns that the map calls crowd, with a buffer around it. People count by where
+A zone is the ground that is closed, as a zone engine holds it, with a buffer around it: columns that the map
+calls crowd, and those that it called crowd before and that no look has opened. People count by where
 they stand, on ground that some drone has seen by then, whether or not it could have seen them there. The
 ground that is closed is set against the crowds' own: what they stand on, as far as it was seen, with the same
 buffer.
@@ -94,11 +95,15 @@ class Safety:
     in_zone_in_range: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M), np.int64))
     blocked_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M)))
     own_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M)))
+    missed_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(BUFFERS_M)))
+    """Ground that crowds stand on, in view and in no zone."""
 
-    def add(self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> None:
-        """Count one moment of a map."""
-        zone = crowd_map.crowd_columns(stamp_ns, threshold=threshold).indices
-        self.add_zone(crowds, zone, crowd_map.terrain.voxel_size_m)
+    def add(
+        self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float, closed: Cells
+    ) -> None:
+        """Count one moment of a map, and the columns that its zones hold closed [C, 2]
+        (`ClosedGround.columns`)."""
+        self.add_zone(crowds, closed, crowd_map.terrain.voxel_size_m)
         self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold)
 
     def add_zone(self, crowds: CrowdsInView, zone: Cells, size_m: float) -> None:
@@ -110,6 +115,8 @@ class Safety:
         self.in_zone_in_range += inside[crowds.in_range].sum(axis=0)
         self.blocked_m2 += areas_m2(zone, size_m)
         self.own_m2 += areas_m2(crowds.ground, size_m)
+        outside = distance_m(crowds.ground, zone, size_m)[:, None] > np.array(BUFFERS_M)
+        self.missed_m2 += outside.sum(axis=0) * size_m**2
 
     @property
     def share_in_zone(self) -> NDArray[np.float64]:
@@ -125,6 +132,11 @@ class Safety:
     def share_on_empty(self) -> float:
         """Of the people of crowds in view, those whose ground the map calls empty."""
         return self.people_on_empty / self.people if self.people else float("nan")
+
+    @property
+    def share_missed_m2(self) -> NDArray[np.float64]:
+        """Of the ground that crowds stand on, in view; NaN when there was none."""
+        return self.missed_m2 / np.where(self.own_m2[0] > 0.0, self.own_m2[0], np.nan)
 
     @property
     def blocked_per_own(self) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
-from crowdfence.zones.belief import ColumnBelief, column_belief, forgotten_probability
+from crowdfence.zones.belief import ColumnBelief
+from crowdfence.zones.closed_ground import NEVER_NS, ClosedGround
 from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
@@ -28,14 +29,13 @@ from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
 from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.simplify import simplified
-from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
+from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_places
 from crowdfence.zones.unseen import StandingPlaces
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-NEVER_NS = -1
 UNSEEN_ID = "UNSEEN"
 
 
@@ -60,11 +60,7 @@ class ZoneEngine:
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
         self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
-        self._closed = np.empty(0, dtype=np.int64)
-        self._stepped_ns = NEVER_NS
-        forgotten = forgotten_probability(crowd_map)
-        # A hair below, so that what is forgotten to the last bit is found.
-        self._forgotten = None if forgotten is None else min(forgotten * (1.0 - 1e-9), rules.off_threshold)
+        self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
         # A method without this parameter weighs values in its own way.
@@ -76,15 +72,8 @@ class ZoneEngine:
         """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
         what the drones saw becomes the zones' evidence."""
         rules = self.rules
-        belief = self._belief(stamp_ns)
+        belief, keys, is_crowd = self._closed.step(stamp_ns)
         columns = belief.columns
-        keys = column_keys(columns.indices)
-        is_closed = np.isin(keys, self._closed, assume_unique=True)
-        is_held = is_closed & (columns.probability >= rules.off_threshold)
-        if self._forgotten is not None:
-            is_held |= is_closed & (columns.last_seen_ns <= self._stepped_ns)
-        is_crowd = (columns.probability >= rules.threshold) | is_held
-        self._closed, self._stepped_ns = keys[is_crowd], stamp_ns
         self.crowd_voxel_ids = np.sort(self._at_threshold(columns, stamp_ns).voxel_ids)
         region = np.full(len(keys), -1, dtype=np.int64)
         runs = Runs.of(columns.indices[is_crowd])
@@ -108,13 +97,6 @@ class ZoneEngine:
             static=self._static,
             events=tuple(events),
         )
-
-    def _belief(self, stamp_ns: int) -> ColumnBelief:
-        """Of all columns that can be closed."""
-        belief = column_belief(self._crowd_map, stamp_ns, self.rules.off_threshold)
-        if self._forgotten is None or np.isin(self._closed, column_keys(belief.columns.indices)).all():
-            return belief
-        return column_belief(self._crowd_map, stamp_ns, self._forgotten)
 
     def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> CrowdColumns:
         threshold = self.rules.threshold
@@ -203,7 +185,7 @@ class ZoneEngine:
         if any(look.value > self._shows_crowd for look in looks_now):
             return "seen"
         if zone.probability_max < self.rules.threshold:
-            return "held" if looks_now or self._forgotten is None else "not_looked_at"
+            return "held" if looks_now or not self._closed.forgets_to_unknown else "not_looked_at"
         return "not_cleared" if looks_now else "not_looked_at"
 
     def _unknown_ground(self, stamp_ns: int) -> tuple[Zone, ...]:

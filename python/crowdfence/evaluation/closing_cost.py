@@ -1,0 +1,65 @@
+"""What it costs to miss few people: ground closed for nothing, over all thresholds at once.
+
+A person is in a zone with `BUFFER_M` around it exactly if the highest score within that distance reaches the
+threshold. Ground is closed for nothing if its own score does and no crowd stands within that distance. So one
+number per person and per column gives the whole curve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.evaluation.safety import Cells, CrowdsInView
+
+BUFFER_M = 5.0
+
+
+class ClosingCost:
+    """Sums over the moments that were counted. Zones are here those of the moment, without what is held."""
+
+    def __init__(self) -> None:
+        self._people: list[NDArray[np.float64]] = []
+        self._far: list[NDArray[np.float64]] = []
+        self._own_columns = 0
+
+    def add(self, crowds: CrowdsInView, columns: Cells, score: NDArray[np.float64], size_m: float) -> None:
+        """One moment: who stands where, and what each column [C, 2] scores [C]; one that is left out is never
+        closed."""
+        self._people.append(_highest_near(crowds.people, columns, score, size_m))
+        self._far.append(score[_nearest_m(columns, crowds.ground, size_m) > BUFFER_M])
+        self._own_columns += len(crowds.ground)
+
+    def curve(self, missed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Ground closed for nothing [K], as a multiple of the crowds' own, where so many of the people are
+        missed [K]; NaN where no threshold misses so few, or there was nobody."""
+        people = np.sort(np.concatenate([np.empty(0), *self._people]))
+        far = np.sort(np.concatenate([np.empty(0), *self._far]))
+        if not len(people) or not self._own_columns:
+            return np.full(len(missed), np.nan)
+        threshold = people[np.minimum((missed * len(people)).astype(np.int64), len(people) - 1)]
+        closed = len(far) - np.searchsorted(far, threshold, side="left")
+        return np.where(np.isfinite(threshold), closed / self._own_columns, np.nan)
+
+
+def _highest_near(
+    places: Cells, columns: Cells, score: NDArray[np.float64], size_m: float
+) -> NDArray[np.float64]:
+    """Highest score within `BUFFER_M` of each place [N]; -inf where there is none."""
+    from scipy.spatial import cKDTree
+
+    if not len(columns) or not len(places):
+        return np.full(len(places), -np.inf)
+    # To the column's edge, as `safety.distance_m` counts it, within a part of a column.
+    reach = BUFFER_M / size_m + 0.5
+    near = cKDTree(columns).query_ball_point(places, reach)
+    return np.array([score[one].max() if one else -np.inf for one in near])
+
+
+def _nearest_m(columns: Cells, ground: Cells, size_m: float) -> NDArray[np.float64]:
+    from scipy.spatial import cKDTree
+
+    if not len(ground) or not len(columns):
+        return np.full(len(columns), np.inf)
+    apart, _ = cKDTree(ground).query(columns)
+    return np.asarray(apart * size_m)

@@ -1,0 +1,196 @@
+"""The page of a report: tables, plots and what they mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdfence.atomic_folder import whole_folder
+from crowdfence.evaluation.report.plots import DRAWN, write_plots
+from crowdfence.evaluation.safety import BUFFERS_M
+
+if TYPE_CHECKING:
+    from crowdfence.evaluation.replay import Score
+    from crowdfence.sources.recording import Recording
+
+CONTENTS = ("index.html", "scores.json", *DRAWN)
+
+Rows = Sequence[Sequence[str]]
+
+
+def require_people(recording: Recording) -> None:
+    """ValueError where a recording does not say where people are: a report counts them."""
+    if not len(recording.people.stamps_ns):
+        raise ValueError(f"{recording.name} does not record where people are; --report needs it")
+
+
+def write_report(
+    folder: str | PathLike[str],
+    name: str,
+    against: str,
+    names: list[str],
+    scores: list[Score],
+    summary: Mapping[str, Any],
+) -> None:
+    """Write the report of a recording into a folder, which is whole or absent; an older report is replaced.
+
+    against  what the truth is, in words
+    names    of the methods, one per score
+    summary  goes into scores.json as it is
+
+    The scores hold measures and safety. FileExistsError where the folder holds anything else, OSError where
+    it cannot be written.
+    """
+    with whole_folder(folder, contents=CONTENTS, force=True) as beside:
+        write_plots(beside, names, scores)
+        (beside / "scores.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+        (beside / "index.html").write_text(_page(name, against, names, scores), encoding="utf-8")
+
+
+def _page(name: str, against: str, names: list[str], scores: list[Score]) -> str:
+    pictures = "".join(f'<img src="{file}" alt="">' for file in DRAWN)
+    parts = [
+        f"<h1>{escape(name)}</h1>",
+        _paragraph(
+            f"Mean IoU against {escape(against)}. People, delays and ways are counted once a second, "
+            "by where everybody stood."
+        ),
+        _table("Who stands in a zone", _people(names, scores)),
+        _paragraph(
+            "Of the people of crowds on ground that some drone has had in view. A zone is what is "
+            "held closed, with the buffer around it. In range: on ground seen within the range that "
+            "the detector was tested in, 5 m buffer. On empty: on ground that the map calls empty. "
+            "Closed: ground in zones, times the crowds' own, both with 5 m around."
+        ),
+        f'<div class="plots">{pictures}</div>',
+        _table("Zones", _zones(names, scores)),
+        _paragraph(
+            "Missed ground: what crowds stand on, in view and in no zone with 5 m around it. For "
+            "nothing: ground farther than 5 m from any crowd that is closed, times the crowds' own, "
+            "where the threshold misses 5 or 1 % of the people; a dash where none misses so few. To "
+            "mark: from when a crowd's ground is in view until it is in a zone. To clear: from when "
+            "the crowd left it until it is open. Both are medians, with the share where that had not "
+            "come by the end. Over a crowd: ways of a planner that goes round the zones with 5 m to "
+            "spare, across each of the largest crowds in view."
+        ),
+        _table("Map", _map(names, scores)),
+        _paragraph(
+            "Own threshold: the method's, for <code>or</code> its b threshold. Best: the one that is "
+            "best on this very recording, so an upper bound. Average precision ranks by the "
+            "probability, for <code>or</code> by the highest value so far. The calibration error is "
+            "that of 15 equal bins."
+        ),
+    ]
+    return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
+
+
+def _paragraph(text: str) -> str:
+    return f"<p>{text}</p>"
+
+
+def _people(names: list[str], scores: list[Score]) -> Rows:
+    rows = [["method", *(f"{buffer:g} m" for buffer in BUFFERS_M), "in range", "on empty", "closed"]]
+    at = BUFFERS_M.index(5.0)
+    for name, row in zip(names, scores, strict=True):
+        assert row.safety is not None
+        shares = [*row.safety.share_in_zone, row.safety.share_in_zone_in_range[at], row.safety.share_on_empty]
+        rows.append([name, *map(_percent, shares), f"{row.safety.blocked_per_own[at]:.2f} x"])
+    return rows
+
+
+def _zones(names: list[str], scores: list[Score]) -> Rows:
+    rows = [
+        [
+            "method",
+            "missed ground",
+            "for nothing at 5 %",
+            "at 1 %",
+            "to mark",
+            "never",
+            "to clear",
+            "never",
+            "ways over a crowd",
+            "no way",
+        ]
+    ]
+    at = BUFFERS_M.index(5.0)
+    for name, row in zip(names, scores, strict=True):
+        assert row.safety is not None and row.measures is not None
+        cost = row.measures.cost.curve(np.array([0.05, 0.01]))
+        mark, clear, routes = row.measures.delay.to_mark, row.measures.delay.to_clear, row.measures.routes
+        rows.append(
+            [
+                name,
+                _percent(row.safety.share_missed_m2[at]),
+                *(_number(one, "{:.2f} x") for one in cost),
+                _number(mark.median_s, "{:.1f} s"),
+                _percent(mark.never),
+                _number(clear.median_s, "{:.1f} s"),
+                _percent(clear.never),
+                f"{routes.crossing} of {routes.asked}",
+                str(routes.without),
+            ]
+        )
+    return rows
+
+
+def _map(names: list[str], scores: list[Score]) -> Rows:
+    rows = [
+        [
+            "method",
+            "own threshold",
+            "mean IoU",
+            "best threshold",
+            "mean IoU there",
+            "average precision",
+            "Brier",
+            "calibration error",
+        ]
+    ]
+    for name, row in zip(names, scores, strict=True):
+        assert row.measures is not None
+        best, best_iou = row.sweep.best()
+        quality = row.measures.quality
+        numbers = [row.knob, row.iou.mean, best, best_iou.mean, quality.average_precision, quality.brier]
+        cells = [_number(one, "{:.3f}") for one in numbers]
+        rows.append([name, *cells, _number(quality.calibration_error, "{:.4f}")])
+    return rows
+
+
+def _percent(share: float) -> str:
+    return _number(100.0 * share, "{:.1f} %")
+
+
+def _number(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "&ndash;"
+
+
+def _table(title: str, rows: Rows) -> str:
+    head, *body = rows
+    cells = "".join(f"<th>{cell}</th>" for cell in head)
+    lines = "".join(
+        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{cell}</td>' for cell in rest)}</tr>"
+        for first, *rest in body
+    )
+    return f"<h2>{title}</h2><table><thead><tr>{cells}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+_HEAD = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>TITLE</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>
+body { font: 15px/1.5 system-ui, sans-serif; color: #1f2933; margin: 0; }
+main { max-width: 1080px; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .35rem .6rem; text-align: right; border-bottom: 1px solid #e4e7eb; }
+th:first-child { text-align: left; } thead th { color: #52606d; font-weight: 500; font-size: .85rem; }
+p { color: #52606d; font-size: .9rem; max-width: 75ch; }
+.plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(420px, 1fr)); gap: 1rem; }
+.plots img { width: 100%; border: 1px solid #e4e7eb; border-radius: 6px; }
+</style></head><body><main>
+"""

@@ -1,0 +1,107 @@
+"""The plots of a report, one file each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crowdfence.evaluation.safety import BUFFERS_M
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from crowdfence.evaluation.replay import Score
+
+COLOURS = ("#d9480f", "#1d5fa8", "#2b8a3e", "#862e9c", "#868e96", "#e8b90c", "#0b7285", "#5c3c1e")
+MISSED = np.linspace(0.0, 0.3, 61)
+"""Shares of people, along the curve of what few misses cost."""
+
+Names = list[str]
+
+
+def draw_iou(axes: Axes, names: Names, scores: list[Score]) -> None:
+    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+        axes.plot(row.iou.per_frame, color=colour, linewidth=1.4, label=f"{name}, mean {row.iou.mean:.2f}")
+    axes.set(xlabel="instant", ylabel="IoU", ylim=(0.0, None), title="IoU over time")
+    axes.legend(frameon=False, fontsize=8)
+
+
+def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#adb5bd", linewidth=1.0, linestyle=":")
+    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+        assert row.measures is not None
+        voxels, probability, crowd = row.measures.quality.reliability.T
+        some = voxels > 0
+        claimed, true = probability[some] / voxels[some], crowd[some] / voxels[some]
+        axes.plot(claimed, true, color=colour, linewidth=1.2, marker="o", markersize=3.5, label=name)
+    axes.set(
+        xlabel="probability claimed",
+        ylabel="share that is crowd",
+        title="Reliability",
+        xlim=(0, 1),
+        ylim=(0, 1),
+    )
+    axes.legend(frameon=False, fontsize=8)
+
+
+def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
+    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+        assert row.safety is not None
+        share, closed = 100.0 * row.safety.share_in_zone, row.safety.blocked_per_own[BUFFERS_M.index(5.0)]
+        label = f"{name}, closes {closed:.2f} x at 5 m"
+        axes.plot(BUFFERS_M, share, color=colour, linewidth=1.4, marker="o", markersize=5, label=label)
+    axes.set(
+        xlabel="metres around a zone",
+        ylabel="% of people in a zone",
+        title="People of crowds in view",
+        xticks=BUFFERS_M,
+        ylim=(0, 103),
+    )
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+
+
+def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
+    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+        assert row.measures is not None
+        axes.plot(100.0 * MISSED, row.measures.cost.curve(MISSED), color=colour, linewidth=1.4, label=name)
+    axes.axvline(5.0, color="#adb5bd", linewidth=1.0, linestyle=":")
+    axes.set(
+        xlabel="% of people missed, 5 m buffer",
+        ylabel="ground closed for nothing, times the crowds' own",
+        title="What few misses cost, over all thresholds",
+        xlim=(0, 30),
+    )
+    # What lies far above the rest would flatten what matters.
+    axes.set_ylim(0.0, 12.0)
+    axes.legend(frameon=False, fontsize=8)
+
+
+DRAWN: dict[str, Callable[[Axes, Names, list[Score]], None]] = {
+    "people.png": draw_people,
+    "cost.png": draw_cost,
+    "iou.png": draw_iou,
+    "reliability.png": draw_reliability,
+}
+
+
+def write_plots(folder: Path, names: Names, scores: list[Score]) -> None:
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # The caller's own matplotlib settings must not change the picture.
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        for file, draw in DRAWN.items():
+            figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+            FigureCanvasAgg(figure)
+            axes = figure.add_subplot()
+            draw(axes, names, scores)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.grid(color="#e9ecef", linewidth=0.8)
+            axes.set_axisbelow(True)
+            axes.title.set_fontsize(11)
+            figure.savefig(folder / file, dpi=130)

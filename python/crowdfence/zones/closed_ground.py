@@ -1,0 +1,60 @@
+"""Which columns are closed as crowd, from instant to instant."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import CrowdMap
+from crowdfence.zones.belief import ColumnBelief, column_belief, forgotten_probability
+from crowdfence.zones.tracker import column_keys, column_places
+
+NEVER_NS = -1
+
+
+class ClosedGround:
+    """Columns that a crowd map calls crowd, and those that were closed before and that no look has opened.
+
+    Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, its
+    ground stays closed until somebody looks again.
+    """
+
+    def __init__(self, crowd_map: CrowdMap, threshold: float, off_threshold: float) -> None:
+        """A column is closed from `threshold` on and stays so down to `off_threshold`, at most as high."""
+        self._crowd_map = crowd_map
+        self._threshold, self._off_threshold = threshold, off_threshold
+        self._closed = np.empty(0, dtype=np.int64)
+        self._stepped_ns = NEVER_NS
+        forgotten = forgotten_probability(crowd_map)
+        # A hair below, so that what is forgotten to the last bit is found.
+        self._forgotten = None if forgotten is None else min(forgotten * (1.0 - 1e-9), off_threshold)
+
+    @property
+    def forgets_to_unknown(self) -> bool:
+        """Whether ground can be closed that is below both thresholds."""
+        return self._forgotten is not None
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """(i, j) of what is closed as of the last step [C, 2]."""
+        return column_places(self._closed)
+
+    def step(self, stamp_ns: int) -> tuple[ColumnBelief, NDArray[np.int64], NDArray[np.bool_]]:
+        """At the newest instant, or later if nothing came: columns that can be closed, their keys, and which
+        of them are. After every instant, in order."""
+        belief = self._belief(stamp_ns)
+        columns = belief.columns
+        keys = column_keys(columns.indices)
+        was_closed = np.isin(keys, self._closed, assume_unique=True)
+        is_held = was_closed & (columns.probability >= self._off_threshold)
+        if self._forgotten is not None:
+            is_held |= was_closed & (columns.last_seen_ns <= self._stepped_ns)
+        is_closed = (columns.probability >= self._threshold) | is_held
+        self._closed, self._stepped_ns = keys[is_closed], stamp_ns
+        return belief, keys, is_closed
+
+    def _belief(self, stamp_ns: int) -> ColumnBelief:
+        belief = column_belief(self._crowd_map, stamp_ns, self._off_threshold)
+        if self._forgotten is None or np.isin(self._closed, column_keys(belief.columns.indices)).all():
+            return belief
+        return column_belief(self._crowd_map, stamp_ns, self._forgotten)

@@ -1,0 +1,71 @@
+"""The paper's table by one command, on the bundled recording."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from crowdfence import (
+    Detector,
+    OrConfig,
+    PaperConfig,
+    ProjectionConfig,
+    RunConfig,
+    open_recording,
+    open_terrain,
+)
+from crowdfence.evaluation.replay import score
+from crowdfence.pipeline.detect import heatmap_source
+
+ROOT = Path(__file__).parents[1]
+DEMO = ROOT / "python" / "crowdfence" / "demo_data" / "race.mcap"
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("paper")
+    command = [
+        ROOT / "paper" / "reproduce.py",
+        "--quick",
+        "--work",
+        folder / "work",
+        "-o",
+        folder / "results",
+    ]
+    subprocess.run([sys.executable, *map(str, command)], check=True, timeout=600)
+    return folder / "results"
+
+
+def rows(results: Path) -> list[dict[str, str]]:
+    with (results / "table1.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_has_the_settings_of_the_paper(results: Path) -> None:
+    for detector in ("the shipped detector", "weakened to the paper's"):
+        settings = {(row["alpha"], row["decay"]) for row in rows(results) if row["detector"] == detector}
+        fifteen = {(a, d) for a in ("0.1", "0.2", "0.5", "0.8", "1.0") for d in ("0.0", "0.0005", "0.05")}
+        assert settings == fifteen | {("", "")}  # no fusion and evidence have neither
+    assert (results / "figure3.png").stat().st_size > 10_000
+    assert "What the paper leaves open" in (results / "table1.md").read_text()
+
+
+def test_its_figures_are_those_of_evaluate(results: Path) -> None:
+    recording = open_recording(DEMO)
+    terrain = open_terrain(recording)
+    literal = ProjectionConfig(coverage="rays", surface="voxels")
+    configs = [RunConfig(one, literal) for one in (OrConfig(), PaperConfig(alpha=0.2, decay=0.05))]
+    heatmaps = heatmap_source(Detector(), terrain, literal.max_range_m)
+    baseline, paper = score(recording, terrain, configs, heatmaps).rows
+    shipped = {row["setting"]: row for row in rows(results) if row["detector"] == "the shipped detector"}
+    for name, expected in (("no fusion", baseline), ("alpha 0.2, decay 0.05", paper)):
+        assert float(shipped[name]["mean_iou"]) == pytest.approx(expected.iou.mean, abs=1e-4)
+        assert float(shipped[name]["std_iou"]) == pytest.approx(expected.iou.std, abs=1e-4)
+        assert int(shipped[name]["frames"]) == len(expected.iou.per_frame)
+
+
+def test_the_weakened_detector_is_weaker(results: Path) -> None:
+    shipped, weakened = (float(row["mean_iou"]) for row in rows(results) if row["setting"] == "no fusion")
+    assert weakened < 0.5 * shipped
