@@ -96,7 +96,7 @@ def test_operators_and_alerts_survive(tmp_path: Path) -> None:
             added = http.post("/api/v1/zones", json=drawn).json()
             assert http.post("/api/v1/zones/Z1/lock", json={"reason": "stage"}).status_code == 200
         service.alerts.raise_("disk", "alarm", "nearly full", START_NS)
-        service.store.submit(lambda connection: None).result()
+        service.store.flush()
         crash(tmp_path / "one", tmp_path / "crashed")
     with running(tmp_path / "crashed") as service, asked(service) as http:
         zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
@@ -137,7 +137,7 @@ def test_a_damaged_snapshot_falls_back_on_the_one_before(tmp_path: Path) -> None
     flown = views(9)
     with running(tmp_path / "data") as service:
         give(service, flown)
-        service.store.submit(lambda connection: None).result()
+        service.store.flush()
         assert service.store.rows("SELECT COUNT(*) FROM snapshots") == [(2,)]
         crash(tmp_path / "data", tmp_path / "crashed")
         expected = state(service)
@@ -185,7 +185,7 @@ def test_what_the_state_no_longer_needs_is_removed(tmp_path: Path) -> None:
     quick = type(SETTINGS)(**{**_fields(SETTINGS), "max_age_s": 1.0})
     with running(tmp_path, settings=quick) as service:
         give(service, views(60))
-        service.store.submit(lambda connection: None).result()
+        service.store.flush()
         ((count, oldest),) = service.store.rows("SELECT COUNT(*), MIN(stamp_ns) FROM journal")
         assert oldest > START_NS + 8 * 10**9  # of 12 s, 2 s are kept, and what the older snapshot needs
         assert count < 60

@@ -25,7 +25,7 @@ from support.small_service import (
 
 def lines(service: Service, stamps_ns: list[int]) -> list[dict[str, object]]:
     """The zones at every stamp, out of the service's history, every digit."""
-    service.store.submit(lambda connection: None).result()
+    service.store.flush()
     moments = [service.mission.timeline.at(stamp_ns) for stamp_ns in stamps_ns]
     return [history_line(one.stamp_ns, one.zones, {}) for one in moments if one is not None]
 
