@@ -23,8 +23,10 @@ class ClosedGround:
         """A column is closed from `threshold` on and stays so down to `off_threshold`, at most as high."""
         self._crowd_map = crowd_map
         self._threshold, self._off_threshold = threshold, off_threshold
-        self._closed = np.empty(0, dtype=np.int64)
-        self._stepped_ns = NEVER_NS
+        self.keys = np.empty(0, dtype=np.int64)
+        """Of the columns that are closed as of the last step, sorted."""
+        self.stepped_ns = NEVER_NS
+        """When that was."""
         forgotten = forgotten_probability(crowd_map)
         # A hair below, so that what is forgotten to the last bit is found.
         self._forgotten = None if forgotten is None else min(forgotten * (1.0 - 1e-9), off_threshold)
@@ -37,7 +39,7 @@ class ClosedGround:
     @property
     def columns(self) -> NDArray[np.int64]:
         """(i, j) of what is closed as of the last step [C, 2]."""
-        return column_places(self._closed)
+        return column_places(self.keys)
 
     def step(self, stamp_ns: int) -> tuple[ColumnBelief, NDArray[np.int64], NDArray[np.bool_]]:
         """At the newest instant, or later if nothing came: columns that can be closed, their keys, and which
@@ -45,16 +47,20 @@ class ClosedGround:
         belief = self._belief(stamp_ns)
         columns = belief.columns
         keys = column_keys(columns.indices)
-        was_closed = np.isin(keys, self._closed, assume_unique=True)
+        was_closed = np.isin(keys, self.keys, assume_unique=True)
         is_held = was_closed & (columns.probability >= self._off_threshold)
         if self._forgotten is not None:
-            is_held |= was_closed & (columns.last_seen_ns <= self._stepped_ns)
+            is_held |= was_closed & (columns.last_seen_ns <= self.stepped_ns)
         is_closed = (columns.probability >= self._threshold) | is_held
-        self._closed, self._stepped_ns = keys[is_closed], stamp_ns
+        self.keys, self.stepped_ns = keys[is_closed], stamp_ns
         return belief, keys, is_closed
+
+    def restore(self, keys: NDArray[np.int64], stepped_ns: int) -> None:
+        """Go on from there."""
+        self.keys, self.stepped_ns = keys, stepped_ns
 
     def _belief(self, stamp_ns: int) -> ColumnBelief:
         belief = column_belief(self._crowd_map, stamp_ns, self._off_threshold)
-        if self._forgotten is None or np.isin(self._closed, column_keys(belief.columns.indices)).all():
+        if self._forgotten is None or np.isin(self.keys, column_keys(belief.columns.indices)).all():
             return belief
         return column_belief(self._crowd_map, stamp_ns, self._forgotten)
