@@ -12,6 +12,8 @@ export interface Palette {
   /** Lines of the hatching of never seen ground. */
   hatch: Rgb;
   contour: Rgb;
+  /** How bright a colour is on ground in full shade. */
+  lift: number;
   skirt: Rgb;
   states: Record<VoxelState, Rgb>;
   /** Second colour of a pattern. */
@@ -37,6 +39,7 @@ export const PALETTES: Record<Theme, Palette> = {
     shade: [[22, 26, 32], [104, 112, 122]],
     hatch: [16, 19, 24],
     contour: [138, 150, 162],
+    lift: 0.9,
     skirt: [24, 29, 36],
     states: {
       [VoxelState.neverSeen]: [62, 68, 76],
@@ -65,6 +68,7 @@ export const PALETTES: Record<Theme, Palette> = {
     shade: [[128, 132, 134], [236, 238, 236]],
     hatch: [112, 118, 124],
     contour: [112, 118, 122],
+    lift: 0.74,
     skirt: [156, 162, 166],
     states: {
       [VoxelState.neverSeen]: [178, 182, 186],
@@ -83,7 +87,7 @@ export const PALETTES: Record<Theme, Palette> = {
       [VoxelState.notCleared]: [136, 104, 190],
     },
     zone: [196, 16, 40],
-    buffer: [176, 98, 0],
+    buffer: [206, 108, 0],
     operator: [20, 24, 30],
     selected: [10, 14, 20],
     background: [226, 231, 235],

@@ -133,7 +133,7 @@ export function paintBelief(pixels: Pixels, seen: Pixels, frame: DrapeFrame, bel
         const [red, green, blue] = !style.byAge && marked(state, x, y, PATTERN_PIXELS) ? mark : plain;
         const k = 4 * at;
         // Some of the relief's light goes into the colour, or hills flatten under it.
-        const light = 0.72 + (0.5 * (seen[k] + seen[k + 1] + seen[k + 2])) / 765;
+        const light = style.palette.lift + (0.5 * (seen[k] + seen[k + 1] + seen[k + 2])) / 765;
         pixels[k] = seen[k] * (1 - alpha) + red * light * alpha;
         pixels[k + 1] = seen[k + 1] * (1 - alpha) + green * light * alpha;
         pixels[k + 2] = seen[k + 2] * (1 - alpha) + blue * light * alpha;

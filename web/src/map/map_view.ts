@@ -30,6 +30,12 @@ interface Ground {
   bounds: Bounds;
 }
 
+interface WallTexture {
+  data: Uint8Array;
+  width: number;
+  height: number;
+}
+
 export interface Pointed {
   x: number;
   y: number;
@@ -48,7 +54,7 @@ export class MapView {
   private seen: State;
   private flight: number | undefined;
   private ended: (() => void)[] = [];
-  private wallTextures = new Map<string, ImageBitmap>();
+  private wallTextures = new Map<string, WallTexture>();
   private walls = new Map<string, { zones: readonly Zone[]; mesh: Mesh | null }>();
   /** Called after every change of what is where on the screen. */
   onFrame: (viewport: Viewport) => void = () => {};
@@ -439,19 +445,13 @@ export class MapView {
     return made;
   }
 
-  private wallTexture(colour: Rgb): ImageBitmap {
+  private wallTexture(colour: Rgb): WallTexture {
     const key = css(colour);
     let texture = this.wallTextures.get(key);
     if (!texture) {
-      const canvas = new OffscreenCanvas(2, 64);
-      const context = canvas.getContext("2d")!;
-      const gradient = context.createLinearGradient(0, 0, 0, 64);
-      gradient.addColorStop(0, css(colour, 0));
-      gradient.addColorStop(0.55, css(colour, 0.1));
-      gradient.addColorStop(1, css(colour, 0.5));
-      context.fillStyle = gradient;
-      context.fillRect(0, 0, 2, 64);
-      texture = canvas.transferToImageBitmap();
+      // Plain bytes: a canvas would multiply the colour with its opacity, and deck.gl does that once more.
+      texture = { data: new Uint8Array(4 * 64), width: 1, height: 64 };
+      for (let k = 0; k < 64; k++) texture.data.set([...colour, Math.round(150 * (k / 63) ** 2)], 4 * k);
       this.wallTextures.set(key, texture);
     }
     return texture;

@@ -141,9 +141,9 @@ function lengthenTimeline(step: Step): void {
 
 function showNewest(): void {
   if (!newest) return;
-  const { stamp_ns, stamp_ms, zones, lag_s } = newest;
+  const { stamp_ns, stamp_ms, zones, lag_s, closed_m2 } = newest;
   const drones = newest.drones.drones.map((drone) => ({ ...drone, trail: trails.get(drone.drone) ?? [] }));
-  store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, arrived: performance.now() } });
+  store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, closed_m2, arrived: performance.now() } });
   if (newest.belief_version !== newestBelief) askBelief();
   if (newest.drones.drones.some(({ drone }) => !trails.has(drone))) void askTrails();
 }
@@ -200,7 +200,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
-        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, arrived },
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
         belief: parseBelief(belief),
         belief_arrived: arrived,
       });
@@ -211,6 +211,11 @@ export async function showPast(stamp_ns: string): Promise<void> {
     }
   }
   asking = false;
+}
+
+function closedAt(stamp_ms: number): number | null {
+  const { points } = store.state.timeline;
+  return points.length ? points[indexAt(points, stamp_ms + 0.5)].closed_m2 : null;
 }
 
 function setTime(change: Partial<Time>): void {

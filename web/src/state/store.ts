@@ -43,6 +43,8 @@ export interface Moment {
   zones: Zones;
   drones: Drone[];
   lag_s: number | null;
+  /** Of all zones together, where they overlap once. */
+  closed_m2: number | null;
   /** `performance.now()` when it arrived. */
   arrived: number;
 }

@@ -29,14 +29,14 @@ export const KIND_WORDS = {
 
 /** The short form, for lists. */
 export const REASON_WORDS: Record<string, string> = {
-  seen: "crowd seen just now",
-  not_cleared: "looked at, not cleared",
-  not_looked_at: "nobody has looked since",
-  held: "below the threshold, held",
+  seen: "crowd in view",
+  not_cleared: "not cleared",
+  not_looked_at: "not looked at since",
+  held: "held, below threshold",
   never_cleared: "not known to be empty",
-  given: "given by somebody else",
-  operator: "closed by an operator",
-  locked: "locked by an operator",
+  given: "given",
+  operator: "by an operator",
+  locked: "locked",
 };
 
 /** What would open the zone: the answer to "why still closed". */

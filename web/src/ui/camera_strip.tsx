@@ -13,7 +13,9 @@ const EVERY_MS = 400;
 
 export function CameraStrip() {
   const moment = useStore((state) => state.moment);
-  const drones = (moment?.drones ?? []).filter((drone) => drone.picture || drone.heatmap);
+  const drones = (moment?.drones ?? [])
+    .filter((drone) => drone.picture || drone.heatmap)
+    .sort((a, b) => a.drone.localeCompare(b.drone, "en", { numeric: true }));
   if (!drones.length) return null;
   return (
     <div class="strip" data-test="strip">

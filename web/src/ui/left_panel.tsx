@@ -62,7 +62,7 @@ function ZoneRow({ zone }: { zone: Zone }) {
         </span>
         <span class="row-main">
           <span>{zone.locked ? REASON_WORDS.locked : (REASON_WORDS[zone.reason ?? ""] ?? KIND_WORDS[zone.kind])}</span>
-          <small>{end.counts ? <>ends in {end.text}</> : end.text}</small>
+          <small>{end.counts ? <>ends in {end.text}</> : "until looked at"}</small>
         </span>
         <span class="row-figures">
           <b>{area(zone.closed_m2, units)}</b>
@@ -84,7 +84,7 @@ function Fleet() {
   const units = useStore((state) => state.units);
   const heights = useStore((state) => state.heights);
   const following = useStore((state) => state.following_drone);
-  const drones = moment?.drones ?? [];
+  const drones = [...(moment?.drones ?? [])].sort((a, b) => a.drone.localeCompare(b.drone, "en", { numeric: true }));
   const palette = PALETTES[theme];
   return (
     <section>
@@ -128,15 +128,26 @@ function Fleet() {
 }
 
 const LAYER_WORDS: [keyof Layers, string][] = [
-  ["belief", "What is known of the ground"],
-  ["age", "… coloured by age of the last look"],
-  ["zones", "Closed ground and safety distance"],
-  ["walls", "Walls around it"],
-  ["footprints", "Footprints of the cameras"],
-  ["tracks", "Drones and their trails"],
+  ["belief", "Ground"],
+  ["age", "by age of look"],
+  ["zones", "Zones"],
+  ["walls", "Walls"],
+  ["tracks", "Drones"],
+  ["footprints", "Footprints"],
   ["labels", "Labels"],
-  ["pictures", "Camera pictures"],
+  ["pictures", "Pictures"],
 ];
+
+const LAYER_MEANING: Record<keyof Layers, string> = {
+  belief: "What is known of the ground",
+  age: "The ground coloured by how long ago it was looked at",
+  zones: "Closed ground and the safety distance around crowd",
+  walls: "Walls around closed ground",
+  tracks: "Drones, their trails and where they look",
+  footprints: "The ground in each newest picture",
+  labels: "Names on the map",
+  pictures: "Newest picture of each drone with its heatmap",
+};
 
 const LEGEND = [VoxelState.crowd, VoxelState.empty, VoxelState.notCleared, VoxelState.stale, VoxelState.occluded, VoxelState.neverSeen];
 
@@ -148,7 +159,7 @@ function LayerList() {
       <h2>Layers</h2>
       <div class="layers">
         {LAYER_WORDS.map(([name, words]) => (
-          <label key={name} class={name === "age" ? "inner" : ""}>
+          <label key={name} title={LAYER_MEANING[name]}>
             <input type="checkbox" checked={layers[name]} disabled={name === "age" && !layers.belief} onChange={() => store.set({ layers: { ...layers, [name]: !layers[name] } })} data-layer={name} />
             {words}
           </label>

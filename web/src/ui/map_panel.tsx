@@ -62,13 +62,23 @@ export function MapPanel() {
   );
 }
 
+const LABEL_HEIGHT = 23;
+
+/** Labels stand where their places are; one that would cover another before it moves up. */
 function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
+  const taken: { x: number; y: number; half: number }[] = [];
   for (const label of parent?.children ?? []) {
     if (!(label instanceof HTMLElement) || !label.dataset.place) continue;
     const [x, y, depth] = viewport.project(label.dataset.place.split(",").map(Number));
     const visible = depth > 0 && depth < 1 && x > -40 && y > -40 && x < viewport.width + 40 && y < viewport.height + 40;
     label.hidden = !visible;
-    if (visible) label.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    if (!visible) continue;
+    const half = 12 + 3.4 * (label.textContent?.length ?? 0);
+    let at = y;
+    const covers = () => taken.some((other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - at) < LABEL_HEIGHT);
+    for (let tries = 0; tries < 4 && covers(); tries++) at -= LABEL_HEIGHT;
+    taken.push({ x, y: at, half });
+    label.style.transform = `translate(${x.toFixed(1)}px, ${at.toFixed(1)}px)`;
   }
 }
 

@@ -92,7 +92,6 @@ function Figures() {
   const units = useStore((state) => state.units);
   if (!moment) return <div class="figures" />;
   const zones = moment.zones.zones;
-  const closed = zones.reduce((sum, zone) => sum + zone.closed_m2, 0);
   const flying = moment.drones.filter(({ status }) => status === "ok").length;
   return (
     <dl class="figures">
@@ -106,7 +105,7 @@ function Figures() {
       </div>
       <div>
         <dt>closed</dt>
-        <dd data-test="closed">{area(closed, units)}</dd>
+        <dd data-test="closed">{moment.closed_m2 === null ? "–" : area(moment.closed_m2, units)}</dd>
       </div>
     </dl>
   );
