@@ -26,7 +26,7 @@ _NO_BOTTOM = np.iinfo(np.int32).max
 # the voxels without a voxel on top of them: it is EMPTY only when all of them are. Ground under an overhang
 # that nobody has looked at therefore keeps its column NEVER_SEEN, however well the roof above it was seen.
 # Buried voxels do not count: on a slope every column hides some, and nobody can stand inside the ground.
-_LEAST_TO_MOST_URGENT = (
+LEAST_TO_MOST_URGENT = (
     VoxelState.EMPTY,
     VoxelState.STALE,
     VoxelState.NOT_CLEARED,
@@ -34,7 +34,7 @@ _LEAST_TO_MOST_URGENT = (
     VoxelState.NEVER_SEEN,
     VoxelState.CROWD,
 )
-_URGENCY = np.argsort(_LEAST_TO_MOST_URGENT).astype(np.uint8)  # indexed by state
+_URGENCY = np.argsort(LEAST_TO_MOST_URGENT).astype(np.uint8)  # indexed by state
 
 Crop = Literal["surface", "seen"]
 
@@ -327,6 +327,6 @@ class _Columns:
         return self.probability.reshape(self.shape)
 
     def state(self) -> NDArray[np.uint8]:
-        state = np.array(_LEAST_TO_MOST_URGENT, dtype=np.uint8)[self.urgency]
+        state = np.array(LEAST_TO_MOST_URGENT, dtype=np.uint8)[self.urgency]
         state[self.top_index == _NO_TOP] = VoxelState.NEVER_SEEN
         return state.reshape(self.shape)

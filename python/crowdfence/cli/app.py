@@ -23,7 +23,9 @@ from crowdfence.cli.inspect import inspect
 from crowdfence.cli.model import app as model
 from crowdfence.cli.route import route
 from crowdfence.cli.run import run
+from crowdfence.cli.serve import serve
 from crowdfence.cli.simulate import simulate
+from crowdfence.cli.token import app as token
 from crowdfence.cli.train import train
 
 FAILED = 1
@@ -39,6 +41,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 a gate was not met. Data on stdout, progress on stderr.",
 )
 app.command("run")(run)
+app.command("serve")(serve)
 app.command("export")(export)
 app.command("explain")(explain)
 app.command("route")(route)
@@ -51,6 +54,7 @@ app.command("calibrate")(calibrate)
 app.command("train")(train)
 app.add_typer(model, name="model")
 app.add_typer(data, name="data")
+app.add_typer(token, name="token")
 app.command("demo")(demo)
 app.command("doctor")(doctor)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -74,6 +75,19 @@ class FrameLoop:
     def integrate_observed(self, observations: Sequence[Observation], stamp_ns: int) -> Update:
         """The first half of `step_observed`."""
         return self._counted(self.crowd_map.integrate_observations(observations, stamp_ns))
+
+    def to_bytes(self) -> bytes:
+        """What the next step depends on beside the crowd map, to go on from."""
+        masses = {drone: mass.by_fate() for drone, mass in self.crowd_mass.items()}
+        return len(lost := json.dumps(masses).encode()).to_bytes(8, "little") + lost + self._engine.to_bytes()
+
+    def restore(self, data: bytes) -> None:
+        """What `to_bytes` gave, for a loop made with the same settings around the crowd map of that moment.
+        ValueError for anything else."""
+        end = 8 + int.from_bytes(data[:8], "little")
+        masses = json.loads(data[8:end])
+        self.crowd_mass = {drone: CrowdMass(**mass) for drone, mass in masses.items()}
+        self._engine.restore(data[end:])
 
     def _counted(self, update: Update) -> Update:
         for observation in update.observations:

@@ -11,9 +11,11 @@ whose columns changed. The same instants give the same zones, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +110,37 @@ class ZoneEngine:
             static=self._static,
             events=tuple(events),
         )
+
+    def to_bytes(self) -> bytes:
+        """What the next step depends on beside the crowd map, to go on from."""
+        arrays = {"closed": self._closed, "crowd_voxel_ids": self.crowd_voxel_ids, **self._crowd.arrays()}
+        told = {
+            "stepped_ns": self._stepped_ns,
+            "evidence": {
+                name: {drone: asdict(look) for drone, look in looks.items()}
+                for name, looks in self._evidence.items()
+            },
+            **self._crowd.to_json(),
+        }
+        file = io.BytesIO()
+        np.savez(file, allow_pickle=False, told=np.frombuffer(json.dumps(told).encode(), np.uint8), **arrays)
+        return file.getvalue()
+
+    def restore(self, data: bytes) -> None:
+        """What `to_bytes` gave, for an engine made with the same rules on the crowd map of that moment.
+        ValueError for anything else."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                told = json.loads(arrays["told"].tobytes())
+                self._closed, self._stepped_ns = arrays["closed"], told["stepped_ns"]
+                self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
+                self._evidence = {
+                    name: {drone: DroneEvidence(**look) for drone, look in looks.items()}
+                    for name, looks in told["evidence"].items()
+                }
+                self._crowd.restore(told, arrays)
+        except (KeyError, TypeError, OSError) as error:
+            raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
 
     def _belief(self, stamp_ns: int) -> ColumnBelief:
         """Of all columns that can be closed."""
@@ -249,6 +282,42 @@ class _Followed:
     @property
     def alive(self) -> tuple[Track, ...]:
         return self._tracker.alive
+
+    def arrays(self) -> dict[str, NDArray[np.int64]]:
+        """The columns of the zones that are alive, one after the other, and how many each has."""
+        columns = [np.empty(0, dtype=np.int64), *(track.columns for track in self.alive)]
+        return {
+            "columns": np.concatenate(columns),
+            "sizes": np.array([len(one) for one in columns[1:]], np.int64),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Names and outlines of the same zones."""
+        shapes = [self._shapes[track.id] for track in self.alive]
+        return {
+            "created": self._tracker.created,
+            "tracks": [[track.id, track.number, track.created_ns] for track in self.alive],
+            "outlines": [
+                [shape.crowd.wkb_hex, None if shape.closed is shape.crowd else shape.closed.wkb_hex]
+                for shape in shapes
+            ],
+        }
+
+    def restore(self, told: Mapping[str, Any], arrays: Mapping[str, NDArray[np.int64]]) -> None:
+        """What both gave."""
+        import shapely
+
+        columns = np.split(arrays["columns"], np.cumsum(arrays["sizes"])[:-1])
+        alive = tuple(
+            Track(name, number, created_ns, one)
+            for (name, number, created_ns), one in zip(told["tracks"], columns, strict=False)
+        )
+        self._tracker.restore(alive, told["created"])
+        self._shapes = {}
+        for track, (crowd_hex, closed_hex) in zip(alive, told["outlines"], strict=True):
+            crowd = shapely.from_wkb(crowd_hex)
+            closed = crowd if closed_hex is None else shapely.from_wkb(closed_hex)
+            self._shapes[track.id] = _Shape(track.columns, crowd, closed)
 
     def step(
         self, region: NDArray[np.int64], keys: NDArray[np.int64], stamp_ns: int

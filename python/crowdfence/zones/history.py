@@ -84,7 +84,7 @@ class ZoneHistory:
         lines = [header]
         before: dict[str, Zone] = {}
         for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-            lines.append(_line(stamp_ns, zones, before))
+            lines.append(history_line(stamp_ns, zones, before))
             before = {zone.id: zone for zone in zones.closed}
         text = "".join(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n" for line in lines)
         write_bytes(path, text.encode())
@@ -102,7 +102,7 @@ class ZoneHistory:
                 before: dict[str, Zone] = {}
                 for text in file:
                     line = json.loads(text)
-                    zones = _zone_set(line, before)
+                    zones = zone_set_of_line(line, before)
                     before = {zone.id: zone for zone in zones.closed}
                     stamps_ns.append(int(line["stamp_ns"]))
                     sets.append(zones)
@@ -119,7 +119,8 @@ class ZoneHistory:
                 ) from error
 
 
-def _line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str, Any]:
+def history_line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str, Any]:
+    """An instant for JSON; outlines that zones of the same id had `before` are left out."""
     return {
         "stamp_ns": stamp_ns,
         "stamp_utc": iso_utc(stamp_ns),
@@ -128,7 +129,8 @@ def _line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str
         "dropped_count": zones.dropped_count,
         "dropped_area_m2": zones.dropped_area_m2,
         **{
-            group: [_record(zone, before.get(zone.id)) for zone in getattr(zones, group)] for group in _GROUPS
+            group: [zone_record(zone, before.get(zone.id)) for zone in getattr(zones, group)]
+            for group in _GROUPS
         },
         "events": [
             {name: value for name, value in asdict(event).items() if name != "stamp_ns" and value is not None}
@@ -137,7 +139,8 @@ def _line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str
     }
 
 
-def _record(zone: Zone, before: Zone | None) -> dict[str, Any]:
+def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
+    """A zone for JSON, every digit kept; outlines that it shares with the one `before` are left out."""
     record: dict[str, Any] = {}
     for field in fields(zone):
         value = getattr(zone, field.name)
@@ -155,9 +158,10 @@ def _record(zone: Zone, before: Zone | None) -> dict[str, Any]:
     return record
 
 
-def _zone_set(line: Mapping[str, Any], before: Mapping[str, Zone]) -> ZoneSet:
+def zone_set_of_line(line: Mapping[str, Any], before: Mapping[str, Zone]) -> ZoneSet:
+    """The other way, with the same zones `before`."""
     stamp_ns = int(line["stamp_ns"])
-    groups = {group: tuple(_zone(record, before) for record in line[group]) for group in _GROUPS}
+    groups = {group: tuple(zone_of_record(record, before) for record in line[group]) for group in _GROUPS}
     return ZoneSet(
         threshold=line["threshold"],
         min_area_m2=line["min_area_m2"],
@@ -168,11 +172,12 @@ def _zone_set(line: Mapping[str, Any], before: Mapping[str, Zone]) -> ZoneSet:
     )
 
 
-def _zone(record: Mapping[str, Any], before: Mapping[str, Zone]) -> Zone:
+def zone_of_record(record: Mapping[str, Any], before: Mapping[str, Zone] | None = None) -> Zone:
+    """The other way."""
     values = dict(record)
     for name in _OUTLINES:
         if name not in values:
-            values[name] = getattr(before[values["id"]], name)
+            values[name] = getattr((before or {})[values["id"]], name)
         elif values[name] is not None:
             values[name] = polygon_of(values[name])
     for name in ("probability_max", "probability_mean"):

@@ -66,6 +66,15 @@ class ZoneTracker:
         self._created = 0
         self.alive: tuple[Track, ...] = ()
 
+    @property
+    def created(self) -> int:
+        """How many zones there have been."""
+        return self._created
+
+    def restore(self, alive: Sequence[Track], created: int) -> None:
+        """As it was when these were alive, the oldest first."""
+        self.alive, self._created = tuple(alive), created
+
     def step(
         self, regions: Sequence[NDArray[np.int64]], stamp_ns: int
     ) -> tuple[list[Track], list[ZoneEvent]]:

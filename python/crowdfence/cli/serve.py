@@ -1,0 +1,226 @@
+"""`crowdfence serve`: the live service, or the replay of a recording, with its map page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdfence.cli import console, options
+from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.config import RunConfig
+
+if TYPE_CHECKING:
+    from crowdfence.service.access import Access
+    from crowdfence.service.service import Service
+    from crowdfence.service.settings import ServiceSettings
+
+_SERVER, _LIVE = "Server", "Live views"
+TokenFile = Annotated[
+    Path | None,
+    typer.Option("--tokens", rich_help_panel=_SERVER, help="File that `crowdfence token add` made."),
+]
+
+
+class ClockName(str, Enum):
+    """What live views are compared with."""
+
+    system = "system"
+    views = "views"
+
+
+def serve(
+    context: typer.Context,
+    recording: Annotated[
+        Path | None,
+        typer.Argument(help="Recording to replay. Left out: live views, on the map of --terrain."),
+    ] = None,
+    terrain: options.TerrainPath = None,
+    host: Annotated[
+        str, typer.Option("--host", rich_help_panel=_SERVER, help="Address to listen on.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", rich_help_panel=_SERVER, min=0, max=65535, help="0: any that is free.")
+    ] = 8080,
+    tokens: TokenFile = None,
+    tls_certificate: Annotated[
+        Path | None, typer.Option("--tls-certificate", rich_help_panel=_SERVER, help="PEM file, for HTTPS.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", rich_help_panel=_SERVER, help="PEM file of its key.")
+    ] = None,
+    json_logs: Annotated[
+        bool, typer.Option("--json-logs", rich_help_panel=_SERVER, help="Log lines on stderr are JSON.")
+    ] = False,
+    replay_speed: Annotated[
+        float, typer.Option("--replay-speed", help="Recorded seconds per second; inf: as fast as it goes.")
+    ] = 1.0,
+    data: Annotated[
+        Path,
+        typer.Option("--data", rich_help_panel=_LIVE, help="Folder of the journal; goes on where it ended."),
+    ] = Path("out/live"),
+    name: Annotated[str, typer.Option("--name", rich_help_panel=_LIVE, help="Name of the mission.")] = "live",
+    drone: Annotated[
+        list[str] | None,
+        typer.Option("--drone", rich_help_panel=_LIVE, help="A drone that is expected; may be repeated."),
+    ] = None,
+    clock: Annotated[
+        ClockName,
+        typer.Option(
+            "--clock", rich_help_panel=_LIVE, help="What stamps are compared with; views: for simulations."
+        ),
+    ] = ClockName.system,
+    max_delay_ms: Annotated[
+        float, typer.Option("--max-delay-ms", rich_help_panel=_LIVE, help="A view that comes later is late.")
+    ] = 500.0,
+    silent_after_s: Annotated[
+        float, typer.Option("--silent-after-s", rich_help_panel=_LIVE, help="Silence that is an alarm.")
+    ] = 5.0,
+    keep_h: Annotated[
+        float,
+        typer.Option("--keep-h", rich_help_panel=_LIVE, help="Hours that history and pictures are kept."),
+    ] = 24.0,
+    voxel_size_m: options.VoxelSizeM = None,
+    terrain_option: options.TerrainOption = None,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
+    detector: options.DetectorChoice = options.AUTO,
+    contract: options.ContractPath = None,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
+    method: options.Method = options.MethodName.evidence,
+    memory_s: options.MemoryS = EVIDENCE.memory_s,
+    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
+    doubt: options.Doubt = EVIDENCE.doubt,
+    agreement: options.Agreement = EVIDENCE.agreement,
+    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
+    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
+    prior: options.Prior = None,
+    alpha: options.Alpha = PAPER.alpha,
+    decay: options.Decay = PAPER.decay,
+    b_threshold: options.BThreshold = PAPER.b_threshold,
+    fleet_size: options.FleetSize = None,
+    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
+    target_height_m: options.TargetHeightM = None,
+    coverage: options.CoverageOption = options.Coverage.full,
+    surface: options.SurfaceOption = options.Surface.planes,
+    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
+    threshold: options.Threshold = None,
+    off_threshold: options.OffThreshold = None,
+    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
+    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
+    buffer: options.Buffer = None,
+    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
+    max_vertices: options.MaxVertices = None,
+    lower_m: options.LowerM = DEFAULT.zones.lower_m,
+    upper_m: options.UpperM = DEFAULT.zones.upper_m,
+    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
+    close_unseen: options.CloseUnseen = False,
+    static_zones: options.StaticZones = None,
+    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
+    as_json: options.Json = False,
+) -> None:
+    """Serve the map page, the zones and the crowd map, of live views or of a recording that is replayed."""
+    config = options.run_config(
+        options.zone_parameters(context.params), options.method_config(context.params, method)
+    )
+    from crowdfence.service.access import Access
+    from crowdfence.service.logs import set_up_logs
+    from crowdfence.service.server import Address
+    from crowdfence.service.server import serve as serve_on
+    from crowdfence.service.settings import ServiceSettings
+
+    address = Address(host, port, tls_certificate, tls_key)
+    address.check(has_tokens=tokens is not None)
+    access = Access.of(tokens)
+    settings = ServiceSettings(
+        clock=clock.value,
+        max_delay_ms=max_delay_ms,
+        silent_after_s=silent_after_s,
+        keep_s=keep_h * 3600.0,
+    )
+    set_up_logs(as_json=json_logs)
+    opened = _replayed if recording is not None else _live
+    with opened(context.params, config, access, settings) as service:
+        serve_on(service, address, lambda url: _ready(url, service, as_json))
+
+
+def _ready(url: str, service: Service, as_json: bool) -> None:
+    if as_json:
+        console.print_json({"url": url, "mode": service.mode, "mission": service.mission.name})
+    else:
+        console.stdout().print(f"{service.mission.name}: [bold]{url}[/]", soft_wrap=True)
+
+
+@contextmanager
+def _replayed(
+    chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
+) -> Iterator[Service]:
+    from crowdfence.pipeline import choose_detector, read_map
+    from crowdfence.service.opening import replayed
+    from crowdfence.sources import open_recording
+
+    recording = open_recording(chosen["recording"])
+    ground = read_map(recording, chosen["terrain"], **_map_options(chosen))
+    with replayed(
+        recording,
+        ground.terrain,
+        config,
+        detector=choose_detector(
+            recording, chosen["detector"], contract=chosen["contract"], enlarge=chosen["enlarge"].value
+        ),
+        speed=chosen["replay_speed"],
+        settings=settings,
+        access=access,
+        static_zones=_static(chosen, recording.georeference or ground.terrain.georeference),
+    ) as service:
+        yield service
+
+
+@contextmanager
+def _live(
+    chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
+) -> Iterator[Service]:
+    from crowdfence.maps import read_map
+    from crowdfence.pipeline.detect import named_detector
+    from crowdfence.service.opening import live
+
+    if chosen["terrain"] is None:
+        raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
+    ground = read_map(chosen["terrain"], **_map_options(chosen))
+    words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
+    with live(
+        chosen["data"],
+        ground.terrain,
+        config,
+        name=chosen["name"],
+        drones=chosen["drone"] or (),
+        detector=named_detector(words, contract=chosen["contract"], enlarge=chosen["enlarge"].value)
+        if words
+        else None,
+        settings=settings,
+        access=access,
+        static_zones=_static(chosen, ground.terrain.georeference),
+    ) as service:
+        yield service
+
+
+def _map_options(chosen: dict[str, Any]) -> dict[str, Any]:
+    return options.terrain_options(
+        chosen["voxel_size_m"],
+        chosen["terrain_option"],
+        origin=chosen["origin"],
+        assume_local=chosen["assume_local"],
+    )
+
+
+def _static(chosen: dict[str, Any], georeference: Any) -> Any:
+    from crowdfence.static_zones import read_static_zones
+
+    others, left_out = read_static_zones(list(chosen["static_zones"] or ()), georeference)
+    for reason in left_out:
+        console.warn(reason)
+    return others

@@ -1,0 +1,18 @@
+"""The live service: drones give views, everybody else gets zones (`crowdfence serve`).
+
+    replay or live views -> mission (the frame loop) -> store, page, WebSocket, exports
+
+- `settings`          what a service is told
+- `mission`           the frame loop with what is published after each step
+- `replay` `live`     where the instants come from
+- `view_message`      a view as JSON
+- `store`             SQLite: journal, snapshots, history, audit
+- `timeline` `media`  what was closed, what was believed and what was seen at earlier stamps
+- `ground` `belief`   the terrain and the crowd map from above, as bytes
+- `fleet` `zone_json` what is told of drones and of zones
+- `operator_zones`    what operators closed, locked and opened
+- `alerts` `watch`    what somebody should look at, and what notices it
+- `access` `guard`    who may do what; limits, headers
+- `stream` `routes/` `app` `server`  HTTP and WebSocket
+- `client`            the same from Python
+"""

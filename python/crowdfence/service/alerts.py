@@ -1,0 +1,139 @@
+"""What somebody should look at: raised once, cleared when it is over, acknowledged by a person."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from threading import Lock
+from typing import Any, Literal
+
+from crowdfence.service.stamps import moment_json
+from crowdfence.service.store import Store
+
+AlertKind = Literal[
+    "drone_silent",
+    "drone_in_zone",
+    "drone_near_zone",
+    "new_zone",
+    "detector_stale",
+    "pose_gap",
+    "clock",
+    "disk",
+    "refused_views",
+]
+Level = Literal["info", "warning", "alarm"]
+
+_REMEMBERED = 1000
+_LOG = logging.getLogger(__name__)
+_LOG_LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "alarm": logging.ERROR}
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """Active until it is cleared."""
+
+    id: str
+    kind: AlertKind
+    level: Level
+    text: str
+    drone: str | None
+    zone: str | None
+    raised_ns: int
+    cleared_ns: int | None = None
+    acknowledged_by: str | None = None
+    acknowledged_ns: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        told = {name: getattr(self, name) for name in ("id", "kind", "level", "text", "drone", "zone")}
+        return {
+            **told,
+            **moment_json("raised", self.raised_ns),
+            **moment_json("cleared", self.cleared_ns),
+            "acknowledged_by": self.acknowledged_by,
+            **moment_json("acknowledged", self.acknowledged_ns),
+        }
+
+
+class Alerts:
+    """The newest 1000. An alert of the same kind, drone and zone is not raised twice while it is active."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = Lock()
+        self._alerts: dict[str, Alert] = {}
+        for (body,) in store.rows(
+            "SELECT body FROM (SELECT body, rowid AS place FROM alerts ORDER BY rowid DESC LIMIT ?) "
+            "ORDER BY place",
+            (_REMEMBERED,),
+        ):
+            alert = Alert(**json.loads(body))
+            self._alerts[alert.id] = alert
+        self._count = max((int(name[1:]) for name in self._alerts), default=0)
+        self.on_change: Callable[[Alert], None] = lambda alert: None
+
+    def all(self) -> list[Alert]:
+        """The newest first."""
+        with self._lock:
+            return list(self._alerts.values())[::-1]
+
+    def active(self, kind: AlertKind, drone: str | None = None, zone: str | None = None) -> Alert | None:
+        with self._lock:
+            return self._active(kind, drone, zone)
+
+    def _active(self, kind: AlertKind, drone: str | None, zone: str | None) -> Alert | None:
+        for alert in self._alerts.values():
+            if alert.cleared_ns is None and (alert.kind, alert.drone, alert.zone) == (kind, drone, zone):
+                return alert
+        return None
+
+    def raise_(
+        self,
+        kind: AlertKind,
+        level: Level,
+        text: str,
+        now_ns: int,
+        *,
+        drone: str | None = None,
+        zone: str | None = None,
+    ) -> Alert:
+        """Raise it, or return the one that is active."""
+        with self._lock:
+            known = self._active(kind, drone, zone)
+            if known is not None:
+                return known
+            self._count += 1
+            alert = Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns)
+            while len(self._alerts) >= _REMEMBERED:
+                del self._alerts[next(iter(self._alerts))]
+        _LOG.log(
+            _LOG_LEVELS[level], text, extra={"alert": alert.id, "kind": kind, "drone": drone, "zone": zone}
+        )
+        return self._changed(alert)
+
+    def clear(
+        self, kind: AlertKind, now_ns: int, *, drone: str | None = None, zone: str | None = None
+    ) -> None:
+        """It is over; nothing happens where there is none."""
+        known = self.active(kind, drone, zone)
+        if known is not None:
+            self._changed(replace(known, cleared_ns=now_ns))
+
+    def acknowledge(self, name: str, user: str, now_ns: int) -> Alert | None:
+        """Somebody saw it; None where there is none of this id. The first to acknowledge counts."""
+        with self._lock:
+            known = self._alerts.get(name)
+        if known is None or known.acknowledged_by is not None:
+            return known
+        return self._changed(replace(known, acknowledged_by=user, acknowledged_ns=now_ns))
+
+    def _changed(self, alert: Alert) -> Alert:
+        with self._lock:
+            self._alerts[alert.id] = alert
+        row = (alert.id, alert.raised_ns, json.dumps(asdict(alert)))
+        self._store.note(
+            lambda connection: connection.execute("INSERT OR REPLACE INTO alerts VALUES (?, ?, ?)", row)
+        )
+        self.on_change(alert)
+        return alert

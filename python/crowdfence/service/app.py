@@ -1,0 +1,84 @@
+"""The application: routes, page and guard around a service."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI, WebSocket
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.staticfiles import StaticFiles
+
+from crowdfence._core import __version__
+from crowdfence.service.access import COOKIE
+from crowdfence.service.guard import Guard, Rate
+from crowdfence.service.routes import alerts, drones, health, ingest, operator, scene, zones
+from crowdfence.service.routes.asking import user_or_none
+from crowdfence.service.service import Service
+
+PAGE = Path(__file__).parent / "page"
+API = "/api/v1"
+_NO_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
+<body><h1>crowdfence</h1><p>The service runs. Its map page was not built: <code>make page</code> builds
+it.</p> <p>The interface is described in <a
+href="/api/v1/openapi.json">/api/v1/openapi.json</a>.</p></body></html>"""
+_NO_TOKEN = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
+<body><h1>crowdfence</h1><p>Open this page once as <code>/?token=YOUR-TOKEN</code>.</p></body></html>"""
+
+
+def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: bool = False) -> FastAPI:
+    """`hosts`: see `Guard`; `secure`: the cookie goes over TLS only."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        service.hub.start()
+        yield
+
+    app = FastAPI(
+        title="crowdfence",
+        version=__version__,
+        description="Crowds seen by a fleet of drones, and no-fly zones. Unseen ground is never free.",
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+    )
+    app.state.service = service
+    for module in (scene, zones, drones, alerts, operator, ingest):
+        app.include_router(module.router, prefix=API)
+    app.include_router(health.router)
+
+    @app.websocket(f"{API}/stream")
+    async def stream(socket: WebSocket) -> None:
+        user = user_or_none(socket)
+        if user is None:
+            await socket.close(code=1008, reason="a token is needed")
+            return
+        hello = {"type": "hello", "scene": service.scene_json(user)}
+        await service.hub.serve(socket, hello)
+
+    @app.get("/", include_in_schema=False)
+    def page(request: Request) -> Response:
+        token = request.query_params.get("token")
+        if token is not None and service.access.user_of(token) is not None:
+            # The address with the token must not stay in the browser's history.
+            answer = RedirectResponse("/", status_code=303)
+            answer.set_cookie(
+                COOKIE, token, httponly=True, samesite="strict", secure=secure, max_age=30 * 86400
+            )
+            return answer
+        if user_or_none(request) is None:
+            return HTMLResponse(_NO_TOKEN, status_code=401)
+        index = PAGE / "index.html"
+        return HTMLResponse(index.read_text(encoding="utf-8") if index.exists() else _NO_PAGE)
+
+    app.mount("/", StaticFiles(directory=PAGE, check_dir=False), name="page")
+    app.add_middleware(
+        Guard,
+        hosts=hosts,
+        max_body=int(service.settings.max_body_mb * 1e6),
+        requests=Rate(service.settings.requests_per_s),
+    )
+    return app

@@ -1,0 +1,63 @@
+"""The crowd map from above, as bytes for the page: one entry per column that somebody has seen."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from crowdfence._core import CrowdMap
+from crowdfence.service.ground import Ground
+from crowdfence.surface_grid import LEAST_TO_MOST_URGENT
+from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.tracker import column_keys, column_places
+
+_HEAD = struct.Struct("<Iqfff")
+_OLDEST = 65535
+_URGENCY = np.argsort(LEAST_TO_MOST_URGENT).astype(np.uint8)
+_STATES = np.array(LEAST_TO_MOST_URGENT, dtype=np.uint8)
+
+
+def belief_bytes(
+    crowd_map: CrowdMap, ground: Ground, stamp_ns: int, *, threshold: float, stale_after_s: float
+) -> bytes:
+    """Little endian: u32 n, i64 stamp_ns, f32 cell_size_m, west, south; then n each of u16 column (from
+    west), u16 row (from south), f32 height, u8 probability * 255, u8 `VoxelState`, u16 age in 0.1 s (65535:
+    older).
+
+    A column is crowd where any voxel of it is; otherwise it shows the least known of its standing places.
+    Costs what was seen. StampError for a stamp before the newest instant.
+    """
+    terrain = crowd_map.terrain
+    seen_ids = crowd_map.seen_ids()
+    seen_keys = column_keys(terrain.voxel_indices(seen_ids)[:, :2])
+    columns, of_seen = np.unique(seen_keys, return_inverse=True)
+    standing, of_standing = ground.places_of(columns)
+    told = {"threshold": threshold, "stale_after_s": stale_after_s}
+    seen = crowd_map.knowledge(seen_ids, stamp_ns, **told)
+    places = crowd_map.knowledge(standing, stamp_ns, **told)
+    count = len(columns)
+    urgency = np.zeros(count, dtype=np.uint8)
+    np.maximum.at(urgency, of_standing, _URGENCY[places.state])
+    urgency[of_seen[seen.state == VoxelState.CROWD]] = _URGENCY[VoxelState.CROWD]
+    probability = np.zeros(count)
+    np.maximum.at(probability, of_seen, seen.probability)
+    age_s = np.full(count, np.inf)
+    np.minimum.at(age_s, of_seen, seen.age_s)
+    height = np.full(count, -np.inf, dtype=np.float32)
+    np.maximum.at(height, of_standing, terrain.surface_heights(standing).astype(np.float32))
+    place = column_places(columns)
+    first = place.min(axis=0) if count else np.zeros(2, dtype=np.int64)
+    offset = (place - first).astype("<u2")
+    west, south = (terrain.origin[axis] + float(first[axis]) * terrain.voxel_size_m for axis in (0, 1))
+    return b"".join(
+        (
+            _HEAD.pack(count, stamp_ns, terrain.voxel_size_m, west, south),
+            offset[:, 0].tobytes(),
+            offset[:, 1].tobytes(),
+            height.astype("<f4").tobytes(),
+            np.rint(probability * 255.0).astype(np.uint8).tobytes(),
+            _STATES[urgency].tobytes(),
+            np.minimum(np.rint(age_s * 10.0), _OLDEST).astype("<u2").tobytes(),
+        )
+    )

@@ -1,0 +1,152 @@
+"""What stands between the network and the routes: hosts, origins, sizes, rates and headers."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, MutableMapping
+from threading import Lock
+from typing import Any
+from urllib.parse import urlsplit
+
+from crowdfence.service.access import hashed
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+CONTENT_SECURITY_POLICY = "; ".join(
+    (
+        "default-src 'self'",
+        "img-src 'self' data: blob:",
+        "worker-src 'self' blob:",
+        "style-src 'self' 'unsafe-inline'",
+        "object-src 'none'",
+        "base-uri 'none'",
+        "form-action 'self'",
+        "frame-ancestors 'none'",
+    )
+)
+"""Nothing from other hosts; inline styles because map libraries place their controls with them."""
+
+HEADERS = [
+    (b"content-security-policy", CONTENT_SECURITY_POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"DENY"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+]
+_MOST_BUCKETS = 4096
+
+
+class Rate:
+    """A token bucket per name: so many a second on average, twice as many at once."""
+
+    def __init__(self, per_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._per_s, self._now_s = per_s, now_s
+        self._lock = Lock()
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def wait_s(self, name: str) -> float:
+        """0 where one more is fine, and it is counted; else seconds until it is."""
+        now_s = self._now_s()
+        with self._lock:
+            left, then_s = self._buckets.pop(name, (2.0 * self._per_s, now_s))
+            left = min(2.0 * self._per_s, left + (now_s - then_s) * self._per_s)
+            fine = left >= 1.0
+            self._buckets[name] = (left - 1.0 if fine else left, now_s)
+            while len(self._buckets) > _MOST_BUCKETS:
+                self._buckets.popitem(last=False)
+        return 0.0 if fine else (1.0 - left) / self._per_s
+
+
+class Guard:
+    """ASGI middleware."""
+
+    def __init__(self, app: App, *, hosts: frozenset[str], max_body: int, requests: Rate) -> None:
+        """`hosts` are the names that the service answers to (a page of another site that points its name here
+        is refused); empty for any, which is for those who need tokens."""
+        self._app, self._hosts, self._max_body, self._requests = app, hosts, max_body, requests
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        refusal = self._refusal(scope, headers)
+        if refusal is not None:
+            await _answer(scope, send, *refusal)
+            return
+        if scope["type"] == "websocket":
+            await self._app(scope, receive, send)
+            return
+        await self._app(scope, self._limited(receive), _with_headers(send))
+
+    def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str, float] | None:
+        host = headers.get("host", "")
+        if self._hosts and _name_of(host) not in self._hosts:
+            return 421, f"this service does not answer to the name {host[:80]!r}", 0.0
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return 403, "requests from pages of other sites are refused", 0.0
+        length = headers.get("content-length", "0")
+        if not length.isdigit() or int(length) > self._max_body:
+            return 413, f"a body has at most {self._max_body} bytes", 0.0
+        who = headers.get("authorization") or headers.get("cookie")
+        client = scope.get("client") or ("", 0)
+        wait_s = self._requests.wait_s(hashed(who) if who else str(client[0]))
+        if wait_s > 0.0:
+            return 429, "too many requests", wait_s
+        return None
+
+    def _limited(self, receive: Receive) -> Receive:
+        """A body without a length is cut off as well."""
+        left = self._max_body
+
+        async def limited() -> MutableMapping[str, Any]:
+            nonlocal left
+            message = await receive()
+            left -= len(message.get("body", b""))
+            if left < 0:
+                return {"type": "http.disconnect"}
+            return message
+
+        return limited
+
+
+def _name_of(host: str) -> str:
+    """Without the port."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.partition(":")[0].lower()
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: MutableMapping[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            there = {name for name, _ in message.get("headers", ())}
+            message["headers"] = [
+                *message.get("headers", ()),
+                *(header for header in HEADERS if header[0] not in there),
+            ]
+            if b"cache-control" not in there:
+                message["headers"].append((b"cache-control", b"no-store"))
+        await send(message)
+
+    return sending
+
+
+async def _answer(scope: Scope, send: Send, status: int, detail: str, wait_s: float) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008, "reason": detail[:100]})
+        return
+    body = json.dumps({"detail": detail}).encode()
+    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+    if wait_s > 0.0:
+        headers.append((b"retry-after", str(max(1, round(wait_s))).encode()))
+    sending = _with_headers(send)
+    await sending({"type": "http.response.start", "status": status, "headers": headers})
+    await sending({"type": "http.response.body", "body": body})

@@ -1,0 +1,149 @@
+"""What was accepted, in order: views, observations, ticks of the clock, what operators did.
+
+The state of the service is a function of these records alone, so that it can be had again from the last
+snapshot and the records behind it.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from crowdfence.service.store import Store, Write
+
+RecordKind = Literal["view", "observation", "tick", "operator"]
+KEPT_SNAPSHOTS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One line of the journal."""
+
+    seq: int
+    """Its place; 0 for one that is not written yet."""
+    kind: RecordKind
+    drone: str
+    """Empty for ticks and operators."""
+    stamp_ns: int
+    received_ns: int
+    body: bytes
+    """As it came: JSON of a view or an action, bytes of an observation."""
+
+    @property
+    def checksum(self) -> int:
+        head = f"{self.kind}|{self.drone}|{self.stamp_ns}|{self.received_ns}|".encode()
+        return zlib.crc32(self.body, zlib.crc32(head))
+
+
+class Journal:
+    """Records and snapshots in a store."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def append(self, record: Record, beside: Write | None = None) -> Future[int]:
+        """Write it, and what must be written with it or not at all; its place comes once it is on disk.
+        sqlite3.IntegrityError for a view that is there already, other sqlite3.Error where it cannot be
+        written."""
+        row = (
+            record.kind,
+            record.drone,
+            record.stamp_ns,
+            record.received_ns,
+            record.checksum,
+            record.body,
+        )
+
+        def write(connection: sqlite3.Connection) -> int | None:
+            if beside is not None:
+                beside(connection)
+            return connection.execute(
+                "INSERT INTO journal (kind, drone, stamp_ns, received_ns, checksum, body) "
+                "VALUES (?, ?, ?, ?, ?, ?)",
+                row,
+            ).lastrowid
+
+        return self._store.submit(write)
+
+    def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
+        """Of a view that is there already."""
+        rows = self._store.rows(
+            "SELECT seq FROM journal WHERE kind = ? AND drone = ? AND stamp_ns = ?", (kind, drone, stamp_ns)
+        )
+        return rows[0][0] if rows else None
+
+    def after(self, seq: int) -> tuple[list[Record], int]:
+        """The records behind a place, in order, up to the first that is damaged; how many that leaves out.
+        Those are put aside."""
+        records = [
+            (_record(row), row[5])
+            for row in self._store.rows(
+                "SELECT seq, kind, drone, stamp_ns, received_ns, checksum, body FROM journal WHERE seq > ? "
+                "ORDER BY seq",
+                (seq,),
+            )
+        ]
+        whole = next(
+            (number for number, (record, checksum) in enumerate(records) if record.checksum != checksum),
+            len(records),
+        )
+        if whole < len(records):
+            self._put_aside(records[whole][0].seq)
+        return [record for record, _ in records[:whole]], len(records) - whole
+
+    def _put_aside(self, first: int) -> None:
+        def write(connection: sqlite3.Connection) -> None:
+            connection.execute("INSERT INTO damaged SELECT * FROM journal WHERE seq >= ?", (first,))
+            connection.execute("DELETE FROM journal WHERE seq >= ?", (first,))
+
+        self._store.submit(write).result()
+
+    def record(self, seq: int) -> Record | None:
+        """One record; None where it is gone or damaged."""
+        rows = self._store.rows(
+            "SELECT seq, kind, drone, stamp_ns, received_ns, checksum, body FROM journal WHERE seq = ?",
+            (seq,),
+        )
+        for row in rows:
+            record = _record(row)
+            if record.checksum == row[5]:
+                return record
+        return None
+
+    def keep_snapshot(
+        self, seq: int, body: bytes, *, needed_from: int, forget_before_ns: int
+    ) -> Future[None]:
+        """The state after record `seq`; it needs records from `needed_from` on. Older records go, except
+        those behind the snapshot before and those received after `forget_before_ns`, which tell
+        duplicates."""
+        checksum = zlib.crc32(body)
+
+        def write(connection: sqlite3.Connection) -> None:
+            oldest = connection.execute("SELECT MIN(seq) FROM snapshots").fetchone()[0]
+            connection.execute("INSERT OR REPLACE INTO snapshots VALUES (?, ?, ?)", (seq, checksum, body))
+            connection.execute(
+                "DELETE FROM snapshots WHERE seq NOT IN "
+                "(SELECT seq FROM snapshots ORDER BY seq DESC LIMIT ?)",
+                (KEPT_SNAPSHOTS,),
+            )
+            if oldest is not None:
+                connection.execute(
+                    "DELETE FROM journal WHERE seq <= ? AND seq < ? AND received_ns < ?",
+                    (oldest, needed_from, forget_before_ns),
+                )
+
+        return self._store.submit(write)
+
+    def snapshots(self) -> list[tuple[int, bytes]]:
+        """Place and state, the newest first; damaged ones are left out."""
+        rows = self._store.rows("SELECT seq, checksum, body FROM snapshots ORDER BY seq DESC")
+        return [(seq, body) for seq, checksum, body in rows if zlib.crc32(body) == checksum]
+
+
+def _record(row: Sequence[Any]) -> Record:
+    seq, kind, drone, stamp_ns, received_ns, _, body = row
+    return Record(seq, kind, drone, stamp_ns, received_ns, body)

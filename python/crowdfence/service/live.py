@@ -1,0 +1,497 @@
+"""Live views: checked, journaled, acknowledged, grouped into instants, taken into the map.
+
+    give (any thread) -> journal -> apply (one thread, in the order of the journal) -> instants -> steps
+
+The state follows from the journal alone. After a crash it is made again from the last snapshot and the
+records behind it, and is the one that an uninterrupted service would have."""
+
+from __future__ import annotations
+
+import json
+import logging
+import queue
+import sqlite3
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict
+from functools import partial
+from threading import Event, Lock, Thread
+from typing import NamedTuple
+
+import numpy as np
+
+from crowdfence._core import CrowdfenceError, Observation, View
+from crowdfence.errors import FrameError
+from crowdfence.service.alerts import Alerts
+from crowdfence.service.arrivals import Arrival, Content, stepped
+from crowdfence.service.clock import Clock
+from crowdfence.service.fleet import Fleet, Sighting
+from crowdfence.service.guard import Rate
+from crowdfence.service.journal import Journal, Record, RecordKind
+from crowdfence.service.latency import Latency
+from crowdfence.service.media import Media, heatmap_png
+from crowdfence.service.mission import Mission
+from crowdfence.service.operator_zones import OperatorAction
+from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.settings import ServiceSettings
+from crowdfence.service.store import Write
+from crowdfence.service.view_message import CameraMessage, ViewMessage
+from crowdfence.sources.recording import Frame, RefusedFrame
+from crowdfence.sources.synchronize import InstantGrouper
+
+_LOG = logging.getLogger(__name__)
+_SECOND_NS = 1_000_000_000
+_MOST_DRONES = 1000
+_TICK_S = 0.1
+_FUTURE_OF_VIEWS_S = 3600.0
+"""With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+
+
+class Accepted(NamedTuple):
+    """A view that is on disk."""
+
+    seq: int
+    duplicate: bool
+
+
+class Refused(ValueError):
+    """A view that is not taken; nothing of it was kept."""
+
+    def __init__(self, status: int, reason: str, again_s: float = 0.0) -> None:
+        super().__init__(reason)
+        self.status, self.reason, self.again_s = status, reason, again_s
+
+
+class Live:
+    """Begins where the journal ends. `start` it once; `stop` leaves a snapshot."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        journal: Journal,
+        fleet: Fleet,
+        media: Media,
+        alerts: Alerts,
+        clock: Clock,
+        settings: ServiceSettings,
+        *,
+        detector_threads: int = 1,
+    ) -> None:
+        self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
+        self._alerts, self._clock, self._settings = alerts, clock, settings
+        self._tolerance_ns = int(mission.config.grouping.tolerance_ms * 1e6)
+        self._max_delay_ns = int(settings.max_delay_ms * 1e6)
+        self._grouper = InstantGrouper[Arrival](self._tolerance_ns, self._max_delay_ns)
+        self._grouper_ns = 0
+        self._waiting: dict[int, Arrival] = {}
+        """In the grouper, by place: in no instant yet."""
+        self._applied = 0
+        self._since_snapshot = 0
+        self._last_ns: int | None = None
+        self._records: queue.Queue[Record | None] = queue.Queue()
+        self._on_the_way: Counter[str] = Counter()
+        self._counting = Lock()
+        self._rate = Rate(settings.views_per_s)
+        self._done: dict[int, Future[str]] = {}
+        self._recovering = False
+        self._detecting = ThreadPoolExecutor(detector_threads, thread_name_prefix="detector")
+        self._stopping = Event()
+        self._applier = Thread(target=self._apply_all, name="live", daemon=True)
+        self._ticker = Thread(target=self._tick_all, name="ticker", daemon=True)
+        self.accepted: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self.late: Counter[str] = Counter()
+        self.last_view_ns: dict[str, int] = {}
+        """Newest stamp of each drone that was accepted."""
+        self.acknowledging = Latency()
+        """From the last byte of a view to its acknowledgement."""
+        self.publishing = Latency()
+        """From the acknowledgement to the zones that follow from it."""
+        self._acknowledged_s: dict[int, float] = {}
+        self.detecting_since: dict[int, float] = {}
+        """Pictures that the detector has not finished, and since when (seconds of a steady clock)."""
+
+    # -- giving ------------------------------------------------------------------------------------------
+
+    def give_view(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
+        """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused; ValueError for
+        what is no view."""
+        message = ViewMessage.model_validate_json(raw)
+        if (message.heatmap is None) == (message.image is None):
+            raise ValueError("a view has either a heatmap or an image")
+        if message.image is not None and self._mission.heatmaps.kind == "recorded":
+            raise Refused(422, "this service runs no detector (--detector): send heatmaps")
+        if message.image is None:
+            message.view()
+        else:
+            message.frame()
+        return self._give("view", message.drone, message.stamp_ns, raw, drones)
+
+    def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
+        """The bytes of an observation (`Observation.to_bytes`). Refused; ValueError for what is none."""
+        observation = Observation.from_bytes(raw)
+        ours = self._mission.terrain.fingerprint
+        if observation.terrain_fingerprint != ours:
+            raise Refused(
+                422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
+            )
+        return self._give("observation", observation.drone, observation.stamp_ns, raw, drones)
+
+    def _give(
+        self, kind: RecordKind, drone: str, stamp_ns: int, raw: bytes, drones: Sequence[str]
+    ) -> Accepted:
+        if drones and drone not in drones:
+            raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
+        try:
+            self._check_stamp(drone, stamp_ns)
+            self._check_fleet(drone)
+            self._reserve(drone)
+        except Refused:
+            self.refused[drone if drone in self.accepted else "(unknown)"] += 1
+            raise
+        started_s = time.monotonic()
+        record = Record(0, kind, drone, stamp_ns, self._clock.now_ns() or stamp_ns, raw)
+        future = self._journal.append(record)
+        future.add_done_callback(partial(self._journaled, record))
+        try:
+            seq = future.result()
+        except sqlite3.IntegrityError:
+            place = self._journal.place_of(kind, drone, stamp_ns)
+            if place is None:
+                raise Refused(409, f"{drone} gave a view of {stamp_ns} before") from None
+            return Accepted(place, duplicate=True)
+        except sqlite3.Error as error:
+            raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
+        self.acknowledging.took(time.monotonic() - started_s)
+        self.accepted[drone] += 1
+        self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
+        return Accepted(seq, duplicate=False)
+
+    def _check_stamp(self, drone: str, stamp_ns: int) -> None:
+        now_ns = self._clock.now_ns()
+        by_views = self._clock.kind == "views"
+        if by_views and now_ns == 0:
+            return
+        ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
+        off_s = (stamp_ns - now_ns) / _SECOND_NS
+        if -self._settings.max_age_s <= off_s <= ahead_s:
+            self._alerts.clear("clock", now_ns, drone=drone)
+            return
+        side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
+        reason = (
+            f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
+        )
+        self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone)
+        raise Refused(422, reason)
+
+    def _check_fleet(self, drone: str) -> None:
+        known = self._mission.drones
+        if drone in known or drone in self.accepted:
+            return
+        method = self._mission.loop.crowd_map.method
+        most = int(method.parameters.get("fleet_size", _MOST_DRONES))
+        if len({*known, *self.accepted}) >= most:
+            raise Refused(422, f"{drone} would be drone {most + 1}; this fleet has {most} at most")
+
+    def _reserve(self, drone: str) -> None:
+        """Backpressure: each drone has its own room, so that one that floods only stops itself."""
+        wait_s = self._rate.wait_s(drone)
+        if wait_s > 0.0:
+            raise Refused(
+                429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
+            )
+        with self._counting:
+            if self._on_the_way[drone] >= self._settings.waiting_per_drone:
+                raise Refused(429, f"{self._on_the_way[drone]} views of {drone} wait to be taken in", 1.0)
+            self._on_the_way[drone] += 1
+
+    def _release(self, drone: str) -> None:
+        with self._counting:
+            self._on_the_way[drone] -= 1
+            if self._on_the_way[drone] <= 0:
+                del self._on_the_way[drone]
+
+    @property
+    def waiting(self) -> int:
+        """Records on disk that are not in the map yet."""
+        return self._records.qsize()
+
+    def _journaled(self, record: Record, done: Future[int]) -> None:
+        """In the thread that writes, so that records come in the order of their places."""
+        if done.exception() is not None:
+            self._release(record.drone)
+            return
+        seq = done.result()
+        self._acknowledged_s[seq] = time.monotonic()
+        self._records.put(_placed(record, seq))
+
+    # -- deciding ----------------------------------------------------------------------------------------
+
+    def decide(self, action: OperatorAction, beside: Write) -> str:
+        """Do what an operator asks and write what belongs to it; the id of the zone. RefusedAction; Refused
+        where it cannot be kept."""
+        with self._mission.lock:
+            newest = self._mission.newest
+            zones = self._mission.found if newest is None else newest.zones
+            self._mission.operator_zones.check(action, zones)
+        body = json.dumps(asdict(action)).encode()
+        record = Record(0, "operator", "", action.stamp_ns, self._clock.now_ns(), body)
+        done: Future[str] = Future()
+
+        def journaled(future: Future[int]) -> None:
+            if future.exception() is None:
+                self._done[future.result()] = done
+                self._records.put(_placed(record, future.result()))
+
+        future = self._journal.append(record, beside)
+        future.add_done_callback(journaled)
+        try:
+            future.result()
+        except sqlite3.Error as error:
+            raise Refused(507, f"the action cannot be kept: {error}", 5.0) from error
+        return done.result(timeout=30.0)
+
+    # -- applying ----------------------------------------------------------------------------------------
+
+    def recover(self) -> int:
+        """Make the state again; how many damaged records were left out. Before `start`."""
+        self._recovering = True
+        for seq, body in self._journal.snapshots():
+            try:
+                self._restore(seq, body)
+                break
+            except ValueError:
+                _LOG.exception("snapshot %s cannot be used; the one before it is", seq)
+        records, damaged = self._journal.after(self._applied)
+        for record in records:
+            self._apply(record)
+        self._recovering = False
+        _LOG.info("recovered", extra={"records": len(records), "damaged": damaged, "seq": self._applied})
+        return damaged
+
+    @property
+    def works(self) -> bool:
+        """Whether views still go into the map."""
+        return self._applier.is_alive()
+
+    def start(self) -> None:
+        self._applier.start()
+        if self._clock.kind == "system":
+            self._ticker.start()
+
+    def stop(self) -> None:
+        self._stopping.set()
+        self._records.put(None)
+        self._applier.join()
+        self._detecting.shutdown(wait=False, cancel_futures=True)
+
+    def _apply_all(self) -> None:
+        while (record := self._records.get()) is not None:
+            self._apply(record)
+            if record.kind in ("view", "observation"):
+                self._release(record.drone)
+            if self._since_snapshot >= self._settings.snapshot_every:
+                self._snapshot()
+            self._mission.keep_belief()
+        self._snapshot()
+
+    def _apply(self, record: Record) -> None:
+        """Never fails: a record that cannot be used is refused, and the next one follows."""
+        with self._mission.lock:
+            self._applied = record.seq
+            self._since_snapshot += 1
+            if record.kind == "operator":
+                self._act(record)
+            elif record.kind == "tick":
+                self._advance(record.stamp_ns)
+            else:
+                self._arrive(record)
+
+    def _arrive(self, record: Record) -> None:
+        arrival = self._arrival(record)
+        self._clock.saw(record.stamp_ns)
+        self._waiting[arrival.seq] = arrival
+        grouped = self._grouper.push(arrival)
+        self._grouper_ns = max(self._grouper_ns, record.stamp_ns)
+        self._take(grouped.instants)
+        for late in grouped.late:
+            self.late[late.drone] += 1
+            stamp_ns = late.stamp_ns if self._last_ns is None else self._last_ns + 1
+            self._step([late], max(stamp_ns, late.stamp_ns))
+
+    def _advance(self, stamp_ns: int) -> None:
+        self._grouper_ns = max(self._grouper_ns, stamp_ns)
+        self._take(self._grouper.advance(stamp_ns).instants)
+
+    def _take(self, instants: Sequence[Sequence[Arrival]]) -> None:
+        for group in instants:
+            self._step(group, group[-1].stamp_ns)
+
+    def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
+        contents = [arrival.arrived() for arrival in group]
+        acknowledged_s = []
+        for arrival in group:
+            del self._waiting[arrival.seq]
+            acknowledged_s.append(self._acknowledged_s.pop(arrival.seq, None))
+        try:
+            step = stepped(self._mission.loop, contents, stamp_ns)
+        except CrowdfenceError as error:
+            self._refuse(group, str(error))
+            return
+        for refused in step.refused:
+            self._refuse([one for one in group if one.drone == refused.drone], refused.reason)
+        self._last_ns = stamp_ns
+        for arrival, content in zip(group, contents, strict=True):
+            self._show(arrival, content)
+        self._mission.stepped(step)
+        for then_s in acknowledged_s:
+            if then_s is not None:
+                self.publishing.took(time.monotonic() - then_s)
+
+    def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
+        for arrival in group:
+            _LOG.warning(
+                "view refused: %s", reason, extra={"drone": arrival.drone, "stamp_ns": arrival.stamp_ns}
+            )
+            self.refused[arrival.drone] += 1
+            if not self._recovering:
+                self._alerts.raise_(
+                    "refused_views",
+                    "warning",
+                    f"a view of {arrival.drone} could not be used: {reason}",
+                    self._clock.now_ns(),
+                    drone=arrival.drone,
+                )
+
+    def _act(self, record: Record) -> None:
+        mission = self._mission
+        action = OperatorAction(**json.loads(record.body))
+        done = self._done.pop(record.seq, None)
+        zones = mission.found if mission.newest is None else mission.newest.zones
+        try:
+            zone = mission.operator_zones.do(action, zones)
+        except ValueError as error:  # somebody else was faster
+            if done is not None:
+                done.set_exception(error)
+            return
+        newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
+        mission.publish(max(action.stamp_ns, newest_ns))
+        if done is not None:
+            done.set_result(zone)
+
+    def _arrival(self, record: Record) -> Arrival:
+        if record.kind == "observation":
+            return Arrival(record.seq, record.drone, record.stamp_ns, Observation.from_bytes(record.body))
+        message = ViewMessage.model_validate_json(record.body)
+        if message.heatmap is not None:
+            return Arrival(record.seq, record.drone, record.stamp_ns, message.view())
+        frame = message.frame()
+        self.detecting_since[record.seq] = time.monotonic()
+        detected = self._detecting.submit(self._detect, frame, record.seq)
+        return Arrival(record.seq, record.drone, record.stamp_ns, detected, image=frame.encoded_image())
+
+    def _detect(self, frame: Frame, seq: int) -> Content:
+        try:
+            return frame.view(self._mission.heatmaps.heatmap_of(frame))
+        except FrameError as error:
+            return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
+        except Exception as error:
+            _LOG.exception("the detector failed")
+            return RefusedFrame(frame.drone, frame.stamp_ns, f"the detector failed: {error}")
+        finally:
+            self.detecting_since.pop(seq, None)
+
+    def _show(self, arrival: Arrival, content: Content) -> None:
+        if not isinstance(content, View):
+            return
+        self._fleet.saw(
+            arrival.drone,
+            Sighting(
+                arrival.stamp_ns, content.camera, content.world_from_camera, arrival.image is not None, True
+            ),
+        )
+        if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
+            return
+        self._media.keep("heatmap", arrival.drone, arrival.stamp_ns, heatmap_png(content.heatmap))
+        if arrival.image is not None:
+            self._media.keep("picture", arrival.drone, arrival.stamp_ns, arrival.image)
+
+    # -- time and snapshots ------------------------------------------------------------------------------
+
+    def _tick_all(self) -> None:
+        """An instant that no view completes is completed by the clock, and the journal says so."""
+        ticked_ns = 0
+        while not self._stopping.wait(_TICK_S):
+            now_ns = self._clock.now_ns()
+            oldest_ns = min((one.stamp_ns for one in list(self._waiting.values())), default=None)
+            due = oldest_ns is not None and now_ns - oldest_ns > self._max_delay_ns + self._tolerance_ns
+            if due and now_ns - ticked_ns > self._max_delay_ns and not self._records.qsize():
+                ticked_ns = now_ns
+                record = Record(0, "tick", "", now_ns, now_ns, b"")
+                self._journal.append(record).add_done_callback(partial(self._ticked, record))
+
+    def _ticked(self, record: Record, done: Future[int]) -> None:
+        if done.exception() is None:
+            self._records.put(_placed(record, done.result()))
+
+    def _snapshot(self) -> None:
+        if self._since_snapshot == 0:
+            return
+        with self._mission.lock:
+            body = self.to_bytes()
+        forget_ns = self._clock.now_ns() - round(self._settings.max_age_s * 2 * _SECOND_NS)
+        self._journal.keep_snapshot(
+            self._applied,
+            body,
+            needed_from=min(self._waiting, default=self._applied + 1),
+            forget_before_ns=forget_ns,
+        )
+        self._since_snapshot = 0
+
+    def to_bytes(self) -> bytes:
+        """The state after the last record that was applied."""
+        told = {
+            "grouper_ns": self._grouper_ns,
+            "waiting": sorted(self._waiting),
+            "last_ns": self._last_ns,
+            "cameras": {
+                drone: [
+                    last.stamp_ns,
+                    CameraMessage.of(last.camera).model_dump(),
+                    last.world_from_camera.tolist(),
+                    last.picture,
+                ]
+                for drone in self._fleet.drones
+                if (last := self._fleet.last(drone)) is not None
+            },
+        }
+        return packed(json.dumps(told).encode(), self._mission.to_bytes())
+
+    def _restore(self, seq: int, body: bytes) -> None:
+        told_bytes, mission = unpacked(body)
+        told = json.loads(told_bytes)
+        waiting = [self._journal.record(place) for place in told["waiting"]]
+        if None in waiting:
+            raise ValueError(f"snapshot {seq} needs records that are gone")
+        self._mission.restore(mission)
+        self._applied, self._last_ns = seq, told["last_ns"]
+        for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items():
+            where = CameraMessage(**camera).camera()
+            self._fleet.saw(drone, Sighting(stamp_ns, where, np.array(pose), picture, True))
+            self._clock.saw(stamp_ns)
+        # In the order of arrival they come to lie as they lay: nothing of them was complete then.
+        for record in waiting:
+            assert record is not None
+            arrival = self._arrival(record)
+            self._waiting[arrival.seq] = arrival
+            self._grouper.push(arrival)
+            self._clock.saw(record.stamp_ns)
+        if told["grouper_ns"]:
+            self._grouper.advance(told["grouper_ns"])
+            self._grouper_ns = told["grouper_ns"]
+
+
+def _placed(record: Record, seq: int) -> Record:
+    return Record(seq, record.kind, record.drone, record.stamp_ns, record.received_ns, record.body)

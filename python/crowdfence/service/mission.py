@@ -1,0 +1,179 @@
+"""The frame loop of the service: a step in, a moment out, told to everybody who listens."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+from crowdfence._core import CrowdMap, Terrain
+from crowdfence.config import RunConfig
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.georeference import Georeference
+from crowdfence.pipeline import FrameLoop, Step
+from crowdfence.service.belief import belief_bytes
+from crowdfence.service.ground import Ground
+from crowdfence.service.operator_zones import OperatorZones
+from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.timeline import Moment, Timeline
+from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.history import history_line, zone_set_of_line
+
+if TYPE_CHECKING:
+    from crowdfence.pipeline.detect import HeatmapSource
+
+OnMoment = Callable[[Moment], None]
+
+_BELIEF_COSTS_AT_MOST = 0.05
+"""Share of the time that goes into maps for the history."""
+
+
+class Mission:
+    """One crowd map that is kept up to date. One thread steps; all others read."""
+
+    def __init__(
+        self,
+        name: str,
+        terrain: Terrain,
+        georeference: Georeference | None,
+        config: RunConfig,
+        drones: Sequence[str],
+        timeline: Timeline,
+        *,
+        heatmaps: HeatmapSource,
+        fleet_size: int | None = None,
+        static_zones: Sequence[Zone] = (),
+        dismissed_for_s: float = 60.0,
+    ) -> None:
+        """`config` is complete (`RunConfig.with_detector`)."""
+        self.name, self.terrain, self.georeference, self.config = name, terrain, georeference, config
+        self.heatmaps = heatmaps
+        self.ground = Ground(terrain)
+        self.timeline = timeline
+        self._static = tuple(static_zones)
+        self.loop = FrameLoop(
+            config.crowd_map(terrain, fleet_size or max(1, len(drones))), config.zones, static_zones
+        )
+        self.operator_zones = OperatorZones(config.zones, terrain, dismissed_for_s)
+        self.newest: Moment | None = None
+        """What is published; replaced as a whole."""
+        self.found: ZoneSet = ZoneSet(
+            (), self.loop.threshold, config.zones.min_area_m2, 0, 0.0, (), tuple(static_zones)
+        )
+        """The zones of the last step, without what operators did."""
+        self.listeners: list[OnMoment] = []
+        self.lock = RLock()
+        """Held by whoever steps or reads the crowd map."""
+        self._known_drones = tuple(drones)
+        self._belief: tuple[int, bytes] | None = None
+        self._next_belief_s = 0.0
+
+    @property
+    def threshold(self) -> float:
+        return self.loop.threshold
+
+    @property
+    def drones(self) -> tuple[str, ...]:
+        """Those of the recording, and whoever gave a view."""
+        return tuple(dict.fromkeys((*self._known_drones, *self.loop.crowd_map.drones)))
+
+    def stepped(self, step: Step) -> Moment:
+        """Publish what a step of the loop brought."""
+        self.found = step.zones
+        return self.publish(step.stamp_ns)
+
+    def publish(self, stamp_ns: int) -> Moment:
+        """Publish the zones of the last step with what operators made of them, as of a stamp."""
+        found = self.found
+        zones, marks = self.operator_zones.applied_to(found, stamp_ns)
+        figures = {
+            "seen_m2": self.loop.crowd_map.seen_count * self.terrain.voxel_size_m**2,
+            "crowd_m2": found.area_m2 + found.dropped_area_m2,
+            "closed_m2": closed_area_m2(zones),
+            "zones": len(zones.closed),
+        }
+        number = 1 if self.newest is None else self.newest.number + 1
+        moment = Moment(number, stamp_ns, zones, marks, figures)
+        self.newest = moment
+        self.timeline.add(moment)
+        for listener in self.listeners:
+            listener(moment)
+        return moment
+
+    def to_bytes(self) -> bytes:
+        """All that the next step depends on, for a snapshot."""
+        newest = self.newest
+        told = {
+            "number": 0 if newest is None else newest.number,
+            "stamp_ns": 0 if newest is None else newest.stamp_ns,
+            "found": history_line(0, self.found, {}),
+            "operator_zones": self.operator_zones.to_json(),
+        }
+        return packed(json.dumps(told).encode(), self.loop.crowd_map.to_bytes(), self.loop.to_bytes())
+
+    def restore(self, data: bytes) -> None:
+        """What `to_bytes` gave, on the same terrain with the same settings. ValueError for anything else."""
+        told, crowd_map, loop = unpacked(data)
+        self.loop = FrameLoop(CrowdMap.from_bytes(crowd_map, self.terrain), self.config.zones, self._static)
+        self.loop.restore(loop)
+        state = json.loads(told)
+        self.found = zone_set_of_line(state["found"], {})
+        self.operator_zones.restore(state["operator_zones"])
+        self._belief = None
+        if state["number"]:
+            zones, marks = self.operator_zones.applied_to(self.found, state["stamp_ns"])
+            self.newest = Moment(state["number"], state["stamp_ns"], zones, marks, {})
+
+    def keep_belief(self) -> None:
+        """Into the history, as often as it costs little."""
+        if time.monotonic() < self._next_belief_s or self.newest is None:
+            return
+        started_s = time.monotonic()
+        number, belief = self.belief()
+        self.timeline.add_belief(number, self.newest.stamp_ns, belief)
+        ended_s = time.monotonic()
+        self._next_belief_s = ended_s + max(0.2, (ended_s - started_s) / _BELIEF_COSTS_AT_MOST)
+
+    def belief(self) -> tuple[int, bytes]:
+        """The newest map from above, and the number of its moment."""
+        with self.lock:
+            moment, known = self.newest, self._belief
+            number = 0 if moment is None else moment.number
+            if known is not None and known[0] == number:
+                return known
+            crowd_map = self.loop.crowd_map
+            span = crowd_map.span_ns
+            stamp_ns = max(0 if moment is None else moment.stamp_ns, 0 if span is None else span[1])
+            made = belief_bytes(
+                crowd_map,
+                self.ground,
+                stamp_ns,
+                threshold=self.threshold,
+                stale_after_s=self.config.zones.stale_after_s,
+            )
+            self._belief = (number, made)
+            return self._belief
+
+    def description(self, stamp_ns: int, first_stamp_ns: int | None) -> MapDescription:
+        """Where the numbers of a moment come from, for the files made from it."""
+        return MapDescription(
+            stamp_ns=stamp_ns,
+            threshold=self.threshold,
+            method=self.loop.crowd_map.method.name,
+            parameters=self.config.parameters(self.loop.crowd_map),
+            first_stamp_ns=first_stamp_ns,
+            drones=self.drones,
+            mission=self.name,
+        )
+
+    def parameters(self) -> dict[str, Any]:
+        return dict(self.config.parameters(self.loop.crowd_map))
+
+
+def closed_area_m2(zones: ZoneSet) -> float:
+    """Of everything that is closed, ground in several zones once."""
+    import shapely
+
+    return float(shapely.union_all([zone.polygon for zone in zones.closed]).area) if zones.closed else 0.0

@@ -1,0 +1,216 @@
+"""A service from its parts: a replay of a recording, or a live mission on a terrain."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from crowdfence._core import Terrain
+from crowdfence.config import RunConfig
+from crowdfence.detector.detector import Detector
+from crowdfence.georeference import Georeference
+from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
+from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.service.access import Access
+from crowdfence.service.alerts import Alerts
+from crowdfence.service.clock import Clock
+from crowdfence.service.fleet import Fleet
+from crowdfence.service.journal import Journal
+from crowdfence.service.live import Live
+from crowdfence.service.media import Media
+from crowdfence.service.mission import Mission
+from crowdfence.service.replay import Replay
+from crowdfence.service.service import Service
+from crowdfence.service.settings import ServiceSettings
+from crowdfence.service.store import Store
+from crowdfence.service.timeline import Timeline
+from crowdfence.service.watch import Watch
+from crowdfence.sources.recording import Recording
+from crowdfence.zones import Zone
+
+
+@contextmanager
+def replayed(
+    recording: Recording,
+    terrain: Terrain,
+    config: RunConfig,
+    *,
+    detector: Detector | None = None,
+    speed: float = 1.0,
+    settings: ServiceSettings | None = None,
+    access: Access | None = None,
+    static_zones: Sequence[Zone] = (),
+) -> Iterator[Service]:
+    """A recording plays as soon as the block begins. What it leaves behind goes with the block. ValueError as
+    for `pipeline.run`."""
+    settings = settings or ServiceSettings()
+    check_overlap(recording, terrain, config.projection.max_range_m)
+    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
+    with TemporaryDirectory(prefix="crowdfence-") as folder:
+        store = Store(Path(folder), durable=False)
+        try:
+            clock = Clock("views")
+            service = _service(
+                store,
+                recording.name,
+                terrain,
+                recording.georeference or terrain.georeference,
+                config.with_detector(heatmaps.contract),
+                recording.drones,
+                heatmaps,
+                clock,
+                settings,
+                access,
+                static_zones,
+                bounds=_within_reach(recording, config.projection.max_range_m),
+            )
+            service.mode = "replay"
+            replay = Replay(
+                recording,
+                service.mission,
+                service.fleet,
+                service.media,
+                clock,
+                speed=speed,
+                on_end=lambda: service.set_mode("finished"),
+            )
+            watch = Watch(service)
+            service.mission.listeners.append(watch.happened)
+            watch.start()
+            replay.start()
+            try:
+                yield service
+            finally:
+                replay.stop()
+                watch.stop()
+        finally:
+            store.close()
+
+
+@contextmanager
+def live(
+    folder: Path,
+    terrain: Terrain,
+    config: RunConfig,
+    *,
+    name: str,
+    georeference: Georeference | None = None,
+    drones: Sequence[str] = (),
+    detector: Detector | None = None,
+    detector_threads: int = 1,
+    settings: ServiceSettings | None = None,
+    access: Access | None = None,
+    static_zones: Sequence[Zone] = (),
+    clock: Clock | None = None,
+) -> Iterator[Service]:
+    """A mission whose state is in `folder`; it goes on where it ended there, however it ended. `drones` are
+    those that are expected. StoreError for a folder that cannot be used or belongs to another mission."""
+    settings = settings or ServiceSettings()
+    clock = clock or Clock(settings.clock)
+    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
+    store = Store(folder)
+    try:
+        config = config.with_detector(heatmaps.contract)
+        store.belongs_to(
+            terrain=f"{terrain.fingerprint:016x}", configuration=json.dumps(config.to_json(), sort_keys=True)
+        )
+        anchor = georeference or terrain.georeference
+        service = _service(
+            store,
+            name,
+            terrain,
+            anchor,
+            config,
+            drones,
+            heatmaps,
+            clock,
+            settings,
+            access,
+            static_zones,
+        )
+        going = Live(
+            service.mission,
+            Journal(store),
+            service.fleet,
+            service.media,
+            service.alerts,
+            clock,
+            settings,
+            detector_threads=detector_threads,
+        )
+        damaged = going.recover()
+        if damaged:
+            text = f"{damaged} records at the end of the journal are damaged, put aside: zones may be too small"
+            service.alerts.raise_("disk", "alarm", text, clock.now_ns())
+        service.live = going
+        watch = Watch(service)
+        service.mission.listeners.append(watch.happened)
+        going.start()
+        watch.start()
+        try:
+            yield service
+        finally:
+            watch.stop()
+            going.stop()
+    finally:
+        store.close()
+
+
+def _service(
+    store: Store,
+    name: str,
+    terrain: Terrain,
+    georeference: Georeference | None,
+    config: RunConfig,
+    drones: Sequence[str],
+    heatmaps: HeatmapSource,
+    clock: Clock,
+    settings: ServiceSettings,
+    access: Access | None,
+    static_zones: Sequence[Zone],
+    bounds: tuple[float, float, float, float] | None = None,
+) -> Service:
+    mission = Mission(
+        name,
+        terrain,
+        georeference,
+        config,
+        drones,
+        Timeline(store),
+        heatmaps=heatmaps,
+        static_zones=static_zones,
+        dismissed_for_s=settings.dismissed_for_s,
+    )
+    raster = mission.ground.raster(bounds)
+    fleet = Fleet(
+        drones,
+        terrain,
+        raster,
+        max_range_m=config.projection.max_range_m,
+        stale_after_s=settings.silent_after_s,
+    )
+    return Service(
+        mission=mission,
+        raster=raster,
+        fleet=fleet,
+        media=Media(store),
+        alerts=Alerts(store),
+        access=access or Access(),
+        store=store,
+        clock=clock,
+        settings=settings,
+    )
+
+
+def _within_reach(recording: Recording, max_range_m: float) -> tuple[float, float, float, float] | None:
+    """West, south, east, north of what any camera can see."""
+    if not recording.frames:
+        return None
+    places = np.array([frame.world_from_camera[:2, 3] for frame in recording.frames])
+    (west, south), (east, north) = places.min(axis=0) - max_range_m, places.max(axis=0) + max_range_m
+    return float(west), float(south), float(east), float(north)

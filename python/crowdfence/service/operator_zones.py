@@ -1,0 +1,237 @@
+"""What operators closed, locked and opened, and what the zones are with it.
+
+An operator can close ground, and keep a zone closed when its crowd is gone (lock). Crowd that the map still
+shows can be passed through for a while only (dismiss): it comes back by itself, and stays on the list
+meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from crowdfence._core import Terrain
+from crowdfence.config import ZoneConfig
+from crowdfence.service.stamps import moment_json
+from crowdfence.service.zone_json import Marks
+from crowdfence.zones import AltitudeBand, Zone, ZoneSet
+from crowdfence.zones.history import polygon_of, zone_of_record, zone_record
+from crowdfence.zones.rules import Restriction
+from crowdfence.zones.zone_id import zone_id
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+Action = Literal["add", "lock", "unlock", "dismiss"]
+
+MOST_CORNERS = 2000
+NEVER_NS = -1
+_SECOND_NS = 1_000_000_000
+
+
+class RefusedAction(ValueError):
+    """An operator asked for something that cannot be done; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorAction:
+    """What somebody did, when and why; it can be done again from the journal."""
+
+    action: Action
+    zone: str
+    """Empty for "add"."""
+    stamp_ns: int
+    user: str
+    role: str
+    reason: str
+    rings: Sequence[Any] | None = None
+    """For "add": parts of rings of corners, local metres."""
+    restriction: Restriction = "prohibited"
+
+
+@dataclass(frozen=True, slots=True)
+class _Lock:
+    zone: Zone
+    action: OperatorAction
+
+
+@dataclass(frozen=True, slots=True)
+class _Dismissal:
+    until_ns: int
+    action: OperatorAction
+
+
+class OperatorZones:
+    """Actions in order; the same actions on the same zones give the same result."""
+
+    def __init__(self, rules: ZoneConfig, terrain: Terrain, dismissed_for_s: float) -> None:
+        self._rules, self._terrain = rules, terrain
+        self._dismissed_for_ns = round(dismissed_for_s * _SECOND_NS)
+        self._count = 0
+        self._added: dict[str, tuple[Zone, OperatorAction]] = {}
+        self._locked: dict[str, _Lock] = {}
+        self._dismissed: dict[str, _Dismissal] = {}
+
+    def check(self, action: OperatorAction, zones: ZoneSet) -> None:
+        """RefusedAction for what `do` would not do with the published `zones`."""
+        if action.action == "add":
+            drawn_polygon(action.rings or [])
+            return
+        zone = next((one for one in zones.closed if one.id == action.zone), None)
+        if zone is None:
+            raise RefusedAction(f"there is no zone {action.zone}")
+        if action.action == "unlock":
+            if action.zone not in self._locked:
+                raise RefusedAction(f"zone {action.zone} is not locked")
+        elif action.action == "lock":
+            if zone.kind != "crowd":
+                raise RefusedAction(
+                    f"zone {action.zone} does not end by itself; only zones of crowd are locked"
+                )
+        elif action.zone in self._locked:
+            raise RefusedAction(f"zone {action.zone} is locked; unlock it first")
+        elif zone.kind != "crowd" and action.zone not in self._added:
+            raise RefusedAction(
+                f"zone {action.zone} is not of crowd and was not drawn here: it cannot be dismissed"
+            )
+
+    def do(self, action: OperatorAction, zones: ZoneSet) -> str:
+        """Do what was checked; the id of the zone that it concerns."""
+        self.check(action, zones)
+        if action.action == "add":
+            zone = self._drawn(action)
+            self._added[zone.id] = (zone, action)
+            return zone.id
+        if action.action == "lock":
+            locked = next(one for one in zones.closed if one.id == action.zone)
+            self._locked[action.zone] = _Lock(locked, action)
+            self._dismissed.pop(action.zone, None)
+        elif action.action == "unlock":
+            del self._locked[action.zone]
+        elif action.zone in self._added:
+            del self._added[action.zone]
+        else:
+            self._dismissed[action.zone] = _Dismissal(action.stamp_ns + self._dismissed_for_ns, action)
+        return action.zone
+
+    def applied_to(self, zones: ZoneSet, stamp_ns: int) -> tuple[ZoneSet, Marks]:
+        """The zones as they are published, and what operators did to them."""
+        marks: dict[str, dict[str, Any]] = {}
+        alive = {zone.id for zone in zones}
+        for name, dismissal in list(self._dismissed.items()):
+            if dismissal.until_ns <= stamp_ns or name not in alive:
+                del self._dismissed[name]
+                continue
+            marks[name] = {
+                "operator": _who(dismissal.action),
+                "dismissed": moment_json("until", dismissal.until_ns),
+            }
+        crowd = [self._with_lock(zone) for zone in zones]
+        given = list(zones.static)
+        for name, lock in self._locked.items():
+            marks[name] = {"locked": True, "operator": _who(lock.action)}
+            if name not in alive:
+                given.append(
+                    replace(lock.zone, kind="static", reason="given", crowd_outline=None, valid_until_ns=None)
+                )
+                marks[name]["kind"] = "operator"
+        for name, (zone, action) in self._added.items():
+            given.append(zone)
+            marks[name] = {"kind": "operator", "operator": _who(action)}
+        return replace(zones, zones=tuple(crowd), static=tuple(given)), marks
+
+    def to_json(self) -> dict[str, Any]:
+        """For a snapshot."""
+        return {
+            "count": self._count,
+            "added": [_action_json(action) | {"id": name} for name, (_, action) in self._added.items()],
+            "locked": [
+                _action_json(lock.action) | {"held": zone_record(lock.zone)} for lock in self._locked.values()
+            ],
+            "dismissed": [
+                _action_json(one.action) | {"until_ns": one.until_ns} for one in self._dismissed.values()
+            ],
+        }
+
+    def restore(self, told: dict[str, Any]) -> None:
+        """What `to_json` told."""
+        self._count = told["count"]
+        for entry in told["added"]:
+            name = entry.pop("id")
+            action = OperatorAction(**entry)
+            self._added[name] = (self._zone_of(action, name), action)
+        for entry in told["locked"]:
+            held = zone_of_record(entry.pop("held"))
+            self._locked[held.id] = _Lock(held, OperatorAction(**entry))
+        for entry in told["dismissed"]:
+            until_ns = entry.pop("until_ns")
+            action = OperatorAction(**entry)
+            self._dismissed[action.zone] = _Dismissal(until_ns, action)
+
+    def _with_lock(self, zone: Zone) -> Zone:
+        """A locked zone keeps all that it closed when it was locked."""
+        lock = self._locked.get(zone.id)
+        if lock is None or zone.polygon.covers(lock.zone.polygon):
+            return zone
+        outline = zone.crowd_outline or zone.polygon
+        return replace(
+            zone, polygon=zone.polygon.union(lock.zone.polygon), crowd_outline=outline, valid_until_ns=None
+        )
+
+    def _drawn(self, action: OperatorAction) -> Zone:
+        self._count += 1
+        return self._zone_of(action, zone_id(self._count, "O"))
+
+    def _zone_of(self, action: OperatorAction, name: str) -> Zone:
+        polygon = drawn_polygon(action.rings or [])
+        low, high = self._terrain.bounds[:, 2]
+        return Zone(
+            id=name,
+            polygon=polygon,
+            cell_count=0,
+            area_m2=0.0,
+            probability_max=float("nan"),
+            probability_mean=float("nan"),
+            lower_m=float(low),
+            upper_m=float(high),
+            last_seen_ns=NEVER_NS,
+            oldest_look_ns=NEVER_NS,
+            seen_by=(),
+            kind="static",
+            restriction=action.restriction,
+            band=AltitudeBand(self._rules.lower_m, self._rules.upper_m, "AGL"),
+            created_ns=action.stamp_ns,
+            reason="given",
+        )
+
+
+def passable(zones: ZoneSet, marks: Marks) -> ZoneSet:
+    """The zones without those that an operator lets drones pass for a while: what fences and files hold."""
+    kept = tuple(zone for zone in zones if not marks.get(zone.id, {}).get("dismissed"))
+    return replace(zones, zones=kept)
+
+
+def drawn_polygon(parts: Sequence[Any]) -> Polygon | MultiPolygon:
+    """What an operator drew, parts of rings of corners. RefusedAction for what is no polygon."""
+    corners = [corner for part in parts for ring in part for corner in ring]
+    if not 3 <= len(corners) <= MOST_CORNERS:
+        raise RefusedAction(f"the polygon has {len(corners)} corners; 3 to {MOST_CORNERS} are possible")
+    if not all(len(corner) == 2 and all(math.isfinite(value) for value in corner) for corner in corners):
+        raise RefusedAction("a corner is two finite numbers, metres east and north")
+    try:
+        polygon = polygon_of(parts)
+    except ValueError as error:
+        raise RefusedAction(f"that is no polygon: {error}") from error
+    if not polygon.is_valid or not polygon.area > 0.0:
+        raise RefusedAction("the polygon crosses itself or holds no ground")
+    return polygon
+
+
+def _who(action: OperatorAction) -> dict[str, Any]:
+    return {"name": action.user, "reason": action.reason}
+
+
+def _action_json(action: OperatorAction) -> dict[str, Any]:
+    return {name: getattr(action, name) for name in OperatorAction.__slots__}

@@ -1,0 +1,95 @@
+"""A recording through the frame loop, at any speed: the same instants as `crowdfence run`."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event, Thread
+
+from crowdfence._core import View
+from crowdfence.errors import FrameError
+from crowdfence.service.clock import Clock
+from crowdfence.service.fleet import Fleet, Sighting
+from crowdfence.service.media import Media, heatmap_png
+from crowdfence.service.mission import Mission
+from crowdfence.sources.recording import Instant, Recording
+
+_LOG = logging.getLogger(__name__)
+_SECOND_NS = 1_000_000_000
+
+
+class Replay:
+    """Plays in a thread of its own until the end, or until `stop`."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        mission: Mission,
+        fleet: Fleet,
+        media: Media,
+        clock: Clock,
+        *,
+        speed: float,
+        on_end: Callable[[], None],
+    ) -> None:
+        """`speed`: recorded seconds a second, above 0; inf for as fast as it goes."""
+        if not speed > 0.0:
+            raise ValueError(f"replay speed is {speed:g}; it must be above 0")
+        self._recording, self._mission, self._fleet, self._media = recording, mission, fleet, media
+        self._clock, self._speed, self._on_end = clock, speed, on_end
+        self._stopped = Event()
+        self.failure: BaseException | None = None
+        self._thread = Thread(target=self._play, name="replay", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+
+    def _play(self) -> None:
+        try:
+            self._play_all()
+        except Exception as error:  # the last moment stays published; the page and the log say why it ended
+            self.failure = error
+            _LOG.exception("the replay ended early")
+        finally:
+            self._on_end()
+
+    def _play_all(self) -> None:
+        recording, mission = self._recording, self._mission
+        first_ns, started_s = None, time.monotonic()
+        with mission.heatmaps.detecting(len(recording.drones)) as detect:
+            for instant in recording.instants(mission.config.grouping.tolerance_ms):
+                first_ns = instant.stamp_ns if first_ns is None else first_ns
+                due_s = started_s + (instant.stamp_ns - first_ns) / _SECOND_NS / self._speed
+                if self._stopped.wait(max(0.0, due_s - time.monotonic())):
+                    return
+                found = detect(instant)
+                with mission.lock:
+                    step = mission.loop.step(found.views, instant.stamp_ns, found.refused)
+                    self._clock.saw(instant.stamp_ns)
+                    self._show(instant, found.views)
+                    mission.stepped(step)
+                mission.keep_belief()
+                if self._stopped.is_set():
+                    return
+
+    def _show(self, instant: Instant, views: list[View]) -> None:
+        frames = {frame.drone: frame for frame in instant.frames}
+        for view in views:
+            frame = frames[view.drone]
+            has_picture = frame.pixels.image is not None
+            self._fleet.saw(
+                view.drone,
+                Sighting(view.stamp_ns, view.camera, view.world_from_camera, has_picture, True),
+            )
+            if not self._media.wants(view.drone, view.stamp_ns):
+                continue
+            self._media.keep("heatmap", view.drone, view.stamp_ns, heatmap_png(view.heatmap))
+            if has_picture:
+                with suppress(FrameError):
+                    self._media.keep("picture", view.drone, view.stamp_ns, frame.encoded_image())

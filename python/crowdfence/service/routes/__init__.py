@@ -1,0 +1,1 @@
+"""HTTP and WebSocket: parse, call, answer. One module per subject."""

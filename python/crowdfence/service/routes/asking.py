@@ -1,0 +1,69 @@
+"""Who asks, and for when."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Depends, HTTPException, Query
+from starlette.requests import HTTPConnection
+
+from crowdfence.service.access import COOKIE, User
+from crowdfence.service.service import Service
+from crowdfence.service.stamps import stamp_of
+
+ERRORS: dict[int | str, dict[str, Any]] = {
+    401: {"description": "no token, or one that nobody has"},
+    403: {"description": "the role may not do this"},
+    422: {"description": "something is out of its bounds"},
+    429: {"description": "too many requests; Retry-After says when to come again"},
+}
+
+
+def service_of(connection: HTTPConnection) -> Service:
+    service: Service = connection.app.state.service
+    return service
+
+
+def user_of(connection: HTTPConnection) -> User:
+    """Whoever the token belongs to. 401 for nobody."""
+    user = user_or_none(connection)
+    if user is None:
+        raise HTTPException(
+            401, "a token is needed: Authorization: Bearer TOKEN", {"WWW-Authenticate": "Bearer"}
+        )
+    return user
+
+
+def user_or_none(connection: HTTPConnection) -> User | None:
+    scheme, _, token = connection.headers.get("authorization", "").partition(" ")
+    if scheme.lower() != "bearer":
+        token = connection.cookies.get(COOKIE, "")
+    return service_of(connection).access.user_of(token.strip())
+
+
+def _who_may(what: str) -> Any:
+    def check(user: Annotated[User, Depends(user_of)]) -> User:
+        if not user.may(what):
+            raise HTTPException(403, f"role {user.role} may not {what}")
+        return user
+
+    return Depends(check)
+
+
+def at_ns(
+    at: Annotated[
+        str | None,
+        Query(description="Nanoseconds since 1970 as digits; left out: the newest.", max_length=20),
+    ] = None,
+) -> int | None:
+    try:
+        return stamp_of(at)
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+TheService = Annotated[Service, Depends(service_of)]
+Reader = Annotated[User, _who_may("read")]
+Giver = Annotated[User, _who_may("give")]
+Decider = Annotated[User, _who_may("decide")]
+AtNs = Annotated["int | None", Depends(at_ns)]

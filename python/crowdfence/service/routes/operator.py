@@ -1,0 +1,91 @@
+"""What operators do: every action has a name and a reason, and is written down."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException
+from pydantic import BaseModel, ConfigDict, Field
+
+from crowdfence.service.access import User
+from crowdfence.service.live import Refused
+from crowdfence.service.operator_zones import MOST_CORNERS, Action, RefusedAction
+from crowdfence.service.routes.asking import ERRORS, Decider, TheService
+from crowdfence.service.routes.zones import ZoneId
+from crowdfence.service.service import Service
+
+router = APIRouter(tags=["operator"], responses=ERRORS)
+_OTHERS: dict[int | str, dict[str, Any]] = {
+    404: {"description": "there is no such zone"},
+    409: {"description": "not possible with this zone"},
+    507: {"description": "the disk is full"},
+}
+ReasonText = Annotated[str, Field(min_length=3, max_length=500, pattern=r"\S")]
+
+
+class Because(BaseModel):
+    """Why."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    reason: ReasonText
+
+
+class DrawnZone(Because):
+    """A zone that an operator draws."""
+
+    polygon: Annotated[
+        list[Annotated[list[float], Field(min_length=2, max_length=2)]],
+        Field(min_length=3, max_length=MOST_CORNERS),
+    ]
+    """Corners, local metres east and north; closed by itself."""
+    restriction: Literal["prohibited", "no_sustained_flight"] = "prohibited"
+
+
+@router.post("/zones", status_code=201, responses=_OTHERS)
+def add(service: TheService, user: Decider, drawn: DrawnZone) -> dict[str, Any]:
+    """Close ground."""
+    ring = drawn.polygon if drawn.polygon[0] == drawn.polygon[-1] else [*drawn.polygon, drawn.polygon[0]]
+    return _decide(service, user, "add", "", drawn.reason, rings=[[ring]], restriction=drawn.restriction)
+
+
+@router.post("/zones/{zone}/lock", responses=_OTHERS)
+def lock(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
+    """Keep a zone of crowd closed until it is unlocked, whatever the drones see."""
+    return _decide(service, user, "lock", zone, because.reason)
+
+
+@router.post("/zones/{zone}/unlock", responses=_OTHERS)
+def unlock(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
+    """The zone follows what the drones see again."""
+    return _decide(service, user, "unlock", zone, because.reason)
+
+
+@router.post("/zones/{zone}/dismiss", responses=_OTHERS)
+def dismiss(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
+    """Take back a zone that an operator drew. A zone of crowd can be passed through for a while: it stays on
+    the list with the name of who did that, and closes again by itself."""
+    return _decide(service, user, "dismiss", zone, because.reason)
+
+
+@router.get("/audit")
+def audit(service: TheService, user: Decider) -> dict[str, Any]:
+    """Who did what, the newest first."""
+    return {"entries": service.audit_json()}
+
+
+def _decide(
+    service: Service, user: User, action: Action, zone: str, reason: str, **drawn: Any
+) -> dict[str, Any]:
+    known = service.mission.newest
+    if action != "add" and (known is None or zone not in {one.id for one in known.zones.closed}):
+        raise HTTPException(404, f"there is no zone {zone}")
+    try:
+        name = service.decide(user, action, zone, reason, **drawn)
+    except RefusedAction as error:
+        raise HTTPException(422 if action == "add" else 409, str(error)) from error
+    except Refused as error:
+        raise HTTPException(error.status, error.reason) from error
+    told = service.zones_json(service.mission.newest)
+    zones: list[dict[str, Any]] = told["zones"]
+    return next((one for one in zones if one["id"] == name), {"id": name})

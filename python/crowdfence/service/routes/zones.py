@@ -1,0 +1,70 @@
+"""The zones: now, then, over time, and as files."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Path, Query, Response
+
+from crowdfence.service.downloads import FORMATS, NotPossible, download
+from crowdfence.service.routes.asking import ERRORS, AtNs, Reader, TheService
+
+router = APIRouter(tags=["zones"], responses=ERRORS)
+ZoneId = Annotated[str, Path(pattern="^[A-Z0-9]{1,7}$")]
+
+
+@router.get("/zones")
+def zones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
+    """What is closed and why. Ground outside the zones is not known to be free."""
+    return service.zones_json(service.moment(at))
+
+
+@router.get("/zones/{zone}/history")
+def zone_history(service: TheService, user: Reader, zone: ZoneId, at: AtNs) -> dict[str, Any]:
+    """How a zone's probability and area went, and what became of it."""
+    return service.mission.timeline.zone_history(zone, at)
+
+
+@router.get("/timeline")
+def timeline(service: TheService, user: Reader) -> dict[str, Any]:
+    """Figures over time, at most 2000 points."""
+    alerts = [
+        {"stamp_ms": told["raised_ms"], "id": told["id"], "level": told["level"]}
+        for told in (alert.to_json() for alert in service.alerts.all()[::-1])
+    ]
+    return {"points": service.mission.timeline.points(), "alerts": alerts}
+
+
+@router.get("/export", response_class=Response, responses={409: {"description": "not possible here"}})
+def export(
+    service: TheService,
+    user: Reader,
+    at: AtNs,
+    format: Annotated[str, Query(description=f"One of {', '.join(FORMATS)}.", max_length=20)] = "geojson",
+    country: Annotated[str | None, Query(description="ISO 3166, three letters.", max_length=3)] = None,
+    authority: Annotated[str, Query(max_length=200)] = "fleet operator",
+    contact: Annotated[str | None, Query(max_length=200)] = None,
+    datum: Annotated[str, Query(pattern="^(AGL|AMSL|WGS84)$")] = "AGL",
+    max_items: Annotated[int, Query(ge=1, le=100_000)] = 63,
+) -> Response:
+    """The zones as a file, as `crowdfence export` writes it."""
+    moment = service.moment(at)
+    if moment is None:
+        raise HTTPException(409, "there are no zones yet")
+    try:
+        file = download(
+            service.mission,
+            moment,
+            format,
+            country=country,
+            authority=authority,
+            contact=contact,
+            datum=datum,
+            max_items=max_items,
+        )
+    except NotPossible as error:
+        raise HTTPException(409, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+    headers = {"content-disposition": f'attachment; filename="{file.name}"'}
+    return Response(file.body, media_type=file.media_type, headers=headers)

@@ -1,0 +1,84 @@
+"""The service on the network."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from crowdfence.service.service import Service
+
+LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+class OpenToAll(ValueError):
+    """Other machines would reach a service that asks nobody who they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where the service listens."""
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    """0: any that is free."""
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @property
+    def is_loopback(self) -> bool:
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    def check(self, *, has_tokens: bool) -> None:
+        """OpenToAll for an address of other machines without tokens; ValueError for a certificate without its
+        key."""
+        if not self.is_loopback and not has_tokens:
+            raise OpenToAll(
+                f"--host {self.host} can be reached by other machines, and nobody would be asked who it is: "
+                "make tokens (crowdfence token add NAME --role viewer --tokens FILE) and give --tokens FILE"
+            )
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("TLS needs both --tls-certificate and --tls-key")
+
+    def url(self, port: int) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'http' if self.certificate is None else 'https'}://{host}:{port}/"
+
+
+def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -> None:
+    """Until the process is told to end (SIGINT, SIGTERM). `on_ready` gets the address once it listens.
+    OSError where it cannot."""
+    import uvicorn
+
+    from crowdfence.service.app import make_app
+
+    address.check(has_tokens=service.access.needs_token)
+    hosts = frozenset() if service.access.needs_token else LOOPBACK_NAMES | {address.host}
+    config = uvicorn.Config(
+        make_app(service, hosts=hosts, secure=address.certificate is not None),
+        host=address.host,
+        port=address.port,
+        ssl_certfile=None if address.certificate is None else str(address.certificate),
+        ssl_keyfile=None if address.key is None else str(address.key),
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        limit_concurrency=1500,
+        timeout_keep_alive=30,
+        timeout_graceful_shutdown=3,
+        ws_max_size=1 << 16,
+        ws_ping_interval=20.0,
+        ws_ping_timeout=20.0,
+    )
+    listening = config.bind_socket()
+    try:
+        on_ready(address.url(listening.getsockname()[1]))
+        uvicorn.Server(config).run(sockets=[listening])
+    finally:
+        listening.close()

@@ -1,0 +1,186 @@
+"""Everything that the routes ask, in one place."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from crowdfence._core import __version__
+from crowdfence.service.access import Access, User
+from crowdfence.service.alerts import Alerts
+from crowdfence.service.clock import Clock
+from crowdfence.service.fleet import Fleet
+from crowdfence.service.ground import GroundRaster
+from crowdfence.service.media import Media
+from crowdfence.service.mission import Mission
+from crowdfence.service.operator_zones import Action, OperatorAction
+from crowdfence.service.settings import ServiceSettings
+from crowdfence.service.stamps import moment_json
+from crowdfence.service.store import Store, Write
+from crowdfence.service.stream import Hub
+from crowdfence.service.timeline import Moment
+from crowdfence.service.zone_json import zone_set_json
+
+if TYPE_CHECKING:
+    from crowdfence.service.live import Live
+
+_LOG = logging.getLogger(__name__)
+
+Mode = Literal["live", "replay", "finished"]
+
+
+@dataclass(slots=True, eq=False)
+class Service:
+    """One mission, live or replayed."""
+
+    mission: Mission
+    raster: GroundRaster
+    fleet: Fleet
+    media: Media
+    alerts: Alerts
+    access: Access
+    store: Store
+    clock: Clock
+    settings: ServiceSettings
+    live: Live | None = None
+    """None for a replay."""
+    mode: Mode = "live"
+    hub: Hub = field(default_factory=Hub)
+    store_trouble: str | None = None
+    """Why nothing can be written."""
+
+    def __post_init__(self) -> None:
+        self.mission.listeners.append(self.publish)
+        self.alerts.on_change = lambda alert: self.hub.tell({"type": "alert", "alert": alert.to_json()})
+        self.store.on_trouble = self._trouble
+
+    def _trouble(self, trouble: str | None) -> None:
+        if trouble is not None:
+            self.mission.timeline.begin_whole()
+        self.store_trouble = trouble
+
+    def decide(self, user: User, action: Action, zone: str, reason: str, **drawn: Any) -> str:
+        """Do what an operator asks and write down who, what and why; the id of the zone. RefusedAction."""
+        wanted = OperatorAction(action, zone, self._acting_ns(), user.name, user.role, reason, **drawn)
+        if self.live is not None:
+            return self.live.decide(wanted, audit_entry(user, action, zone or None, reason))
+        mission = self.mission
+        with mission.lock:
+            newest = mission.newest
+            name = mission.operator_zones.do(wanted, mission.found if newest is None else newest.zones)
+            mission.publish(max(wanted.stamp_ns, 0 if newest is None else newest.stamp_ns))
+        self.audit(user, action, name, reason)
+        return name
+
+    def _acting_ns(self) -> int:
+        newest = self.mission.newest
+        return max(self.now_ns(), 0 if newest is None else newest.stamp_ns)
+
+    def audit(self, user: User, action: str, zone: str | None, reason: str | None) -> None:
+        """Who did what."""
+        self.store.submit(audit_entry(user, action, zone, reason)).result()
+
+    def audit_json(self) -> list[dict[str, Any]]:
+        """The newest first."""
+        rows = self.store.rows(
+            "SELECT stamp_ns, user, role, action, zone, reason FROM audit ORDER BY id DESC LIMIT 1000"
+        )
+        names = ("user", "role", "action", "zone", "reason")
+        return [{**moment_json("stamp", row[0]), **dict(zip(names, row[1:], strict=True))} for row in rows]
+
+    @property
+    def works(self) -> bool:
+        """Whether views still go into the map."""
+        return self.live is None or self.live.works
+
+    def set_mode(self, mode: Mode) -> None:
+        self.mode = mode
+        self.hub.tell({"type": "mode", "mode": mode})
+
+    def now_ns(self) -> int:
+        """The service's clock, in a replay the newest instant."""
+        return self.clock.now_ns()
+
+    def scene_json(self, user: User) -> dict[str, Any]:
+        """What stays the same while the mission goes on."""
+        mission, raster = self.mission, self.raster
+        rows, columns = raster.heights_m.shape
+        anchor = mission.georeference
+        west, north, size_m = raster.west_m, raster.north_m, raster.cell_size_m
+        span = mission.timeline.span_ns()
+        return {
+            "name": mission.name,
+            "mode": self.mode,
+            "method": mission.loop.crowd_map.method.name,
+            "threshold": mission.threshold,
+            "parameters": mission.parameters(),
+            "zone_rules": mission.config.zone_parameters(),
+            "voxel_size_m": mission.terrain.voxel_size_m,
+            "drones": sorted(self.fleet.drones),
+            "anchor": None
+            if anchor is None
+            else {
+                "latitude_deg": anchor.latitude_deg,
+                "longitude_deg": anchor.longitude_deg,
+                "height_m": anchor.height_m,
+            },
+            "bounds": [west, north - rows * size_m, west + columns * size_m, north],
+            "terrain": {
+                "west": west,
+                "north": north,
+                "cell_size_m": size_m,
+                "rows": rows,
+                "columns": columns,
+            },
+            "role": user.role,
+            "user": user.name,
+            "version": __version__,
+            **moment_json("first_stamp", None if span is None else span[0]),
+            **moment_json("last_stamp", None if span is None else span[1]),
+        }
+
+    def zones_json(self, moment: Moment | None) -> dict[str, Any]:
+        """The zones of a moment; before the first there are none, and nothing is known."""
+        if moment is None:
+            return {
+                **moment_json("stamp", None),
+                "threshold": self.mission.threshold,
+                "dropped_m2": 0.0,
+                "zones": [],
+            }
+        return zone_set_json(moment.zones, moment.stamp_ns, moment.marks)
+
+    def step_json(self, moment: Moment) -> dict[str, Any]:
+        """For the stream."""
+        return {
+            "type": "step",
+            **moment_json("stamp", moment.stamp_ns),
+            "belief_version": moment.number,
+            **moment.figures,
+            "zone_count": len(moment.zones.closed),
+            "zones": self.zones_json(moment),
+            "drones": {"drones": self.fleet.to_json(self.now_ns(), trails=False)},
+            "lag_s": max(0.0, (self.now_ns() - moment.stamp_ns) / 1e9),
+        }
+
+    def moment(self, at_ns: int | None) -> Moment | None:
+        """The newest, or the last one up to a stamp."""
+        newest = self.mission.newest
+        if at_ns is None or (newest is not None and at_ns >= newest.stamp_ns):
+            return newest
+        return self.mission.timeline.at(at_ns)
+
+    def publish(self, moment: Moment) -> None:
+        """A listener of the mission."""
+        self.hub.step(lambda: self.step_json(moment))
+
+
+def audit_entry(user: User, action: str, zone: str | None, reason: str | None) -> Write:
+    """Who did what, as a write."""
+    row = (time.time_ns(), user.name, user.role, action, zone, reason)
+    _LOG.info("operator", extra={"user": user.name, "action": action, "zone": zone, "reason": reason})
+    return lambda connection: connection.execute(
+        "INSERT INTO audit (stamp_ns, user, role, action, zone, reason) VALUES (?, ?, ?, ?, ?, ?)", row
+    )

@@ -1,0 +1,198 @@
+"""What the service keeps on disk: one SQLite file, written by one thread.
+
+Several threads hand in writes; what has gathered is committed together, so that one flush of the disk serves
+them all. A write counts once its commit is flushed (WAL, synchronous=FULL): a process that is killed, or a
+machine that loses power, finds it again, and nothing of what came after.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import queue
+import sqlite3
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock, Thread
+from typing import Any
+
+FILE = "crowdfence.sqlite"
+LOCK = "crowdfence.lock"
+VERSION = 1
+MOST_TOGETHER = 256
+"""Writes of one commit."""
+
+Write = Callable[[sqlite3.Connection], Any]
+
+_TABLES = """
+CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS journal (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, drone TEXT NOT NULL, stamp_ns INTEGER NOT NULL,
+  received_ns INTEGER NOT NULL, checksum INTEGER NOT NULL, body BLOB NOT NULL);
+CREATE UNIQUE INDEX IF NOT EXISTS journal_once ON journal (kind, drone, stamp_ns)
+  WHERE kind IN ('view', 'observation');
+CREATE TABLE IF NOT EXISTS damaged AS SELECT * FROM journal WHERE 0;
+CREATE TABLE IF NOT EXISTS snapshots (seq INTEGER PRIMARY KEY, checksum INTEGER NOT NULL, body BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS moments (
+  number INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, whole INTEGER NOT NULL, line BLOB NOT NULL,
+  marks TEXT NOT NULL, figures TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS moments_by_stamp ON moments (stamp_ns);
+CREATE TABLE IF NOT EXISTS beliefs (number INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, body BLOB NOT
+NULL); CREATE INDEX IF NOT EXISTS beliefs_by_stamp ON beliefs (stamp_ns); CREATE TABLE IF NOT EXISTS media (
+  kind TEXT NOT NULL, drone TEXT NOT NULL, stamp_ns INTEGER NOT NULL, body BLOB NOT NULL,
+  PRIMARY KEY (kind, drone, stamp_ns)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS audit (
+  id INTEGER PRIMARY KEY AUTOINCREMENT, stamp_ns INTEGER NOT NULL, user TEXT NOT NULL, role TEXT NOT NULL,
+  action TEXT NOT NULL, zone TEXT, reason TEXT);
+CREATE TABLE IF NOT EXISTS alerts (id TEXT PRIMARY KEY, raised_ns INTEGER NOT NULL, body TEXT NOT NULL);
+"""
+
+
+class StoreError(OSError):
+    """The file cannot be read or written; the message names it."""
+
+
+class Store:
+    """Open until `close`. `durable=False` is for replays, which can be had again."""
+
+    def __init__(self, folder: Path, *, durable: bool = True) -> None:
+        """StoreError for a file that is damaged, of another version, or locked by another service."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock_file = (folder / LOCK).open("w")
+        try:
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise StoreError(f"{folder} is in use by another service") from error
+        self.path = folder / FILE
+        self.on_trouble: Callable[[str | None], None] = lambda trouble: None
+        """Called with what went wrong when writes fail, and with None when they work again."""
+        self._writes: queue.Queue[tuple[Write, Future[Any]] | None] = queue.Queue()
+        self._reading = Lock()
+        self._failing = False
+        try:
+            self._writer = self._opened(durable)
+            self._reader = sqlite3.connect(self.path, check_same_thread=False)
+            self._reader.execute("PRAGMA query_only = 1")
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path}: {error}") from error
+        self._thread = Thread(target=self._write_all, name="store", daemon=True)
+        self._thread.start()
+
+    def _opened(self, durable: bool) -> sqlite3.Connection:
+        connection = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None, timeout=2.0)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'OFF'}")
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise StoreError(
+                f"{self.path} is damaged ({found}); move the folder away to begin anew, or restore a copy"
+            )
+        connection.executescript(_TABLES)
+        version = connection.execute("SELECT value FROM about WHERE name = 'version'").fetchone()
+        if version is None:
+            connection.execute("INSERT INTO about VALUES ('version', ?)", (str(VERSION),))
+        elif version[0] != str(VERSION):
+            raise StoreError(f"{self.path} has version {version[0]}; this crowdfence reads {VERSION}")
+        return connection
+
+    def belongs_to(self, **what: str) -> None:
+        """Written when the file is new, compared when it is not. StoreError names what differs."""
+        known = dict(self.rows("SELECT name, value FROM about"))
+        for name, value in what.items():
+            if known.setdefault(name, value) != value:
+                raise StoreError(
+                    f"{self.path} was begun with another {name}: name another folder with --data"
+                )
+        rows = list(what.items())
+        self.submit(
+            lambda connection: connection.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", rows)
+        ).result()
+
+    def submit(self, write: Write) -> Future[Any]:
+        """Write with the next commit; the result of `write` comes once it is on disk. Its sqlite3.Error comes
+        instead where it failed; nothing of it was written then."""
+        future: Future[Any] = Future()
+        self._writes.put((write, future))
+        return future
+
+    def note(self, write: Write) -> None:
+        """`submit` for what nobody waits for: a failure is told to `on_trouble` alone."""
+        self.submit(write)
+
+    @property
+    def waiting(self) -> int:
+        """Writes that are not on disk yet."""
+        return self._writes.qsize()
+
+    @property
+    def bytes(self) -> int:
+        """Size of the file, without what is not yet moved into it."""
+        return self.path.stat().st_size
+
+    def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """What is on disk. StoreError when it cannot be read."""
+        try:
+            with self._reading:
+                return self._reader.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path}: {error}") from error
+
+    def close(self) -> None:
+        """Write what waits, then close."""
+        self._writes.put(None)
+        self._thread.join()
+        for connection in (self._reader, self._writer):
+            with suppress(sqlite3.Error):
+                connection.close()
+        self._lock_file.close()
+
+    def _write_all(self) -> None:
+        open_ = True
+        while open_:
+            batch = [self._writes.get()]
+            while len(batch) < MOST_TOGETHER and not self._writes.empty():
+                batch.append(self._writes.get())
+            open_ = None not in batch
+            self._commit([entry for entry in batch if entry is not None])
+
+    def _commit(self, batch: list[tuple[Write, Future[Any]]]) -> None:
+        """All answers come after the commit, also that something is there already."""
+        done: list[tuple[Future[Any], Any, sqlite3.Error | None]] = []
+        try:
+            self._writer.execute("BEGIN IMMEDIATE")
+            for write, future in batch:
+                done.append((future, *self._alone(write)))
+            self._writer.execute("COMMIT")
+        except sqlite3.Error as error:
+            with suppress(sqlite3.Error):
+                self._writer.execute("ROLLBACK")
+            done = [(future, None, error) for _, future in batch]
+        trouble = [error for *_, error in done if error and not isinstance(error, sqlite3.IntegrityError)]
+        if done:
+            self._tell(str(trouble[0]) if trouble else None)
+        for future, result, failure in done:
+            if failure is None:
+                future.set_result(result)
+            else:
+                future.set_exception(failure)
+
+    def _alone(self, write: Write) -> tuple[Any, sqlite3.Error | None]:
+        """The write by itself: one that fails takes back nothing but its own."""
+        self._writer.execute("SAVEPOINT one")
+        try:
+            result = write(self._writer)
+        except sqlite3.Error as error:
+            if not self._writer.in_transaction:  # a full disk ends the whole transaction
+                raise
+            self._writer.execute("ROLLBACK TO one")
+            self._writer.execute("RELEASE one")
+            return None, error
+        self._writer.execute("RELEASE one")
+        return result, None
+
+    def _tell(self, trouble: str | None) -> None:
+        if trouble is not None or self._failing:
+            self._failing = trouble is not None
+            self.on_trouble(trouble)

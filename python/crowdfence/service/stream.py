@@ -1,0 +1,143 @@
+"""What is happening, to everybody who listens: WebSocket messages.
+
+Everybody has room for one step, the newest: who reads slowly sees fewer steps, and who does not read at all
+is cut off. Nobody is waited for."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+MakeStep = Callable[[], dict[str, Any]]
+
+STEPS_PER_S = 10.0
+SEND_WITHIN_S = 10.0
+"""Who takes longer to take one message is cut off."""
+PING_EVERY_S = 15.0
+MOST_ALERTS = 200
+MOST_LISTENERS = 1000
+
+
+class _Listener:
+    def __init__(self) -> None:
+        self.news = asyncio.Event()
+        self.step: str | None = None
+        self.others: deque[str] = deque(maxlen=MOST_ALERTS)
+
+
+class Hub:
+    """Give it messages from any thread, once it runs in an event loop."""
+
+    def __init__(self) -> None:
+        self._listeners: set[_Listener] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._make: MakeStep | None = None
+        self._made: tuple[MakeStep, str] | None = None
+        self._flushing: asyncio.Task[None] | None = None
+        self.cut_off = 0
+        """Listeners that did not read."""
+
+    def start(self) -> None:
+        """In the event loop that sends."""
+        self._loop = asyncio.get_running_loop()
+
+    @property
+    def listeners(self) -> int:
+        return len(self._listeners)
+
+    def step(self, make: MakeStep) -> None:
+        """The newest step. `make` is called, in a thread, only if somebody listens."""
+        self._make = make
+        self._call(self._step_due)
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """An alert or a change of mode."""
+        self._call(self._put, json.dumps(message, allow_nan=False))
+
+    def _call(self, function: Callable[..., None], *values: str) -> None:
+        loop = self._loop
+        if loop is None or loop.is_closed():
+            return
+        with suppress(RuntimeError):  # closed in between: nobody listens any more
+            loop.call_soon_threadsafe(function, *values)
+
+    def _put(self, text: str) -> None:
+        for listener in self._listeners:
+            listener.others.append(text)
+            listener.news.set()
+
+    def _step_due(self) -> None:
+        if self._listeners and (self._flushing is None or self._flushing.done()):
+            self._flushing = asyncio.get_running_loop().create_task(self._flush())
+
+    async def _flush(self) -> None:
+        """The newest step to everybody, then a pause, until nothing new has come meanwhile."""
+        while self._listeners and (self._made is None or self._made[0] is not self._make):
+            text = await self._newest()
+            for listener in self._listeners:
+                listener.step = text
+                listener.news.set()
+            await asyncio.sleep(1.0 / STEPS_PER_S)
+
+    async def _newest(self) -> str | None:
+        make = self._make
+        if make is None:
+            return None
+        if self._made is None or self._made[0] is not make:
+            message = await asyncio.to_thread(make)
+            self._made = (make, json.dumps(message, allow_nan=False))
+        return self._made[1]
+
+    async def serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
+        """Accept a listener and send until it goes."""
+        await socket.accept()
+        if len(self._listeners) >= MOST_LISTENERS:
+            await socket.close(code=1013, reason="too many listeners")
+            return
+        listener = _Listener()
+        listener.others.append(json.dumps(hello, allow_nan=False))
+        self._listeners.add(listener)
+        listener.step = await self._newest()
+        listener.news.set()
+        sender = asyncio.create_task(self._send_all(socket, listener))
+        receiver = asyncio.create_task(_until_gone(socket))
+        try:
+            await asyncio.wait({sender, receiver}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._listeners.discard(listener)
+            for task in (sender, receiver):
+                task.cancel()
+            await asyncio.gather(sender, receiver, return_exceptions=True)
+
+    async def _send_all(self, socket: WebSocket, listener: _Listener) -> None:
+        while True:
+            try:
+                await asyncio.wait_for(listener.news.wait(), PING_EVERY_S)
+            except asyncio.TimeoutError:
+                listener.others.append('{"type": "ping"}')
+            listener.news.clear()
+            try:
+                while listener.others:
+                    await asyncio.wait_for(socket.send_text(listener.others.popleft()), SEND_WITHIN_S)
+                if listener.step is not None:
+                    text, listener.step = listener.step, None
+                    await asyncio.wait_for(socket.send_text(text), SEND_WITHIN_S)
+            except asyncio.TimeoutError:
+                self.cut_off += 1
+                return
+            except (WebSocketDisconnect, RuntimeError):
+                return
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    """What listeners say is ignored."""
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return

@@ -1,0 +1,189 @@
+"""What was closed and what was believed at every stamp, on disk."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from crowdfence.service.stamps import moment_json
+from crowdfence.service.store import Store
+from crowdfence.service.zone_json import Marks
+from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.history import history_line, zone_set_of_line
+
+WHOLE_EVERY = 50
+"""Moments from one whose outlines are all written to the next one."""
+MOST_POINTS = 2000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What is published after a step, or after an operator did something."""
+
+    number: int
+    """Counts from 1; the version of everything that follows from it."""
+    stamp_ns: int
+    zones: ZoneSet
+    marks: Marks
+    """What operators did to zones."""
+    figures: dict[str, Any]
+    """seen_m2, crowd_m2, closed_m2, zones."""
+
+
+class Timeline:
+    """Moments by stamp. Outlines are written when they changed, all of them every `WHOLE_EVERY` moments."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._before: dict[str, Zone] = {}
+        self._since_whole = WHOLE_EVERY
+        self._belief_ns: int | None = None
+
+    def add(self, moment: Moment) -> None:
+        """Of a number that is there already (after a restart), the newer one counts."""
+        whole = self._since_whole >= WHOLE_EVERY
+        self._since_whole = 1 if whole else self._since_whole + 1
+        line = history_line(moment.stamp_ns, moment.zones, {} if whole else self._before)
+        self._before = {zone.id: zone for zone in moment.zones.closed}
+        figures = {
+            **moment.figures,
+            "of": {
+                zone.id: [_plain(zone.probability_max), zone.polygon.area] for zone in moment.zones.closed
+            },
+            "events": line["events"],
+        }
+        row = (
+            moment.number,
+            moment.stamp_ns,
+            whole,
+            zlib.compress(_json(line).encode(), 1),
+            _json(moment.marks),
+            _json(figures),
+        )
+        self._store.note(
+            lambda connection: connection.execute(
+                "INSERT OR REPLACE INTO moments VALUES (?, ?, ?, ?, ?, ?)", row
+            )
+        )
+
+    def begin_whole(self) -> None:
+        """The next moment has all its outlines: what was written before is not in memory."""
+        self._since_whole = WHOLE_EVERY
+
+    def at(self, stamp_ns: int) -> Moment | None:
+        """The last moment up to a stamp; None before the first."""
+        rows = self._store.rows(
+            "SELECT number FROM moments WHERE stamp_ns <= ? ORDER BY stamp_ns DESC, number DESC LIMIT 1",
+            (stamp_ns,),
+        )
+        if not rows:
+            return None
+        ((number,),) = rows
+        rows = self._store.rows(
+            "SELECT stamp_ns, line, marks, figures FROM moments WHERE number <= ? AND number >= "
+            "(SELECT MAX(number) FROM moments WHERE whole AND number <= ?) ORDER BY number",
+            (number, number),
+        )
+        before: dict[str, Zone] = {}
+        zones = None
+        for _, line, _, _ in rows:
+            zones = zone_set_of_line(json.loads(zlib.decompress(line)), before)
+            before = {zone.id: zone for zone in zones.closed}
+        if zones is None:
+            return None
+        then_ns, _, marks, figures = rows[-1]
+        told = json.loads(figures)
+        return Moment(number, then_ns, zones, json.loads(marks), {k: told[k] for k in told if k not in _OWN})
+
+    def points(self) -> list[dict[str, Any]]:
+        """Figures over time, at most `MOST_POINTS`, the newest among them."""
+        return [
+            {**moment_json("stamp", stamp_ns), **{k: figures[k] for k in figures if k not in _OWN}}
+            for stamp_ns, figures in self._figures()
+        ]
+
+    def zone_history(self, zone: str, until_ns: int | None = None) -> dict[str, Any]:
+        """How a zone's probability and area went, and what became of it."""
+        points, events = [], []
+        for stamp_ns, figures in self._figures(until_ns):
+            if zone in figures["of"]:
+                probability, closed_m2 = figures["of"][zone]
+                points.append(
+                    {**moment_json("stamp", stamp_ns), "probability_max": probability, "closed_m2": closed_m2}
+                )
+        for stamp_ns, text in self._store.rows(
+            "SELECT stamp_ns, json_extract(figures, '$.events') FROM moments "
+            "WHERE figures LIKE ? AND stamp_ns <= ? ORDER BY number DESC LIMIT ?",
+            (f'%"{zone}"%', _until(until_ns), MOST_POINTS),
+        ):
+            events += [
+                {**moment_json("stamp", stamp_ns), "other": None, **event}
+                for event in json.loads(text)
+                if zone in (event["id"], event.get("other"))
+            ]
+        return {"points": points, "events": events[::-1]}
+
+    def _figures(self, until_ns: int | None = None) -> Iterator[tuple[int, dict[str, Any]]]:
+        ((first, last),) = self._store.rows(
+            "SELECT MIN(number), MAX(number) FROM moments WHERE stamp_ns <= ?", (_until(until_ns),)
+        )
+        if first is None:
+            return
+        stride = max(1, -(-(last - first + 1) // MOST_POINTS))
+        for stamp_ns, figures in self._store.rows(
+            "SELECT stamp_ns, figures FROM moments WHERE number <= ? AND (? - number) % ? = 0 "
+            "ORDER BY number",
+            (last, last, stride),
+        ):
+            yield stamp_ns, json.loads(figures)
+
+    def add_belief(self, number: int, stamp_ns: int, belief: bytes) -> None:
+        """The crowd map from above as it was."""
+        body = zlib.compress(belief, 1)
+        self._store.note(
+            lambda connection: connection.execute(
+                "INSERT OR REPLACE INTO beliefs VALUES (?, ?, ?)", (number, stamp_ns, body)
+            )
+        )
+
+    def belief_at(self, stamp_ns: int) -> tuple[int, bytes] | None:
+        """The last one up to a stamp, with the number of its moment."""
+        rows = self._store.rows(
+            "SELECT number, body FROM beliefs WHERE stamp_ns <= ? ORDER BY stamp_ns DESC LIMIT 1", (stamp_ns,)
+        )
+        return (rows[0][0], zlib.decompress(rows[0][1])) if rows else None
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Stamps of the first and of the last moment."""
+        ((first, last),) = self._store.rows("SELECT MIN(stamp_ns), MAX(stamp_ns) FROM moments")
+        return None if first is None else (first, last)
+
+
+_OWN = ("of", "events")
+
+
+def _until(stamp_ns: int | None) -> int:
+    return (1 << 63) - 1 if stamp_ns is None else stamp_ns
+
+
+def _plain(value: float) -> float | None:
+    return value if value == value else None
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def forget_before(connection: sqlite3.Connection, stamp_ns: int) -> None:
+    """Retention: moments and beliefs before a stamp, except what later ones need to be read."""
+    (whole,) = connection.execute(
+        "SELECT MAX(number) FROM moments WHERE whole AND stamp_ns <= ?", (stamp_ns,)
+    ).fetchone()
+    if whole is not None:
+        connection.execute("DELETE FROM moments WHERE number < ?", (whole,))
+    connection.execute("DELETE FROM beliefs WHERE stamp_ns < ?", (stamp_ns,))
+    connection.execute("DELETE FROM media WHERE stamp_ns < ?", (stamp_ns,))

@@ -1,0 +1,150 @@
+"""A view as JSON: camera, pose, stamp, and a heatmap or a picture."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from crowdfence._core import Camera, View
+from crowdfence.sources.recording import Frame, PixelSources
+
+MOST_PIXELS = 64_000_000
+
+
+class CameraMessage(BaseModel):
+    """Intrinsics, in pixels; the centre of pixel (i, j) is at (i + 0.5, j + 0.5)."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    model: Literal["pinhole", "brown_conrady", "kannala_brandt"] = "pinhole"
+    width: Annotated[int, Field(ge=1, le=100_000)]
+    height: Annotated[int, Field(ge=1, le=100_000)]
+    fx: Annotated[float, Field(gt=0)]
+    fy: Annotated[float, Field(gt=0)]
+    cx: float
+    cy: float
+    distortion: Annotated[list[float], Field(max_length=8)] = []
+
+    def camera(self) -> Camera:
+        """ValueError for a camera that cannot be."""
+        size_and_focus = (self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        if self.model == "kannala_brandt":
+            return Camera.fisheye(*size_and_focus, self.distortion or (0.0, 0.0, 0.0, 0.0))
+        if self.model == "pinhole" and self.distortion:
+            raise ValueError("a pinhole camera has no distortion; name the model brown_conrady")
+        return Camera.pinhole(*size_and_focus, self.distortion or None)
+
+    @staticmethod
+    def of(camera: Camera) -> CameraMessage:
+        return CameraMessage(
+            model=camera.model,
+            width=camera.width,
+            height=camera.height,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx,
+            cy=camera.cy,
+            distortion=[] if camera.model == "pinhole" else list(camera.distortion),
+        )
+
+
+class HeatmapMessage(BaseModel):
+    """Values in [0, 1]: 8 bit grey PNG (value * 255), or numbers row by row, u8 (value * 255) or little
+    endian f32."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    encoding: Literal["png", "u8", "f32"]
+    rows: Annotated[int, Field(ge=1, le=20_000)] | None = None
+    columns: Annotated[int, Field(ge=1, le=20_000)] | None = None
+    data: str
+    """Base64."""
+
+    def heatmap(self) -> NDArray[Any]:
+        """[h, w]. ValueError for what is no heatmap."""
+        body = _decoded(self.data)
+        if self.encoding == "png":
+            return _grey(body)
+        if self.rows is None or self.columns is None:
+            raise ValueError("a heatmap as numbers needs rows and columns")
+        kind = np.dtype(np.uint8 if self.encoding == "u8" else "<f4")
+        if len(body) != self.rows * self.columns * kind.itemsize:
+            raise ValueError(
+                f"{self.rows} x {self.columns} values of {self.encoding} are "
+                f"{self.rows * self.columns * kind.itemsize} bytes, not {len(body)}"
+            )
+        return np.frombuffer(body, kind).reshape(self.rows, self.columns).astype(kind.newbyteorder("="))
+
+    @staticmethod
+    def of(heatmap: NDArray[Any]) -> HeatmapMessage:
+        """uint8 (value / 255) or float, every digit of float32 kept."""
+        kind: Literal["u8", "f32"] = "u8" if heatmap.dtype == np.uint8 else "f32"
+        body = np.ascontiguousarray(heatmap, np.uint8 if kind == "u8" else "<f4").tobytes()
+        rows, columns = heatmap.shape
+        return HeatmapMessage(
+            encoding=kind, rows=rows, columns=columns, data=base64.b64encode(body).decode("ascii")
+        )
+
+
+class ViewMessage(BaseModel):
+    """What one camera saw at one instant."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    drone: Annotated[str, Field(min_length=1, max_length=100)]
+    stamp_ns: Annotated[int, Field(ge=0, lt=1 << 63)]
+    """When the picture was exposed, nanoseconds since 1970."""
+    camera: CameraMessage
+    world_from_camera: Annotated[
+        list[Annotated[list[float], Field(min_length=4, max_length=4)]], Field(min_length=4, max_length=4)
+    ]
+    """Rigid transform, camera axes (x right, y down, z forward) to local east-north-up metres."""
+    heatmap: HeatmapMessage | None = None
+    image: str | None = None
+    """Base64 of a JPEG or PNG, which the service's detector looks at."""
+
+    def view(self) -> View:
+        """Of a message with a heatmap. ValueError for what the core refuses."""
+        if self.heatmap is None:
+            raise ValueError("there is no heatmap")
+        heatmap = self.heatmap.heatmap()
+        return View(
+            self.drone, self.stamp_ns, self.camera.camera(), np.array(self.world_from_camera), heatmap
+        )
+
+    def frame(self) -> Frame:
+        """Of a message with an image. ValueError for a camera, a pose or text that cannot be."""
+        if self.image is None:
+            raise ValueError("there is no image")
+        body, camera = _decoded(self.image), self.camera.camera()
+        pose = np.array(self.world_from_camera)
+        View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
+        return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body))
+
+
+def _decoded(text: str) -> bytes:
+    try:
+        return base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise ValueError(f"that is no base64: {error}") from error
+
+
+def _grey(body: bytes) -> NDArray[np.uint8]:
+    import io
+
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(body), formats=["PNG"]) as picture:
+            if picture.width * picture.height > MOST_PIXELS:
+                raise ValueError(f"{picture.width} x {picture.height} pixels are more than {MOST_PIXELS}")
+            if picture.mode != "L":
+                raise ValueError(f"a heatmap is 8 bit grey, not {picture.mode}")
+            return np.array(picture, dtype=np.uint8)
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise ValueError(f"that is no PNG: {error}") from error

@@ -1,0 +1,201 @@
+"""What notices that something is wrong: silence, drones in zones, a clock that jumps, a disk that fills up.
+
+Data that stops opens nothing: zones stay as they are, and somebody is told.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import time
+from threading import Event, Thread
+
+import numpy as np
+
+from crowdfence.iso_time import iso_utc
+from crowdfence.service.alerts import AlertKind, Level
+from crowdfence.service.fleet import Sighting
+from crowdfence.service.operator_zones import passable
+from crowdfence.service.service import Service
+from crowdfence.service.timeline import Moment, forget_before
+from crowdfence.zones import Zone
+
+_EVERY_S = 1.0
+_TIDY_EVERY_S = 60.0
+_SECOND_NS = 1_000_000_000
+_LEAST_FREE_BYTES = 200_000_000
+_DETECTOR_STALE_S = 10.0
+
+
+class Watch:
+    """Looks once a second, in a thread of its own."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._stopping = Event()
+        self._thread = Thread(target=self._look_all, name="watch", daemon=True)
+        self._tidied_s = time.monotonic()
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stopping.set()
+        self._thread.join()
+
+    def _look_all(self) -> None:
+        while not self._stopping.wait(_EVERY_S):
+            self.look()
+            if time.monotonic() - self._tidied_s > _TIDY_EVERY_S:
+                self._tidied_s = time.monotonic()
+                self.tidy()
+
+    def look(self) -> None:
+        """Raise and clear what follows from how things stand now."""
+        service = self._service
+        if service.mode != "finished":
+            self._silence()
+        self._detector()
+        self._drones_and_zones()
+        self._clock()
+        self._disk()
+        self._dismissals()
+
+    def happened(self, moment: Moment) -> None:
+        """A listener of the mission: new zones."""
+        for event in moment.zones.events:
+            if event.kind in ("created", "split"):
+                zone = next((one for one in moment.zones if one.id == event.id), None)
+                if zone is not None:
+                    text = f"zone {zone.id} appeared: {zone.area_m2:.0f} m2 of crowd"
+                    self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
+            elif event.kind in ("expired", "merged"):
+                self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
+
+    def _silence(self) -> None:
+        service, now_ns = self._service, self._service.now_ns()
+        most_s = service.settings.silent_after_s
+        for drone in service.fleet.drones:
+            last = service.fleet.last(drone)
+            last_ns = max(
+                0 if last is None else last.stamp_ns,
+                0 if service.live is None else service.live.last_view_ns.get(drone, 0),
+            )
+            silent = last_ns > 0 and now_ns - last_ns > most_s * _SECOND_NS
+            text = (
+                f"no view from {drone} for more than {most_s:g} s, the last of {iso_utc(last_ns)}: zones stay"
+            )
+            self._set(silent, "drone_silent", "alarm", text, drone=drone)
+
+    def _detector(self) -> None:
+        live = self._service.live
+        if live is None:
+            return
+        oldest_s = min(list(live.detecting_since.values()), default=None)
+        stale = oldest_s is not None and time.monotonic() - oldest_s > _DETECTOR_STALE_S
+        text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
+        self._set(stale, "detector_stale", "alarm", text)
+
+    def _drones_and_zones(self) -> None:
+        service, moment = self._service, self._service.mission.newest
+        if moment is None:
+            return
+        closed = passable(moment.zones, moment.marks).closed
+        for drone in service.fleet.drones:
+            last = service.fleet.last(drone)
+            inside, near = ([], []) if last is None else self._around(last, closed)
+            self._of_zones(drone, inside, "drone_in_zone", "alarm", "is in zone")
+            verb = f"is within {service.settings.near_m:g} m of zone"
+            self._of_zones(drone, [] if inside else near, "drone_near_zone", "warning", verb)
+
+    def _around(self, last: Sighting, closed: tuple[Zone, ...]) -> tuple[list[str], list[str]]:
+        """Zones that a drone is in, and those within reach of it, the nearest first."""
+        import shapely
+
+        east, north, up = last.world_from_camera[:3, 3]
+        place = shapely.Point(east, north)
+        ground_m = float(self._service.raster.height_at(np.array([[east, north]]))[0])
+        # Above the band nothing is closed; where the ground is not known the comparison is false.
+        in_band = [zone for zone in closed if zone.kind != "unseen" and not up - ground_m > zone.band.upper_m]
+        distances = sorted((zone.polygon.distance(place), zone.id) for zone in in_band)
+        inside = [name for distance_m, name in distances if distance_m == 0.0]
+        near = [name for distance_m, name in distances if 0.0 < distance_m <= self._service.settings.near_m]
+        return inside, near
+
+    def _of_zones(self, drone: str, zones: list[str], kind: AlertKind, level: Level, verb: str) -> None:
+        """One active alert of a kind and drone: it stays with its zone as long as that is one of `zones`."""
+        alerts, now_ns = self._service.alerts, self._service.now_ns()
+        for alert in alerts.all():
+            if alert.cleared_ns is None and (alert.kind, alert.drone) == (kind, drone):
+                if alert.zone in zones:
+                    return
+                alerts.clear(kind, now_ns, drone=drone, zone=alert.zone)
+        if zones:
+            alerts.raise_(kind, level, f"{drone} {verb} {zones[0]}", now_ns, drone=drone, zone=zones[0])
+
+    def _clock(self) -> None:
+        jump_s = self._service.clock.jumped_ns() / _SECOND_NS
+        text = (
+            f"the machine's clock was set by {jump_s:+.1f} s while the service runs, which goes on with the "
+            "one that it began with: restart it to take the new one"
+        )
+        self._set(jump_s != 0.0, "clock", "alarm", text)
+
+    def _disk(self) -> None:
+        service = self._service
+        if service.store_trouble is not None:
+            self._set(
+                True, "disk", "alarm", f"nothing can be written, views are refused: {service.store_trouble}"
+            )
+            return
+        free = shutil.disk_usage(service.store.path.parent).free
+        self._set(
+            free < _LEAST_FREE_BYTES, "disk", "alarm", f"only {free / 1e6:.0f} MB are free for the journal"
+        )
+
+    def _dismissals(self) -> None:
+        """A dismissed zone comes back when its time is over, also when no view comes."""
+        service, mission = self._service, self._service.mission
+        moment = mission.newest
+        if moment is None or service.mode != "live":
+            return
+        now_ns = service.now_ns()
+        ends = [int(mark["dismissed"]["until_ns"]) for mark in moment.marks.values() if mark.get("dismissed")]
+        if ends and min(ends) <= now_ns:
+            with mission.lock:
+                mission.publish(max(now_ns, moment.stamp_ns))
+
+    def _set(
+        self, wrong: bool, kind: AlertKind, level: Level, text: str, *, drone: str | None = None
+    ) -> None:
+        alerts, now_ns = self._service.alerts, self._service.now_ns()
+        if wrong:
+            alerts.raise_(kind, level, text, now_ns, drone=drone)
+        else:
+            alerts.clear(kind, now_ns, drone=drone)
+
+    def tidy(self) -> None:
+        """Retention: what is too old, and pictures beyond their room."""
+        service = self._service
+        oldest_ns = service.now_ns() - round(service.settings.keep_s * _SECOND_NS)
+        room = int(service.settings.keep_media_mb * 1e6)
+
+        def write(connection: sqlite3.Connection) -> None:
+            forget_before(connection, oldest_ns)
+            for table in ("media", "beliefs"):
+                trim(connection, table, room)
+            connection.execute("DELETE FROM damaged WHERE received_ns < ?", (oldest_ns,))
+            connection.execute("PRAGMA incremental_vacuum(1000)")
+
+        service.store.note(write)
+
+
+def trim(connection: sqlite3.Connection, table: str, room: int) -> None:
+    """The oldest rows of a table go until bodies fit into `room` bytes."""
+    (size,) = connection.execute(f"SELECT COALESCE(SUM(LENGTH(body)), 0) FROM {table}").fetchone()
+    while size > room:
+        connection.execute(
+            f"DELETE FROM {table} WHERE stamp_ns <= (SELECT stamp_ns FROM {table} ORDER BY stamp_ns LIMIT 1 "
+            f"OFFSET (SELECT COUNT(*) / 10 FROM {table}))"
+        )
+        (size,) = connection.execute(f"SELECT COALESCE(SUM(LENGTH(body)), 0) FROM {table}").fetchone()
