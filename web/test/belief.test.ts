@@ -49,8 +49,10 @@ describe("the belief as the service packs it", () => {
 
   it("may hold nothing", () => expect(parseBelief(packed([])).count).toBe(0));
 
-  it.each([0, 10, 23, 24 + 12, 24 + 25])("refuses %i bytes that are no whole belief", (bytes) => {
-    expect(() => parseBelief(packed([CROWD, EMPTY]).slice(0, bytes))).toThrow(RangeError);
+  it.each([0, 10, 23, 24 + 12, 24 + 23, 24 + 36])("refuses %i bytes that are no whole belief of two", (bytes) => {
+    const longer = new Uint8Array(200);
+    longer.set(new Uint8Array(packed([CROWD, EMPTY])));
+    expect(() => parseBelief(longer.buffer.slice(0, bytes))).toThrow(RangeError);
   });
 
   it("refuses a state that it does not know", () => {

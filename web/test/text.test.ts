@@ -63,7 +63,8 @@ describe("units", () => {
 
   it("group digits", () => {
     expect(grouped(1_234_567)).toBe("1\u2009234\u2009567");
-    expect(grouped(-999.95, 1)).toBe("−1\u2009000.0".replace("1\u2009000.0", (999.95).toFixed(1) === "1000.0" ? "1\u2009000.0" : "999.9"));
+    expect(grouped(-1234.56, 1)).toBe("−1\u2009234.6");
+    expect(grouped(999.99, 1)).toBe("1\u2009000.0");
     expect(grouped(-0.2)).toBe("0");
   });
 
@@ -74,9 +75,9 @@ describe("units", () => {
 
   it("give places in degrees where there are any", () => {
     const anchor = { latitude_deg: 46.5, longitude_deg: 8, height_m: 0 };
-    // One minute of latitude is 1853.5 m on the meridian at 46.5 degrees, one of longitude 1280 m (Bowditch, table 7: 1280.1).
-    expect(geographic(0, 1852.6, anchor)[0]).toBeCloseTo(46.5 + 1 / 60, 5);
-    expect(geographic(1280.1, 0, anchor)[1]).toBeCloseTo(8 + 1 / 60, 5);
+    // pyproj: Geod(ellps="WGS84").inv(8, 46.5, 8, 46.51) and .inv(8, 46.5, 8.01, 46.5)
+    expect(geographic(0, 1111.6118, anchor)[0]).toBeCloseTo(46.51, 6);
+    expect(geographic(767.6259, 0, anchor)[1]).toBeCloseTo(8.01, 6);
     expect(degrees(-33.5, -70.25)).toBe("33.50000° S 70.25000° W");
     expect(place(12, -7, null, "metres")).toBe("E 12 m  N −7 m");
   });

@@ -76,12 +76,16 @@ export interface Zone {
   evidence: Look[];
   locked: boolean;
   operator: { name: string; reason: string } | null;
+  /** Somebody said that this crowd is none; it stays on the list and closes again at that stamp. */
+  dismissed?: { until_ms: number } | null;
 }
 
 export interface Zones {
   stamp_ns: string;
   stamp_ms: number;
   threshold: number;
+  /** Crowd in regions too small for a zone. */
+  dropped_m2?: number;
   zones: Zone[];
 }
 

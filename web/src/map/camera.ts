@@ -16,6 +16,7 @@ export interface Camera {
 
 export const LOWEST_TILT = 8;
 const ZOOMS = [-4, 5.5] as const;
+const CLOSEST_OVERVIEW = 4;
 const FIELD_OF_VIEW = 40;
 
 export const VIEW = new OrbitView({ id: "map", orbitAxis: "Z", fovy: FIELD_OF_VIEW, near: 0.05, far: 100 });
@@ -89,9 +90,23 @@ function cameraDistance(camera: Camera, size: Size): number {
 /** Shows `bounds` as a whole from the south-west. */
 export function overview(bounds: Bounds, size: Size, heights: Heights, turn = -28, tilt = 48): Camera {
   const [west, south, east, north] = bounds;
-  const extent = Math.max(east - west, (north - south) * 1.25, 40);
   const middle = [(west + east) / 2, (south + north) / 2] as const;
-  const up = heights.at(...middle);
-  const zoom = Math.log2(Math.min(size.width * 0.86, size.height * 1.35) / extent);
-  return bounded({ target: [...middle, up === up ? up : 0], zoom, rotationX: tilt, rotationOrbit: turn });
+  const ground = (east: number, north: number) => {
+    const up = heights.at(east, north);
+    return up === up ? up : 0;
+  };
+  const target: Camera["target"] = [...middle, ground(...middle)];
+  const corners = [[west, south], [east, south], [east, north], [west, north]].map(([x, y]) => [x, y, ground(x, y)]);
+  let camera = bounded({ target, zoom: CLOSEST_OVERVIEW, rotationX: tilt, rotationOrbit: turn });
+  while (camera.zoom > ZOOMS[0] && !inside(viewportOf(camera, size), corners, size)) {
+    camera = { ...camera, zoom: camera.zoom - 0.05 };
+  }
+  return camera;
+}
+
+function inside(viewport: Viewport, places: readonly number[][], { width, height }: Size): boolean {
+  return places.every((place) => {
+    const [x, y, depth] = viewport.project(place);
+    return x > 0.03 * width && x < 0.97 * width && y > 0.05 * height && y < 0.92 * height && depth < 1;
+  });
 }

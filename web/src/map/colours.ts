@@ -43,7 +43,7 @@ export const PALETTES: Record<Theme, Palette> = {
     skirt: [24, 29, 36],
     states: {
       [VoxelState.neverSeen]: [62, 68, 76],
-      [VoxelState.occluded]: [46, 48, 56],
+      [VoxelState.occluded]: [44, 38, 36],
       [VoxelState.empty]: [52, 168, 158],
       [VoxelState.stale]: [92, 112, 128],
       [VoxelState.crowd]: [229, 72, 38],
@@ -51,7 +51,7 @@ export const PALETTES: Record<Theme, Palette> = {
     },
     marks: {
       [VoxelState.neverSeen]: [34, 38, 45],
-      [VoxelState.occluded]: [112, 112, 122],
+      [VoxelState.occluded]: [164, 154, 146],
       [VoxelState.empty]: [52, 168, 158],
       [VoxelState.stale]: [52, 168, 158],
       [VoxelState.crowd]: [229, 72, 38],
@@ -74,7 +74,7 @@ export const PALETTES: Record<Theme, Palette> = {
       [VoxelState.neverSeen]: [178, 182, 186],
       [VoxelState.occluded]: [120, 122, 130],
       [VoxelState.empty]: [92, 196, 184],
-      [VoxelState.stale]: [164, 180, 190],
+      [VoxelState.stale]: [132, 162, 190],
       [VoxelState.crowd]: [229, 72, 38],
       [VoxelState.notCleared]: [198, 176, 232],
     },

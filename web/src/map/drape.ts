@@ -9,6 +9,8 @@ const MOST_PIXELS = 2048;
 const PIXELS_PER_CELL = 4;
 const PATTERN_PIXELS = 10;
 const CONTOUR_M = 10;
+/** The service sends its grid as float32: a millimetre at 10 km. */
+const ROUNDING = 0.01;
 
 /** Pixels of the drape and where they lie. */
 export interface DrapeFrame {
@@ -116,10 +118,11 @@ export function paintBelief(pixels: Pixels, seen: Pixels, frame: DrapeFrame, bel
     const state = belief.state[n] as VoxelState;
     if (state === VoxelState.neverSeen) continue;
     const rank = URGENCY[state] + 1;
-    const left = Math.round(x0 + belief.columns[n] * size);
-    const right = Math.max(Math.round(x0 + (belief.columns[n] + 1) * size), left + 1);
-    const bottom = Math.round(y0 - belief.rows[n] * size);
-    const top = Math.min(Math.round(y0 - (belief.rows[n] + 1) * size), bottom - 1);
+    // Every pixel that it touches: where columns share one, the more urgent has it.
+    const left = Math.floor(x0 + belief.columns[n] * size + ROUNDING);
+    const right = Math.ceil(x0 + (belief.columns[n] + 1) * size - ROUNDING);
+    const bottom = Math.ceil(y0 - belief.rows[n] * size - ROUNDING);
+    const top = Math.floor(y0 - (belief.rows[n] + 1) * size + ROUNDING);
     const age_s = belief.age[n] === OLDER_THAN_KNOWN ? Infinity : belief.age[n] / 10 + style.older_s;
     const strength = state === VoxelState.crowd ? 1 : style.strength;
     const alpha = opacity(state, age_s, style.stale_after_s) * strength;

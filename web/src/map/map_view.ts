@@ -30,12 +30,6 @@ interface Ground {
   bounds: Bounds;
 }
 
-interface WallTexture {
-  data: Uint8Array;
-  width: number;
-  height: number;
-}
-
 export interface Pointed {
   x: number;
   y: number;
@@ -54,7 +48,7 @@ export class MapView {
   private seen: State;
   private flight: number | undefined;
   private ended: (() => void)[] = [];
-  private wallTextures = new Map<string, WallTexture>();
+  private wallTextures = new Map<string, ImageData>();
   private walls = new Map<string, { zones: readonly Zone[]; mesh: Mesh | null }>();
   /** Called after every change of what is where on the screen. */
   onFrame: (viewport: Viewport) => void = () => {};
@@ -445,12 +439,12 @@ export class MapView {
     return made;
   }
 
-  private wallTexture(colour: Rgb): WallTexture {
+  private wallTexture(colour: Rgb): ImageData {
     const key = css(colour);
     let texture = this.wallTextures.get(key);
     if (!texture) {
       // Plain bytes: a canvas would multiply the colour with its opacity, and deck.gl does that once more.
-      texture = { data: new Uint8Array(4 * 64), width: 1, height: 64 };
+      texture = new ImageData(1, 64);
       for (let k = 0; k < 64; k++) texture.data.set([...colour, Math.round(150 * (k / 63) ** 2)], 4 * k);
       this.wallTextures.set(key, texture);
     }

@@ -91,6 +91,14 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
           </p>
         )}
       </div>
+      {zone.dismissed && (
+        <div class="why exception">
+          <b>Dismissed for now</b>
+          <p>
+            Left out of exports until {timeOfDay(zone.dismissed.until_ms, store.state.clock, 0)}; then it is closed again.
+          </p>
+        </div>
+      )}
       <div class="headline">
         {zone.probability_max !== null && (
           <div>
@@ -420,6 +428,7 @@ function Mission() {
                 </li>
               ))}
             </ul>
+            {(moment?.zones.dropped_m2 ?? 0) > 0 && <p class="hint">{area(moment!.zones.dropped_m2!, units)} of the crowd lie in regions that are too small for a zone.</p>}
             <p class="hint">Everything else on the map was never seen. Only “{STATE_WORDS[VoxelState.empty]}” speaks against crowd.</p>
           </>
         ) : (

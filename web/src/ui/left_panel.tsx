@@ -61,7 +61,7 @@ function ZoneRow({ zone }: { zone: Zone }) {
           {zone.locked && <Icon name="lock" size={12} />}
         </span>
         <span class="row-main">
-          <span>{zone.locked ? REASON_WORDS.locked : (REASON_WORDS[zone.reason ?? ""] ?? KIND_WORDS[zone.kind])}</span>
+          <span>{zone.dismissed ? "dismissed for now" : zone.locked ? REASON_WORDS.locked : (REASON_WORDS[zone.reason ?? ""] ?? KIND_WORDS[zone.kind])}</span>
           <small>{end.counts ? <>ends in {end.text}</> : "until looked at"}</small>
         </span>
         <span class="row-figures">

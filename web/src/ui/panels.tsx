@@ -264,7 +264,7 @@ function Audit() {
         </tr>
       </thead>
       <tbody>
-        {entries.toReversed().map((entry, k) => (
+        {entries.map((entry, k) => (
           <tr key={k}>
             <td>
               {dateOf(entry.stamp_ms, clock)} {timeOfDay(entry.stamp_ms, clock, 0)}
