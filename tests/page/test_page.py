@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page.conftest import Console, Server, open_console
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext
+
+from support.map_page import Console, Server, open_console
 
 THIN_SPACE = "\u2009"
 MOST_PICTURE_BYTES = 600_000
@@ -39,7 +40,7 @@ def area(square_metres: float) -> str:
 
 def test_it_loads_without_complaints_or_requests_elsewhere(console: Console, server: Server) -> None:
     assert console.hosts == {server.url.removeprefix("http://")}
-    assert [text for text in console.complaints if "GPU stall" not in text] == []
+    assert console.complaints == []
     assert console.page.title() == "race · crowdfence"
     assert "token" not in console.page.url
 
@@ -55,7 +56,9 @@ def test_the_map_shows_ground_crowd_and_what_was_not_cleared(console: Console) -
     console.wait("drapes", lambda drapes: drapes > drawn)
     console.page.wait_for_timeout(600)
     hidden = pixels(console)
-    assert share(hidden, "empty") < 0.005, "teal without the layer that says so"
+    # The camera pictures over the map keep a little of every colour.
+    assert share(hidden, "empty") < share(shown, "empty") / 4, "teal without the layer that says so"
+    assert share(hidden, "not cleared") < share(shown, "not cleared") / 4
     console.page.locator('[data-layer="belief"]').click()
 
 
@@ -149,7 +152,7 @@ def test_the_zones_leave_as_a_file(console: Console, tmp_path: Path) -> None:
     file = tmp_path / started.value.suggested_filename
     started.value.save_as(file)
     features = json.loads(file.read_text())["features"]
-    assert file.name == "race-geojson.geojson"
+    assert file.suffix == ".geojson"
     assert {feature["properties"]["id"] for feature in features} >= {"Z1", "Z2"}
     console.page.keyboard.press("Escape")
 

@@ -71,14 +71,9 @@ export const pictureAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/picture`, { at });
 export const heatmapAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/heatmap`, { at });
+export const terrainColourAddress = () => address("/terrain/colour");
 export const exportAddress = (format: string, at: At, more: Record<string, string> = {}) =>
   address("/export", { format, at, ...more });
-
-/** The picture that lies on the terrain, or null where the service has none. */
-export async function terrainColour(): Promise<ImageBitmap | null> {
-  const answer = await fetch(address("/terrain/colour"));
-  return answer.status === 200 ? createImageBitmap(await answer.blob()) : null;
-}
 
 /** A picture or null; pictures are optional and their absence is shown, not thrown. */
 export async function image(url: string): Promise<ImageBitmap | null> {

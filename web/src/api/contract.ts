@@ -19,6 +19,8 @@ export interface TerrainFrame {
   cell_size_m: number;
   rows: number;
   columns: number;
+  /** Whether there is a picture to lay on it. */
+  colour?: boolean;
 }
 
 export interface Scene {

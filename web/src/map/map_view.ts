@@ -3,7 +3,7 @@
 import { COORDINATE_SYSTEM, Deck, type Layer } from "@deck.gl/core";
 import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
 import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
-import { terrainColour } from "../api/client";
+import { image, terrainColourAddress } from "../api/client";
 import type { Drone, Outline, Place, Zone } from "../api/contract";
 import type { State, Store } from "../state/store";
 import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Size, type Viewport } from "./camera";
@@ -92,12 +92,6 @@ export class MapView {
       }),
     );
     this.update(store.state);
-    void terrainColour().then((colour) => {
-      if (!colour) return;
-      this.colour = colour;
-      this.base = null;
-      this.drapeSoon();
-    });
   }
 
   end(): void {
@@ -272,6 +266,13 @@ export class MapView {
     };
     this.base = null;
     this.walls.clear();
+    this.drapeSoon();
+    if (whole.frame.colour) void this.takeColour();
+  }
+
+  private async takeColour(): Promise<void> {
+    this.colour = await image(terrainColourAddress());
+    this.base = null;
     this.drapeSoon();
   }
 

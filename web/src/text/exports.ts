@@ -21,11 +21,6 @@ export const FORMATS: readonly Format[] = [
   { name: "csv", title: "CSV", use: "one row a zone", ending: "csv", earth: true },
 ];
 
-export function fileName(mission: string, format: string): string {
-  const { ending } = FORMATS.find(({ name }) => name === format)!;
-  return `${mission.replace(/[^\w.-]+/g, "_")}-${format}.${ending}`;
-}
-
 /** The same from the command line, on the folder that a run wrote. */
 export function exportCommand(format: string, { at, country }: { at: string | null; country: string | null }): string {
   const { ending } = FORMATS.find(({ name }) => name === format)!;

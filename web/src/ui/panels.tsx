@@ -6,7 +6,7 @@ import type { Alert, AuditEntry } from "../api/contract";
 import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
 import { store, useStore } from "../state/store";
 import { dateOf, timeOfDay } from "../text/stamp";
-import { exportCommand, FORMATS, fileName } from "../text/exports";
+import { exportCommand, FORMATS } from "../text/exports";
 import { Icon } from "./icons";
 import { Legend } from "./left_panel";
 import { map } from "./map_panel";
@@ -133,7 +133,7 @@ function Exports() {
                   <Icon name="download" />
                 </button>
               ) : (
-                <a class="button" href={api.exportAddress(format.name, at, more)} download={fileName(scene?.name ?? "zones", format.name)} title={`Download ${format.title}`} aria-label={`Download ${format.title}`} data-export={format.name}>
+                <a class="button" href={api.exportAddress(format.name, at, more)} download title={`Download ${format.title}`} aria-label={`Download ${format.title}`} data-export={format.name}>
                   <Icon name="download" />
                 </a>
               )}
