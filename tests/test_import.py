@@ -12,6 +12,7 @@ import crowdfence
 PUBLIC_NAMES = [
     "Camera",
     "ClearAir",
+    "Client",
     "Contract",
     "CrowdColumns",
     "CrowdMap",

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from crowdfence.pipeline import FrameLoop, Run, Step, open_terrain, run
     from crowdfence.planner import ClearAir, safe_route
     from crowdfence.results import write_results
+    from crowdfence.service.client import Client
     from crowdfence.sources import open_recording
     from crowdfence.sources.recording import Recording
     from crowdfence.static_zones import open_static_zones
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Camera",
     "ClearAir",
+    "Client",
     "Contract",
     "CrowdColumns",
     "CrowdMap",
@@ -127,6 +129,7 @@ __all__ = [
 
 _LAZY = {
     "ClearAir": "crowdfence.planner",
+    "Client": "crowdfence.service.client",
     "Contract": "crowdfence.detector.contract.contract",
     "Detector": "crowdfence.detector.detector",
     "EvidenceConfig": "crowdfence.config",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap
 from crowdfence.service.ground import Ground
@@ -61,3 +63,47 @@ def belief_bytes(
             np.minimum(np.rint(age_s * 10.0), _OLDEST).astype("<u2").tobytes(),
         )
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnBeliefs:
+    """What `belief_bytes` says, one value per column that somebody has seen [N]."""
+
+    stamp_ns: int
+    cell_size_m: float
+    west_m: NDArray[np.float64]
+    """Of the column's cell."""
+    south_m: NDArray[np.float64]
+    height_m: NDArray[np.float32]
+    probability: NDArray[np.float64]
+    """In steps of 1 / 255."""
+    state: NDArray[np.uint8]
+    """`VoxelState`."""
+    age_s: NDArray[np.float64]
+    """Since the last look, in steps of 0.1 s; inf beyond 6553 s."""
+
+    @staticmethod
+    def of(data: bytes) -> ColumnBeliefs:
+        """ValueError for bytes of another length."""
+        count, stamp_ns, cell_size_m, west_m, south_m = _HEAD.unpack_from(data)
+        kinds = ("<u2", "<u2", "<f4", "u1", "u1", "<u2")
+        ends = _HEAD.size + np.cumsum([count * np.dtype(kind).itemsize for kind in kinds])
+        if len(data) != ends[-1]:
+            raise ValueError(f"{count} columns are {ends[-1]} bytes, not {len(data)}")
+        starts = (_HEAD.size, *ends[:-1])
+        column, row, height, probability, state, age = (
+            np.frombuffer(data, kind, count, start) for kind, start in zip(kinds, starts, strict=True)
+        )
+        return ColumnBeliefs(
+            stamp_ns,
+            cell_size_m,
+            west_m + column * float(cell_size_m),
+            south_m + row * float(cell_size_m),
+            height.astype(np.float32),
+            probability / 255.0,
+            state,
+            np.where(age == _OLDEST, np.inf, age / 10.0),
+        )
+
+    def __len__(self) -> int:
+        return len(self.state)

@@ -63,6 +63,10 @@ class Rate:
         return 0.0 if fine else (1.0 - left) / self._per_s
 
 
+class _TooLarge(Exception):
+    pass
+
+
 class Guard:
     """ASGI middleware."""
 
@@ -70,6 +74,7 @@ class Guard:
         """`hosts` are the names that the service answers to (a page of another site that points its name here
         is refused); empty for any, which is for those who need tokens."""
         self._app, self._hosts, self._max_body, self._requests = app, hosts, max_body, requests
+        self._too_large = f"a body has at most {max_body} bytes"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -83,7 +88,10 @@ class Guard:
         if scope["type"] == "websocket":
             await self._app(scope, receive, send)
             return
-        await self._app(scope, self._limited(receive), _with_headers(send))
+        try:
+            await self._app(scope, self._limited(receive), _with_headers(send))
+        except _TooLarge as error:
+            await _answer(scope, send, 413, str(error), 0.0)
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str, float] | None:
         host = headers.get("host", "")
@@ -94,7 +102,7 @@ class Guard:
             return 403, "requests from pages of other sites are refused", 0.0
         length = headers.get("content-length", "0")
         if not length.isdigit() or int(length) > self._max_body:
-            return 413, f"a body has at most {self._max_body} bytes", 0.0
+            return 413, self._too_large, 0.0
         who = headers.get("authorization") or headers.get("cookie")
         client = scope.get("client") or ("", 0)
         wait_s = self._requests.wait_s(hashed(who) if who else str(client[0]))
@@ -111,7 +119,7 @@ class Guard:
             message = await receive()
             left -= len(message.get("body", b""))
             if left < 0:
-                return {"type": "http.disconnect"}
+                raise _TooLarge(self._too_large)
             return message
 
         return limited

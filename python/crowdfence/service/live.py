@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from threading import Event, Lock, Thread
@@ -90,7 +91,7 @@ class Live:
         self._applied = 0
         self._since_snapshot = 0
         self._last_ns: int | None = None
-        self._records: queue.Queue[Record | None] = queue.Queue()
+        self._records: queue.Queue[Record | Event | None] = queue.Queue()
         self._on_the_way: Counter[str] = Counter()
         self._counting = Lock()
         self._rate = Rate(settings.views_per_s)
@@ -281,6 +282,20 @@ class Live:
         if self._clock.kind == "system":
             self._ticker.start()
 
+    def settled(self, timeout_s: float) -> None:
+        """Wait until all that is on disk is applied. TimeoutError."""
+        applied = Event()
+        self._records.put(applied)
+        if not applied.wait(timeout_s):
+            raise TimeoutError(f"{self._records.qsize()} records wait after {timeout_s:g} s")
+
+    def finish(self) -> None:
+        """No view follows: what waits becomes instants now. The journal says so."""
+        newest_ns = max((one.stamp_ns for one in self._waiting.values()), default=0)
+        end_ns = newest_ns + self._max_delay_ns + self._tolerance_ns + 1
+        self._tick(end_ns)
+        self.settled(30.0)
+
     def stop(self) -> None:
         self._stopping.set()
         self._records.put(None)
@@ -289,6 +304,9 @@ class Live:
 
     def _apply_all(self) -> None:
         while (record := self._records.get()) is not None:
+            if isinstance(record, Event):
+                record.set()
+                continue
             self._apply(record)
             if record.kind in ("view", "observation"):
                 self._release(record.drone)
@@ -429,8 +447,14 @@ class Live:
             due = oldest_ns is not None and now_ns - oldest_ns > self._max_delay_ns + self._tolerance_ns
             if due and now_ns - ticked_ns > self._max_delay_ns and not self._records.qsize():
                 ticked_ns = now_ns
-                record = Record(0, "tick", "", now_ns, now_ns, b"")
-                self._journal.append(record).add_done_callback(partial(self._ticked, record))
+                self._tick(now_ns)
+
+    def _tick(self, stamp_ns: int) -> None:
+        record = Record(0, "tick", "", stamp_ns, self._clock.now_ns(), b"")
+        future = self._journal.append(record)
+        future.add_done_callback(partial(self._ticked, record))
+        with suppress(sqlite3.Error):  # the disk is full: told elsewhere, and tried again
+            future.result()
 
     def _ticked(self, record: Record, done: Future[int]) -> None:
         if done.exception() is None:

@@ -145,7 +145,7 @@ def live(
         )
         damaged = going.recover()
         if damaged:
-            text = f"{damaged} records at the end of the journal are damaged, put aside: zones may be too small"
+            text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
             service.alerts.raise_("disk", "alarm", text, clock.now_ns())
         service.live = going
         watch = Watch(service)

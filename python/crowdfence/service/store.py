@@ -121,6 +121,10 @@ class Store:
         """`submit` for what nobody waits for: a failure is told to `on_trouble` alone."""
         self.submit(write)
 
+    def flush(self) -> None:
+        """Wait until all that was handed in is on disk, or was refused."""
+        self.submit(lambda connection: None).result()
+
     @property
     def waiting(self) -> int:
         """Writes that are not on disk yet."""

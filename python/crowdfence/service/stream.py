@@ -113,7 +113,6 @@ class Hub:
             self._listeners.discard(listener)
             for task in (sender, receiver):
                 task.cancel()
-            await asyncio.gather(sender, receiver, return_exceptions=True)
 
     async def _send_all(self, socket: WebSocket, listener: _Listener) -> None:
         while True:

@@ -1,0 +1,233 @@
+"""Who may do what, and what the network is refused."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+from typer.testing import CliRunner
+
+from crowdfence.cli.app import app as command_line
+from crowdfence.service.access import Access, TokenFileError, add_token, read_tokens, remove_token
+from crowdfence.service.guard import Rate
+from crowdfence.service.server import LOOPBACK_NAMES, Address, OpenToAll
+from crowdfence.service.service import Service
+from support.small_service import SETTINGS, START_NS, asked, message, running, view, views
+
+ROLES = ("nobody", "viewer", "drone", "operator")
+DRONE = "/drones/uav1"
+READING = ["/scene", "/terrain", "/terrain/colour", "/belief", "/zones", "/zones/Z1/history", "/timeline"]
+READING += ["/export", "/drones", f"{DRONE}/picture", f"{DRONE}/heatmap", "/alerts", "/me"]
+BECAUSE = {"reason": "because"}
+DRAWN = {"polygon": [[1, 1], [4, 1], [4, 4]], "reason": "ambulance"}
+# What each role is answered: 401 nobody, 403 not allowed; anything else got through to the route.
+DECIDING = [
+    ("POST", "/zones", DRAWN),
+    ("POST", "/zones/Z9/lock", BECAUSE),
+    ("POST", "/zones/Z9/unlock", BECAUSE),
+    ("POST", "/zones/Z9/dismiss", BECAUSE),
+    ("POST", "/alerts/A99/acknowledge", {}),
+    ("GET", "/audit", None),
+]
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, dict[str, str], TestClient]]:
+    """A service with tokens, the token of every role, and its face."""
+    folder = tmp_path_factory.mktemp("guarded")
+    tokens = {role: add_token(folder / "tokens.json", f"my {role}", role) for role in ROLES[1:]}  # type: ignore[arg-type]
+    tokens["uav1 only"] = add_token(folder / "tokens.json", "uav1", "drone", ("uav1",))
+    access = Access.of(folder / "tokens.json")
+    with running(folder / "data", access=access) as service, asked(service) as http:
+        yield service, tokens, http
+
+
+def bearer(tokens: dict[str, str], role: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {tokens.get(role, 'guessed')}"}
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("path", READING)
+def test_who_has_a_token_reads_and_nobody_else(guarded, path: str, role: str) -> None:
+    _, tokens, http = guarded
+    code = http.get(f"/api/v1{path}", headers=bearer(tokens, role)).status_code
+    assert code == 401 if role == "nobody" else code in (200, 404, 409)
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(("method", "path", "body"), DECIDING)
+def test_operators_decide_and_nobody_else(guarded, method: str, path: str, body, role: str) -> None:
+    _, tokens, http = guarded
+    code = http.request(method, f"/api/v1{path}", json=body, headers=bearer(tokens, role)).status_code
+    assert code == {"nobody": 401, "viewer": 403, "drone": 403}.get(role, code)
+    if role == "operator":
+        assert code in (200, 201, 404)
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("path", ["/views", "/observations"])
+def test_drones_and_operators_give_views_and_nobody_else(guarded, path: str, role: str) -> None:
+    _, tokens, http = guarded
+    code = http.post(f"/api/v1{path}", content=b"", headers=bearer(tokens, role)).status_code
+    assert code == {"nobody": 401, "viewer": 403}.get(role, 422)
+
+
+def test_a_drones_token_gives_its_own_views_only(guarded) -> None:
+    _, tokens, http = guarded
+    mine = http.post("/api/v1/views", content=message(view("uav1", 0)), headers=bearer(tokens, "uav1 only"))
+    other = http.post("/api/v1/views", content=message(view("uav2", 0)), headers=bearer(tokens, "uav1 only"))
+    assert (mine.status_code, other.status_code) == (202, 403)
+
+
+def test_every_route_is_in_one_of_the_lists_above(guarded) -> None:
+    """A new route is public until somebody says who may use it: say it here."""
+    service, _, http = guarded
+
+    paths = {path.removeprefix("/api/v1") for path in http.app.openapi()["paths"]}  # type: ignore[attr-defined]
+    listed = {*READING, "/views", "/observations", "/healthz", "/metrics"}
+    listed |= {path.replace("Z9", "Z1") for _, path, _ in DECIDING}
+    assert {path.format(zone="Z1", drone="uav1", alert="A99") for path in paths} == listed
+    assert http.get("/metrics").status_code == 401
+    assert http.get("/healthz").status_code == 200
+    assert service.access.needs_token
+
+
+def test_the_stream_needs_a_token(guarded) -> None:
+    _, tokens, http = guarded
+    with pytest.raises(WebSocketDisconnect), http.websocket_connect("/api/v1/stream"):
+        pass
+    with http.websocket_connect("/api/v1/stream", headers=bearer(tokens, "viewer")) as socket:
+        hello = socket.receive_json()
+    assert (hello["type"], hello["scene"]["user"], hello["scene"]["role"]) == ("hello", "my viewer", "viewer")
+
+
+def test_the_page_turns_a_token_into_a_cookie_once(guarded) -> None:
+    service, tokens, _ = guarded
+    with asked(service, secure=True) as http:
+        assert http.get("/").status_code == 401
+        assert http.get("/?token=guessed").status_code == 401
+        answer = http.get(f"/?token={tokens['viewer']}", follow_redirects=False)
+        assert (answer.status_code, answer.headers["location"]) == (303, "/")
+        cookie = answer.headers["set-cookie"].lower()
+        assert all(word in cookie for word in ("httponly", "samesite=strict", "secure"))
+        named = {"Cookie": f"crowdfence_token={tokens['viewer']}"}
+        assert http.get("/", headers=named).status_code == 200
+        assert http.get("/api/v1/me", headers=named).json() == {"user": "my viewer", "role": "viewer"}
+
+
+def test_the_file_of_tokens_holds_no_token(tmp_path: Path) -> None:
+    path = tmp_path / "tokens.json"
+    token = add_token(path, "ana", "operator")
+    assert token not in path.read_text() and len(token) >= 43  # 256 bits in base 64
+    assert path.stat().st_mode & 0o077 == 0
+    user = Access.of(path).user_of(token)
+    assert user is not None and (user.name, user.role) == ("ana", "operator")
+    with pytest.raises(ValueError, match="has a token"):
+        add_token(path, "ana", "viewer")
+    remove_token(path, "ana")
+    assert Access.of(path).user_of(token) is None
+    with pytest.raises(ValueError, match="has no token"):
+        remove_token(path, "ana")
+    path.write_text(json.dumps({"format": "crowdfence tokens", "tokens": [{"role": "king", "name": "k"}]}))
+    with pytest.raises(TokenFileError, match="king"):
+        read_tokens(path)
+
+
+def test_tokens_are_made_on_the_command_line(tmp_path: Path) -> None:
+    tokens = ["--tokens", str(tmp_path / "t.json")]
+    made = CliRunner().invoke(
+        command_line, ["token", "add", "uav1", "--role", "drone", "--drone", "uav1", *tokens]
+    )
+    assert made.exit_code == 0
+    user = Access.of(tmp_path / "t.json").user_of(made.stdout.strip())
+    assert user is not None and (user.role, user.drones) == ("drone", ("uav1",))
+    shown = CliRunner().invoke(command_line, ["token", "list", *tokens])
+    assert shown.stdout == "uav1: drone of uav1\n"
+    assert CliRunner().invoke(command_line, ["token", "remove", "uav1", *tokens]).exit_code == 0
+    assert CliRunner().invoke(command_line, ["token", "list", *tokens]).stdout == ""
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "drone-server"])
+def test_other_machines_reach_no_service_without_tokens(host: str) -> None:
+    with pytest.raises(OpenToAll, match="token add"):
+        Address(host).check(has_tokens=False)
+    Address(host).check(has_tokens=True)
+    finished = CliRunner().invoke(command_line, ["serve", "--terrain", "dem.tif", "--host", host])
+    assert isinstance(finished.exception, OpenToAll)
+
+
+def test_loopback_needs_no_tokens_and_tls_needs_both_files() -> None:
+    for host in ("127.0.0.1", "::1", "localhost"):
+        Address(host).check(has_tokens=False)
+    with pytest.raises(ValueError, match="tls-key"):
+        Address(certificate=Path("c.pem")).check(has_tokens=True)
+
+
+def test_pages_of_other_sites_cannot_use_the_loopback_service(tmp_path: Path) -> None:
+    """A browser that visits a hostile page can be made to send requests to this machine."""
+    with running(tmp_path) as service, asked(service, hosts=LOOPBACK_NAMES) as http:
+        assert http.get("/api/v1/me").json() == {"user": "local", "role": "operator"}
+        rebound = http.get("/api/v1/me", headers={"Host": "evil.example"})
+        assert rebound.status_code == 421
+        foreign = http.post("/api/v1/zones", json=DRAWN, headers={"Origin": "https://evil.example"})
+        assert foreign.status_code == 403
+        own = http.post("/api/v1/zones", json=DRAWN, headers={"Origin": "http://localhost"})
+        assert own.status_code == 201
+        with (
+            pytest.raises(WebSocketDisconnect),
+            http.websocket_connect("/api/v1/stream", headers={"Origin": "https://evil.example"}),
+        ):
+            pass
+
+
+def test_every_answer_forbids_what_comes_from_elsewhere(tmp_path: Path) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        for path in ("/", "/api/v1/zones", "/api/v1/none", "/nothing.js"):
+            answer = http.get(path)
+            policy = answer.headers["content-security-policy"]
+            assert policy.startswith("default-src 'self'") and "http" not in policy
+            assert answer.headers["x-content-type-options"] == "nosniff"
+        page = http.get("/").text
+        assert "http://" not in page and "https://" not in page
+
+
+def test_bodies_and_requests_have_limits(tmp_path: Path) -> None:
+    small = replace(SETTINGS, max_body_mb=0.001, requests_per_s=3.0)
+    with running(tmp_path, settings=small) as service, asked(service) as http:
+        assert http.post("/api/v1/views", content=b"x" * 1001).status_code == 413
+        cut = http.post("/api/v1/views", content=iter([b"x" * 600, b"x" * 600]))
+        assert cut.status_code == 413
+        codes = [http.get("/healthz").status_code for _ in range(12)]
+        assert 429 in codes
+
+
+def test_a_rate_is_one_on_average_and_two_at_once() -> None:
+    now_s = 0.0
+    rate = Rate(2.0, lambda: now_s)
+    assert [rate.wait_s("a") for _ in range(5)] == [0.0, 0.0, 0.0, 0.0, 0.5]
+    assert rate.wait_s("b") == 0.0
+    now_s = 0.5
+    assert rate.wait_s("a") == 0.0 and rate.wait_s("a") > 0.0
+
+
+def test_the_audit_log_says_who_did_what(guarded) -> None:
+    service, tokens, http = guarded
+    assert service.live is not None
+    for one in views(12):
+        service.live.give_view(message(one))
+    service.live.settled(20.0)
+    headers = bearer(tokens, "operator")
+    for action in ("lock", "unlock", "dismiss"):
+        answer = http.post(f"/api/v1/zones/Z1/{action}", json={"reason": f"to {action}"}, headers=headers)
+        assert answer.status_code == 200, answer.text
+    entries = http.get("/api/v1/audit", headers=headers).json()["entries"][:3]
+    assert [(one["user"], one["role"], one["action"], one["zone"], one["reason"]) for one in entries] == [
+        ("my operator", "operator", action, "Z1", f"to {action}") for action in ("dismiss", "unlock", "lock")
+    ]
+    assert int(entries[0]["stamp_ns"]) > START_NS
+    for body in ({}, {"reason": ""}, {"reason": "   "}, {"reason": "x" * 501}, {"reason": "fine", "more": 1}):
+        refused = http.post("/api/v1/zones/Z1/lock", json=body, headers=headers)
+        assert refused.status_code == 422, body

@@ -1,0 +1,76 @@
+"""The map from above against the raster of `SurfaceGrid`, which is made another way."""
+
+import numpy as np
+import pytest
+
+from crowdfence import SurfaceGrid, Terrain, VoxelState
+from crowdfence.service.belief import ColumnBeliefs, belief_bytes
+from crowdfence.service.ground import MAX_SIDE, Ground
+from support.small_service import CONFIG, START_NS, plain, view
+
+
+def house() -> Terrain:
+    """A plain with a roof on posts over a part of it: two standing places in a column."""
+    occupied = np.zeros((60, 60, 6), bool)
+    occupied[:, :, 0] = True
+    occupied[15:24, 18:26, 4] = True
+    occupied[30, :, 1:3] = True
+    return Terrain.from_occupancy(occupied, 1.0)
+
+
+@pytest.mark.parametrize("terrain", [plain(), house()], ids=["plain", "house"])
+@pytest.mark.parametrize("later_s", [0.0, 2.0, 40.0])
+def test_columns_are_those_of_the_surface_grid(terrain: Terrain, later_s: float) -> None:
+    crowd_map = CONFIG.crowd_map(terrain, 3)
+    for number in range(8):
+        flown = [view(drone, number) for drone in ("uav1", "uav2", "uav3")]
+        crowd_map.integrate(flown, flown[-1].stamp_ns)
+    stamp_ns = crowd_map.span_ns[1] + round(later_s * 1e9)
+    told = {"threshold": crowd_map.default_threshold(), "stale_after_s": 30.0}
+    belief = ColumnBeliefs.of(belief_bytes(crowd_map, Ground(terrain), stamp_ns, **told))
+    grid = SurfaceGrid.from_crowd_map(crowd_map, stamp_ns, crop="surface", **told)
+    i = np.rint(belief.west_m - grid.east_edges_m[0]).astype(int)
+    j = np.rint(belief.south_m - grid.north_edges_m[0]).astype(int)
+    assert len({*zip(i.tolist(), j.tolist(), strict=True)}) == len(belief) == grid.seen.sum() > 500
+    assert grid.seen[i, j].all()
+    assert np.array_equal(belief.state, grid.state[i, j])
+    assert np.abs(belief.probability - grid.probability[i, j]).max() <= 0.5 / 255 + 1e-9
+    age_s = (stamp_ns - grid.last_seen_ns[i, j]) / 1e9
+    assert np.abs(belief.age_s - age_s).max() <= 0.05 + 1e-9
+    assert (belief.height_m <= grid.top_m[i, j] + 1e-3).all()
+    if later_s == 40.0:
+        assert set(np.unique(belief.state)) <= {
+            VoxelState.STALE,
+            VoxelState.NEVER_SEEN,
+            VoxelState.OCCLUDED,
+            VoxelState.CROWD,
+        }
+
+
+def test_before_the_first_look_there_is_nothing() -> None:
+    crowd_map = CONFIG.crowd_map(plain(), 1)
+    told = belief_bytes(crowd_map, Ground(plain()), START_NS, threshold=0.5, stale_after_s=30.0)
+    assert len(ColumnBeliefs.of(told)) == 0
+    with pytest.raises(ValueError, match="bytes"):
+        ColumnBeliefs.of(told + b"\0")
+
+
+def test_the_raster_shows_heights_north_row_first_and_holes_as_nan() -> None:
+    # East first, as `from_height_map` takes them: 3 m wide, 4 m deep.
+    heights = np.array([[0.0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]])
+    terrain = Terrain.from_height_map(heights, cell_size_m=1.0)
+    raster = Ground(terrain).raster()
+    ids, distances = terrain.raycast([[2.5, 0.5, 50.0], [0.5, 2.5, 50.0]], [[0, 0, -1]] * 2, 100.0)
+    assert (np.asarray(ids) >= 0).all()
+    assert raster.heights_m.shape == (4, 3) and (raster.west_m, raster.north_m) == (0.0, 4.0)
+    assert raster.height_at(np.array([[2.5, 0.5], [0.5, 2.5]])) == pytest.approx(50.0 - distances, abs=0.51)
+    assert np.isnan(raster.height_at(np.array([[-1.0, 0.5], [2.0, 9.0]]))).all()
+    part = Ground(terrain).raster((1.2, 0.0, 2.9, 1.9))
+    assert part.heights_m.shape == (2, 2) and (part.west_m, part.north_m) == (1.0, 2.0)
+
+
+def test_a_raster_of_a_long_map_is_thinned_to_what_a_browser_draws() -> None:
+    terrain = Terrain.from_height_map(np.zeros((3, 3000)), cell_size_m=1.0)
+    raster = Ground(terrain).raster()
+    assert max(raster.heights_m.shape) <= MAX_SIDE and raster.cell_size_m == 3.0
+    assert np.isfinite(raster.heights_m).all()

@@ -1,0 +1,299 @@
+"""What live views meet: late ones, wrong clocks, floods, full disks, detectors that fail."""
+
+import base64
+import io
+import json
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdfence import CrowdMap, View, project
+from crowdfence.service.clock import Clock
+from crowdfence.service.live import Live, Refused
+from crowdfence.service.service import Service
+from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
+from support.small_service import (
+    CAMERA,
+    CONFIG,
+    SECOND_NS,
+    SETTINGS,
+    START_NS,
+    asked,
+    message,
+    plain,
+    pose,
+    running,
+    settle,
+    view,
+    views,
+)
+
+
+def live_of(service: Service) -> Live:
+    assert service.live is not None
+    return service.live
+
+
+def at(drone: str, stamp_ns: int) -> bytes:
+    """A view of this stamp."""
+    one = view("uav1", 3)
+    return message(View(drone, stamp_ns, one.camera, one.world_from_camera, one.heatmap))
+
+
+class Now:
+    """Clocks that a test sets."""
+
+    def __init__(self, now_ns: int) -> None:
+        self.system_ns = self.steady_ns = now_ns
+
+    def clock(self) -> Clock:
+        return Clock("system", system=lambda: self.system_ns, steady=lambda: self.steady_ns)
+
+    def pass_s(self, seconds: float) -> None:
+        self.system_ns += round(seconds * SECOND_NS)
+        self.steady_ns += round(seconds * SECOND_NS)
+
+
+def test_a_view_twice_is_one_view(tmp_path: Path) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        first = http.post("/api/v1/views", content=at("uav1", START_NS))
+        again = http.post("/api/v1/views", content=at("uav1", START_NS))
+        assert (first.status_code, again.status_code) == (202, 200)
+        assert again.json() == {"accepted": first.json()["accepted"], "duplicate": True}
+        settle(service)
+        live_of(service).finish()
+        assert service.mission.loop.crowd_map.instant_count == 1
+
+
+def test_a_late_view_counts_with_its_age(tmp_path: Path) -> None:
+    """It comes 2 s after newer ones: in the map it is a look of its own stamp, and it is counted."""
+    with running(tmp_path) as service:
+        live = live_of(service)
+        live.give_view(at("uav1", START_NS + 2 * SECOND_NS))
+        live.give_view(at("uav1", START_NS + 3 * SECOND_NS))
+        settle(service)
+        moved = view("uav3", 0)
+        live.give_view(message(View("uav3", START_NS, CAMERA, moved.world_from_camera, moved.heatmap)))
+        settle(service)
+        crowd_map = service.mission.loop.crowd_map
+        seen = project(moved, plain(), max_range_m=80.0).voxel_ids
+        looks = crowd_map.last_seen_ns(seen)
+        assert (looks == START_NS).any() and set(looks.tolist()) <= {START_NS, START_NS + 2 * SECOND_NS}
+        assert live.late == {"uav3": 1}
+
+
+def test_a_wrong_clock_is_refused_and_told_and_the_others_go_on(tmp_path: Path) -> None:
+    now = Now(START_NS)
+    with running(tmp_path, clock=now.clock()) as service, asked(service) as http:
+        assert http.post("/api/v1/views", content=at("uav1", START_NS)).status_code == 202
+        for off_s, words in ((-3600, "3600.0 s behind the clock"), (60, "60.0 s ahead of the clock")):
+            answer = http.post("/api/v1/views", content=at("uav2", START_NS + off_s * SECOND_NS))
+            assert answer.status_code == 422 and words in answer.json()["detail"]
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert (alert.level, alert.drone, alert.cleared_ns) == ("alarm", "uav2", None)
+        assert http.post("/api/v1/views", content=at("uav2", START_NS + 1)).status_code == 202
+        assert service.alerts.active("clock", "uav2") is None
+
+
+def test_a_jump_of_the_machines_clock_moves_nothing_and_is_told(tmp_path: Path) -> None:
+    now = Now(START_NS)
+    clock = now.clock()
+    now.pass_s(5.0)
+    assert clock.now_ns() == START_NS + 5 * SECOND_NS and clock.jumped_ns() == 0
+    now.system_ns -= 3600 * SECOND_NS
+    assert clock.now_ns() == START_NS + 5 * SECOND_NS and clock.jumped_ns() == -3600 * SECOND_NS
+
+
+def test_a_flood_from_one_drone_stops_only_that_drone(tmp_path: Path) -> None:
+    """The map is held up: ten views of the flood wait, the rest is told to come again, others still enter."""
+    tight = replace(SETTINGS, waiting_per_drone=10)
+    with running(tmp_path, settings=tight) as service, asked(service) as http:
+        with service.mission.lock:
+            answers = [
+                http.post("/api/v1/views", content=at("uav1", START_NS + number)) for number in range(12)
+            ]
+            other = http.post("/api/v1/views", content=at("uav2", START_NS))
+        assert [answer.status_code for answer in answers] == [202] * 10 + [429] * 2
+        assert answers[-1].headers["retry-after"] == "1"
+        assert other.status_code == 202
+        settle(service)
+        assert http.post("/api/v1/views", content=at("uav1", START_NS + 99)).status_code == 202
+
+
+def test_more_views_a_second_than_agreed_are_told_to_come_again(tmp_path: Path) -> None:
+    slow = replace(SETTINGS, views_per_s=2.0)
+    with running(tmp_path, settings=slow) as service, asked(service) as http:
+        codes = [
+            http.post("/api/v1/views", content=at("uav1", START_NS + number)).status_code
+            for number in range(7)
+        ]
+        assert codes[:4] == [202] * 4 and 429 in codes[4:]
+        assert http.post("/api/v1/views", content=at("uav2", START_NS)).status_code == 202
+
+
+def test_a_full_disk_refuses_views_tells_it_and_goes_on_when_there_is_room(tmp_path: Path) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        for one in views(8):
+            assert http.post("/api/v1/views", content=message(one)).status_code == 202
+        settle(service)
+        before = service.mission.newest
+
+        def limit(pages: int):
+            return lambda connection: connection.execute(f"PRAGMA max_page_count = {pages}")
+
+        service.store.submit(limit(1)).result()  # not one page more than there are
+        for number in range(400):
+            answer = http.post("/api/v1/views", content=at("uav1", START_NS + 2 * SECOND_NS + number))
+            if answer.status_code != 202:
+                break
+        assert answer.status_code == 507 and "full" in answer.json()["detail"]
+        assert http.get("/healthz").status_code == 503
+        assert http.get("/api/v1/zones").json()["zones"] and before is not None
+        assert service.store_trouble is not None
+        service.store.submit(limit(1 << 30)).result()
+        assert http.post("/api/v1/views", content=at("uav1", START_NS + 3 * SECOND_NS)).status_code == 202
+        settle(service)
+        assert http.get("/healthz").status_code == 200
+
+
+def picture() -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.full((12, 16, 3), 200, np.uint8)).save(file, format="PNG")
+    return file.getvalue()
+
+
+def image_message(stamp_ns: int, image: bytes) -> bytes:
+    told = ViewMessage(
+        drone="uav1",
+        stamp_ns=stamp_ns,
+        camera=CameraMessage.of(CAMERA),
+        world_from_camera=pose("uav1", 0.0).tolist(),
+        image=base64.b64encode(image).decode(),
+    )
+    return told.model_dump_json().encode()
+
+
+def test_pictures_go_to_the_detector_which_holds_up_nobody(tmp_path: Path) -> None:
+    """While the detector thinks, views are accepted and everything can be read."""
+    may_answer = Event()
+
+    def detector(frame):
+        assert frame.image().shape == (12, 16, 3)
+        may_answer.wait(20.0)
+        return np.full((3, 4), 1.0, np.float32)
+
+    with running(tmp_path, detector=detector) as service, asked(service) as http:
+        for number in range(10):
+            body = image_message(START_NS + number * 200_000_000, picture())
+            assert http.post("/api/v1/views", content=body).status_code == 202
+        elsewhere = message(view("uav3", 10))
+        assert http.post("/api/v1/views", content=elsewhere).status_code == 202
+        assert http.get("/api/v1/drones").status_code == 200
+        assert service.mission.newest is None
+        may_answer.set()
+        settle(service)
+        live_of(service).finish()
+        zones = http.get("/api/v1/zones").json()["zones"]
+        # All of the picture is crowd: 18 m up, f = 12, 16 x 12 pixels are 24 x 18 m.
+        assert 20 * 15 <= sum(zone["crowd_m2"] for zone in zones) <= 26 * 20
+        assert http.get("/api/v1/drones/uav1/picture").content == picture()
+        grey = Image.open(io.BytesIO(http.get("/api/v1/drones/uav1/heatmap").content))
+        assert np.array(grey).tolist() == [[255] * 4] * 3
+
+
+def test_a_detector_that_fails_refuses_its_frame_and_nothing_else(tmp_path: Path) -> None:
+    def detector(frame):
+        raise ValueError("no graphics card")
+
+    with running(tmp_path, detector=detector) as service:
+        live = live_of(service)
+        live.give_view(image_message(START_NS, picture()))
+        live.give_view(at("uav2", START_NS + 1))
+        settle(service)
+        live.finish()
+        assert live.refused == {"uav1": 1}
+        assert service.mission.loop.crowd_map.drones == ["uav2"]
+        (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert "no graphics card" in alert.text
+
+
+def test_pictures_without_a_detector_are_refused(tmp_path: Path) -> None:
+    with running(tmp_path) as service, pytest.raises(Refused, match="no detector"):
+        live_of(service).give_view(image_message(START_NS, picture()))
+
+
+def changed(**what: object) -> bytes:
+    return json.dumps(json.loads(at("uav1", START_NS)) | what).encode()
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (b"", "JSON"),
+        (b"{}", "drone"),
+        (changed(drone=""), "drone"),
+        (changed(stamp_ns=-1), "stamp_ns"),
+        (changed(world_from_camera=[[0.0] * 4] * 4), "pose is not rigid"),
+        (changed(world_from_camera=np.diag([1.0, -1.0, 1.0, 1.0]).tolist()), "pose is not rigid"),
+        (changed(heatmap=None), "either a heatmap or an image"),
+        (changed(heatmap={"encoding": "u8", "rows": 2, "columns": 2, "data": "AAAA"}), "4 bytes, not 3"),
+        (changed(heatmap={"encoding": "u8", "rows": 1, "columns": 1, "data": "?"}), "base64"),
+        (changed(heatmap={"encoding": "png", "data": "AAAA"}), "PNG"),
+        (changed(surprise=1), "surprise"),
+    ],
+)
+def test_what_is_no_view_is_refused_with_its_reason(tmp_path: Path, body: bytes, words: str) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        answer = http.post("/api/v1/views", content=body)
+        assert answer.status_code == 422 and words in answer.json()["detail"]
+        assert service.store.rows("SELECT COUNT(*) FROM journal") == [(0,)]
+
+
+def test_heatmaps_keep_every_digit() -> None:
+    values = np.random.default_rng(3).uniform(0, 1, (5, 7)).astype(np.float32)
+    assert np.array_equal(HeatmapMessage.of(values).heatmap(), values)
+    grey = (values * 255).astype(np.uint8)
+    assert np.array_equal(HeatmapMessage.of(grey).heatmap(), grey)
+
+
+def test_observations_of_another_terrain_are_refused(tmp_path: Path) -> None:
+    from crowdfence import Terrain
+
+    other = Terrain.from_height_map(np.zeros((9, 9)), cell_size_m=1.0)
+    crowd_map = CrowdMap(other, CONFIG.method.fusion_method(other, 1))
+    (seen,) = crowd_map.integrate([view("uav1", 0)], START_NS).observations
+    with running(tmp_path) as service, pytest.raises(Refused, match="of terrain"):
+        live_of(service).give_observation(seen.to_bytes())
+
+
+def test_an_instant_that_no_view_completes_is_completed_by_the_clock(tmp_path: Path) -> None:
+    now = Now(START_NS)
+    with running(tmp_path, clock=now.clock()) as service:
+        live_of(service).give_view(at("uav1", START_NS))
+        settle(service)
+        assert service.mission.newest is None
+        now.pass_s(0.7)  # 0.5 s of delay and 0.06 s of tolerance are over
+        for _ in range(200):
+            if service.mission.newest is not None:
+                break
+            Event().wait(0.05)
+        assert service.mission.newest is not None and service.mission.newest.stamp_ns == START_NS
+
+
+def test_the_writer_answers_after_the_commit_and_alone(tmp_path: Path) -> None:
+    """One write that breaks a rule takes nothing with it."""
+    with running(tmp_path) as service:
+        store = service.store
+
+        def insert(name: str):
+            return lambda connection: connection.execute("INSERT INTO about VALUES (?, '')", (name,))
+
+        futures = [store.submit(insert(name)) for name in ("a", "b", "a", "c")]
+        futures[0].result(), futures[1].result(), futures[3].result()
+        assert isinstance(futures[2].exception(), sqlite3.IntegrityError)
+        assert store.rows("SELECT COUNT(*) FROM about WHERE name IN ('a', 'b', 'c')") == [(3,)]

@@ -1,0 +1,156 @@
+"""What operators close, lock and open: conservative, for a while, and told."""
+
+from pathlib import Path
+
+import pytest
+from shapely import Point, Polygon, box
+
+from crowdfence.config import ZoneConfig
+from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
+from crowdfence.service.service import Service
+from crowdfence.zones import Zone, ZoneSet
+from support.small_service import SECOND_NS, START_NS, asked, message, plain, running, settle, view, views
+
+SQUARE = [[[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0]]]]
+
+
+def crowd(name: str, polygon: Polygon) -> Zone:
+    return Zone(name, polygon, 4, 4.0, 0.9, 0.8, 0.0, 1.0, START_NS, START_NS, ("a",), reason="seen")
+
+
+def zone_set(*zones: Zone) -> ZoneSet:
+    return ZoneSet(tuple(zones), 0.5, 0.0, 0, 0.0)
+
+
+def action(what: str, zone: str = "Z1", stamp_ns: int = START_NS, rings=None) -> OperatorAction:
+    return OperatorAction(what, zone, stamp_ns, "ana", "operator", "because", rings)  # type: ignore[arg-type]
+
+
+def operators() -> OperatorZones:
+    return OperatorZones(ZoneConfig(), plain(), dismissed_for_s=60.0)
+
+
+def test_a_locked_zone_keeps_what_it_closed_and_outlives_its_crowd() -> None:
+    mine, large = operators(), crowd("Z1", box(0, 0, 10, 10))
+    mine.do(action("lock"), zone_set(large))
+    smaller, marks = mine.applied_to(zone_set(crowd("Z1", box(0, 0, 2, 2))), START_NS)
+    assert smaller.zones[0].polygon.equals(box(0, 0, 10, 10)) and marks["Z1"]["locked"]
+    moved, _ = mine.applied_to(zone_set(crowd("Z1", box(5, 5, 15, 15))), START_NS)
+    assert moved.zones[0].polygon.covers(box(0, 0, 10, 10)) and moved.zones[0].polygon.covers(
+        box(5, 5, 15, 15)
+    )
+    gone, marks = mine.applied_to(zone_set(), START_NS)
+    assert [zone.id for zone in gone.closed] == ["Z1"] and marks["Z1"]["kind"] == "operator"
+    mine.do(action("unlock"), gone)
+    assert mine.applied_to(zone_set(), START_NS)[0].closed == ()
+
+
+def test_dismissed_crowd_stays_on_the_list_and_comes_back_by_itself() -> None:
+    mine, zones = operators(), zone_set(crowd("Z1", box(0, 0, 9, 9)), crowd("Z2", box(20, 0, 29, 9)))
+    mine.do(action("dismiss"), zones)
+    published, marks = mine.applied_to(zones, START_NS + 59 * SECOND_NS)
+    assert [zone.id for zone in published.closed] == ["Z1", "Z2"]
+    assert marks["Z1"]["dismissed"]["until_ns"] == str(START_NS + 60 * SECOND_NS)
+    assert [zone.id for zone in passable(published, marks).closed] == ["Z2"]
+    published, marks = mine.applied_to(zones, START_NS + 60 * SECOND_NS)
+    assert [zone.id for zone in passable(published, marks).closed] == ["Z1", "Z2"] and not marks
+
+
+def test_a_dismissal_does_not_pass_on_to_other_crowd() -> None:
+    """Z1 ends; what comes later with whatever name is closed."""
+    mine, zones = operators(), zone_set(crowd("Z1", box(0, 0, 9, 9)))
+    mine.do(action("dismiss"), zones)
+    mine.applied_to(zone_set(), START_NS + SECOND_NS)
+    published, marks = mine.applied_to(zones, START_NS + 2 * SECOND_NS)
+    assert [zone.id for zone in passable(published, marks).closed] == ["Z1"]
+
+
+def test_drawn_zones_are_there_until_they_are_taken_back() -> None:
+    mine = operators()
+    name = mine.do(action("add", "", rings=SQUARE), zone_set())
+    published, marks = mine.applied_to(zone_set(), START_NS)
+    (zone,) = published.closed
+    assert (zone.id, zone.polygon.area, marks[name]["kind"]) == (name, 16.0, "operator")
+    mine.do(action("dismiss", name), published)
+    assert mine.applied_to(zone_set(), START_NS)[0].closed == ()
+    assert mine.do(action("add", "", rings=SQUARE), zone_set()) != name
+
+
+@pytest.mark.parametrize(
+    ("what", "zone", "words"),
+    [
+        ("unlock", "Z1", "not locked"),
+        ("lock", "Z7", "no zone Z7"),
+        ("lock", "UNSEEN", "only zones of crowd"),
+        ("dismiss", "UNSEEN", "cannot be dismissed"),
+    ],
+)
+def test_what_cannot_be_done_is_refused(what: str, zone: str, words: str) -> None:
+    unseen = Zone("UNSEEN", box(0, 0, 1, 1), 0, 0, 0, 0, 0, 1, -1, -1, (), kind="unseen")
+    zones = ZoneSet((crowd("Z1", box(0, 0, 9, 9)),), 0.5, 0.0, 0, 0.0, unseen=(unseen,))
+    with pytest.raises(RefusedAction, match=words):
+        operators().do(action(what, zone), zones)
+
+
+def test_a_locked_zone_is_unlocked_before_it_is_dismissed() -> None:
+    mine, zones = operators(), zone_set(crowd("Z1", box(0, 0, 9, 9)))
+    mine.do(action("lock"), zones)
+    with pytest.raises(RefusedAction, match="unlock it first"):
+        mine.do(action("dismiss"), zones)
+
+
+@pytest.mark.parametrize(
+    "ring",
+    [
+        [[0, 0], [1, 1]],
+        [[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]],
+        [[0, 0], [1, 0], [2, 0], [0, 0]],
+        [[0, 0], [1, float("nan")], [1, 1], [0, 0]],
+    ],
+)
+def test_what_is_no_polygon_is_refused(ring) -> None:
+    with pytest.raises(RefusedAction):
+        operators().do(action("add", "", rings=[[ring]]), zone_set())
+
+
+def test_what_they_did_goes_through_bytes() -> None:
+    mine, zones = operators(), zone_set(crowd("Z1", box(0, 0, 9, 9)), crowd("Z2", box(20, 0, 29, 9)))
+    mine.do(action("add", "", rings=SQUARE), zones)
+    mine.do(action("lock"), zones)
+    mine.do(action("dismiss", "Z2"), zones)
+    again = operators()
+    again.restore(mine.to_json())
+    assert again.to_json() == mine.to_json()
+    for later in (zones, zone_set()):
+        (one, marks), (other, other_marks) = (
+            mine.applied_to(later, START_NS),
+            again.applied_to(later, START_NS),
+        )
+        assert marks == other_marks and [zone.id for zone in one.closed] == [zone.id for zone in other.closed]
+
+
+def flown(service: Service, instants: int) -> None:
+    assert service.live is not None
+    for one in views(instants):
+        service.live.give_view(message(one))
+    settle(service)
+
+
+def test_on_the_running_service(tmp_path: Path) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        flown(service, 9)
+        (first,) = [zone for zone in http.get("/api/v1/zones").json()["zones"] if zone["id"] == "Z1"]
+        assert Polygon(first["polygon"][0][0]).covers(Point(20.0, 22.0))  # the first crowd
+        told = http.post("/api/v1/zones/Z1/dismiss", json={"reason": "medical flight"}).json()
+        assert told["dismissed"]["until_ns"] and "medical flight" in told["why"]
+        assert '"Z1"' not in http.get("/api/v1/export").text
+        ids = [zone["id"] for zone in http.get("/api/v1/zones").json()["zones"]]
+        assert "Z1" in ids
+        # A minute of stamps later it is closed again, though nobody did anything.
+        assert service.live is not None
+        late = view("uav1", 9 + 5 * 61)
+        service.live.give_view(message(late))
+        service.live.give_view(message(view("uav1", 9 + 5 * 63)))
+        settle(service)
+        zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
+        assert zones["Z1"]["dismissed"] is None and '"Z1"' in http.get("/api/v1/export").text

@@ -1,0 +1,208 @@
+"""After a crash: the state is that of a service that never stopped."""
+
+import json
+import random
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from crowdfence import FrameLoop
+from crowdfence.service.opening import live
+from crowdfence.service.service import Service
+from crowdfence.service.store import FILE, StoreError
+from crowdfence.zones.history import history_line
+from support.small_service import (
+    CONFIG,
+    SETTINGS,
+    START_NS,
+    asked,
+    message,
+    plain,
+    running,
+    settle,
+    view,
+    views,
+)
+
+
+def state(service: Service) -> tuple[bytes, bytes]:
+    """What all later steps depend on."""
+    assert service.live is not None
+    return service.live.to_bytes(), service.mission.loop.crowd_map.to_bytes()
+
+
+def give(service: Service, flown: list) -> None:
+    assert service.live is not None
+    for one in flown:
+        service.live.give_view(message(one))
+    settle(service)
+
+
+def crash(folder: Path, into: Path) -> None:
+    """What a power failure would leave: the files as they are on disk while the service still runs."""
+    into.mkdir()
+    for name in (FILE, f"{FILE}-wal"):
+        if (folder / name).exists():
+            (into / name).write_bytes((folder / name).read_bytes())
+
+
+def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp_path: Path) -> None:
+    flown = views(12)
+    with running(tmp_path / "one") as service:
+        give(service, flown[:20])
+        crash(tmp_path / "one", tmp_path / "crashed")
+        give(service, flown[20:])
+        whole = state(service)
+        newest = service.mission.newest
+    with running(tmp_path / "crashed") as service:
+        give(service, flown[20:])
+        assert state(service) == whole
+        again = service.mission.newest
+    assert newest is not None and again is not None and newest.number == again.number
+    assert history_line(0, newest.zones, {}) == history_line(0, again.zones, {})
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**32 - 1))
+def test_a_loop_goes_on_from_its_bytes_as_if_nothing_had_happened(seed: int) -> None:
+    """Zones are created, split, merged and held in this flight; cut anywhere, the rest is the same."""
+    cut = random.Random(seed).randrange(1, 20)
+    flown = [[view(drone, number) for drone in ("uav1", "uav2", "uav3")] for number in range(20)]
+    one = FrameLoop(CONFIG.crowd_map(plain(), 3), CONFIG.zones)
+    for number in range(cut):
+        one.step(flown[number], flown[number][-1].stamp_ns)
+    other = FrameLoop(
+        type(one.crowd_map).from_bytes(one.crowd_map.to_bytes(), one.crowd_map.terrain), CONFIG.zones
+    )
+    other.restore(one.to_bytes())
+    for number in range(cut, 20):
+        stamp_ns = flown[number][-1].stamp_ns
+        first, second = one.step(flown[number], stamp_ns), other.step(flown[number], stamp_ns)
+        assert history_line(0, first.zones, {}) == history_line(0, second.zones, {})
+        assert np.array_equal(first.crowd_ids, second.crowd_ids)
+    assert one.crowd_map.to_bytes() == other.crowd_map.to_bytes()
+    assert one.crowd_mass == other.crowd_mass
+
+
+def test_operators_and_alerts_survive(tmp_path: Path) -> None:
+    with running(tmp_path / "one") as service:
+        give(service, views(12))
+        with asked(service) as http:
+            drawn = {"polygon": [[1, 1], [4, 1], [4, 4]], "reason": "ambulance"}
+            added = http.post("/api/v1/zones", json=drawn).json()
+            assert http.post("/api/v1/zones/Z1/lock", json={"reason": "stage"}).status_code == 200
+        service.alerts.raise_("disk", "alarm", "nearly full", START_NS)
+        service.store.flush()
+        crash(tmp_path / "one", tmp_path / "crashed")
+    with running(tmp_path / "crashed") as service, asked(service) as http:
+        zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
+        assert zones[added["id"]]["why"] == "local closed it: ambulance"
+        assert zones["Z1"]["locked"]
+        audit = http.get("/api/v1/audit").json()["entries"]
+        assert [(entry["action"], entry["reason"]) for entry in audit] == [
+            ("lock", "stage"),
+            ("add", "ambulance"),
+        ]
+        assert any(alert["text"] == "nearly full" for alert in http.get("/api/v1/alerts").json()["alerts"])
+
+
+def damage(folder: Path, statement: str) -> None:
+    with sqlite3.connect(folder / FILE) as connection:
+        connection.execute(statement)
+
+
+def test_a_damaged_tail_is_put_aside_and_told(tmp_path: Path) -> None:
+    flown = views(4)
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, flown)
+        crash(tmp_path / "data", tmp_path / "crashed")
+    damage(tmp_path / "crashed", "UPDATE journal SET body = x'00' WHERE seq = 9")
+    with running(tmp_path / "sound", settings=_no_snapshots()) as service:
+        give(service, flown[:8])
+        expected = state(service)
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
+        assert state(service) == expected
+        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "disk"]
+        assert alert.level == "alarm" and alert.text.startswith("4 records")
+        assert service.store.rows("SELECT COUNT(*) FROM damaged") == [(4,)]
+        give(service, flown[8:])  # they were lost, so they are no duplicates
+        assert service.live is not None and sum(service.live.accepted.values()) == 4
+
+
+def test_a_damaged_snapshot_falls_back_on_the_one_before(tmp_path: Path) -> None:
+    flown = views(9)
+    with running(tmp_path / "data") as service:
+        give(service, flown)
+        service.store.flush()
+        assert service.store.rows("SELECT COUNT(*) FROM snapshots") == [(2,)]
+        crash(tmp_path / "data", tmp_path / "crashed")
+        expected = state(service)
+    damage(
+        tmp_path / "crashed",
+        "UPDATE snapshots SET body = zeroblob(50) WHERE seq = (SELECT MAX(seq) FROM snapshots)",
+    )
+    with running(tmp_path / "crashed") as service:
+        assert state(service) == expected
+
+
+def test_bytes_at_the_end_of_the_log_that_no_commit_finished_change_nothing(tmp_path: Path) -> None:
+    flown = views(4)
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, flown)
+        expected = state(service)
+        crash(tmp_path / "data", tmp_path / "crashed")
+    log = tmp_path / "crashed" / f"{FILE}-wal"
+    log.write_bytes(log.read_bytes() + random.Random(1).randbytes(5000))
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
+        assert state(service) == expected
+
+
+def test_a_file_that_is_no_store_is_refused(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_bytes(b"crowd" * 1000)
+    with pytest.raises(StoreError, match="file is not a database"), running(tmp_path):
+        pass
+
+
+def test_a_folder_of_another_mission_is_refused(tmp_path: Path) -> None:
+    with running(tmp_path):
+        pass
+    other = type(CONFIG)(zones=CONFIG.zones)
+    with pytest.raises(StoreError, match="another configuration"), live(tmp_path, plain(), other, name="x"):
+        pass
+
+
+def test_two_services_do_not_share_a_folder(tmp_path: Path) -> None:
+    with running(tmp_path), pytest.raises(StoreError, match="in use"), running(tmp_path):
+        pass
+
+
+def test_what_the_state_no_longer_needs_is_removed(tmp_path: Path) -> None:
+    """Journal and snapshots stay as small as the time in which a view may come twice."""
+    quick = type(SETTINGS)(**{**_fields(SETTINGS), "max_age_s": 1.0})
+    with running(tmp_path, settings=quick) as service:
+        give(service, views(60))
+        service.store.flush()
+        ((count, oldest),) = service.store.rows("SELECT COUNT(*), MIN(stamp_ns) FROM journal")
+        assert oldest > START_NS + 8 * 10**9  # of 12 s, 2 s are kept, and what the older snapshot needs
+        assert count < 60
+        assert service.store.rows("SELECT COUNT(*) FROM snapshots") == [(2,)]
+
+
+def _fields(one: object) -> dict:
+    return {name: getattr(one, name) for name in one.__slots__}
+
+
+def _no_snapshots() -> object:
+    return type(SETTINGS)(**{**_fields(SETTINGS), "snapshot_every": 10_000})
+
+
+def test_the_journal_reads_as_it_was_given(tmp_path: Path) -> None:
+    one = views(1)[0]
+    with running(tmp_path, settings=_no_snapshots()) as service:
+        give(service, [one])
+        ((body,),) = service.store.rows("SELECT body FROM journal")
+    assert json.loads(body)["stamp_ns"] == one.stamp_ns

@@ -1,0 +1,125 @@
+"""What listeners hear, and that nobody waits for those who do not listen."""
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+
+import pytest
+import uvicorn
+from websockets.sync.client import connect
+
+from crowdfence import Client
+from crowdfence.service import stream
+from crowdfence.service.app import make_app
+from crowdfence.service.service import Service
+from support.small_service import asked, message, running, settle, views
+
+
+@contextmanager
+def on_the_network(service: Service) -> Iterator[str]:
+    """Its address."""
+    config = uvicorn.Config(make_app(service), port=0, log_config=None, ws_ping_interval=None)
+    server, listening = uvicorn.Server(config), config.bind_socket()
+    thread = Thread(target=server.run, args=([listening],), daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        yield f"127.0.0.1:{listening.getsockname()[1]}"
+    finally:
+        server.should_exit = server.force_exit = True
+        thread.join()
+        listening.close()
+
+
+def test_a_listener_hears_who_it_is_then_steps_alerts_and_modes(tmp_path: Path) -> None:
+    with (
+        running(tmp_path) as service,
+        asked(service) as http,
+        http.websocket_connect("/api/v1/stream") as one,
+    ):
+        hello = one.receive_json()
+        assert (hello["type"], hello["scene"]["name"], hello["scene"]["mode"]) == ("hello", "plain", "live")
+        for view in views(9):
+            assert http.post("/api/v1/views", content=message(view)).status_code == 202
+        settle(service)
+        service.set_mode("finished")
+        newest, kinds = None, set()
+        while "mode" not in kinds:
+            told = one.receive_json()
+            kinds.add(told["type"])
+            newest = told if told["type"] == "step" else newest
+        while newest is None or newest["belief_version"] < service.mission.newest.number:
+            newest = one.receive_json()
+        assert kinds >= {"alert", "mode"}
+        assert newest["zones"] == http.get("/api/v1/zones").json()
+        drones = http.get("/api/v1/drones").json()["drones"]
+        assert [one["position"] for one in newest["drones"]["drones"]] == [one["position"] for one in drones]
+        assert newest["seen_m2"] > newest["closed_m2"] > 0.0
+
+
+def test_who_comes_later_gets_the_newest_step_at_once(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        assert service.live is not None
+        for view in views(6):
+            service.live.give_view(message(view))
+        settle(service)
+        with asked(service) as http, http.websocket_connect("/api/v1/stream") as one:
+            assert one.receive_json()["type"] == "hello"
+            assert one.receive_json()["belief_version"] == service.mission.newest.number
+
+
+def test_a_listener_that_never_reads_holds_up_nobody_and_is_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream, "SEND_WITHIN_S", 0.3)
+    monkeypatch.setattr(stream, "STEPS_PER_S", 1000.0)
+    with running(tmp_path) as service, on_the_network(service) as address:
+        host, _, port = address.partition(":")
+        deaf = socket.create_connection((host, int(port)))
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.sendall(
+            b"GET /api/v1/stream HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        with connect(f"ws://{address}/api/v1/stream") as other:
+            assert json.loads(other.recv(timeout=10))["type"] == "hello"
+            for number in range(40):
+                service.hub.tell({"type": "alert", "alert": {"number": number, "text": "x" * 500_000}})
+                heard = json.loads(other.recv(timeout=10))
+                assert heard["alert"]["number"] == number
+            for _ in range(500):
+                if service.hub.cut_off:
+                    break
+                time.sleep(0.02)
+            assert (service.hub.cut_off, service.hub.listeners) == (1, 1)
+        deaf.close()
+
+
+def test_the_python_client_against_a_server(tmp_path: Path) -> None:
+    with (
+        running(tmp_path) as service,
+        on_the_network(service) as address,
+        Client(f"http://{address}") as client,
+    ):
+        flown = views(9)
+        places = [client.give(view) for view in flown]
+        assert places == sorted(set(places)) and client.give(flown[0]) == places[0]
+        settle(service)
+        ids = {zone["id"] for zone in client.zones()["zones"]}
+        assert "Z1" in ids and {drone["status"] for drone in client.drones()} <= {"ok"}
+        name = client.add_zone([(1, 1), (4, 1), (4, 4)], "ambulance")["id"]
+        assert client.lock_zone("Z1", "stage")["locked"] and not client.unlock_zone("Z1", "over")["locked"]
+        assert client.dismiss_zone("Z1", "rescue")["dismissed"] is not None
+        features = json.loads(client.export("geojson"))["features"]
+        assert {feature["properties"]["id"] for feature in features} == (ids | {name}) - {"Z1"}
+        assert len(client.belief()) > 100 and client.terrain().shape == (60, 60)
+        messages = client.stream()
+        assert next(messages)["type"] == "hello"
+        messages.close()
+        alert = client.alerts()[0]
+        assert client.acknowledge(alert["id"])["acknowledged_by"] == "local"

@@ -1,0 +1,165 @@
+"""Data that stops opens nothing, and somebody is told."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from crowdfence.service.clock import Clock
+from crowdfence.service.service import Service
+from crowdfence.service.watch import Watch
+from support.small_service import SECOND_NS, SETTINGS, START_NS, asked, message, running, settle, view, views
+
+
+class Now:
+    def __init__(self) -> None:
+        self.ns = START_NS
+        self.jump_ns = 0
+
+    def clock(self) -> Clock:
+        return Clock("system", system=lambda: self.ns + self.jump_ns, steady=lambda: self.ns)
+
+
+def active(service: Service, kind: str) -> set[tuple[str | None, str | None]]:
+    return {
+        (alert.drone, alert.zone)
+        for alert in service.alerts.all()
+        if alert.kind == kind and alert.cleared_ns is None
+    }
+
+
+def test_silence_is_an_alarm_and_opens_nothing(tmp_path: Path) -> None:
+    now = Now()
+    with running(tmp_path, clock=now.clock(), drones=("uav1", "uav2", "uav3")) as service:
+        watch = Watch(service)
+        assert service.live is not None
+        for one in views(10):
+            now.ns = one.stamp_ns
+            service.live.give_view(message(one))
+        settle(service)
+        watch.look()
+        assert active(service, "drone_silent") == set()
+        closed = {zone.id: zone.polygon.area for zone in service.mission.newest.zones.closed}
+        assert closed
+        now.ns += 5 * SECOND_NS
+        service.live.give_view(message(view("uav2", 36)))
+        now.ns += SECOND_NS
+        watch.look()
+        assert active(service, "drone_silent") == {("uav1", None), ("uav3", None)}
+        # An hour later, with many looks of the clock: all that was closed is closed.
+        for _ in range(5):
+            now.ns += 720 * SECOND_NS
+            watch.look()
+            watch.tidy()
+        settle(service)
+        after = {zone.id: zone.polygon.area for zone in service.mission.newest.zones.closed}
+        assert after.keys() >= closed.keys()
+        assert all(after[name] >= closed[name] - 1e-6 for name in closed)
+        assert active(service, "drone_silent") == {("uav1", None), ("uav2", None), ("uav3", None)}
+        with asked(service) as http:
+            told = http.get("/api/v1/drones").json()["drones"]
+            assert {drone["status"] for drone in told} == {"stale"}
+
+
+def test_a_drone_that_was_silent_before_a_restart_is_missed_after_it(tmp_path: Path) -> None:
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service:
+        assert service.live is not None
+        for one in views(6):
+            now.ns = one.stamp_ns
+            service.live.give_view(message(one))
+        settle(service)
+    now.ns += 30 * SECOND_NS
+    with running(tmp_path, clock=now.clock()) as service:
+        Watch(service).look()
+        assert active(service, "drone_silent") == {("uav1", None), ("uav2", None), ("uav3", None)}
+
+
+def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path) -> None:
+    near = replace(SETTINGS, near_m=6.0)
+    with running(tmp_path, settings=near) as service, asked(service) as http:
+        watch = Watch(service)
+        assert service.live is not None
+        service.live.give_view(message(view("uav1", 0)))  # at (14, 20)
+        service.live.give_view(message(view("uav1", 10)))
+        settle(service)
+        at = view("uav1", 0).world_from_camera[:2, 3]
+        corners = [[x, y] for x, y in ((at[0] + 4, 0.0), (40.0, 0.0), (40.0, 40.0), (at[0] + 4, 40.0))]
+        zone = http.post("/api/v1/zones", json={"polygon": corners, "reason": "stage"}).json()["id"]
+        where = service.fleet.last("uav1").world_from_camera[:2, 3]
+        assert 0.0 <= corners[0][0] - where[0] <= 6.0
+        watch.look()
+        assert active(service, "drone_near_zone") == {("uav1", zone)} and not active(service, "drone_in_zone")
+        around = [[x, y] for x, y in ((0.0, 0.0), (30.0, 0.0), (30.0, 40.0), (0.0, 40.0))]
+        inside = http.post("/api/v1/zones", json={"polygon": around, "reason": "stage"}).json()["id"]
+        watch.look()
+        assert active(service, "drone_in_zone") == {("uav1", inside)}
+        assert not active(service, "drone_near_zone")
+        http.post(f"/api/v1/zones/{inside}/dismiss", json={"reason": "wrong"})
+        watch.look()
+        assert not active(service, "drone_in_zone")
+
+
+def test_alerts_are_acknowledged_by_name_and_published(tmp_path: Path) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        told = []
+        service.alerts.on_change = lambda alert: told.append(
+            (alert.id, alert.acknowledged_by, alert.cleared_ns)
+        )
+        raised = service.alerts.raise_("drone_silent", "alarm", "no view", START_NS, drone="uav1")
+        assert service.alerts.raise_("drone_silent", "alarm", "no view", START_NS, drone="uav1") == raised
+        answer = http.post(f"/api/v1/alerts/{raised.id}/acknowledge").json()
+        assert answer["acknowledged_by"] == "local"
+        service.alerts.clear("drone_silent", START_NS + 1, drone="uav1")
+        assert told == [
+            (raised.id, None, None),
+            (raised.id, "local", None),
+            (raised.id, "local", START_NS + 1),
+        ]
+        assert http.post("/api/v1/alerts/A77/acknowledge").status_code == 404
+
+
+def test_a_clock_that_was_set_is_an_alarm(tmp_path: Path) -> None:
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service:
+        watch = Watch(service)
+        watch.look()
+        assert not active(service, "clock")
+        now.jump_ns = 3 * SECOND_NS
+        watch.look()
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert "+3.0 s" in alert.text
+
+
+def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
+    small = replace(SETTINGS, keep_media_mb=0.02, keep_s=2.0)
+    with running(tmp_path, settings=small) as service:
+        assert service.live is not None
+        for one in views(40):
+            service.live.give_view(message(one))
+        settle(service)
+        for number in range(50):
+            service.media.keep("picture", "uav1", START_NS + 7 * SECOND_NS + number, bytes(1000))
+        Watch(service).tidy()
+        service.store.flush()
+        ((size,),) = service.store.rows("SELECT SUM(LENGTH(body)) FROM media")
+        assert 0 < size <= 20_000
+        newest = service.mission.newest
+        assert newest is not None
+        ((oldest,),) = service.store.rows("SELECT MIN(stamp_ns) FROM moments WHERE NOT whole")
+        assert oldest is None or oldest > START_NS
+        # What is left can still be read.
+        assert service.mission.timeline.at(newest.stamp_ns).number == newest.number
+
+
+@pytest.mark.parametrize("kind", ["moments", "journal"])
+def test_counts_for_prometheus(tmp_path: Path, kind: str) -> None:
+    with running(tmp_path) as service, asked(service) as http:
+        for one in views(6):
+            http.post("/api/v1/views", content=message(one))
+        http.post("/api/v1/views", content=message(views(1)[0]))  # again
+        settle(service)
+        text = http.get("/metrics").text
+        assert 'crowdfence_views_accepted_total{drone="uav1"} 6.0' in text
+        assert "crowdfence_acknowledge_seconds_count 18.0" in text
+        assert 'crowdfence_publish_seconds_bucket{le="+Inf"}' in text
