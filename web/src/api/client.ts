@@ -1,0 +1,82 @@
+// One function per question that the page asks the service.
+
+import type { Alert, AuditEntry, Corner, Drone, Scene, Timeline, Zone, ZoneHistory, Zones } from "./contract";
+
+const ROOT = "/api/v1";
+
+/** The service said no; `text` is what it said. */
+export class Refused extends Error {
+  constructor(
+    readonly status: number,
+    readonly text: string,
+  ) {
+    super(text);
+  }
+}
+
+async function answered(response: Response): Promise<Response> {
+  if (response.ok) return response;
+  throw new Refused(response.status, await refusal(response));
+}
+
+async function refusal(response: Response): Promise<string> {
+  const said = await response.json().catch(() => null);
+  const detail = said?.detail ?? said?.error ?? said?.message;
+  if (typeof detail === "string") return detail;
+  if (Array.isArray(detail) && typeof detail[0]?.msg === "string") return detail[0].msg;
+  return `${response.status} ${response.statusText}`.trim();
+}
+
+function address(path: string, query: Record<string, string | null | undefined> = {}): string {
+  const given = Object.entries(query).filter((pair): pair is [string, string] => pair[1] != null);
+  return `${ROOT}${path}${given.length ? `?${new URLSearchParams(given)}` : ""}`;
+}
+
+async function get<T>(url: string): Promise<T> {
+  return (await answered(await fetch(url))).json();
+}
+
+async function post<T>(url: string, body: unknown): Promise<T> {
+  const sent = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  const answer = await answered(await fetch(url, sent));
+  return answer.status === 204 ? (undefined as T) : answer.json();
+}
+
+async function bytes(url: string): Promise<ArrayBuffer> {
+  return (await answered(await fetch(url))).arrayBuffer();
+}
+
+export type At = string | null;
+
+export const scene = () => get<Scene>(address("/scene"));
+export const terrain = () => bytes(address("/terrain"));
+export const belief = (at: At) => bytes(address("/belief", { at }));
+export const zones = (at: At) => get<Zones>(address("/zones", { at }));
+export const zoneHistory = (id: string, at: At) =>
+  get<ZoneHistory>(address(`/zones/${encodeURIComponent(id)}/history`, { at }));
+export const drones = async (at: At) => (await get<{ drones: Drone[] }>(address("/drones", { at }))).drones;
+export const timeline = () => get<Timeline>(address("/timeline"));
+export const alerts = async () => (await get<{ alerts: Alert[] }>(address("/alerts"))).alerts;
+export const audit = async () => (await get<{ entries: AuditEntry[] }>(address("/audit"))).entries;
+
+export const acknowledge = (id: string) =>
+  post<unknown>(address(`/alerts/${encodeURIComponent(id)}/acknowledge`), {});
+export const addZone = (polygon: Corner[], reason: string, restriction: string) =>
+  post<Zone>(address("/zones"), { polygon, reason, restriction });
+export type ZoneAction = "lock" | "unlock" | "dismiss";
+export const actOnZone = (id: string, action: ZoneAction, reason: string) =>
+  post<unknown>(address(`/zones/${encodeURIComponent(id)}/${action}`), { reason });
+
+export const pictureAddress = (drone: string, at: At) =>
+  address(`/drones/${encodeURIComponent(drone)}/picture`, { at });
+export const heatmapAddress = (drone: string, at: At) =>
+  address(`/drones/${encodeURIComponent(drone)}/heatmap`, { at });
+export const terrainColourAddress = () => address("/terrain/colour");
+export const exportAddress = (format: string, at: At, more: Record<string, string> = {}) =>
+  address("/export", { format, at, ...more });
+
+/** A picture or null; pictures are optional and their absence is shown, not thrown. */
+export async function image(url: string): Promise<ImageBitmap | null> {
+  const answer = await fetch(url).catch(() => null);
+  return answer?.ok ? createImageBitmap(await answer.blob()).catch(() => null) : null;
+}

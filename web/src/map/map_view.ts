@@ -1,0 +1,517 @@
+// The map: deck.gl draws what the store holds.
+
+import { COORDINATE_SYSTEM, Deck, type Layer } from "@deck.gl/core";
+import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
+import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
+import { image, terrainColourAddress } from "../api/client";
+import type { Drone, Outline, Place, Zone } from "../api/contract";
+import type { State, Store } from "../state/store";
+import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Size, type Viewport } from "./camera";
+import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
+import { curtainMesh } from "./curtain";
+import { drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
+import { boundsOf, contains, cornersOf, draped, type Bounds } from "./geometry";
+import { listen } from "./gestures";
+import type { Heights } from "./heights";
+import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
+
+const ABOVE_GROUND_M = 0.7;
+const WALL_M = 26;
+/** Software rendering uploads a drape in some 50 ms. */
+const DRAPE_EVERY_MS = 250;
+const FLY_MS = 450;
+
+interface Ground {
+  whole: Heights;
+  shown: Heights;
+  mesh: Mesh;
+  skirt: Mesh;
+  frame: DrapeFrame;
+  bounds: Bounds;
+}
+
+export interface Pointed {
+  x: number;
+  y: number;
+  place: [number, number, number];
+}
+
+export class MapView {
+  private deck: Deck<typeof VIEW>;
+  private size: Size;
+  private ground: Ground | null = null;
+  private base: { palette: Palette; seen: Uint8ClampedArray<ArrayBuffer>; unseen: Uint8ClampedArray<ArrayBuffer> } | null = null;
+  private colour: ImageBitmap | null = null;
+  private texture: ImageBitmap | null = null;
+  private drapeTimer: number | undefined;
+  private drapedAt = -Infinity;
+  private seen: State;
+  private flight: number | undefined;
+  private ended: (() => void)[] = [];
+  private wallTextures = new Map<string, ImageData>();
+  private walls = new Map<string, { zones: readonly Zone[]; mesh: Mesh | null }>();
+  /** Called after every change of what is where on the screen. */
+  onFrame: (viewport: Viewport) => void = () => {};
+  onPoint: (pointed: Pointed | null) => void = () => {};
+  /** Called with the ground that was clicked, before anything is selected there. */
+  onDraw: (place: [number, number]) => void = () => {};
+  onDrawEnd: () => void = () => {};
+
+  constructor(
+    private readonly parent: HTMLDivElement,
+    private readonly store: Store,
+    private readonly onSelect: (selection: State["selection"]) => void,
+  ) {
+    this.seen = store.state;
+    this.size = { width: parent.clientWidth || 1, height: parent.clientHeight || 1 };
+    this.deck = new Deck({
+      parent,
+      views: VIEW,
+      controller: false,
+      viewState: this.camera,
+      layers: [],
+      useDevicePixels: Math.min(window.devicePixelRatio || 1, 2),
+      style: { position: "absolute", inset: "0" },
+      onResize: (size) => {
+        this.size = size;
+        this.redraw();
+      },
+      onAfterRender: () => this.onFrame(this.viewport),
+    });
+    this.ended.push(store.subscribe((state) => this.update(state)));
+    this.ended.push(
+      listen(parent, {
+        camera: () => this.camera,
+        size: () => this.size,
+        heights: () => this.ground?.shown ?? null,
+        onCamera: (camera) => this.moved(camera),
+        onClick: (x, y) => this.clicked(x, y),
+        onDoubleClick: (x, y) => this.doubleClicked(x, y),
+        onHover: (x, y) => this.hovered(x, y),
+        onLeave: () => this.onPoint(null),
+      }),
+    );
+    this.update(store.state);
+  }
+
+  end(): void {
+    for (const end of this.ended) end();
+    this.deck.finalize();
+  }
+
+  get viewport(): Viewport {
+    return viewportOf(this.camera, this.size);
+  }
+
+  private get camera(): Camera {
+    return this.store.state.camera ?? { target: [0, 0, 0], zoom: 1, rotationX: 45, rotationOrbit: 0 };
+  }
+
+  private get palette(): Palette {
+    return PALETTES[this.store.state.theme];
+  }
+
+  // -------------------------------------------------------------- where one looks from
+
+  private moved(camera: Camera): void {
+    window.cancelAnimationFrame(this.flight ?? 0);
+    this.store.set({ camera: bounded(camera), following_drone: null });
+  }
+
+  zoomBy(by: number): void {
+    this.fly({ ...this.camera, zoom: this.camera.zoom + by });
+  }
+
+  northUp(): void {
+    this.fly({ ...this.camera, rotationOrbit: 0 });
+  }
+
+  tiltTo(rotationX: number): void {
+    this.fly({ ...this.camera, rotationX });
+  }
+
+  showAll(): void {
+    if (this.ground) this.fly(overview(this.interesting(), this.size, this.ground.shown));
+  }
+
+  /** Shows ground near the middle, as large as it fits well. */
+  flyTo(bounds: Bounds): void {
+    if (!this.ground) return;
+    const [west, south, east, north] = bounds;
+    const margin = Math.max(east - west, north - south, 30) * 0.9;
+    const wide: Bounds = [west - margin, south - margin, east + margin, north + margin];
+    const { rotationOrbit, rotationX } = this.camera;
+    this.fly(overview(wide, this.size, this.ground.shown, rotationOrbit, Math.max(rotationX, 30)));
+  }
+
+  private fly(to: Camera): void {
+    window.cancelAnimationFrame(this.flight ?? 0);
+    const from = this.camera;
+    const goal = bounded(to);
+    const turn = ((goal.rotationOrbit - from.rotationOrbit + 540) % 360) - 180;
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const started = performance.now();
+    const frame = () => {
+      const share = still ? 1 : Math.min((performance.now() - started) / FLY_MS, 1);
+      const eased = share * share * (3 - 2 * share);
+      const between = (a: number, b: number) => a + (b - a) * eased;
+      this.store.set({
+        camera: bounded({
+          target: [0, 1, 2].map((k) => between(from.target[k], goal.target[k])) as Camera["target"],
+          zoom: between(from.zoom, goal.zoom),
+          rotationX: between(from.rotationX, goal.rotationX),
+          rotationOrbit: from.rotationOrbit + turn * eased,
+        }),
+      });
+      if (share < 1) this.flight = window.requestAnimationFrame(frame);
+    };
+    frame();
+  }
+
+  /** Ground with something on it; the whole map where there is nothing yet. */
+  private interesting(): Bounds {
+    const { moment, scene } = this.store.state;
+    const points: (readonly number[])[] = [];
+    for (const zone of moment?.zones.zones ?? []) points.push(...cornersOf(zone.polygon));
+    for (const drone of moment?.drones ?? []) if (drone.position) points.push(drone.position);
+    const around = boundsOf(points);
+    const whole = scene?.bounds ?? [-100, -100, 100, 100];
+    if (!around) return whole;
+    const margin = 0.12 * Math.max(around[2] - around[0], around[3] - around[1], 60);
+    return [around[0] - margin, around[1] - margin, around[2] + margin, around[3] + margin];
+  }
+
+  // -------------------------------------------------------------- pointer
+
+  private pointed(x: number, y: number): [number, number, number] | null {
+    if (!this.ground) return null;
+    return groundUnder(this.viewport, x, y, this.ground.shown, this.camera.target[2]);
+  }
+
+  private hovered(x: number, y: number): void {
+    const place = this.pointed(x, y);
+    this.onPoint(place && { x, y, place });
+  }
+
+  private clicked(x: number, y: number): void {
+    const place = this.pointed(x, y);
+    if (!place) return;
+    if (this.store.state.drawing) return this.onDraw([place[0], place[1]]);
+    const drone = this.droneNear(x, y);
+    if (drone) return this.onSelect({ kind: "drone", id: drone });
+    const zone = this.zoneAt(place[0], place[1]);
+    this.onSelect(zone ? { kind: "zone", id: zone.id } : { kind: "ground", east: place[0], north: place[1] });
+  }
+
+  private doubleClicked(x: number, y: number): void {
+    if (this.store.state.drawing) return this.onDrawEnd();
+    const place = this.pointed(x, y);
+    if (place) this.fly({ ...this.camera, target: place, zoom: this.camera.zoom + 1 });
+  }
+
+  private droneNear(x: number, y: number): string | null {
+    const viewport = this.viewport;
+    for (const { drone, position } of this.store.state.moment?.drones ?? []) {
+      if (!position) continue;
+      const [u, v] = viewport.project(position);
+      if (Math.hypot(u - x, v - y) < 16) return drone;
+    }
+    return null;
+  }
+
+  /** The smallest zone there, so that one inside another can be reached. */
+  private zoneAt(east: number, north: number): Zone | null {
+    const there = (this.store.state.moment?.zones.zones ?? []).filter((zone) => contains(zone.polygon, east, north));
+    return there.sort((a, b) => a.closed_m2 - b.closed_m2)[0] ?? null;
+  }
+
+  // -------------------------------------------------------------- what is drawn
+
+  private update(state: State): void {
+    const before = this.seen;
+    this.seen = state;
+    if (state.heights && state.heights !== this.ground?.whole) this.setGround(state.heights);
+    if (!state.camera && this.ground && state.moment) {
+      this.store.set({ camera: overview(this.interesting(), this.size, this.ground.shown) });
+      return;
+    }
+    this.follow(state, before);
+    const changed = (...names: (keyof State)[]) => names.some((name) => before[name] !== state[name]);
+    if (state.theme !== before.theme) this.base = null;
+    if (changed("belief", "moment", "layers", "strength", "theme", "selection") || !this.texture) this.drapeSoon();
+    if (changed("camera", "moment", "layers", "selection", "theme", "drawing")) this.redraw();
+  }
+
+  private follow(state: State, before: State): void {
+    if (!state.following_drone || state.moment === before.moment || !state.camera) return;
+    const drone = state.moment?.drones.find((one) => one.drone === state.following_drone);
+    if (!drone?.position || !this.ground) return;
+    const [east, north] = drone.position;
+    const up = this.ground.shown.at(east, north);
+    const target: Camera["target"] = [east, north, up === up ? up : state.camera.target[2]];
+    this.store.set({ camera: { ...state.camera, target } });
+  }
+
+  private setGround(whole: Heights): void {
+    const { rows, columns } = whole.frame;
+    const shown = whole.thinned(Math.ceil(Math.max(rows, columns) / MOST_VERTICES));
+    const [lowest, highest] = whole.range_m;
+    this.ground = {
+      whole,
+      shown,
+      mesh: terrainMesh(shown, whole),
+      skirt: skirtMesh(shown, lowest - Math.max(0.15 * (highest - lowest), 8)),
+      frame: drapeFrame(whole),
+      bounds: [whole.frame.west, whole.frame.north - rows * whole.frame.cell_size_m, whole.frame.west + columns * whole.frame.cell_size_m, whole.frame.north],
+    };
+    this.base = null;
+    this.walls.clear();
+    this.drapeSoon();
+    if (whole.frame.colour) void this.takeColour();
+  }
+
+  private async takeColour(): Promise<void> {
+    this.colour = await image(terrainColourAddress());
+    this.base = null;
+    this.drapeSoon();
+  }
+
+  private drapeSoon(): void {
+    if (this.drapeTimer !== undefined) return;
+    const wait = Math.max(this.drapedAt + DRAPE_EVERY_MS - performance.now(), 0);
+    this.drapeTimer = window.setTimeout(() => {
+      this.drapeTimer = undefined;
+      this.drapedAt = performance.now();
+      this.drape();
+    }, wait);
+  }
+
+  private drape(): void {
+    const { ground, palette } = this;
+    if (!ground) return;
+    const state = this.store.state;
+    const { width, height } = ground.frame;
+    if (!this.base) {
+      const [seen, unseen] = groundPixels(ground.whole, ground.frame, palette, this.colourPixels(ground.frame));
+      this.base = { palette, seen, unseen };
+    }
+    const shown = state.layers.belief && state.belief;
+    const pixels = new Uint8ClampedArray(this.base.unseen);
+    if (shown) {
+      const { zone_rules, threshold } = state.scene!;
+      paintBelief(pixels, this.base.seen, ground.frame, shown, {
+        palette,
+        threshold: state.moment?.zones.threshold ?? threshold,
+        stale_after_s: Number(zone_rules.stale_after_s) || 30,
+        older_s: 0,
+        strength: state.strength,
+        byAge: state.layers.age,
+      });
+    }
+    const canvas = new OffscreenCanvas(width, height);
+    const context = canvas.getContext("2d")!;
+    context.putImageData(new ImageData(pixels, width, height), 0, 0);
+    paintAreas(context, ground.frame, this.areas(state));
+    this.texture = canvas.transferToImageBitmap();
+    this.redraw();
+    this.store.set({ drapes: state.drapes + 1 });
+  }
+
+  private colourPixels(frame: DrapeFrame): Uint8ClampedArray<ArrayBuffer> | null {
+    if (!this.colour) return null;
+    const context = new OffscreenCanvas(frame.width, frame.height).getContext("2d", { willReadFrequently: true })!;
+    context.drawImage(this.colour, 0, 0, frame.width, frame.height);
+    return context.getImageData(0, 0, frame.width, frame.height).data as Uint8ClampedArray<ArrayBuffer>;
+  }
+
+  private areas(state: State): Area[] {
+    const areas: Area[] = [];
+    const names = state.scene?.drones ?? [];
+    if (state.layers.footprints) {
+      for (const { drone, footprint, status } of state.moment?.drones ?? []) {
+        if (footprint.length < 3) continue;
+        const chosen = state.selection?.kind === "drone" && state.selection.id === drone;
+        const ring = footprint.map(([east, north]) => [east, north] as [number, number]);
+        const alpha = (chosen ? 0.2 : 0.06) * (status === "ok" ? 1 : 0.5);
+        areas.push({ outline: [[ring]], fill: droneColour(this.palette, names, drone), alpha, hatched: false });
+      }
+    }
+    if (state.layers.zones) {
+      for (const zone of state.moment?.zones.zones ?? []) {
+        // The buffer alone is filled: what is known of the crowd stays to be seen.
+        const ring: Outline = zone.crowd_outline ? [[...zone.polygon.flat(), ...zone.crowd_outline.flat()]] : zone.polygon;
+        areas.push({ outline: ring, fill: this.zoneColour(zone, zone.crowd_outline !== null), alpha: zone.kind === "crowd" ? 0.2 : 0.22, hatched: zone.kind !== "crowd" });
+      }
+    }
+    return areas;
+  }
+
+  private zoneColour(zone: Zone, buffer: boolean): Rgb {
+    if (zone.kind === "operator" || zone.kind === "static") return this.palette.operator;
+    return buffer || zone.kind === "unseen" ? this.palette.buffer : this.palette.zone;
+  }
+
+  private redraw(): void {
+    this.deck.setProps({ viewState: this.camera, layers: this.layers() });
+  }
+
+  private layers(): Layer[] {
+    const { ground, palette } = this;
+    const state = this.store.state;
+    if (!ground || !this.texture) return [];
+    const { layers, selection } = state;
+    const names = state.scene?.drones ?? [];
+    const drones = (state.moment?.drones ?? []).filter((drone) => drone.position);
+    const zones = layers.zones ? (state.moment?.zones.zones ?? []) : [];
+    const isChosen = (zone: Zone) => selection?.kind === "zone" && selection.id === zone.id;
+    const lines = zones.flatMap((zone) => this.zoneLines(zone, ground.shown, isChosen(zone)));
+    const meters = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN } as const;
+    const drawn: (Layer | null)[] = [
+      new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
+      new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
+      layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), one.status === "ok" ? 210 : 110], () => 1.5) : null,
+      this.paths("zones", lines, (line) => line.path, (line) => [...line.colour, 255], (line) => line.width),
+      ...(layers.walls ? this.wallLayers(zones, ground.shown) : []),
+      ...(layers.tracks ? this.droneLayers(drones, ground.shown, names) : []),
+      this.drawingLayer(state, ground.shown),
+      this.markLayer(state, ground.shown),
+    ];
+    return drawn.filter((layer): layer is Layer => layer !== null);
+  }
+
+  private paths<T>(id: string, data: T[], path: (one: T) => Place[], colour: (one: T) => number[], width: (one: T) => number): Layer {
+    return new PathLayer<T>({
+      id,
+      data,
+      coordinateSystem: COORDINATE_SYSTEM.CARTESIAN,
+      getPath: path as never,
+      getColor: colour as never,
+      getWidth: width,
+      widthUnits: "pixels",
+      jointRounded: true,
+      capRounded: true,
+      billboard: true,
+      parameters: { depthWriteEnabled: false },
+    });
+  }
+
+  private zoneLines(zone: Zone, heights: Heights, chosen: boolean): { path: Place[]; colour: Rgb; width: number }[] {
+    const line = (outline: Outline, colour: Rgb, width: number, above_m: number) =>
+      outline.flat().map((ring) => ({ path: draped(ring, heights, above_m), colour, width }));
+    const outer = this.zoneColour(zone, zone.crowd_outline !== null);
+    return [
+      ...(chosen ? line(zone.polygon, this.palette.selected, 6, ABOVE_GROUND_M) : []),
+      ...line(zone.polygon, outer, chosen ? 3 : 2.2, ABOVE_GROUND_M + 0.2),
+      ...(zone.crowd_outline ? line(zone.crowd_outline, this.palette.zone, 1.6, ABOVE_GROUND_M + 0.1) : []),
+    ];
+  }
+
+  private wallLayers(zones: readonly Zone[], heights: Heights): Layer[] {
+    const groups: [string, Rgb, Zone[]][] = [
+      ["crowd", this.palette.zone, zones.filter((zone) => zone.kind === "crowd")],
+      ["other", this.palette.operator, zones.filter((zone) => zone.kind === "operator" || zone.kind === "static")],
+    ];
+    return groups.flatMap(([name, colour, group]) => {
+      const wall = this.wallMesh(name, group, heights);
+      if (!wall) return [];
+      return [
+        new SimpleMeshLayer({
+          id: `walls-${name}`,
+          data: [0],
+          mesh: wall as never,
+          texture: this.wallTexture(colour) as never,
+          coordinateSystem: COORDINATE_SYSTEM.CARTESIAN,
+          getPosition: () => [0, 0, 0],
+          getColor: [255, 255, 255],
+          material: false,
+          parameters: { cullMode: "none", depthWriteEnabled: false },
+        }),
+      ];
+    });
+  }
+
+  /** Made again only where outlines changed; they come as new objects with every step. */
+  private wallMesh(name: string, zones: Zone[], heights: Heights): Mesh | null {
+    const known = this.walls.get(name);
+    const same = known && known.zones.length === zones.length && known.zones.every((zone, k) => JSON.stringify(zone.polygon) === JSON.stringify(zones[k].polygon));
+    if (same) return known.mesh;
+    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, WALL_M);
+    this.walls.set(name, { zones, mesh: made });
+    return made;
+  }
+
+  private wallTexture(colour: Rgb): ImageData {
+    const key = css(colour);
+    let texture = this.wallTextures.get(key);
+    if (!texture) {
+      // Plain bytes: a canvas would multiply the colour with its opacity, and deck.gl does that once more.
+      texture = new ImageData(1, 64);
+      for (let k = 0; k < 64; k++) texture.data.set([...colour, Math.round(150 * (k / 63) ** 2)], 4 * k);
+      this.wallTextures.set(key, texture);
+    }
+    return texture;
+  }
+
+  private droneLayers(drones: Drone[], heights: Heights, names: readonly string[]): Layer[] {
+    const colour = (drone: Drone, alpha: number) => [...droneColour(this.palette, names, drone.drone), drone.status === "ok" ? alpha : alpha * 0.5] as [number, number, number, number];
+    const stems = drones.map((drone) => {
+      const [east, north, up] = drone.position!;
+      const ground = heights.at(east, north);
+      return { drone, path: [drone.position!, [east, north, ground === ground ? ground : up]] as Place[] };
+    });
+    const rays = drones.flatMap((drone) => corners(drone.footprint).map((foot) => ({ drone, path: [drone.position!, foot] as Place[] })));
+    const dots = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN, radiusUnits: "pixels", billboard: true, getPosition: (one: Drone) => one.position! } as const;
+    return [
+      this.paths("trails", drones.filter((one) => (one.trail?.length ?? 0) > 1), (one) => one.trail!, (one) => colour(one, 190), () => 2),
+      this.paths("stems", stems, (one) => one.path, (one) => colour(one.drone, 120), () => 1),
+      this.paths("rays", rays, (one) => one.path, (one) => colour(one.drone, 56), () => 1),
+      new ScatterplotLayer<Drone>({ ...dots, id: "halo", data: drones, getRadius: 11, getFillColor: (one) => colour(one, 60), parameters: { depthWriteEnabled: false } }),
+      new ScatterplotLayer<Drone>({ ...dots, id: "drones", data: drones, getRadius: 5.5, stroked: true, lineWidthUnits: "pixels", getLineWidth: 2, getLineColor: [...this.palette.background, 255], getFillColor: (one) => colour(one, 255) }),
+    ];
+  }
+
+  private drawingLayer(state: State, heights: Heights): Layer | null {
+    if (!state.drawing?.length) return null;
+    const ring = [...state.drawing, state.drawing[0]];
+    const colour = () => [...this.palette.selected, 255];
+    return this.paths("drawing", [ring], (line) => draped(line, heights, 1.5), colour, () => 3);
+  }
+
+  private markLayer(state: State, heights: Heights): Layer | null {
+    const { selection, drawing } = state;
+    const marks: Place[] = (drawing ?? []).map(([east, north]) => [east, north, heights.at(east, north) + 1.5]);
+    if (selection?.kind === "ground") marks.push([selection.east, selection.north, heights.at(selection.east, selection.north) + 0.5]);
+    if (!marks.length) return null;
+    return new ScatterplotLayer<Place>({
+      id: "marks",
+      data: marks,
+      coordinateSystem: COORDINATE_SYSTEM.CARTESIAN,
+      getPosition: (place) => place,
+      getRadius: 6,
+      radiusUnits: "pixels",
+      billboard: true,
+      filled: true,
+      getFillColor: [...this.palette.selected, 60],
+      stroked: true,
+      lineWidthUnits: "pixels",
+      getLineWidth: 2,
+      getLineColor: [...this.palette.selected, 255],
+      parameters: { depthCompare: "always" },
+    });
+  }
+
+  /** The map as a picture. */
+  picture(): Promise<Blob | null> {
+    const canvas = this.parent.querySelector("canvas");
+    if (!canvas) return Promise.resolve(null);
+    this.deck.redraw("picture"); // a WebGL canvas holds its pixels until the browser has shown them
+    return new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+  }
+}
+
+/** Four places of a footprint that stand for its corners: the farthest apart in both diagonals. */
+function corners(footprint: readonly Place[]): Place[] {
+  if (footprint.length < 4) return [];
+  const most = (of: (place: Place) => number) => footprint.reduce((a, b) => (of(b) > of(a) ? b : a));
+  return [most(([e, n]) => e + n), most(([e, n]) => e - n), most(([e, n]) => n - e), most(([e, n]) => -e - n)];
+}

@@ -1,0 +1,346 @@
+// What drives the page: the stream while it follows, questions with a stamp while it looks back.
+
+import * as api from "../api/client";
+import type { Alert, Drone, Message, Place, Step } from "../api/contract";
+import { openStream } from "../api/stream";
+import { parseBelief } from "../map/belief";
+import { Heights } from "../map/heights";
+import { indexAt } from "../text/stamp";
+import { formatLink, parseLink } from "./deep_link";
+import { keepSettings, readSettings } from "./settings";
+import { store, type Selection, type Time } from "./store";
+
+const BELIEF_EVERY_MS = 500;
+const LONGEST_TRAIL = 2000;
+
+let noticeNumber = 0;
+
+export function notify(text: string, level: "info" | "error" = "info"): void {
+  const notice = { id: ++noticeNumber, level, text };
+  store.set({ notices: [...store.state.notices, notice].slice(-4) });
+  window.setTimeout(
+    () => store.set({ notices: store.state.notices.filter(({ id }) => id !== notice.id) }),
+    level === "error" ? 9000 : 4500,
+  );
+}
+
+/** The text of an error for people. */
+export function reasonOf(error: unknown): string {
+  if (error instanceof api.Refused) {
+    return error.status === 403 ? `Your role does not allow this: ${error.text}` : error.text;
+  }
+  return error instanceof TypeError ? "The service does not answer." : String(error);
+}
+
+export async function start(): Promise<void> {
+  const link = parseLink(location.hash);
+  store.set({ ...readSettings(), selection: link.selection, camera: link.view });
+  document.documentElement.dataset.theme = store.state.theme;
+  try {
+    await load();
+  } catch (error) {
+    store.set({ failure: reasonOf(error) });
+    window.setTimeout(start, 3000);
+    return;
+  }
+  store.set({ failure: null });
+  openStream({ onMessage, onConnection });
+  keepAddress();
+  keepPlaying();
+  window.addEventListener("hashchange", followAddress);
+  if (link.t) await showPast(link.t);
+}
+
+async function load(): Promise<void> {
+  const scene = await api.scene();
+  const [terrain, alerts, timeline] = await Promise.all([api.terrain(), api.alerts(), api.timeline()]);
+  const heights = Heights.fromBytes(scene.terrain, terrain);
+  store.set({ scene, mode: scene.mode, heights, alerts, timeline });
+  document.title = `${scene.name} · crowdfence`;
+}
+
+// ---------------------------------------------------------------- the newest moment
+
+let newest: Step | null = null;
+let trails = new Map<string, Place[]>();
+let newestBelief: string | number | null = null;
+let beliefAsked = false;
+let beliefTimer: number | undefined;
+let wasConnected = false;
+
+function onConnection(connected: boolean): void {
+  store.set({ connected });
+  // What happened while the line was dead is asked for; the stream brings only what comes next.
+  if (connected && wasConnected) void refresh();
+  wasConnected ||= connected;
+}
+
+async function refresh(): Promise<void> {
+  try {
+    newestBelief = null;
+    trails = new Map();
+    await load();
+  } catch (error) {
+    notify(reasonOf(error), "error");
+  }
+}
+
+function onMessage(message: Message): void {
+  switch (message.type) {
+    case "hello":
+      store.set({ scene: message.scene, mode: message.scene.mode });
+      break;
+    case "mode":
+      store.set({ mode: message.mode });
+      break;
+    case "alert":
+      takeAlert(message.alert);
+      break;
+    case "step":
+      takeStep(message);
+      break;
+  }
+}
+
+function takeAlert(alert: Alert): void {
+  const others = store.state.alerts.filter(({ id }) => id !== alert.id);
+  const { timeline } = store.state;
+  const known = timeline.alerts.some(({ id }) => id === alert.id);
+  const tick = { stamp_ms: alert.raised_ms, id: alert.id, level: alert.level };
+  store.set({
+    alerts: [alert, ...others].sort((a, b) => b.raised_ms - a.raised_ms),
+    timeline: known ? timeline : { ...timeline, alerts: [...timeline.alerts, tick] },
+  });
+}
+
+function takeStep(step: Step): void {
+  newest = step;
+  lengthenTrails(step.drones.drones);
+  lengthenTimeline(step);
+  if (store.state.time.following) showNewest();
+}
+
+function lengthenTrails(drones: readonly Drone[]): void {
+  for (const { drone, position } of drones) {
+    const trail = trails.get(drone);
+    if (!trail || !position) continue;
+    const last = trail.at(-1);
+    if (last && last.every((value, k) => value === position[k])) continue;
+    trails.set(drone, [...trail.slice(-LONGEST_TRAIL), position]);
+  }
+}
+
+function lengthenTimeline(step: Step): void {
+  const { timeline } = store.state;
+  const last = timeline.points.at(-1);
+  if (last && last.stamp_ms >= step.stamp_ms) return;
+  const { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2 } = step;
+  const point = { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2, zones: step.zones.zones.length };
+  store.set({ timeline: { ...timeline, points: [...timeline.points, point] } });
+}
+
+function showNewest(): void {
+  if (!newest) return;
+  const { stamp_ns, stamp_ms, zones, lag_s, closed_m2 } = newest;
+  const drones = newest.drones.drones.map((drone) => ({ ...drone, trail: trails.get(drone.drone) ?? [] }));
+  store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, closed_m2, arrived: performance.now() } });
+  if (newest.belief_version !== newestBelief) askBelief();
+  if (newest.drones.drones.some(({ drone }) => !trails.has(drone))) void askTrails();
+}
+
+/** At most twice a second, and one question at a time. */
+function askBelief(): void {
+  if (beliefAsked) return;
+  beliefAsked = true;
+  window.clearTimeout(beliefTimer);
+  const asked = newest?.belief_version ?? null;
+  api
+    .belief(null)
+    .then((buffer) => {
+      if (!store.state.time.following) return;
+      newestBelief = asked;
+      store.set({ belief: parseBelief(buffer), belief_arrived: performance.now() });
+    })
+    .catch((error) => {
+      if (!(error instanceof api.Refused && error.status === 404)) notify(reasonOf(error), "error");
+    })
+    .finally(() => {
+      beliefTimer = window.setTimeout(() => {
+        beliefAsked = false;
+        if (store.state.time.following && newest && newest.belief_version !== newestBelief) askBelief();
+      }, BELIEF_EVERY_MS);
+    });
+}
+
+async function askTrails(): Promise<void> {
+  for (const { drone } of newest?.drones.drones ?? []) if (!trails.has(drone)) trails.set(drone, []);
+  const drones = await api.drones(null).catch(() => []);
+  for (const { drone, trail } of drones) trails.set(drone, trail ?? []);
+  if (store.state.time.following) showNewest();
+}
+
+// ---------------------------------------------------------------- moments of the past
+
+let asking = false;
+let wanted: string | null = null;
+
+/** Shows the moment of a stamp; while one is on its way only the newest wish is kept. */
+export async function showPast(stamp_ns: string): Promise<void> {
+  wanted = stamp_ns;
+  if (asking) return;
+  asking = true;
+  while (wanted !== null) {
+    const stamp: string = wanted;
+    wanted = null;
+    const { points } = store.state.timeline;
+    const point = points.find((one) => one.stamp_ns === stamp);
+    setTime({ following: false, stamp_ns: stamp, stamp_ms: point?.stamp_ms ?? Number(BigInt(stamp) / 1000n) / 1000 });
+    try {
+      const [zones, drones, belief] = await Promise.all([api.zones(stamp), api.drones(stamp), api.belief(stamp)]);
+      if (store.state.time.following) break;
+      const arrived = performance.now();
+      store.set({
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
+        belief: parseBelief(belief),
+        belief_arrived: arrived,
+      });
+    } catch (error) {
+      setTime({ playing: false });
+      notify(reasonOf(error), "error");
+      break;
+    }
+  }
+  asking = false;
+}
+
+function closedAt(stamp_ms: number): number | null {
+  const { points } = store.state.timeline;
+  return points.length ? points[indexAt(points, stamp_ms + 0.5)].closed_m2 : null;
+}
+
+function setTime(change: Partial<Time>): void {
+  store.set({ time: { ...store.state.time, ...change } });
+}
+
+export function goLive(): void {
+  wanted = null;
+  setTime({ following: true, playing: false, stamp_ns: null, stamp_ms: null });
+  newestBelief = null;
+  showNewest();
+}
+
+/** Pauses what plays or follows; plays what is paused. */
+export function playOrPause(): void {
+  const { time, moment } = store.state;
+  if (time.following) {
+    if (moment) void showPast(moment.stamp_ns);
+  } else if (time.playing) setTime({ playing: false });
+  else play();
+}
+
+function play(): void {
+  const { points } = store.state.timeline;
+  const { stamp_ms } = store.state.time;
+  const atEnd = stamp_ms === null || stamp_ms >= (points.at(-1)?.stamp_ms ?? 0);
+  if (atEnd && points.length) void showPast(points[0].stamp_ns);
+  playhead_ms = atEnd ? (points[0]?.stamp_ms ?? 0) : stamp_ms;
+  setTime({ playing: true });
+}
+
+export function setSpeed(speed: number): void {
+  setTime({ speed });
+}
+
+export function seek(stamp_ms: number): void {
+  const { points } = store.state.timeline;
+  if (!points.length) return;
+  const point = points[indexAt(points, stamp_ms)];
+  playhead_ms = stamp_ms;
+  if (point.stamp_ns !== store.state.time.stamp_ns) void showPast(point.stamp_ns);
+}
+
+export function stepBy(count: number): void {
+  const { timeline, moment } = store.state;
+  if (!timeline.points.length) return;
+  const now = indexAt(timeline.points, moment?.stamp_ms ?? Infinity);
+  const next = Math.min(Math.max(now + count, 0), timeline.points.length - 1);
+  setTime({ playing: false });
+  void showPast(timeline.points[next].stamp_ns);
+}
+
+let playhead_ms = 0;
+
+function keepPlaying(): void {
+  let before = performance.now();
+  window.setInterval(() => {
+    const now = performance.now();
+    const passed_ms = now - before;
+    before = now;
+    const { time, timeline } = store.state;
+    if (!time.playing || !timeline.points.length) return;
+    playhead_ms += passed_ms * time.speed;
+    const last = timeline.points[timeline.points.length - 1];
+    if (playhead_ms >= last.stamp_ms) {
+      setTime({ playing: false });
+      void showPast(last.stamp_ns);
+    } else if (!asking) seek(playhead_ms);
+  }, 80);
+}
+
+// ---------------------------------------------------------------- what the viewer does
+
+export function select(selection: Selection): void {
+  store.set({ selection, sides: { ...store.state.sides, right: true } });
+}
+
+export function settle(change: Partial<ReturnType<typeof readSettings>>): void {
+  store.set(change);
+  const { theme, units, clock } = store.state;
+  document.documentElement.dataset.theme = theme;
+  keepSettings({ theme, units, clock });
+}
+
+export async function acknowledge(id: string): Promise<void> {
+  try {
+    await api.acknowledge(id);
+    store.set({ alerts: await api.alerts() });
+  } catch (error) {
+    notify(reasonOf(error), "error");
+  }
+}
+
+/** What an operator did is on the map with the next step; where no step comes, now. */
+export async function zonesChanged(): Promise<void> {
+  if (!store.state.time.following) return;
+  const zones = await api.zones(null).catch(() => null);
+  if (!zones) return;
+  if (newest) newest = { ...newest, zones };
+  const { moment } = store.state;
+  if (moment) store.set({ moment: { ...moment, zones } });
+}
+
+// ---------------------------------------------------------------- the address
+
+function currentLink(): string {
+  const { time, selection, camera } = store.state;
+  return formatLink({ t: time.following ? null : time.stamp_ns, selection, view: camera });
+}
+
+function keepAddress(): void {
+  let timer: number | undefined;
+  store.subscribe(() => {
+    if (timer !== undefined) return;
+    timer = window.setTimeout(() => {
+      timer = undefined;
+      const link = currentLink();
+      if (link !== location.hash) history.replaceState(null, "", link || location.pathname + location.search);
+    }, 300);
+  });
+}
+
+function followAddress(): void {
+  const link = parseLink(location.hash);
+  store.set({ selection: link.selection, ...(link.view ? { camera: link.view } : {}) });
+  if (link.t) void showPast(link.t);
+  else if (!store.state.time.following) goLive();
+}

@@ -1,0 +1,60 @@
+// Lengths, areas and places as text. Metres inside, always; feet only here.
+
+import type { Anchor } from "../api/contract";
+
+export type Units = "metres" | "feet";
+
+const FEET = 1 / 0.3048;
+
+export function length(metres: number, units: Units, digits = 0): string {
+  return units === "metres"
+    ? `${grouped(metres, digits)} m`
+    : `${grouped(metres * FEET, digits)} ft`;
+}
+
+export function area(square_metres: number, units: Units): string {
+  const [value, unit] = units === "metres" ? [square_metres, "m²"] : [square_metres * FEET * FEET, "ft²"];
+  return `${grouped(value, value < 10 ? 1 : 0)} ${unit}`;
+}
+
+/** 12 532: a thin space every three digits, which no reader takes for a decimal sign. */
+export function grouped(value: number, digits = 0): string {
+  const [whole, rest] = Math.abs(value).toFixed(digits).split(".");
+  const spaced = whole.replace(/\B(?=(\d{3})+$)/g, "\u2009");
+  const sign = value < 0 && Number(value.toFixed(digits)) !== 0 ? "−" : "";
+  return `${sign}${spaced}${rest ? `.${rest}` : ""}`;
+}
+
+/** A probability; never shown as 0 or 1 unless it is. */
+export function probability(value: number | null): string {
+  if (value === null || Number.isNaN(value)) return "not known";
+  if (value > 0 && value < 0.001) return "< 0.001";
+  if (value < 1 && value > 0.999) return "> 0.999";
+  return value.toFixed(value < 0.1 ? 3 : 2);
+}
+
+const EQUATOR_M = 6_378_137;
+const SQUARED_ECCENTRICITY = 6.694_379_990_14e-3;
+
+/** WGS84 degrees of a local place. Plane of the anchor: a millimetre off at 1 km, which is for display. */
+export function geographic(east: number, north: number, anchor: Anchor): [latitude: number, longitude: number] {
+  const latitude = (anchor.latitude_deg * Math.PI) / 180;
+  const squashed = 1 - SQUARED_ECCENTRICITY * Math.sin(latitude) ** 2;
+  const prime_m = EQUATOR_M / Math.sqrt(squashed);
+  const meridian_m = (EQUATOR_M * (1 - SQUARED_ECCENTRICITY)) / squashed ** 1.5;
+  return [
+    anchor.latitude_deg + (north / (meridian_m + anchor.height_m)) * (180 / Math.PI),
+    anchor.longitude_deg + (east / ((prime_m + anchor.height_m) * Math.cos(latitude))) * (180 / Math.PI),
+  ];
+}
+
+export function degrees(latitude: number, longitude: number): string {
+  const north = `${Math.abs(latitude).toFixed(5)}° ${latitude < 0 ? "S" : "N"}`;
+  return `${north} ${Math.abs(longitude).toFixed(5)}° ${longitude < 0 ? "W" : "E"}`;
+}
+
+/** Where it is, in words that lead there: degrees with an anchor, local metres without. */
+export function place(east: number, north: number, anchor: Anchor | null, units: Units): string {
+  if (anchor) return degrees(...geographic(east, north, anchor));
+  return `E ${length(east, units)}  N ${length(north, units)}`;
+}

@@ -1,0 +1,76 @@
+// What an operator must not overlook, over the map.
+
+import type { Alert } from "../api/contract";
+import { acknowledge, goLive, select } from "../state/session";
+import { store, useStore } from "../state/store";
+import { duration, timeOfDay } from "../text/stamp";
+import { Icon } from "./icons";
+import { silence_s, useNow } from "./now";
+import { mayOperate } from "./operator";
+
+const LATE_S = 4;
+const MOST_SHOWN = 2;
+
+export function Banner() {
+  useNow();
+  const connected = useStore((state) => state.connected);
+  const moment = useStore((state) => state.moment);
+  const time = useStore((state) => state.time);
+  const clock = useStore((state) => state.clock);
+  const alerts = useStore((state) => state.alerts);
+  const urgent = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by && !alert.cleared_ms);
+  const late_s = silence_s(store.state);
+  return (
+    <div class="banners" aria-live="polite">
+      {moment && !connected && (
+        <div class="banner alarm" data-test="offline">
+          <Icon name="warning" />
+          <span>
+            <b>The connection to the service is lost.</b> The map shows {timeOfDay(moment.stamp_ms, clock)}; zones stay closed. Connecting again…
+          </span>
+        </div>
+      )}
+      {connected && late_s > LATE_S && (
+        <div class="banner alarm">
+          <Icon name="warning" />
+          <span>
+            <b>No view has arrived for {duration(late_s)}.</b> What the map shows is that old; zones stay closed.
+          </span>
+        </div>
+      )}
+      {moment && !time.following && (
+        <div class="banner past" data-test="past">
+          <span>
+            You are looking at <b>{timeOfDay(moment.stamp_ms, clock)}</b>, not at now.
+          </span>
+          <button onClick={goLive}>Go to the newest</button>
+        </div>
+      )}
+      {urgent.slice(0, MOST_SHOWN).map((alert) => (
+        <AlertBanner key={alert.id} alert={alert} />
+      ))}
+      {urgent.length > MOST_SHOWN && (
+        <button class="banner more" onClick={() => store.set({ panel: "alerts" })}>
+          {urgent.length - MOST_SHOWN} more alerts
+        </button>
+      )}
+    </div>
+  );
+}
+
+function AlertBanner({ alert }: { alert: Alert }) {
+  const scene = useStore((state) => state.scene);
+  const operator = mayOperate(scene);
+  return (
+    <div class={`banner ${alert.level}`}>
+      <Icon name="warning" />
+      <span>{alert.text}</span>
+      {(alert.zone || alert.drone) && (
+        <button onClick={() => select(alert.zone ? { kind: "zone", id: alert.zone } : { kind: "drone", id: alert.drone! })}>Show</button>
+      )}
+      <button disabled={!operator} title={operator ? "" : "Acknowledging needs the role operator"} onClick={() => acknowledge(alert.id)}>
+        Acknowledge
+      </button>
+    </div>
+  );
+}

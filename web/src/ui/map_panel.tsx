@@ -1,0 +1,247 @@
+// The map with what lies over it: labels, tools, what is under the pointer, camera pictures.
+
+import { useEffect, useRef, useState } from "preact/hooks";
+import { BeliefIndex, VoxelState } from "../map/belief";
+import type { Viewport } from "../map/camera";
+import { crossesItself, middleOf, ringArea } from "../map/geometry";
+import { MapView, type Pointed } from "../map/map_view";
+import { select } from "../state/session";
+import { store, useStore } from "../state/store";
+import { duration, endOf } from "../text/stamp";
+import { area, length, place, probability } from "../text/units";
+import { STATE_WORDS } from "../text/words";
+import { Icon, type IconName } from "./icons";
+import { useNow } from "./now";
+import { CameraStrip } from "./camera_strip";
+import { askForZone, mayOperate } from "./operator";
+import { Banner } from "./banner";
+import { ScaleBar } from "./scale_bar";
+
+let shown: MapView | null = null;
+export const map = () => shown;
+
+export function MapPanel() {
+  const parent = useRef<HTMLDivElement>(null);
+  const labels = useRef<HTMLDivElement>(null);
+  const [pointed, setPointed] = useState<Pointed | null>(null);
+  const [pixel_m, setPixel] = useState(0);
+  const drawing = useStore((state) => state.drawing);
+  const pictures = useStore((state) => state.layers.pictures);
+  useEffect(() => {
+    const view = new MapView(parent.current!, store, select);
+    shown = view;
+    view.onPoint = setPointed;
+    view.onFrame = (viewport) => {
+      placeLabels(labels.current, viewport);
+      const { camera } = store.state;
+      if (camera) setPixel(1 / 2 ** camera.zoom);
+    };
+    view.onDraw = (corner) => store.set({ drawing: [...(store.state.drawing ?? []), corner] });
+    view.onDrawEnd = endDrawing;
+    return () => {
+      view.end();
+      shown = null;
+    };
+  }, []);
+  return (
+    <main class={`map ${drawing ? "drawing" : ""}`}>
+      <div ref={parent} class="canvas" data-test="map" tabIndex={0} role="application" aria-label="Map of what is known of the ground" />
+      <div ref={labels} class="labels">
+        <Labels />
+      </div>
+      <Banner />
+      <Tools />
+      <Waiting />
+      {drawing && <DrawBar />}
+      <div class="map-foot">
+        <PointedAt pointed={drawing ? null : pointed} />
+        <ScaleBar pixel_m={pixel_m} />
+        {pictures && <CameraStrip />}
+      </div>
+    </main>
+  );
+}
+
+const LABEL_HEIGHT = 23;
+
+/** Labels stand where their places are; one that would cover another before it moves up. */
+function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
+  const taken: { x: number; y: number; half: number }[] = [];
+  for (const label of parent?.children ?? []) {
+    if (!(label instanceof HTMLElement) || !label.dataset.place) continue;
+    const [x, y, depth] = viewport.project(label.dataset.place.split(",").map(Number));
+    const visible = depth > 0 && depth < 1 && x > -40 && y > -40 && x < viewport.width + 40 && y < viewport.height + 40;
+    label.hidden = !visible;
+    if (!visible) continue;
+    const half = 12 + 3.4 * (label.textContent?.length ?? 0);
+    let at = y;
+    const covers = () => taken.some((other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - at) < LABEL_HEIGHT);
+    for (let tries = 0; tries < 4 && covers(); tries++) at -= LABEL_HEIGHT;
+    taken.push({ x, y: at, half });
+    label.style.transform = `translate(${x.toFixed(1)}px, ${at.toFixed(1)}px)`;
+  }
+}
+
+function Labels() {
+  const now = useNow();
+  const moment = useStore((state) => state.moment);
+  const heights = useStore((state) => state.heights);
+  const layers = useStore((state) => state.layers);
+  const selection = useStore((state) => state.selection);
+  useEffect(() => {
+    const parent = document.querySelector<HTMLDivElement>(".labels");
+    if (shown) placeLabels(parent, shown.viewport);
+  });
+  if (!layers.labels || !moment || !heights) return null;
+  return (
+    <>
+      {layers.zones &&
+        moment.zones.zones.map((zone) => {
+          const [east, north] = middleOf(zone.polygon);
+          const up = heights.at(east, north);
+          const end = endOf(zone.valid_until_ms, now);
+          const chosen = selection?.kind === "zone" && selection.id === zone.id;
+          return (
+            <button key={`zone-${zone.id}`} class={`label zone-label kind-${zone.kind} ${chosen ? "chosen" : ""}`} data-place={`${east},${north},${(up === up ? up : 0) + 8}`} onClick={() => select({ kind: "zone", id: zone.id })} hidden>
+              <span>
+                {zone.locked && <Icon name="lock" size={11} />}
+                <b>{zone.id}</b>
+                {zone.probability_max !== null && <i>{probability(zone.probability_max)}</i>}
+                {end.counts && <i class="count-down">{end.text}</i>}
+              </span>
+            </button>
+          );
+        })}
+      {layers.tracks &&
+        moment.drones.map(
+          ({ drone, position, status }) =>
+            position && (
+              <button key={`drone-${drone}`} class={`label drone-label ${status} ${selection?.kind === "drone" && selection.id === drone ? "chosen" : ""}`} data-place={position.join(",")} onClick={() => select({ kind: "drone", id: drone })} hidden>
+                <span>{drone}</span>
+              </button>
+            ),
+        )}
+    </>
+  );
+}
+
+function Tools() {
+  const camera = useStore((state) => state.camera);
+  const drawing = useStore((state) => state.drawing);
+  const sides = useStore((state) => state.sides);
+  const scene = useStore((state) => state.scene);
+  const operator = mayOperate(scene);
+  const tool = (name: IconName, title: string, act: () => void, on = false) => (
+    <button class={`square ${on ? "on" : ""}`} title={title} aria-label={title} onClick={act}>
+      <Icon name={name} />
+    </button>
+  );
+  const top = (camera?.rotationX ?? 0) > 80;
+  return (
+    <div class="tools">
+      <div class="tool-group">
+        {tool("plus", "Closer (+)", () => map()?.zoomBy(0.7))}
+        {tool("minus", "Farther (−)", () => map()?.zoomBy(-0.7))}
+      </div>
+      <div class="tool-group">
+        <button class="square" title="North up (N)" aria-label="North up" onClick={() => map()?.northUp()}>
+          <span style={{ transform: `rotate(${camera?.rotationOrbit ?? 0}deg)` }} class="needle">
+            <Icon name="north" />
+          </span>
+        </button>
+        {tool("tilt", "From above (T)", () => map()?.tiltTo(top ? 45 : 90), top)}
+        {tool("home", "Show everything (Home)", () => map()?.showAll())}
+      </div>
+      <div class="tool-group">
+        <button class={`square ${drawing ? "on" : ""}`} disabled={!operator} title={operator ? "Close ground: draw its outline (D)" : "Closing ground needs the role operator"} aria-label="Close ground" onClick={() => store.set({ drawing: drawing ? null : [] })} data-test="draw">
+          <Icon name="draw" />
+        </button>
+      </div>
+      <div class="tool-group">{tool("layers", "Side panels ([ and ])", () => store.set({ sides: sides.left || sides.right ? { left: false, right: false } : { left: true, right: true } }), sides.left || sides.right)}</div>
+    </div>
+  );
+}
+
+export function endDrawing(): void {
+  const drawing = store.state.drawing;
+  if (!drawing) return;
+  const corners = drawing.filter((corner, k) => k === 0 || Math.hypot(corner[0] - drawing[k - 1][0], corner[1] - drawing[k - 1][1]) > 0.2);
+  if (corners.length < 3 || crossesItself(corners)) return;
+  store.set({ drawing: null });
+  void askForZone(corners);
+}
+
+function DrawBar() {
+  const drawing = useStore((state) => state.drawing) ?? [];
+  const units = useStore((state) => state.units);
+  const crossed = crossesItself(drawing);
+  return (
+    <div class="draw-bar">
+      <b>Close ground</b>
+      <span class={crossed ? "bad" : ""}>
+        {drawing.length === 0 ? "Click the corners of the ground to close." : crossed ? "The outline crosses itself." : `${drawing.length} corners${drawing.length > 2 ? `, ${area(ringArea(drawing), units)}` : ""}`}
+      </span>
+      <button onClick={() => store.set({ drawing: drawing.slice(0, -1) })} disabled={!drawing.length}>
+        Undo <kbd>⌫</kbd>
+      </button>
+      <button onClick={() => store.set({ drawing: null })}>
+        Cancel <kbd>Esc</kbd>
+      </button>
+      <button class="primary" onClick={endDrawing} disabled={drawing.length < 3 || crossed} data-test="draw-done">
+        Done <kbd>↵</kbd>
+      </button>
+    </div>
+  );
+}
+
+let index: BeliefIndex | null = null;
+
+export function groundAt(east: number, north: number) {
+  const { belief } = store.state;
+  if (!belief) return null;
+  if (index?.belief !== belief) index = new BeliefIndex(belief);
+  return index.at(east, north);
+}
+
+function PointedAt({ pointed }: { pointed: Pointed | null }) {
+  const units = useStore((state) => state.units);
+  const scene = useStore((state) => state.scene);
+  const heights = useStore((state) => state.heights);
+  if (!pointed || !scene || !heights) return <div class="pointed" />;
+  const [east, north, up] = pointed.place;
+  if (Number.isNaN(heights.at(east, north))) return <div class="pointed">no ground in the map</div>;
+  const ground = groundAt(east, north);
+  return (
+    <div class="pointed">
+      {ground && <b class={ground.state === VoxelState.crowd ? "bad" : ""}>{STATE_WORDS[ground.state]}</b>}
+      {ground?.probability !== null && ground && <span>P {probability(ground.probability)}</span>}
+      {ground && ground.age_s !== null && <span>{duration(ground.age_s)} ago</span>}
+      <span>{place(east, north, scene.anchor, units)}</span>
+      <span>{length((scene.anchor?.height_m ?? 0) + up, units)}</span>
+    </div>
+  );
+}
+
+function Waiting() {
+  const failure = useStore((state) => state.failure);
+  const moment = useStore((state) => state.moment);
+  const drapes = useStore((state) => state.drapes);
+  const scene = useStore((state) => state.scene);
+  if (failure) {
+    return (
+      <div class="waiting">
+        <Icon name="warning" size={28} />
+        <b>{failure}</b>
+        <span>Trying again. Until then this page knows nothing: do not take it for an all-clear.</span>
+      </div>
+    );
+  }
+  if (moment && drapes > 0) return null;
+  return (
+    <div class="waiting">
+      <span class="spinner" />
+      <b>{scene ? "Waiting for the first views" : "Loading the mission"}</b>
+      {scene && <span>Nothing has been seen yet. Unseen ground is not safe ground.</span>}
+    </div>
+  );
+}

@@ -1,0 +1,283 @@
+// What opens from the top bar.
+
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../api/client";
+import type { Alert, AuditEntry } from "../api/contract";
+import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
+import { store, useStore } from "../state/store";
+import { dateOf, timeOfDay } from "../text/stamp";
+import { exportCommand, FORMATS } from "../text/exports";
+import { Icon } from "./icons";
+import { Legend } from "./left_panel";
+import { map } from "./map_panel";
+import { mayOperate } from "./operator";
+
+export function Panel() {
+  const panel = useStore((state) => state.panel);
+  if (!panel) return null;
+  const close = () => store.set({ panel: null });
+  const [title, body] = {
+    alerts: ["Alerts", <Alerts key="alerts" />],
+    export: ["Export", <Exports key="export" />],
+    settings: ["Settings", <Settings key="settings" />],
+    help: ["Keys and colours", <Help key="help" />],
+    audit: ["What operators did", <Audit key="audit" />],
+  }[panel] as [string, preact.JSX.Element];
+  return (
+    <>
+      <div class="behind" onClick={close} />
+      <section class={`panel panel-${panel}`} role="dialog" aria-label={title} data-test={`panel-${panel}`}>
+        <header>
+          <h2>{title}</h2>
+          <button class="square quiet" onClick={close} aria-label="Close">
+            <Icon name="close" />
+          </button>
+        </header>
+        {body}
+      </section>
+    </>
+  );
+}
+
+function Alerts() {
+  const alerts = useStore((state) => state.alerts);
+  if (!alerts.length) return <p class="empty">Nothing has been out of order so far.</p>;
+  const open = alerts.filter((alert) => !alert.acknowledged_by);
+  const done = alerts.filter((alert) => alert.acknowledged_by);
+  return (
+    <ul class="alerts">
+      {[...open, ...done].map((alert) => (
+        <AlertRow key={alert.id} alert={alert} />
+      ))}
+    </ul>
+  );
+}
+
+function AlertRow({ alert }: { alert: Alert }) {
+  const clock = useStore((state) => state.clock);
+  const scene = useStore((state) => state.scene);
+  const operator = mayOperate(scene);
+  const open = () => {
+    if (alert.zone) select({ kind: "zone", id: alert.zone });
+    else if (alert.drone) select({ kind: "drone", id: alert.drone });
+    store.set({ panel: null });
+  };
+  return (
+    <li class={`alert ${alert.level} ${alert.acknowledged_by ? "done" : ""}`} data-alert={alert.id}>
+      <i />
+      <div>
+        <p>{alert.text}</p>
+        <small>
+          <button class="link" onClick={() => seek(alert.raised_ms)} title="Show this moment">
+            {timeOfDay(alert.raised_ms, clock)}
+          </button>
+          {alert.cleared_ms !== null && ` · over at ${timeOfDay(alert.cleared_ms, clock)}`}
+          {alert.acknowledged_by && ` · acknowledged by ${alert.acknowledged_by}`}
+        </small>
+      </div>
+      <span class="alert-actions">
+        {(alert.zone || alert.drone) && (
+          <button class="quiet" onClick={open}>
+            Show
+          </button>
+        )}
+        {!alert.acknowledged_by && (
+          <button disabled={!operator} title={operator ? "" : "This needs the role operator"} onClick={() => acknowledge(alert.id)} data-test="acknowledge">
+            Acknowledge
+          </button>
+        )}
+      </span>
+    </li>
+  );
+}
+
+function Exports() {
+  const time = useStore((state) => state.time);
+  const scene = useStore((state) => state.scene);
+  const clock = useStore((state) => state.clock);
+  const moment = useStore((state) => state.moment);
+  const [country, setCountry] = useState("");
+  const at = time.following ? null : time.stamp_ns;
+  const formats = FORMATS.filter(({ earth }) => scene?.anchor || !earth);
+  const picture = async () => {
+    const blob = await map()?.picture();
+    if (!blob) return notify("The browser gives no picture of the map.", "error");
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = `${scene?.name ?? "crowdfence"}.png`;
+    link.click();
+    URL.revokeObjectURL(link.href);
+  };
+  return (
+    <>
+      <p class="hint">
+        The zones of <b>{at ? `${timeOfDay(moment?.stamp_ms ?? 0, clock)}` : "now"}</b>
+        {at ? ", the moment shown" : ""}. They hold from the instant that found them.
+      </p>
+      <ul class="exports">
+        {formats.map((format) => {
+          const more: Record<string, string> = format.country && country ? { country } : {};
+          const missing = format.country && country.length !== 3;
+          const command = exportCommand(format.name, { at, country: format.country ? country || "ABC" : null });
+          return (
+            <li key={format.name}>
+              <div>
+                <b>{format.title}</b>
+                <small>{format.use}</small>
+              </div>
+              <button class="quiet square" title={`Copy: ${command}`} aria-label={`Copy the command for ${format.title}`} onClick={() => copy(command)}>
+                <Icon name="copy" />
+              </button>
+              {missing ? (
+                <button class="button" disabled title="Give the country below first">
+                  <Icon name="download" />
+                </button>
+              ) : (
+                <a class="button" href={api.exportAddress(format.name, at, more)} download title={`Download ${format.title}`} aria-label={`Download ${format.title}`} data-export={format.name}>
+                  <Icon name="download" />
+                </a>
+              )}
+            </li>
+          );
+        })}
+        <li>
+          <div>
+            <b>Picture</b>
+            <small>the map as it is on the screen, PNG</small>
+          </div>
+          <button class="button" onClick={picture} title="Download the picture" aria-label="Download the picture">
+            <Icon name="download" />
+          </button>
+        </li>
+      </ul>
+      <footer class="panel-foot">
+        <label>
+          Country for ED-318 and ED-269
+          <input value={country} maxLength={3} placeholder="ABC" size={4} onInput={(event) => setCountry(event.currentTarget.value.toUpperCase())} />
+        </label>
+        <button onClick={() => copy(location.href)}>
+          <Icon name="link" /> Copy link to this view
+        </button>
+      </footer>
+    </>
+  );
+}
+
+/** The clipboard of a page that is not served safely is closed; then the text is shown. */
+async function copy(text: string): Promise<void> {
+  try {
+    await navigator.clipboard.writeText(text);
+    notify(`Copied: ${text}`);
+  } catch {
+    notify(text);
+  }
+}
+
+function Settings() {
+  const theme = useStore((state) => state.theme);
+  const units = useStore((state) => state.units);
+  const clock = useStore((state) => state.clock);
+  return (
+    <div class="choices">
+      <Choice name="Colours" value={theme} of={{ dark: "dark", light: "light" }} onChoose={(value) => settle({ theme: value })} />
+      <Choice name="Lengths" value={units} of={{ metres: "metres", feet: "feet" }} onChoose={(value) => settle({ units: value })} />
+      <Choice name="Clock" value={clock} of={{ utc: "UTC", local: "local" }} onChoose={(value) => settle({ clock: value })} />
+    </div>
+  );
+}
+
+function Choice<T extends string>({ name, value, of, onChoose }: { name: string; value: T; of: Record<T, string>; onChoose: (value: T) => void }) {
+  return (
+    <div class="choice" role="radiogroup" aria-label={name}>
+      <span>{name}</span>
+      <div class="segments">
+        {(Object.keys(of) as T[]).map((one) => (
+          <button key={one} role="radio" aria-checked={one === value} class={one === value ? "on" : ""} onClick={() => onChoose(one)} data-choice={one}>
+            {of[one]}
+          </button>
+        ))}
+      </div>
+    </div>
+  );
+}
+
+const KEYS: [string, string][] = [
+  ["Space", "play or pause"],
+  ["← →", "one instant back or on"],
+  ["L", "follow the newest"],
+  ["J K", "next or previous zone"],
+  ["F", "follow the selected drone"],
+  ["+ −", "closer, farther"],
+  ["N T Home", "north up, from above, everything"],
+  ["D", "close ground (operator)"],
+  ["A E", "alerts, export"],
+  ["[ ]", "left and right panel"],
+  ["Esc", "close, let go"],
+];
+
+function Help() {
+  return (
+    <div class="help">
+      <dl class="keys">
+        {KEYS.map(([key, words]) => (
+          <div key={key}>
+            <dt>
+              {key.split(" ").map((one) => (
+                <kbd key={one}>{one}</kbd>
+              ))}
+            </dt>
+            <dd>{words}</dd>
+          </div>
+        ))}
+        <div>
+          <dt>
+            <kbd>drag</kbd>
+          </dt>
+          <dd>move; with the right button or Ctrl: turn and tilt; wheel: closer</dd>
+        </div>
+      </dl>
+      <Legend />
+      <p class="hint">Older looks are paler. Crowd never fades. Ground that was not cleared never looks empty.</p>
+    </div>
+  );
+}
+
+function Audit() {
+  const clock = useStore((state) => state.clock);
+  const [entries, setEntries] = useState<AuditEntry[] | null>(null);
+  const [refusal, setRefusal] = useState("");
+  useEffect(() => {
+    api.audit().then(setEntries, (error) => setRefusal(reasonOf(error)));
+  }, []);
+  if (refusal) return <p class="refusal">{refusal}</p>;
+  if (!entries) return <p class="empty">Loading…</p>;
+  if (!entries.length) return <p class="empty">Nobody has changed anything.</p>;
+  return (
+    <table class="audit">
+      <thead>
+        <tr>
+          <th>when</th>
+          <th>who</th>
+          <th>did</th>
+          <th>zone</th>
+          <th>why</th>
+        </tr>
+      </thead>
+      <tbody>
+        {entries.map((entry, k) => (
+          <tr key={k}>
+            <td>
+              {dateOf(entry.stamp_ms, clock)} {timeOfDay(entry.stamp_ms, clock, 0)}
+            </td>
+            <td>
+              {entry.user} <small>{entry.role}</small>
+            </td>
+            <td>{entry.action}</td>
+            <td>{entry.zone ?? ""}</td>
+            <td>{entry.reason ?? ""}</td>
+          </tr>
+        ))}
+      </tbody>
+    </table>
+  );
+}

@@ -1,0 +1,140 @@
+import { describe, expect, it } from "vitest";
+import { bounded, carried, groundUnder, overview, settled, viewportOf, type Camera } from "../src/map/camera";
+import { boundsOf, contains, crossesItself, draped, lineLength, middleOf, ringArea } from "../src/map/geometry";
+import { turned } from "../src/map/gestures";
+import { Heights } from "../src/map/heights";
+import { skirtMesh, terrainMesh } from "../src/map/terrain_mesh";
+import type { Corner, Outline } from "../src/api/contract";
+
+const FRAME = { west: -50, north: 50, cell_size_m: 1, rows: 100, columns: 100 };
+const middles = (of: (east: number, north: number) => number) =>
+  new Heights(FRAME, Float32Array.from({ length: 10_000 }, (_, k) => of(-49.5 + (k % 100), 49.5 - Math.floor(k / 100))));
+const SLOPE = middles((east, north) => 0.3 * east + 0.1 * north + 20);
+const SIZE = { width: 800, height: 600 };
+const CAMERA: Camera = { target: [0, 0, 20], zoom: 2.5, rotationX: 45, rotationOrbit: 30 };
+
+describe("heights", () => {
+  it("are exact on a plane between the middles of cells", () => {
+    expect(SLOPE.at(-12.3, 7.9)).toBeCloseTo(0.3 * -12.3 + 0.1 * 7.9 + 20, 4);
+    expect(SLOPE.at(-50.1, 0)).toBeNaN();
+    expect(SLOPE.at(0, 50.1)).toBeNaN();
+  });
+
+  it("stay where they are when thinned", () => {
+    const thin = SLOPE.thinned(5);
+    expect([thin.frame.rows, thin.frame.columns, thin.frame.cell_size_m]).toEqual([20, 20, 5]);
+    expect(thin.at(3.7, -8.1)).toBeCloseTo(0.3 * 3.7 - 0.81 + 20, 3);
+  });
+
+  it("have holes where the map has", () => {
+    const holed = middles((east, north) => (Math.hypot(east, north) < 5 ? NaN : 3));
+    expect(holed.at(0, 0)).toBeNaN();
+    expect(holed.range_m).toEqual([3, 3]);
+    const vertices = terrainMesh(holed, holed).indices.value.length;
+    expect(vertices).toBeLessThan(99 * 99 * 6);
+    expect(vertices).toBeGreaterThan(99 * 99 * 6 - 6 * 12 * 12);
+  });
+
+  it("refuse terrain of another size than was announced", () => {
+    expect(() => new Heights(FRAME, new Float32Array(9999))).toThrow(/9999/);
+  });
+
+  it("stop a ray where it meets the ground", () => {
+    const met = SLOPE.meets([0, 0, 70], [10, 0, -30])!;
+    expect(met[2]).toBeCloseTo(0.3 * met[0] + 20, 2);
+    expect(SLOPE.meets([0, 0, 70], [0, 0, 120])).toBeNull();
+  });
+
+  it("become a skirt around four sides", () => {
+    const skirt = skirtMesh(SLOPE, -10);
+    expect(skirt.indices.value.length).toBe(4 * 99 * 6);
+    expect(Math.min(...skirt.attributes.positions.value.filter((_, k) => k % 3 === 2))).toBe(-10);
+  });
+});
+
+describe("the camera", () => {
+  it("looks at its target in the middle", () => {
+    const [x, y] = viewportOf(CAMERA, SIZE).project(CAMERA.target);
+    expect([x, y]).toEqual([expect.closeTo(400, 3), expect.closeTo(300, 3)]);
+  });
+
+  it("finds the ground that a pixel shows", () => {
+    const viewport = viewportOf(CAMERA, SIZE);
+    for (const [east, north] of [[0, 0], [-20, 11], [14, -9]]) {
+      const up = SLOPE.at(east, north);
+      const [x, y] = viewport.project([east, north, up]);
+      const [u, v] = groundUnder(viewport, x, y, SLOPE, 20)!;
+      expect(Math.hypot(u - east, v - north)).toBeLessThan(0.2);
+    }
+  });
+
+  it("carries the ground with the pointer", () => {
+    const held = [6, -4, 21];
+    const moved = carried(CAMERA, SIZE, held, 610, 190);
+    const [x, y] = viewportOf(moved, SIZE).project(held);
+    expect([x, y]).toEqual([expect.closeTo(610, 2), expect.closeTo(190, 2)]);
+    expect(moved.target[2]).toBe(CAMERA.target[2]);
+  });
+
+  it("comes to rest on the ground without a change of the picture", () => {
+    const floating: Camera = { ...CAMERA, target: [0, 0, 45] };
+    const rested = settled(floating, SIZE, SLOPE);
+    expect(rested.target[2]).toBeCloseTo(SLOPE.at(rested.target[0], rested.target[1]), 1);
+    const [before, after] = [viewportOf(floating, SIZE), viewportOf(rested, SIZE)];
+    for (const place of [[5, 5, 22], [-12, 8, 16], [0, -20, 18]]) {
+      const [a, b] = [before.project(place), after.project(place)];
+      expect(Math.hypot(a[0] - b[0], a[1] - b[1])).toBeLessThan(0.5);
+    }
+  });
+
+  it("keeps above the horizon and counts turns within one", () => {
+    expect(turned(CAMERA, 0, -1000).rotationX).toBe(8);
+    expect(turned(CAMERA, 0, 1000).rotationX).toBe(90);
+    expect(bounded({ ...CAMERA, rotationOrbit: 725 }).rotationOrbit).toBeCloseTo(5);
+    expect(bounded({ ...CAMERA, zoom: 99 }).zoom).toBeLessThan(10);
+  });
+
+  it("shows all of what it is asked to show", () => {
+    const viewport = viewportOf(overview([-40, -30, 40, 30], SIZE, SLOPE), SIZE);
+    for (const [east, north] of [[-40, -30], [40, -30], [40, 30], [-40, 30]]) {
+      const [x, y] = viewport.project([east, north, SLOPE.at(east, north)]);
+      expect(x > 0 && x < SIZE.width && y > 0 && y < SIZE.height).toBe(true);
+    }
+  });
+});
+
+describe("outlines", () => {
+  const SQUARE: Corner[] = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]];
+  const HOLE: Corner[] = [[4, 4], [6, 4], [6, 6], [4, 6], [4, 4]];
+  const FAR: Corner[] = [[30, 0], [32, 0], [32, 2], [30, 0]];
+  const ZONE: Outline = [[SQUARE, HOLE], [FAR]];
+
+  it("contain their parts without their holes", () => {
+    expect(contains(ZONE, 1, 1)).toBe(true);
+    expect(contains(ZONE, 5, 5)).toBe(false);
+    expect(contains(ZONE, 31.5, 0.5)).toBe(true);
+    expect(contains(ZONE, 20, 5)).toBe(false);
+  });
+
+  it("are named in the middle of the largest part", () => expect(middleOf(ZONE)).toEqual([5, 5]));
+  it("have bounds", () => expect(boundsOf(ZONE.flat(2))).toEqual([0, 0, 32, 10]));
+  it("have an area and a length", () => {
+    expect(ringArea(SQUARE)).toBe(100);
+    expect(ringArea([...SQUARE].reverse())).toBe(100);
+    expect(lineLength(SQUARE)).toBe(40);
+  });
+
+  it("say when they cross themselves", () => {
+    expect(crossesItself([[0, 0], [10, 0], [10, 10], [0, 10]])).toBe(false);
+    expect(crossesItself([[0, 0], [10, 10], [10, 0], [0, 10]])).toBe(true);
+    expect(crossesItself([[0, 0], [10, 0], [5, 3]])).toBe(false);
+  });
+
+  it("lie on the ground between their corners too", () => {
+    const hill = middles((east) => 10 * Math.exp(-(east * east) / 50));
+    const line = draped([[-40, 0], [40, 0]], hill, 0.5);
+    expect(Math.max(...line.map(([, , up]) => up))).toBeCloseTo(10.5, 1);
+    const gaps = line.slice(1).map(([east], k) => east - line[k][0]);
+    expect(Math.max(...gaps)).toBeLessThanOrEqual(1 + 1e-9);
+  });
+});

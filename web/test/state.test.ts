@@ -1,0 +1,36 @@
+import { describe, expect, it } from "vitest";
+import { formatLink, parseLink } from "../src/state/deep_link";
+import { EMPTY_STATE, Store } from "../src/state/store";
+
+describe("links", () => {
+  it("lead back to where they were made", () => {
+    const view = { target: [-512.3, 81.5, 1204.1] as [number, number, number], zoom: 1.25, rotationX: 48, rotationOrbit: -28.5 };
+    for (const selection of [null, { kind: "zone", id: "Z1" }, { kind: "drone", id: "uav 1&2" }, { kind: "ground", east: 1.5, north: -2 }] as const) {
+      const link = { t: "1767225600095371891", selection, view };
+      expect(parseLink(formatLink(link))).toEqual(link);
+    }
+  });
+
+  it("of the newest moment with nothing selected are empty", () => {
+    expect(formatLink({ t: null, selection: null, view: null })).toBe("");
+    expect(parseLink("")).toEqual({ t: null, selection: null, view: null });
+  });
+
+  it.each(["#t=abc", "#t=-5", "#t=99999999999999999999", "#view=1,2,3", "#view=1,2,3,4,5,x", "#at=1", "#view=,,,,,"])(
+    "with nonsense are no links: %s",
+    (hash) => expect(parseLink(hash)).toEqual({ t: null, selection: null, view: null }),
+  );
+});
+
+describe("the store", () => {
+  it("tells everybody who listens, and nobody who has left", () => {
+    const store = new Store();
+    const heard: string[] = [];
+    const leave = store.subscribe((state) => heard.push(state.units));
+    store.set({ units: "feet" });
+    leave();
+    store.set({ units: "metres" });
+    expect(heard).toEqual(["feet"]);
+    expect(store.state).toEqual(EMPTY_STATE);
+  });
+});

@@ -1,0 +1,99 @@
+import { describe, expect, it } from "vitest";
+import { waitBefore } from "../src/api/stream";
+import { exportCommand, FORMATS } from "../src/text/exports";
+import { ago, compareStamps, duration, endOf, indexAt, timeOfDay } from "../src/text/stamp";
+import { area, degrees, geographic, grouped, length, place, probability } from "../src/text/units";
+import { roundLength } from "../src/ui/scale_bar";
+
+describe("stamps", () => {
+  it("are compared as numbers, exactly", () => {
+    expect(compareStamps("999", "1000")).toBe(-1);
+    expect(compareStamps("1767225600095371892", "1767225600095371891")).toBe(1); // one number as doubles
+    expect(compareStamps("0", "0")).toBe(0);
+  });
+
+  it("lead to the last point before them", () => {
+    const points = [10, 20, 30].map((stamp_ms) => ({ stamp_ms }));
+    expect([5, 10, 19.9, 20, 99].map((stamp) => indexAt(points, stamp))).toEqual([0, 0, 0, 1, 2]);
+  });
+
+  it("are read on a clock", () => {
+    const stamp = Date.UTC(2026, 0, 1, 12, 41, 7, 345);
+    expect(timeOfDay(stamp, "utc")).toBe("12:41:07.3");
+    expect(timeOfDay(stamp, "utc", 0)).toBe("12:41:07");
+    const local = new Date(stamp);
+    expect(timeOfDay(stamp, "local", 0)).toBe([local.getHours(), local.getMinutes(), local.getSeconds()].map((part) => String(part).padStart(2, "0")).join(":"));
+  });
+
+  it.each([
+    [0.04, "0.0 s"],
+    [9.94, "9.9 s"],
+    [9.96, "10 s"],
+    [61, "61 s"],
+    [185, "3 min 05 s"],
+    [3599.6, "1 h 00 min"],
+    [7800, "2 h 10 min"],
+    [200_000, "2 days"],
+  ])("%d s is %s", (seconds, text) => expect(duration(seconds)).toBe(text));
+
+  it("say how long ago", () => {
+    expect(ago(null, 5)).toBe("never");
+    expect(ago(1000, 1020)).toBe("just now");
+    expect(ago(1000, 4000)).toBe("3.0 s ago");
+  });
+});
+
+describe("the end of a zone", () => {
+  it("is a look where the method knows no end", () => {
+    expect(endOf(null, 0)).toEqual({ text: "until somebody looks", counts: false });
+  });
+  it("counts down, and is never open before the service says so", () => {
+    expect(endOf(12_000, 0).text).toBe("12 s");
+    expect(endOf(12_000, 99_000)).toEqual({ text: "end is due", counts: true });
+  });
+});
+
+describe("units", () => {
+  it("are metres or feet", () => {
+    expect(length(30.48, "feet")).toBe("100 ft");
+    expect(length(30.48, "metres", 1)).toBe("30.5 m");
+    expect(area(9.290304, "feet")).toBe("100 ft²");
+    expect(area(4.25, "metres")).toBe("4.3 m²");
+  });
+
+  it("group digits", () => {
+    expect(grouped(1_234_567)).toBe("1\u2009234\u2009567");
+    expect(grouped(-1234.56, 1)).toBe("−1\u2009234.6");
+    expect(grouped(999.99, 1)).toBe("1\u2009000.0");
+    expect(grouped(-0.2)).toBe("0");
+  });
+
+  it("never round a probability to certainty", () => {
+    expect([0, 0.0004, 0.0689, 0.5, 0.9996, 1].map(probability)).toEqual(["0.000", "< 0.001", "0.069", "0.50", "> 0.999", "1.00"]);
+    expect(probability(null)).toBe("not known");
+  });
+
+  it("give places in degrees where there are any", () => {
+    const anchor = { latitude_deg: 46.5, longitude_deg: 8, height_m: 0 };
+    // pyproj: Geod(ellps="WGS84").inv(8, 46.5, 8, 46.51) and .inv(8, 46.5, 8.01, 46.5)
+    expect(geographic(0, 1111.6118, anchor)[0]).toBeCloseTo(46.51, 6);
+    expect(geographic(767.6259, 0, anchor)[1]).toBeCloseTo(8.01, 6);
+    expect(degrees(-33.5, -70.25)).toBe("33.50000° S 70.25000° W");
+    expect(place(12, -7, null, "metres")).toBe("E 12 m  N −7 m");
+  });
+
+  it("fit a scale bar", () => expect([0.7, 1, 4.9, 5, 73].map(roundLength)).toEqual([0.5, 1, 2, 5, 50]));
+});
+
+describe("exports", () => {
+  it("have the command that makes the same file", () => {
+    expect(exportCommand("ed318", { at: "1767225600095371891", country: "GRC" })).toBe(
+      "crowdfence export out/ --format ed318 --at 1767225600095371891 --country GRC -o zones.json",
+    );
+    expect(new Set(FORMATS.map(({ name }) => name)).size).toBe(FORMATS.length);
+  });
+});
+
+it("the stream waits longer each time, but not for ever", () => {
+  expect([0, 1, 2, 3, 4, 50].map(waitBefore)).toEqual([500, 1000, 2000, 4000, 5000, 5000]);
+});
