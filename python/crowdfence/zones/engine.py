@@ -108,7 +108,7 @@ class ZoneEngine:
             **self._crowd.arrays(),
         }
         told = {
-            "stepped_ns": closed.stepped_ns,
+            "stepped_ns": self._closed.stepped_ns,
             "evidence": {
                 name: {drone: asdict(look) for drone, look in looks.items()}
                 for name, looks in self._evidence.items()
