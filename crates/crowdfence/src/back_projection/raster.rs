@@ -15,6 +15,7 @@ mod faces;
 mod frame;
 mod ground;
 mod optics;
+mod outlines;
 mod prism;
 mod tile;
 
@@ -285,7 +286,10 @@ impl<'a> Painter<'a> {
     fn paint_piece(&mut self, tile: &Tile, piece: &Piece, place: &Place) {
         let painted = match self.paint_prism(tile, piece, place) {
             Some(painted) => painted,
-            None => self.paint_faces(tile, piece, place),
+            None => match self.paint_outlines(tile, piece, place) {
+                Some(painted) => painted,
+                None => self.paint_faces(tile, piece, place),
+            },
         };
         if painted.count == 0 && self.between_pixels {
             self.paint_middle(piece, place);

@@ -1,5 +1,4 @@
-//! A solid by its faces: top, bottom, and the sides that are turned to the camera, voxel by voxel. For whatever is
-//! no smooth ground, and in any place.
+//! A solid by its faces: top, bottom, and the sides that are turned to the camera, voxel by voxel. In any place.
 
 use glam::{DVec2, DVec3};
 
@@ -46,11 +45,8 @@ impl Painter<'_> {
     fn paint_wall(&mut self, tile: &Tile, piece: &Piece, place: &Place, shoulder: f64, cut: bool) {
         let solid = piece.solid;
         let bottom = solid.bottom - self.origin.z;
-        let hidden = [0, 1].map(|axis| hidden_up_to(tile, piece, place, axis) - self.origin.z);
-        // Nobody looks at what lies behind other columns, and under the lowest voxel only from below.
-        let first = if bottom > 0.0 { f64::NEG_INFINITY } else { hidden[0].min(hidden[1]) + self.origin.z };
-        let first = first.clamp(f64::from(solid.lowest), f64::from(solid.uppermost)) as u32;
-        for z in first..solid.uppermost {
+        let hidden = self.hidden(tile, piece, place);
+        for z in self.first_shown(piece, hidden)..solid.uppermost {
             let is_lowest = z == solid.lowest;
             let floor = if is_lowest { bottom } else { f64::from(z) - self.origin.z };
             let is_next_to_uppermost = z + 1 == solid.uppermost;
@@ -65,10 +61,30 @@ impl Painter<'_> {
         }
     }
 
+    /// Heights up to which the columns before a piece, along each axis, hide the side that is turned to the camera.
+    #[inline(always)]
+    pub(super) fn hidden(&self, tile: &Tile, piece: &Piece, place: &Place) -> [f64; 2] {
+        [
+            hidden_up_to(tile, piece, place, 0) - self.origin.z,
+            hidden_up_to(tile, piece, place, 1) - self.origin.z,
+        ]
+    }
+
+    /// The lowest voxel of a wall that may be in view: nobody looks at what lies behind other columns, and under the
+    /// lowest voxel only from below. `hidden` are heights along both axes, see [`Painter::hidden`].
+    #[inline(always)]
+    pub(super) fn first_shown(&self, piece: &Piece, hidden: [f64; 2]) -> u32 {
+        let Solid { lowest, uppermost, bottom, .. } = piece.solid;
+        let is_seen_from_below = bottom > self.origin.z;
+        let first =
+            if is_seen_from_below { f64::NEG_INFINITY } else { hidden[0].min(hidden[1]) + self.origin.z };
+        first.clamp(f64::from(lowest), f64::from(uppermost)) as u32
+    }
+
     /// Whether a part of a piece is out of range.
     #[inline(always)]
-    fn is_cut_by_range(&self, piece: &Piece, place: &Place) -> bool {
-        let highest = piece.tops.iter().copied().fold(f64::NEG_INFINITY, f64::max) - self.origin.z;
+    pub(super) fn is_cut_by_range(&self, piece: &Piece, place: &Place) -> bool {
+        let highest = piece.highest() - self.origin.z;
         let bottom = piece.solid.bottom - self.origin.z;
         let farthest = |axis: usize| place.low[axis].abs().max((place.low[axis] + 1.0).abs());
         let corner = DVec3::new(farthest(0), farthest(1), highest.abs().max(bottom.abs()));

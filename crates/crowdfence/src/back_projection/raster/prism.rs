@@ -11,7 +11,7 @@ use super::{Painter, Place};
 /// that no pixel falls between the two. What is too much is hidden.
 pub const OVERLAP: f64 = 1e-3;
 /// Nearest depth at which nothing has to be cut off, in voxels.
-const CLEAR: f64 = 0.05;
+pub const CLEAR: f64 = 0.05;
 
 impl Painter<'_> {
     /// None where it takes the faces one by one: beside and under the camera, at steps, walls and edges, and where

@@ -40,6 +40,12 @@ impl Piece {
         let top = solid.top();
         Piece { solid, tops: [top - x - y, top + x - y, top - x + y, top + x + y], is_lowest, id }
     }
+
+    /// Height of the highest corner of its top.
+    #[inline(always)]
+    pub fn highest(&self) -> f64 {
+        self.tops.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    }
 }
 
 /// The lowest solids of all columns, by [`index`]. Heights are above [`Tile::level`] and exact.
