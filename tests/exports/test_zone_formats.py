@@ -393,6 +393,20 @@ def plan(**changes: Any) -> dict[str, Any]:
     return {**whole, **changes}
 
 
+def test_a_circle_covers_on_the_sphere_that_autopilots_take_the_earth_for() -> None:
+    """By the equator a degree of latitude is 0.55 % longer on a sphere of 6371 km than on the ellipsoid: a
+    crowd that reaches 700 m to the south lies 703.9 m away for PX4."""
+    anchor = (0.0, 30.0, 0.0)
+    export = exported(zones_of("#"), anchor, max_items=1)
+    long = replace(export.zones[0], polygon=shapely.box(-1, -700, 1, 700), lower_m=0.0, upper_m=0.0)
+    (circle,) = json.loads(qgc_plan(replace(export, zones=[long])))["geoFence"]["circles"]
+    assert circle["circle"]["center"] == pytest.approx([0.0, 30.0], abs=1e-7)
+    south, _, _ = Georeference(*anchor).geodetic_from_local([[0.0, -700.0, 0.0]])
+    haversine_m = 6_371_000.0 * np.radians(abs(south[0]))
+    assert haversine_m == pytest.approx(703.9, abs=0.1)
+    assert haversine_m <= circle["circle"]["radius"] <= 1.008 * 700.0
+
+
 def test_a_fence_is_added_to_a_plan_and_what_was_there_stays() -> None:
     before = plan()
     after = json.loads(qgc_plan(exported(), before))

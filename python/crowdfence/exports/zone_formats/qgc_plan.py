@@ -8,11 +8,11 @@ the plan held before stays, its other fence items too, and they count.
 from __future__ import annotations
 
 import json
-import math
 from typing import Any
 
 import numpy as np
 
+from crowdfence.exports.geographic_circle import geographic_circle
 from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
 from crowdfence.zones import Zone
 from crowdfence.zones.capacity import Circle, Fence, fitted
@@ -22,8 +22,6 @@ MISSION_VERSION = 2
 FENCE_VERSION = 2
 _ITEM_VERSION = 1
 _DECIMALS = 8
-_SPREAD = 1e-3
-"""How much longer a metre of the local plane may be on the ground, some kilometres up or away."""
 
 
 def qgc_plan(export: ZoneExport, plan: dict[str, Any] | None = None) -> str:
@@ -104,14 +102,11 @@ def _polygon(polygon: Any, export: ZoneExport) -> dict[str, Any]:
 
 def _circle(circle: Circle, export: ZoneExport) -> dict[str, Any]:
     heights = [height for zone in export.zones for height in (zone.lower_m, zone.upper_m)]
-    centre = [[circle.east_m, circle.north_m, (min(heights) + max(heights)) / 2]]
-    latitude, longitude, _ = export.georeference.geodetic_from_local(centre)
-    radius_m = math.ceil((circle.radius_m * (1.0 + _SPREAD) + 0.01) * 100) / 100
+    longitude, latitude, radius_m = geographic_circle(
+        circle, export.georeference, min(heights), max(heights), _DECIMALS
+    )
     return {
-        "circle": {
-            "center": [round(float(latitude[0]), _DECIMALS), round(float(longitude[0]), _DECIMALS)],
-            "radius": radius_m,
-        },
+        "circle": {"center": [latitude, longitude], "radius": radius_m},
         "inclusion": False,
         "version": _ITEM_VERSION,
     }
