@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
+from crowdfence.sources.ground_contact import require_settled
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import as_png, picture_format
@@ -55,6 +56,7 @@ def convert(
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
     written; nothing is left behind then.
     """
+    require_settled(recording)
     refused = list(recording.refused)
     conversion = Conversion(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []
