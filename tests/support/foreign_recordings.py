@@ -4,11 +4,16 @@ angles that are worked out here from direction vectors, not by the package's qua
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
+import rasterio
+import rasterio.transform
+import shapely
 from numpy.typing import NDArray
 from pyproj import Transformer
 from rosbags.rosbag1 import Writer as Writer1
@@ -32,9 +37,63 @@ def mission() -> Recording:
     return open_recording(DEMO)
 
 
+LOW, HIGH = np.array([-690.0, 20.0]), np.array([-520.0, 160.0])
+"""The part of the map that the frames show, local metres."""
+
+
 @cache
-def ground() -> Terrain:
+def whole_map() -> Terrain:
     return crowdfence.open_terrain(mission())
+
+
+def heights(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Height of the map's surface at places [N, 2]."""
+    origins = np.column_stack([xy, np.full(len(xy), 300.0)])
+    _, down = whole_map().raycast(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)), 1000.0)
+    return 300.0 - down
+
+
+def ground(offset: NDArray[np.float64] | None = None) -> Terrain:
+    """That part of the map at a metre, in the mission's frame or one that is shifted against it."""
+    x, y, z = np.zeros(3) if offset is None else offset
+    return Terrain.from_height_map(_ground_cells(), 1.0, origin=(LOW[0] + x, LOW[1] + y, z))
+
+
+@cache
+def _ground_cells() -> NDArray[np.float32]:
+    size = (HIGH - LOW).astype(int)
+    cells = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in size), indexing="ij"), axis=-1)
+    z = heights(cells.reshape(-1, 2) + LOW).reshape(size)
+    return z.astype(np.float32)
+
+
+def write_dem(path: Path) -> Path:
+    """That part of the map as a GeoTIFF in UTM 32N at a metre, heights above the ellipsoid."""
+    anchor = mission().georeference
+    assert anchor is not None
+    corners = [(x, y, 0.0) for x in (LOW[0], HIGH[0]) for y in (LOW[1], HIGH[1])]
+    utm = anchor.projected_from_local("EPSG:32632", corners)
+    west, south = np.floor(utm[:, :2].min(axis=0))
+    east, north = np.ceil(utm[:, :2].max(axis=0))
+    columns, rows_ = np.arange(west, east) + 0.5, np.arange(north, south, -1) - 0.5
+    x, y = (values.reshape(-1) for values in np.meshgrid(columns, rows_))
+    local = anchor.local_from_projected("EPSG:32632", x, y, np.full(len(x), anchor.height_m))
+    z = heights(local[:, :2])
+    height = anchor.projected_from_local("EPSG:32632", np.column_stack([local[:, :2], z]))[:, 2]
+    raster = height.reshape(len(rows_), len(columns)).astype(np.float32)
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=raster.shape[1],
+        height=raster.shape[0],
+        count=1,
+        dtype="float32",
+        crs="EPSG:32632",
+        transform=rasterio.transform.from_origin(west, north, 1.0, 1.0),
+    ) as file:
+        file.write(raster, 1)
+    return path
 
 
 def frames(drone: str = DRONE, count: int = FRAMES) -> list[Frame]:
@@ -72,13 +131,19 @@ class Row:
         east = [-np.sin(lon), np.cos(lon), 0]
         north = [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)]
         up = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
-        to_ecef = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+        to_ecef = _to_ecef()
         start = to_ecef.transform(anchor.longitude_deg, anchor.latitude_deg, anchor.height_m)
         ecef = np.array(start) + self.position @ np.array([east, north, up])
         longitude, latitude, height = to_ecef.transform(*ecef, direction="INVERSE")
         return latitude, longitude, height
 
 
+@cache
+def _to_ecef() -> Transformer:
+    return Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+
+
+@cache
 def rows(drone: str = DRONE) -> list[Row]:
     """The drone's telemetry at 50 Hz, as recorded."""
     track = mission().tracks()[drone]
@@ -192,6 +257,38 @@ def picture_messages(drone: str, frame_id: str, *, raw: bool = False) -> list[tu
     return messages
 
 
+# --- films ---
+
+
+def write_film(path: Path, drone: str = DRONE) -> tuple[Path, int]:
+    """The pictures as a film that begins at the last row half a second before them: (path, its begin)."""
+    chosen = frames(drone)
+    start_ns = max(row.stamp_ns for row in rows(drone) if row.stamp_ns <= chosen[0].stamp_ns - 500_000_000)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt = (
+            chosen[0].camera.width,
+            chosen[0].camera.height,
+            "yuv420p",
+        )
+        stream.bit_rate, stream.gop_size = 8_000_000, 3
+        stream.codec_context.time_base = Fraction(1, 1000)
+        black = np.zeros((chosen[0].camera.height, chosen[0].camera.width, 3), np.uint8)
+        shown = [(0, black), *(((one.stamp_ns - start_ns) // 1_000_000, one.image()) for one in chosen)]
+        for time_ms, picture in shown:
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = time_ms, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path, start_ns
+
+
+def focal_35mm(frame: Frame) -> float:
+    """CIPA: 35 mm film has a diagonal of 43.27 mm."""
+    camera = frame.camera
+    return float(camera.fx / np.hypot(camera.width, camera.height) * np.hypot(36, 24))
+
+
 # --- what must come out ---
 
 
@@ -205,21 +302,42 @@ def reference(drones: tuple[str, ...] = (DRONE,)) -> Recording:
 
 def closed(recording: Recording, terrain: Terrain | None = None) -> Any:
     """All ground that a run closes, as one shape in local metres of the mission."""
-    heatmaps = {(f.drone, f.stamp_ns): f.heatmap for drone in mission().drones for f in frames(drone)}
 
     def recorded(frame: Frame) -> NDArray[Any]:
-        """The heatmap of the mission's frame nearest in time: films and photographs hold none."""
-        drone = min(heatmaps, key=lambda key: abs(key[1] - frame.stamp_ns))[0]
-        stamp = min((s for d, s in heatmaps if d == drone), key=lambda s: abs(s - frame.stamp_ns))
-        return heatmaps[drone, stamp]()
+        """What the mission recorded then; films and photographs hold no heatmaps."""
+        of_drone = frames(frame.drone if frame.drone in mission().drones else DRONE)
+        nearest = min(of_drone, key=lambda other: abs(other.stamp_ns - frame.stamp_ns))
+        heatmap = nearest.heatmap()
+        return heatmap if abs(nearest.stamp_ns - frame.stamp_ns) < 50_000_000 else np.zeros_like(heatmap)
 
     run = crowdfence.run(
         recording, terrain or ground(), RunConfig(zones=ZoneConfig(min_area_m2=4.0)), detector=recorded
     )
     assert not run.refused
-    return unary_union([zone.polygon for zone in run.zones])
+    anchor, local = mission().georeference, recording.georeference
+    shape = unary_union([zone.polygon for zone in run.zones])
+    if local is None or local == anchor:
+        return shape
+    assert anchor is not None
+
+    def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        flat = np.column_stack([points, np.zeros(len(points))])
+        return anchor.local_from_geodetic(*local.geodetic_from_local(flat))[:, :2]
+
+    return shapely.transform(shape, moved)
 
 
 def agreement(a: Any, b: Any) -> float:
     """Area that both close over area that either closes."""
     return float(a.intersection(b).area / a.union(b).area)
+
+
+def beyond(a: Any, b: Any, reach_m: float) -> float:
+    """Share of the ground of `a` or of `b` that lies further than `reach_m` from the other, the larger of the
+    two."""
+    return float(
+        max(
+            a.difference(b.buffer(reach_m)).area / a.area,
+            b.difference(a.buffer(reach_m)).area / b.area,
+        )
+    )

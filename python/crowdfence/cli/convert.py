@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def convert(
     context: typer.Context,
-    recording: options.RecordingPath,
+    recording: options.RecordingPaths,
     output: Annotated[Path, typer.Option("--output", "-o", help="Mission file to write (.mcap).")],
     results: Annotated[
         Path | None,
@@ -48,6 +48,13 @@ def convert(
             "--with-map/--without-map", help="Whether the map goes into the file, which then opens anywhere."
         ),
     ] = True,
+    telemetry: source_options.Telemetry = None,
+    clock_offset_s: source_options.ClockOffset = None,
+    heights: source_options.Heights = None,
+    geoid_m: source_options.GeoidM = None,
+    take_off: source_options.TakeOff = None,
+    ground_start: source_options.GroundStart = False,
+    frames_per_s: source_options.FramesPerS = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -63,6 +70,8 @@ def convert(
         _require_place(output, recording, force)
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
+        if terrain is not None:
+            source = _on_map(source, terrain)
         with console.progress("converting", len(source.frames), "frames") as advance:
             conversion = write_mission(
                 source,
@@ -122,10 +131,18 @@ def _map_told(inside: str | None, wanted: bool) -> str:
     return "none: give one with --terrain when you run" if wanted else "not in the file"
 
 
-def _require_place(output: Path, recording: Path, force: bool) -> None:
+def _on_map(source: Recording, terrain: Path) -> Recording:
+    """With heights that waited for the map."""
+    from crowdfence.pipeline import open_terrain
+    from crowdfence.sources.ground_contact import on_ground
+
+    return on_ground(source, open_terrain(source, terrain)) if source.ground_contacts else source
+
+
+def _require_place(output: Path, recordings: list[Path], force: bool) -> None:
     if not output.exists():
         return
-    if recording.exists() and output.samefile(recording):
+    if any(recording.exists() and output.samefile(recording) for recording in recordings):
         raise FileExistsError(f"{output} is the recording itself; choose another file")
     if not force:
         raise FileExistsError(f"{output} exists; --force replaces it")

@@ -27,7 +27,10 @@ def detect(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder for the heatmaps; for a recording, a mission file (.mcap)."
+            "--output",
+            "-o",
+            help="Folder for the heatmaps; for a recording, and for a film or photographs that know where they "
+            "were taken, a mission file (.mcap).",
         ),
     ],
     models: Annotated[
@@ -66,18 +69,26 @@ def detect(
     topics: source_options.Topics = None,
     mount: source_options.Mount = None,
     calibration: source_options.Calibration = None,
+    telemetry: source_options.Telemetry = None,
+    clock_offset_s: source_options.ClockOffset = None,
+    heights: source_options.Heights = None,
+    geoid_m: source_options.GeoidM = None,
+    take_off: source_options.TakeOff = None,
+    ground_start: source_options.GroundStart = False,
+    frames_per_s: source_options.FramesPerS = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
     from crowdfence.pipeline import named_detector
-    from crowdfence.sources import is_recording
+    from crowdfence.sources import is_flight, is_recording
 
     names = models or [SHIPPED_MODEL]
     if contract is not None and len(names) > 1:
         raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
 
-    if not is_recording(source):
+    with_poses = output.suffix == ".mcap" and is_flight(source)
+    if not (is_recording(source) or with_poses):
         with writable_folder(output):
             detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
             _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
@@ -164,10 +175,13 @@ def _detect_recording(
     from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
     from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
+    from crowdfence.sources.ground_contact import on_ground
 
     mapped = terrain is not None or recording.terrain is not None
     wanted = detector.contract.needs_gsd or (detector.contract.uses_gsd and mapped)
     ground = open_terrain(recording, terrain, **map_options) if wanted else None
+    if ground is not None:
+        recording = on_ground(recording, ground)
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(

@@ -25,7 +25,7 @@ GATE_NOT_MET = 3
 
 def evaluate(
     context: typer.Context,
-    recording: options.RecordingPath,
+    recording: options.RecordingPaths,
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
     terrain_option: options.TerrainOption = None,
@@ -34,6 +34,13 @@ def evaluate(
     topics: source_options.Topics = None,
     mount: source_options.Mount = None,
     calibration: source_options.Calibration = None,
+    telemetry: source_options.Telemetry = None,
+    clock_offset_s: source_options.ClockOffset = None,
+    heights: source_options.Heights = None,
+    geoid_m: source_options.GeoidM = None,
+    take_off: source_options.TakeOff = None,
+    ground_start: source_options.GroundStart = False,
+    frames_per_s: source_options.FramesPerS = None,
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,

@@ -42,6 +42,13 @@ def inspect(
     topics: source_options.Topics = None,
     mount: source_options.Mount = None,
     calibration: source_options.Calibration = None,
+    telemetry: source_options.Telemetry = None,
+    clock_offset_s: source_options.ClockOffset = None,
+    heights: source_options.Heights = None,
+    geoid_m: source_options.GeoidM = None,
+    take_off: source_options.TakeOff = None,
+    ground_start: source_options.GroundStart = False,
+    frames_per_s: source_options.FramesPerS = None,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[
@@ -119,6 +126,7 @@ def _write_picture(
     from crowdfence.exports.contact_sheet import write_contact_sheet
     from crowdfence.inspection.recording import RecordingReport
     from crowdfence.pipeline import open_terrain
+    from crowdfence.sources.ground_contact import on_ground
 
     if not isinstance(report, RecordingReport):
         raise ValueError(f"--picture goes with recordings; {report.path} is not one")
@@ -126,6 +134,7 @@ def _write_picture(
     terrain = None
     if terrain_path is not None or recording.terrain is not None:
         terrain = open_terrain(recording, terrain_path, **terrain_options)
+        recording = on_ground(recording, terrain)
     write_contact_sheet(picture, recording, terrain, tolerance_ms=tolerance_ms)
 
 

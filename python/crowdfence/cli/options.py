@@ -100,7 +100,15 @@ AUTO = ["auto"]
 RecordingPath = Annotated[
     Path,
     typer.Argument(
-        help="Mission file (.mcap), ROS bag, AirSim recording, folder with poses.csv (docs/recordings.md)."
+        help="Mission file (.mcap), ROS bag, film with its log, AirSim recording, folder with poses.csv: see "
+        "docs/recordings.md."
+    ),
+]
+RecordingPaths = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Mission file (.mcap), ROS bag, film with its log, AirSim recording, folder with poses.csv: see "
+        "docs/recordings.md. Several are one fleet."
     ),
 ]
 TerrainPath = Annotated[

@@ -33,7 +33,7 @@ WHY = {
 
 def run(
     context: typer.Context,
-    recording: options.RecordingPath,
+    recording: options.RecordingPaths,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     terrain: options.TerrainPath = None,
     voxel_size_m: options.VoxelSizeM = None,
@@ -43,6 +43,13 @@ def run(
     topics: source_options.Topics = None,
     mount: source_options.Mount = None,
     calibration: source_options.Calibration = None,
+    telemetry: source_options.Telemetry = None,
+    clock_offset_s: source_options.ClockOffset = None,
+    heights: source_options.Heights = None,
+    geoid_m: source_options.GeoidM = None,
+    take_off: source_options.TakeOff = None,
+    ground_start: source_options.GroundStart = False,
+    frames_per_s: source_options.FramesPerS = None,
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,

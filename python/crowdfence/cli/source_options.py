@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,16 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 _PANEL = "Recordings of others"
+
+
+class HeightChoice(str, Enum):
+    """What recorded heights count from."""
+
+    ellipsoid = "ellipsoid"
+    sea = "sea"
+    take_off = "take-off"
+    ground = "ground"
+
 
 Topics = Annotated[
     list[str] | None,
@@ -43,16 +54,108 @@ Calibration = Annotated[
     ),
 ]
 
-NAMES = ("topics", "mount", "calibration")
+Telemetry = Annotated[
+    Path | None,
+    typer.Option(
+        "--telemetry",
+        metavar="FILE",
+        rich_help_panel=_PANEL,
+        help="Flight log of a film: .SRT (DJI), .ulg (PX4) or .tlog (MAVLink). Default: by the film's name.",
+    ),
+]
+ClockOffset = Annotated[
+    float | None,
+    typer.Option(
+        "--clock-offset",
+        metavar="SECONDS",
+        rich_help_panel=_PANEL,
+        help="When the film begins, in seconds after the beginning of its .ulg or .tlog; with an .SRT, how "
+        "late it is.",
+    ),
+]
+Heights = Annotated[
+    HeightChoice | None,
+    typer.Option(
+        "--heights",
+        rich_help_panel=_PANEL,
+        help="Which recorded heights to use: above the take-off (the map's ground there), the sea (needs the "
+        "geoid), the ellipsoid, the ground below. Default: ellipsoid, take-off, sea, whichever is first.",
+    ),
+]
+GeoidM = Annotated[
+    float | None,
+    typer.Option(
+        "--geoid-m",
+        rich_help_panel=_PANEL,
+        help="Height of the geoid above the ellipsoid there, where PROJ has no grid of it.",
+    ),
+]
+TakeOff = Annotated[
+    str | None,
+    typer.Option(
+        "--take-off",
+        metavar="LAT,LON",
+        rich_help_panel=_PANEL,
+        help="Where the drone took off, for heights above that. Default: the recorded home, else the first "
+        "position.",
+    ),
+]
+GroundStart = Annotated[
+    bool,
+    typer.Option(
+        "--ground-start",
+        rich_help_panel=_PANEL,
+        help="Every drone stood on the ground at its first pose: takes the barometer's bias out and says it.",
+    ),
+]
+FramesPerS = Annotated[
+    float | None,
+    typer.Option(
+        "--fps",
+        min=0.01,
+        rich_help_panel=_PANEL,
+        help="Frames of a film to use per second. Default: 2.",
+    ),
+]
+
+NAMES = (
+    "topics",
+    "mount",
+    "calibration",
+    "telemetry",
+    "clock_offset_s",
+    "heights",
+    "geoid_m",
+    "take_off",
+    "ground_start",
+    "frames_per_s",
+)
 
 
 def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """What a command was told about its recording, for `open_recording`."""
-    return {name: parameters[name] for name in NAMES if parameters.get(name) not in (None, [], ())}
+    """What a command was told about its recording, for `open_recording`. ValueError for a --take-off that is
+    no place."""
+    told: dict[str, Any] = {name: parameters.get(name) for name in NAMES}
+    told = {name: value for name, value in told.items() if value is not None and value not in ([], (), False)}
+    if "heights" in told:
+        told["heights"] = HeightChoice(told["heights"]).value
+    if "take_off" in told:
+        told["take_off"] = _place(told["take_off"])
+    return told
 
 
-def open_source(path: Path, parameters: Mapping[str, Any]) -> Recording:
-    """The recording of a command, with the options above."""
+def open_source(path: Path | Sequence[Path], parameters: Mapping[str, Any]) -> Recording:
+    """The recording of a command, with the options above; several files are one fleet."""
     from crowdfence.sources import open_recording
 
+    if not isinstance(path, Path):
+        path = path[0] if len(path) == 1 else path
     return open_recording(path, **given(parameters))
+
+
+def _place(text: str) -> tuple[float, float]:
+    try:
+        latitude_deg, longitude_deg = map(float, text.split(","))
+    except ValueError:
+        raise ValueError(f"--take-off {text!r} must be LAT,LON, such as 46.5,8.0") from None
+    return latitude_deg, longitude_deg

@@ -19,6 +19,7 @@ from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
@@ -122,6 +123,7 @@ def score(
     first = configs[0]
     if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in configs):
         raise ValueError("configurations that are scored together must project and group views alike")
+    recording = on_ground(recording, terrain)
     crowds = _truth(truth, recording, terrain, first)
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)

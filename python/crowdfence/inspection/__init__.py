@@ -55,7 +55,7 @@ def inspect_file(
 def _kind(path: Path) -> str:
     from crowdfence.inspection.crowd_map import MAGIC as CROWD_MAP_MAGIC
     from crowdfence.maps import SUFFIXES
-    from crowdfence.sources import KINDS, is_recording
+    from crowdfence.sources import KINDS, is_flight, is_recording
 
     path.stat()  # FileNotFoundError and PermissionError name the file
     if path.is_dir():
@@ -67,7 +67,7 @@ def _kind(path: Path) -> str:
         head = file.read(8)
     if suffix == ".crowdmap" or head == CROWD_MAP_MAGIC:
         return "crowd map"
-    if is_recording(path):
+    if is_recording(path) or is_flight(path):
         return "recording"
     raise ValueError(
         f"{path} is none of: a map ({' '.join(SUFFIXES)}), a recording ({KINDS}), a saved crowd map "

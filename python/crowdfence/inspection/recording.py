@@ -21,6 +21,7 @@ from crowdfence.inspection.timing import InstantSummary, Timing
 from crowdfence.inspection.view_overlap import ViewOverlap, evenly_spread, measure_overlap
 from crowdfence.iso_time import iso_utc
 from crowdfence.maps import MapHoles
+from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 
 if TYPE_CHECKING:
@@ -128,8 +129,10 @@ def inspect_recording(
 
     tell(f"reading {path.name}")
     recording = open_recording(path, **options.source_options)
-    instants = list(recording.instants(options.tolerance_ms))
     terrain, below = _open_terrain(recording, terrain_path, options, tell)
+    if terrain is not None:
+        recording = on_ground(recording, terrain)
+    instants = list(recording.instants(options.tolerance_ms))
     damaged = group_trouble(check_pixels(recording.frames, tell)) if options.check_pixels else None
     overlap = None
     if terrain is not None and not options.quick:
@@ -215,7 +218,7 @@ def _open_terrain(
         return None, TerrainBelow(str(path), given, None, str(error))
     terrain, problem = reading.terrain, None
     try:
-        check_overlap(recording, terrain, options.max_range_m)
+        check_overlap(on_ground(recording, terrain), terrain, options.max_range_m)
     except ValueError as error:
         # Not fatal here: the figures show what is wrong (heights, frames beside the terrain).
         problem = str(error)

@@ -18,6 +18,7 @@ from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
@@ -115,6 +116,7 @@ def run(
     """
     config = RunConfig() if config is None else config
     max_range_m = config.projection.max_range_m
+    recording = on_ground(recording, terrain)
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)

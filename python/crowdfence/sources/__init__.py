@@ -1,14 +1,25 @@
 """Where views come from: recordings of one or more drones, one file per kind."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from crowdfence.errors import FrameError
+from crowdfence.georeference import Georeference
 from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
-from crowdfence.sources.recording import Frame, Instant, PixelSources, Recording, RefusedFrame
+from crowdfence.sources.recording import (
+    Frame,
+    GroundContact,
+    Instant,
+    PixelSources,
+    Recording,
+    RefusedFrame,
+)
 
 __all__ = [
     "Frame",
@@ -19,57 +30,57 @@ __all__ = [
     "PoseTrack",
     "Recording",
     "RefusedFrame",
+    "is_flight",
     "is_recording",
     "open_recording",
 ]
 
-KINDS = "mission file or other MCAP, rosbag2 folder, ROS 1 .bag, AirSim folder, folder with poses.csv"
+KINDS = (
+    "mission file or other MCAP, rosbag2 folder, ROS 1 .bag, film with its flight log (DJI .SRT, PX4 .ulg, "
+    "MAVLink .tlog), folder of geotagged photographs, AirSim folder, folder with poses.csv"
+)
 """What can be opened, for messages."""
 
 
 def open_recording(
-    path: str | PathLike[str],
+    path: str | PathLike[str] | Sequence[str | PathLike[str]],
     *,
     max_pose_gap_s: float = 0.25,
     max_jump_s: float = 3600.0,
+    ground_start: bool = False,
     **options: Any,
 ) -> Recording:
-    """Open a recording, whatever it is:
+    """Open a recording, whatever it is, or several as one fleet:
 
     * a mission file (MCAP with our topics, see `mission.layout`),
     * a rosbag2 folder, a ROS 1 bag, or an MCAP file with other topics (see `ros_bag.reader`),
+    * a film with its flight log beside it (DJI subtitles, PX4 ULog, MAVLink telemetry; see `film.reader`),
+    * a folder of geotagged photographs (see `photographs.reader`),
     * a folder with airsim_rec.txt, or the folder above it (AirSim, Cosys-AirSim; see `airsim.reader`),
     * a folder with poses.csv (plain heatmaps and poses; see `folder`).
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
-    than `max_pose_gap_s` apart, or its stamp repeats, goes backwards, or lies more than `max_jump_s` away
-    from the others. `options` are those of the kind: `airsim.reader.AirSimOptions`,
-    `ros_bag.reader.BagOptions`.
+    than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
+    lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
+    first pose, so heights are moved by what the map says there. `options` are those of the kind:
+    `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
+    `photographs.reader.PhotographOptions`.
 
     OSError when the path cannot be read, ValueError when it holds no recording or one that cannot be used;
     TypeError for an unknown option, ValueError for an option of another kind of recording.
     """
-    path = Path(path)
     limits = Limits(max_pose_gap_s, max_jump_s)
-    if path.is_dir():
-        return _open_folder(path, limits, options)
-    if path.is_fifo():
-        raise ValueError(f"{path} is a pipe; save what it gives in a file, and name that")
-    from crowdfence.sources.mission.layout import MAGIC
-
-    with path.open("rb") as file:
-        is_mcap = file.read(len(MAGIC)) == MAGIC
-    if is_mcap:
-        return _open_mcap(path, limits, options)
-    from crowdfence.sources.ros_bag.bag_file import is_bag
-
-    if is_bag(path):
-        return _open_bag(path, limits, options)
-    raise ValueError(f"{path} is not a recording: {KINDS}")
+    if isinstance(path, (str, PathLike)):
+        recording = _open_one(Path(path), limits, options)
+    else:
+        recording = _open_fleet([Path(one) for one in path], limits, options)
+    return _from_the_ground(recording) if ground_start else recording
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `open_recording` would take it for a recording, intact or not. OSError when it is not there."""
+    """Whether `open_recording` would take it for a recording, intact or not. OSError when it is not there.
+
+    Films and photographs are not: they are also pictures, which `detect` takes without poses."""
     from crowdfence.sources.airsim.reader import find_airsim_folder
     from crowdfence.sources.folder import POSES_NAME
     from crowdfence.sources.mission.layout import MAGIC
@@ -82,9 +93,99 @@ def is_recording(path: Path) -> bool:
         return path.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC or is_bag(path)
 
 
-def _open_folder(path: Path, limits: Limits, options: Mapping[str, Any]) -> Recording:
+def is_flight(path: Path) -> bool:
+    """Whether it is a film or photographs by name: pictures that may know where they were taken."""
+    from crowdfence.sources.film.reader import is_film
+    from crowdfence.sources.photographs.reader import photographs
+
+    return bool(photographs(path)) or (path.is_file() and is_film(path))
+
+
+def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any]) -> Recording:
+    """The first says where the local frame of all lies, if the others can follow it."""
+    from crowdfence.sources.fleet import joined, names_of
+
+    if not paths:
+        raise ValueError("no recording is named")
+    opened: list[Recording] = []
+    for path, name in zip(paths, names_of(paths), strict=True):
+        anchor = opened[0].georeference if opened else None
+        opened.append(_open_one(path, limits, options, anchor, name))
+    return joined(opened) if len(opened) > 1 else opened[0]
+
+
+def _open_one(
+    path: Path,
+    limits: Limits,
+    options: Mapping[str, Any],
+    anchor: Georeference | None = None,
+    name: str = "",
+) -> Recording:
+    from crowdfence.sources.film.reader import is_film
+    from crowdfence.sources.mission.layout import MAGIC
+    from crowdfence.sources.photographs.reader import photographs
+    from crowdfence.sources.ros_bag.bag_file import is_bag
+
+    if path.is_dir():
+        return _open_folder(path, limits, options, anchor)
+    if path.is_fifo():
+        raise ValueError(f"{path} is a pipe; save what it gives in a file, and name that")
+    with path.open("rb") as file:
+        is_mcap = file.read(len(MAGIC)) == MAGIC
+    if is_mcap:
+        return _open_mcap(path, limits, options)
+    if photographs(path):
+        return _open_photographs(path, limits, options, anchor)
+    if is_film(path):
+        return _open_film(path, limits, options, anchor, name)
+    if is_bag(path):
+        return _open_bag(path, limits, options)
+    raise ValueError(f"{path} is not a recording: {KINDS}{_film_beside(path)}")
+
+
+def _open_film(
+    path: Path, limits: Limits, options: Mapping[str, Any], anchor: Georeference | None, name: str
+) -> Recording:
+    from crowdfence.sources.film.reader import FilmOptions, read_film
+    from crowdfence.sources.reader_options import reader_options
+
+    return read_film(path, limits, reader_options(FilmOptions, path, options), anchor, name)
+
+
+def _open_photographs(
+    path: Path, limits: Limits, options: Mapping[str, Any], anchor: Georeference | None
+) -> Recording:
+    from crowdfence.sources.photographs.reader import PhotographOptions, read_photographs
+    from crowdfence.sources.reader_options import reader_options
+
+    return read_photographs(path, limits, reader_options(PhotographOptions, path, options), anchor)
+
+
+def _film_beside(path: Path) -> str:
+    from crowdfence.sources.film.reader import LOG_SUFFIXES, film_of
+
+    if path.suffix.lower() not in LOG_SUFFIXES:
+        return ""
+    film = film_of(path)
+    return f"; it is the log of a film, which is named instead{f': {film}' if film else ''}"
+
+
+def _from_the_ground(recording: Recording) -> Recording:
+    contacts = {
+        drone: GroundContact((float(x), float(y), float(z)), "its first pose")
+        for drone, track in recording.tracks().items()
+        if len(track) and drone not in recording.ground_contacts
+        for x, y, z in track.positions[:1]
+    }
+    return replace(recording, ground_contacts={**recording.ground_contacts, **contacts})
+
+
+def _open_folder(
+    path: Path, limits: Limits, options: Mapping[str, Any], anchor: Georeference | None
+) -> Recording:
     from crowdfence.sources.airsim.reader import AirSimOptions, find_airsim_folder, read_airsim
     from crowdfence.sources.folder import POSES_NAME, read_folder
+    from crowdfence.sources.photographs.reader import photographs
     from crowdfence.sources.reader_options import reader_options, refuse_options
     from crowdfence.sources.ros_bag.bag_file import is_bag
 
@@ -96,9 +197,11 @@ def _open_folder(path: Path, limits: Limits, options: Mapping[str, Any]) -> Reco
         return read_folder(path, limits)
     if is_bag(path):
         return _open_bag(path, limits, options)
+    if photographs(path):
+        return _open_photographs(path, limits, options, anchor)
     raise ValueError(
         f"{path} holds no recording: neither airsim_rec.txt (here or one folder below) nor poses.csv nor a "
-        "rosbag2"
+        "rosbag2 nor photographs (.jpg)"
     )
 
 

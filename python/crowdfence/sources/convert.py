@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
 from crowdfence.sources.mission.attached_map import is_copy
+from crowdfence.sources.ground_contact import require_settled
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
@@ -66,6 +67,7 @@ def convert(
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
     written, ValueError for a map too large to go into it; nothing is left behind then.
     """
+    require_settled(recording)
     refused = list(recording.refused)
     conversion = Conversion(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []

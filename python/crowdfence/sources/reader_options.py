@@ -34,9 +34,16 @@ def refuse_options(path: Path, given: Mapping[str, Any]) -> None:
 
 def _options_by_kind() -> dict[str, set[str]]:
     from crowdfence.sources.airsim.vehicle import AirSimOptions
+    from crowdfence.sources.film.reader import FilmOptions
+    from crowdfence.sources.photographs.reader import PhotographOptions
     from crowdfence.sources.ros_bag.reader import BagOptions
 
-    kinds = {"AirSim recording": AirSimOptions, "ROS bag": BagOptions}
+    kinds = {
+        "AirSim recording": AirSimOptions,
+        "ROS bag": BagOptions,
+        "film": FilmOptions,
+        "folder of photographs": PhotographOptions,
+    }
     return {what: {field.name for field in fields(kind)} for what, kind in kinds.items()}
 
 
@@ -45,6 +52,8 @@ def _meant(name: str, value: Any) -> Any:
         return CameraMount.parse(value)
     if name == "topics" and isinstance(value, str):
         return [value]
+    if name == "telemetry":
+        return Path(value)
     if name == "calibration" and isinstance(value, (str, PathLike)):
         from crowdfence.sources.lens.calibration_file import read_calibration
 

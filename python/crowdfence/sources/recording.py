@@ -191,6 +191,16 @@ def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> Vie
         return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
 
 
+@dataclass(frozen=True, slots=True)
+class GroundContact:
+    """Heights of a drone that wait for the map, see `ground_contact.on_ground`."""
+
+    place: tuple[float, float, float] | None
+    """Local point that was on the ground, such as the take-off; None: heights count from the ground below."""
+    said: str
+    """Where that is known from."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """A flight of one or more drones, whatever it was stored as. `open_recording` makes one."""
@@ -212,6 +222,8 @@ class Recording:
     pose_tracks: Mapping[str, PoseTrack]
     people: PeopleLog = field(default_factory=PeopleLog, repr=False)
     """Everybody in the world over time, where a simulator or a survey recorded it."""
+    ground_contacts: Mapping[str, GroundContact] = field(default_factory=dict)
+    """Drones whose heights wait for the map."""
 
     def frames_of(self, drone: str) -> list[Frame]:
         """The frames of one drone by stamp. ValueError for a drone that is not in the recording."""

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.sources.pictures.decoding import LARGEST
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
@@ -98,6 +99,49 @@ class Video:
             yield SkippedPicture(
                 number + 1, "", last_s, f"the file ends here, although it declares {declared_s:.3f} s"
             )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height)"""
+        return int(self._stream.codec_context.width), int(self._stream.codec_context.height)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the file says about itself, such as creation_time."""
+        return {**self._container.metadata, **self._stream.metadata}
+
+    def shown_times(self) -> tuple[list[int], list[float]]:
+        """When each frame is shown, in order, without decoding: on the clock of the stream, and in seconds
+        since the film's beginning. ValueError when the file holds no frame with a time."""
+        import av
+
+        pts = []
+        try:
+            for packet in self._container.demux(self._stream):
+                if packet.pts is not None and packet.size:
+                    pts.append(packet.pts)
+        except av.FFmpegError as error:
+            if not pts:
+                raise ValueError(f"{self.path} cannot be read: {_said(error)}") from error
+        pts = sorted(set(pts))
+        if not pts:
+            raise ValueError(f"{self.path} holds no frame with a time")
+        return pts, [self._time_s(one) or 0.0 for one in pts]
+
+    def pictures_from(self, pts: int) -> Iterator[tuple[int | None, NDArray[np.uint8] | str]]:
+        """Frames with their times from the key frame before `pts` on, in the order in which they are shown:
+        RGB [H, W, 3], or what is wrong with one."""
+        import av
+
+        try:
+            self._container.seek(pts, stream=self._stream, backward=True)
+        except av.FFmpegError as error:
+            raise ValueError(f"{self.path}: no way to frame {pts}: {_said(error)}") from error
+        for item in self._frames():
+            if isinstance(item, _Broken):
+                yield item.pts, item.reason
+            else:
+                yield item.pts, np.asarray(item.to_ndarray(format="rgb24"), np.uint8)
 
     def close(self) -> None:
         self._container.close()

@@ -1,0 +1,100 @@
+"""Series of a log that come at rates of their own -> rows that hold everything at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.geographic_track import HeightsAbove
+
+_LONGEST_GAP_S = 2.1
+"""Positions come once a second at the least; a longer pause stays a gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Attitudes over time: seconds [N], quaternions [N, 4] (w, x, y, z)."""
+
+    time_s: NDArray[np.float64]
+    quaternions: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, time_s: ArrayLike, quaternions: ArrayLike) -> Turns | None:
+        """Those that are rotations, in order of time; None when there are fewer than two."""
+        time, turn = np.asarray(time_s, np.float64), np.asarray(quaternions, np.float64).reshape(-1, 4)
+        with np.errstate(all="ignore"):
+            length = np.linalg.norm(turn, axis=1)
+            usable = np.isfinite(time) & (np.abs(length - 1) < 1e-2)
+        _, order = np.unique(time[usable], return_index=True)
+        if len(order) < 2:
+            return None
+        return cls(time[usable][order], turn[usable][order])
+
+    def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[M, 4] by slerp; NaN outside and in gaps."""
+        inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1]) & _close(self.time_s, time_s)
+        turns = Slerp(self.time_s, Rotation.from_quat(self.quaternions[:, [1, 2, 3, 0]]))
+        found = np.full((len(time_s), 4), np.nan)
+        if inside.any():
+            found[inside] = turns(time_s[inside]).as_quat()[:, [3, 0, 1, 2]]
+        return found
+
+
+def merged(
+    position: Mapping[str, ArrayLike],
+    heights: Mapping[HeightsAbove, str],
+    body: Turns | None,
+    camera: Turns | None,
+    *,
+    start_ns: int | None,
+    take_off: tuple[float, float] | None,
+    remarks: Sequence[str],
+) -> FlightLog:
+    """A log timed by itself, with a row for every attitude; `position` has columns time_s, latitude,
+    longitude and those that `heights` names. ValueError when there is no position or no attitude."""
+    columns = {name: np.asarray(values, np.float64) for name, values in position.items()}
+    usable = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
+    usable &= (columns["latitude"] != 0) | (columns["longitude"] != 0)
+    _, order = np.unique(columns["time_s"][usable], return_index=True)
+    if len(order) < 2:
+        raise ValueError("it holds no positions on Earth")
+    columns = {name: values[usable][order] for name, values in columns.items()}
+    attitudes = camera or body
+    rows = columns["time_s"] if attitudes is None else attitudes.time_s
+    at = columns["time_s"]
+    known = (rows >= at[0]) & (rows <= at[-1]) & _close(at, rows)
+    rows = rows[known]
+    if not len(rows):
+        raise ValueError("its positions and attitudes are of different times")
+    sampled = {name: np.interp(rows, at, values) for name, values in columns.items()}
+    return FlightLog(
+        time_s=rows,
+        start_ns=start_ns,
+        latitude_deg=sampled["latitude"],
+        longitude_deg=sampled["longitude"],
+        heights_m={above: sampled[name] for above, name in heights.items()},
+        camera_ned=None if camera is None else camera.at(rows),
+        body_ned=None if body is None else body.at(rows),
+        timed_by_film=False,
+        take_off=take_off,
+        remarks=list(remarks),
+    )
+
+
+def headings(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The turns about "down" alone [N, 4] that attitudes in north-east-down contain."""
+    w, x, y, z = quaternions.T
+    half = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) / 2
+    zero = np.zeros_like(half)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
+
+
+def _close(at: NDArray[np.float64], time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where the two neighbours in `at` are no further apart than a log's usual pause."""
+    after = np.clip(np.searchsorted(at, time_s), 1, len(at) - 1)
+    return np.asarray(at[after] - at[after - 1] <= _LONGEST_GAP_S)

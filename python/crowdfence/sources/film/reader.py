@@ -1,0 +1,221 @@
+"""A film and the flight log beside it -> a recording of one drone.
+
+    DJI_0001.MP4 + DJI_0001.SRT    DJI's subtitles, see `subtitles`
+    film.mp4 + film.ulg            PX4, see `ulog`
+    film.mp4 + film.tlog           MAVLink telemetry, see `tlog`
+
+The log is found by the film's name, or named (`telemetry`). Subtitles run on the film's own clock; the other
+logs do not know when the film began, so that has to be said (`clock_offset_s`).
+
+A film has 25 to 60 frames a second, which show the same: `frames_per_s` of them are taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.film.picture_reader import FilmPictures
+from crowdfence.sources.geographic_track import (
+    GeographicPoses,
+    HeightOptions,
+    HeightsAbove,
+    LocalTrack,
+    local_track,
+)
+from crowdfence.sources.lens.focal_length import camera_from_35mm, scaled_camera
+from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
+from crowdfence.sources.recording import PixelSources, Recording
+
+SUFFIXES = (".mp4", ".mov", ".mkv", ".m4v", ".avi", ".webm", ".ts")
+LOG_SUFFIXES = (".srt", ".ulg", ".tlog")
+_LONGEST_STEP_S = 2.1
+"""Subtitles come once a second at the least."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmOptions:
+    """What a film and its log do not say about themselves."""
+
+    telemetry: Path | None = None
+    """The log; None: by the film's name."""
+    clock_offset_s: float | None = None
+    """When the film begins, in seconds on the log's clock; added to the times of subtitles."""
+    mount: CameraMount | None = None
+    calibration: Camera | None = None
+    heights: HeightsAbove | None = None
+    geoid_m: float | None = None
+    take_off: tuple[float, float] | None = None
+    frames_per_s: float = 2.0
+    """At most so many frames; inf: all."""
+
+    def __post_init__(self) -> None:
+        if not self.frames_per_s > 0:
+            raise ValueError(f"frames_per_s is {self.frames_per_s}, must be positive")
+        if self.clock_offset_s is not None and not abs(self.clock_offset_s) < 1e9:
+            raise ValueError(f"clock_offset_s is {self.clock_offset_s}, must be finite and below 1e9")
+
+
+def is_film(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES
+
+
+def film_of(log: Path) -> Path | None:
+    """The film beside a log, by name."""
+    return _beside(log, SUFFIXES)
+
+
+def read_film(
+    path: Path, limits: Limits, options: FilmOptions, anchor: Georeference | None = None, drone: str = ""
+) -> Recording:
+    """Open a film with its log, in the local frame of `anchor` if given.
+
+    ValueError when there is no log, it has no positions or no attitude of the camera, or nothing says how
+    wide the camera sees; the message says what to give.
+    """
+    drone = drone or path.stem
+    log_path = options.telemetry or _beside(path, LOG_SUFFIXES)
+    if log_path is None:
+        raise ValueError(
+            f"{path} has no flight log beside it ({path.stem}.SRT, .ulg or .tlog): a film without poses "
+            "cannot be put on a map. Name the log with --telemetry; `detect` takes films without"
+        )
+    try:
+        log = _read_log(log_path)
+        placed = _local_track(log, options, anchor)
+    except ValueError as error:
+        raise ValueError(f"{error}" if str(log_path) in str(error) else f"{log_path}: {error}") from error
+    film = FilmPictures(path)
+    start_ns, clock = _start(log, film, log_path, options)
+    camera, lens = _camera(film, log, path, options)
+    track = placed.track.shifted(start_ns)
+    step_s = _usual_step_s(track.stamps_ns)
+    gap_s = max(limits.max_pose_gap_s, min(1.5 * step_s, _LONGEST_STEP_S))
+    offset_s = options.clock_offset_s or 0.0
+    unplaced = [
+        UnplacedFrame(
+            start_ns + round((offset_s + film.times_s[number]) * 1e9),
+            camera,
+            PixelSources(image=partial(film.ppm, number)),
+        )
+        for number in _taken(film.times_s, options.frames_per_s)
+    ]
+    frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
+    remarks = [*log.remarks, *placed.remarks, *clock, lens, _spacing(step_s)]
+    return Recording(
+        name=path.stem,
+        drones=(drone,),
+        frames=frames,
+        georeference=placed.anchor,
+        terrain=None,
+        refused=tuple(refused),
+        warnings=tuple(f"{drone}: {remark}" for remark in remarks if remark),
+        manifest={"kind": "film", "path": str(path), "log": str(log_path)},
+        pose_tracks={drone: track},
+        ground_contacts={} if placed.contact is None else {drone: placed.contact},
+    )
+
+
+def _read_log(path: Path) -> FlightLog:
+    suffix = path.suffix.lower()
+    if suffix == ".srt":
+        from crowdfence.sources.film.subtitles import read_subtitles
+
+        return read_subtitles(path)
+    if suffix == ".ulg":
+        from crowdfence.sources.film.ulog import read_ulog
+
+        return read_ulog(path)
+    if suffix == ".tlog":
+        from crowdfence.sources.film.tlog import read_tlog
+
+        return read_tlog(path)
+    raise ValueError(f"{path} is no flight log: {' '.join(LOG_SUFFIXES)}")
+
+
+def _local_track(log: FlightLog, options: FilmOptions, anchor: Georeference | None) -> LocalTrack:
+    poses = GeographicPoses(
+        stamps_ns=[round(float(time_s) * 1e9) for time_s in log.time_s],
+        latitude_deg=log.latitude_deg,
+        longitude_deg=log.longitude_deg,
+        heights_m=log.heights_m,
+        attitudes_ned=log.attitudes(options.mount),
+        take_off=log.take_off,
+    )
+    return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
+
+
+def _start(log: FlightLog, film: FilmPictures, log_path: Path, options: FilmOptions) -> tuple[int, list[str]]:
+    """Stamp of the log's time 0, and what had to be assumed."""
+    if not log.timed_by_film and options.clock_offset_s is None:
+        raise ValueError(
+            f"{log_path} does not know when the film began: say it with --clock-offset, in seconds after the "
+            "beginning of the log"
+        )
+    if log.start_ns is not None:
+        return log.start_ns, []
+    try:
+        created = datetime.fromisoformat((film.created or "").replace("Z", "+00:00"))
+        seconds = int(created.replace(tzinfo=created.tzinfo or timezone.utc).timestamp())
+    except ValueError:
+        seconds = 0
+    if seconds > 0:
+        return seconds * 1_000_000_000, ["the time of day is the film's creation_time, in whole seconds"]
+    return 0, ["no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"]
+
+
+def _camera(film: FilmPictures, log: FlightLog, path: Path, options: FilmOptions) -> tuple[Camera, str]:
+    width, height = film.size
+    if options.calibration is not None:
+        return scaled_camera(options.calibration, width, height), ""
+    if log.focal_35mm is None:
+        raise ValueError(
+            f"{path}: nothing says how wide its camera sees, the log has no focal length: give --calibration"
+        )
+    estimate = camera_from_35mm(width, height, log.focal_35mm, film=True)
+    return estimate.camera, estimate.said
+
+
+def _taken(times_s: list[float], frames_per_s: float) -> list[int]:
+    """Numbers of the frames that are used, never faster than `frames_per_s`."""
+    taken: list[int] = []
+    next_s = -np.inf
+    for number, time_s in enumerate(times_s):
+        if time_s >= next_s - 1e-6:
+            taken.append(number)
+            next_s = time_s + 1 / frames_per_s
+    return taken
+
+
+def _usual_step_s(stamps_ns: NDArray[np.int64]) -> float:
+    return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
+
+
+def _spacing(step_s: float) -> str:
+    if step_s <= 0.25:
+        return ""
+    # A straight line over a step t is a t^2 / 8 off at an acceleration a.
+    return (
+        f"poses come every {step_s:.1f} s: between them they may be {5 * step_s**2 / 8:.1f} m off at 5 m/s2"
+    )
+
+
+def _beside(path: Path, suffixes: tuple[str, ...]) -> Path | None:
+    """The file of the same name with one of the suffixes, whatever the case of its letters."""
+    if not path.parent.is_dir():
+        return None
+    found = {
+        other.suffix.lower(): other
+        for other in sorted(path.parent.iterdir())
+        if other.stem == path.stem and other.suffix.lower() in suffixes
+    }
+    return next((found[suffix] for suffix in suffixes if suffix in found), None)

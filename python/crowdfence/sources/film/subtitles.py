@@ -1,0 +1,225 @@
+"""Subtitles that DJI drones write beside their films (.SRT), in the dialects of their generations.
+
+    Phantom 4 RTK        GPS (lon, lat, n) ... H 85.8m ... F.PRY (p, r, y), G.PRY (p, r, y)
+    Matrice              GPS(lat,lon,0.0M) BAROMETER:0.3M
+    older Mavic          HOME(lon,lat) ... GPS(lon,lat,19) BAROMETER:20.1
+    Mavic 2              [latitude : -20.2] [longtitude : 149.0], no arrows, no heights
+    Mavic Air 2          [latitude: ..] [longitude: ..] [altitude: ..]
+    newer                [latitude: ..] [longitude: ..] [rel_alt: .. abs_alt: ..] [gb_yaw: .. gb_pitch: ..]
+
+H, BAROMETER, rel_alt and (by its look) altitude count from the take-off, abs_alt from the sea. F.PRY is the
+drone, G.PRY and gb_ the camera: degrees, pitch down is negative, yaw clockwise from north.
+The third number of `GPS` is the height only where it ends in M; otherwise it counts satellites.
+Times of day are the drone's local time: they are read as UTC.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
+
+_LARGEST_BYTES = 1 << 28
+_NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
+_ARROW = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_CLOCK = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[,.](\d{1,3}))?(?:[,.](\d{1,3}))?")
+_GPS = re.compile(
+    r"GPS\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER + r"\s*(?:,\s*" + _NUMBER + r"?\s*([Mm]?))?"
+)
+_HOME = re.compile(r"HOME\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER)
+_HEIGHT = re.compile(r"(?:\bH\s+|BAROMETER\s*:\s*)" + _NUMBER)
+_ANGLES = re.compile(r"\b([FG])\.PRY\s*\(\s*" + r"\D{0,3},\s*".join([_NUMBER] * 3) + r"\D{0,3}\)")
+_FIELD = re.compile(r"\b([a-z]+(?:_[a-z]+)*)\s*:\s*" + _NUMBER, re.IGNORECASE)
+
+_NAMES = {
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "longtitude": "longitude",
+    "rel_alt": "rel_alt",
+    "abs_alt": "abs_alt",
+    "altitude": "altitude",
+    "focal_len": "focal_len",
+    "dzoom_ratio": "zoom",
+    "dzoom": "zoom",
+    **{f"{who}_{angle}": f"camera_{angle}" for who in ("gb", "gimbal") for angle in ("yaw", "pitch", "roll")},
+    **{
+        f"{who}_{angle}": f"body_{angle}" for who in ("drone", "flight") for angle in ("yaw", "pitch", "roll")
+    },
+}
+
+
+@dataclass(slots=True)
+class _Block:
+    time_s: float | None = None
+    clock_ns: int | None = None
+    fields: dict[str, float] = field(default_factory=dict)
+    decimals: int = 9
+    """Digits behind the point of the latitude."""
+    home: tuple[float, float] | None = None
+    longitude_first: bool = False
+    whole_seconds: bool = False
+
+
+def read_subtitles(path: Path) -> FlightLog:
+    """ValueError when the file holds no block with a time and a position. Blocks that are cut off or lack
+    them are left out and counted."""
+    if path.stat().st_size > _LARGEST_BYTES:
+        raise ValueError(f"{path} has {path.stat().st_size} bytes, too many for subtitles")
+    text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    found = [_block(one) for one in re.split(r"\n[ \t]*\r?\n", text) if one.strip()]
+    blocks = [one for one in found if {"latitude", "longitude"} <= one.fields.keys()]
+    _time_by_clock(blocks)
+    blocks = [one for one in blocks if one.time_s is not None]
+    if not blocks:
+        raise ValueError(
+            f"{path} holds no position: {len(found)} blocks, none with a time and GPS or latitude and "
+            "longitude"
+        )
+    remarks = _remarks(path, blocks, len(found))
+    return FlightLog(
+        time_s=np.array([one.time_s for one in blocks], np.float64),
+        start_ns=_start_ns(blocks),
+        latitude_deg=_column(blocks, "latitude"),
+        longitude_deg=_column(blocks, "longitude"),
+        heights_m=_heights(blocks, remarks),
+        camera_ned=_attitudes(blocks, "camera"),
+        body_ned=_attitudes(blocks, "body"),
+        timed_by_film=True,
+        take_off=next((one.home for one in blocks if one.home is not None), None),
+        focal_35mm=_focal_35mm(blocks),
+        remarks=remarks,
+    )
+
+
+def _block(text: str) -> _Block:
+    block = _Block()
+    if arrow := _ARROW.search(text):
+        hours, minutes, seconds = (int(value) for value in arrow.groups()[:3])
+        block.time_s = hours * 3600 + minutes * 60 + seconds + int(arrow[4].ljust(3, "0")) / 1000
+    if clock := _CLOCK.search(text):
+        block.clock_ns = _clock_ns(clock)
+        block.whole_seconds = clock[7] is None
+    for name, value in _FIELD.findall(text):
+        if known := _NAMES.get(name.lower()):
+            block.fields.setdefault(known, float(value))
+    if latitude := re.search(r"latitude\s*:\s*[-+]?\d+\.?(\d*)", text):
+        block.decimals = len(latitude[1])
+    if gps := _GPS.search(text):
+        _take_gps(block, gps)
+    for who, *angles in _ANGLES.findall(text):
+        names = ("pitch", "roll", "yaw")
+        values = dict(zip(names, map(float, angles), strict=True))
+        block.fields |= {f"{'camera' if who == 'G' else 'body'}_{name}": values[name] for name in names}
+    if (height := _HEIGHT.search(text)) and "rel_alt" not in block.fields:
+        block.fields["rel_alt"] = float(height[1])
+    if home := _HOME.search(text):
+        first, second = float(home[1]), float(home[2])
+        block.home = (second, first) if block.longitude_first else (first, second)
+    _drop_impossible(block)
+    return block
+
+
+def _take_gps(block: _Block, gps: re.Match[str]) -> None:
+    first, second = float(gps[1]), float(gps[2])
+    block.longitude_first = not gps[4] or abs(first) > 90
+    latitude, longitude = (second, first) if block.longitude_first else (first, second)
+    block.fields |= {"latitude": latitude, "longitude": longitude}
+    block.decimals = len(gps[2 if block.longitude_first else 1].partition(".")[2])
+
+
+def _drop_impossible(block: _Block) -> None:
+    """No fix is written as 0, 0; damage can be anything."""
+    latitude, longitude = block.fields.get("latitude"), block.fields.get("longitude")
+    if latitude is None or longitude is None:
+        return
+    if (latitude == 0 and longitude == 0) or abs(latitude) > 90 or abs(longitude) > 180:
+        del block.fields["latitude"], block.fields["longitude"]
+
+
+def _clock_ns(clock: re.Match[str]) -> int | None:
+    try:
+        year, month, day, hour, minute, second = (int(clock[group]) for group in range(1, 7))
+        at = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    milliseconds = int((clock[7] or "0").ljust(3, "0"))
+    microseconds = int((clock[8] or "0").ljust(3, "0"))
+    return int(at.timestamp()) * 1_000_000_000 + milliseconds * 1_000_000 + microseconds * 1_000
+
+
+def _time_by_clock(blocks: list[_Block]) -> None:
+    """Files without arrows begin with their film: the time of day counts from the first block."""
+    if any(one.time_s is not None for one in blocks):
+        return
+    first_ns = next((one.clock_ns for one in blocks if one.clock_ns is not None), None)
+    for one in blocks:
+        if one.clock_ns is not None and first_ns is not None:
+            one.time_s = (one.clock_ns - first_ns) / 1e9
+
+
+def _start_ns(blocks: list[_Block]) -> int | None:
+    starts = [
+        one.clock_ns - round(one.time_s * 1e9)
+        for one in blocks
+        if one.clock_ns is not None and one.time_s is not None
+    ]
+    return None if not starts else int(np.median(np.array(starts) - starts[0])) + starts[0]
+
+
+def _heights(blocks: list[_Block], remarks: list[str]) -> dict[HeightsAbove, NDArray[np.float64]]:
+    heights: dict[HeightsAbove, NDArray[np.float64]] = {}
+    for name, above in (("rel_alt", "take-off"), ("abs_alt", "sea"), ("altitude", "take-off")):
+        column = _column(blocks, name)
+        if np.isfinite(column).any() and above not in heights:
+            heights[above] = column  # type: ignore[index]
+            if name == "altitude":
+                remarks.append("`altitude` does not say from where it counts: taken as above the take-off")
+    return heights
+
+
+def _attitudes(blocks: list[_Block], who: str) -> NDArray[np.float64] | None:
+    angles = np.stack([_column(blocks, f"{who}_{angle}") for angle in ("yaw", "pitch", "roll")], axis=1)
+    angles[:, 2] = np.where(np.isfinite(angles[:, 2]), angles[:, 2], 0.0)
+    if not np.isfinite(angles).all(axis=1).any():
+        return None
+    return np.array([from_yaw_pitch_roll_deg(*row) for row in angles])
+
+
+def _focal_35mm(blocks: list[_Block]) -> float | None:
+    focal = _column(blocks, "focal_len")
+    zoom = _column(blocks, "zoom")
+    if not np.isfinite(focal).any():
+        return None
+    length = float(np.nanmedian(focal))
+    length = length / 10 if length > 100 else length  # tenths of a millimetre in older files
+    ratio = float(np.nanmedian(zoom)) if np.isfinite(zoom).any() else 1.0
+    return length * (ratio / 10_000 if ratio >= 1000 else max(ratio, 1.0))
+
+
+def _remarks(path: Path, blocks: list[_Block], count: int) -> list[str]:
+    remarks = []
+    if len(blocks) < count:
+        remarks.append(f"{path.name}: {count - len(blocks)} of {count} blocks have no time or no position")
+    decimals = min(one.decimals for one in blocks)
+    if decimals < 6:
+        remarks.append(
+            f"{path.name}: positions have {decimals} digits behind the point, steps of "
+            f"{111_000 * 10.0**-decimals:.1f} m"
+        )
+    if any(one.longitude_first for one in blocks):
+        remarks.append(f"{path.name}: GPS is read as longitude, latitude")
+    if any(one.whole_seconds and one.clock_ns is not None for one in blocks):
+        remarks.append(f"{path.name}: its time of day is in whole seconds; other drones may be off by one")
+    return remarks
+
+
+def _column(blocks: list[_Block], name: str) -> NDArray[np.float64]:
+    return np.array([one.fields.get(name, np.nan) for one in blocks], np.float64)

@@ -1,0 +1,118 @@
+"""PX4's ULog (.ulg) through pyulog (extra `ulog`).
+
+Positions are those of the estimator (vehicle_global_position), heights above the sea and, where logged, the
+ellipsoid; the camera's attitude is that of a gimbal that reports itself (gimbal_device_attitude_status).
+Time 0 is the beginning of the log; the time of day comes from the satellites.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.film.merged_rows import Turns, headings, merged
+from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.rotation import multiply
+
+_TOPICS = [
+    "vehicle_global_position",
+    "vehicle_attitude",
+    "gimbal_device_attitude_status",
+    "vehicle_gps_position",
+    "sensor_gps",
+    "home_position",
+]
+_YAW_OF_EARTH = 16 | 64
+"""GIMBAL_DEVICE_FLAGS YAW_LOCK and YAW_IN_EARTH_FRAME."""
+
+
+def read_ulog(path: Path) -> FlightLog:
+    """ValueError when the file is no ULog, is damaged beyond use, or has no positions."""
+    from pyulog import ULog
+
+    with path.open("rb") as file:
+        if file.read(4) != b"ULog":
+            raise ValueError(f"{path} is no ULog: it does not begin like one")
+    said = io.StringIO()  # the library prints what it finds damaged
+    try:
+        with contextlib.redirect_stdout(said):
+            log = ULog(str(path), message_name_filter_list=_TOPICS)
+        topics = {data.name: data.data for data in reversed(log.data_list)}
+        zero_us = int(log.start_timestamp)
+    except Exception as error:  # whatever the library meets in a damaged file
+        raise ValueError(
+            f"{path} is damaged: {' '.join(str(error).split()) or type(error).__name__}"
+        ) from error
+    try:
+        found = _flight_log(topics, zero_us)
+    except KeyError as error:
+        raise ValueError(f"{path} holds no {error.args[0]}") from error
+    if "corrupt" in said.getvalue():
+        found.remarks.append(f"{path.name} is damaged; what is intact of it is used")
+    return found
+
+
+def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
+    def time_s(topic: dict[str, Any]) -> NDArray[np.float64]:
+        return (topic["timestamp"].astype(np.int64) - zero_us) / 1e6
+
+    place = topics["vehicle_global_position"]
+    position = {
+        "time_s": time_s(place),
+        "latitude": place["lat"],
+        "longitude": place["lon"],
+        "sea": place["alt"],
+    }
+    heights: dict[HeightsAbove, str] = {"sea": "sea"}
+    ellipsoid = np.asarray(place.get("alt_ellipsoid", []), np.float64)
+    if ellipsoid.size and np.isfinite(ellipsoid).all() and np.any(ellipsoid != 0):
+        position["ellipsoid"] = ellipsoid
+        heights["ellipsoid"] = "ellipsoid"
+    attitude = topics.get("vehicle_attitude")
+    body = None if attitude is None else Turns.of(time_s(attitude), _quaternions(attitude))
+    gimbal = topics.get("gimbal_device_attitude_status")
+    camera = None if gimbal is None else _camera(gimbal, time_s(gimbal), body)
+    home = topics.get("home_position")
+    take_off = None if home is None else (float(home["lat"][-1]), float(home["lon"][-1]))
+    return merged(
+        position,
+        heights,
+        body,
+        camera,
+        start_ns=_start_ns(topics, zero_us),
+        take_off=take_off,
+        remarks=[],
+    )
+
+
+def _quaternions(topic: dict[str, Any]) -> NDArray[np.float64]:
+    return np.stack([np.asarray(topic[f"q[{axis}]"], np.float64) for axis in range(4)], axis=1)
+
+
+def _camera(gimbal: dict[str, Any], time_s: NDArray[np.float64], body: Turns | None) -> Turns | None:
+    """Gimbals tell their yaw against north or against the drone's heading."""
+    turns = _quaternions(gimbal)
+    flags = np.asarray(gimbal.get("device_flags", np.zeros(len(turns))), np.int64)
+    of_earth = (flags & _YAW_OF_EARTH) > 0
+    if not of_earth.all():
+        if body is None:
+            return None
+        turned = multiply(headings(body.at(time_s)), turns)
+        turns = np.where(of_earth[:, None], turns, turned)
+    return Turns.of(time_s, turns)
+
+
+def _start_ns(topics: dict[str, dict[str, Any]], zero_us: int) -> int | None:
+    for name in ("vehicle_gps_position", "sensor_gps"):
+        gps = topics.get(name, {})
+        utc = np.asarray(gps.get("time_utc_usec", []), np.int64)
+        if (utc > 0).any():
+            apart = utc[utc > 0] - gps["timestamp"][utc > 0].astype(np.int64)
+            return (int(np.median(apart)) + zero_us) * 1000
+    return None

@@ -1,0 +1,182 @@
+"""Positions on Earth and attitudes against true north -> the local track of a camera.
+
+Heights are said before they are used: above the ellipsoid (satellite receivers that know), above sea level
+(what most files call altitude), above the take-off (barometers), above the ground below. Only the first is a
+place in space; sea level needs a geoid, the last two the map (`ground_contact`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from crowdfence.georeference import Georeference
+from crowdfence.sources.axes import optical_quaternions_enu
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.recording import GroundContact
+
+HeightsAbove = Literal["ellipsoid", "sea", "take-off", "ground"]
+_GEOID = "EPSG:4326+5773"
+_STARTED_M = 5.0
+"""A first height above this says that the log begins in flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeightOptions:
+    """What the user says about heights."""
+
+    heights: HeightsAbove | None = None
+    """Which of the heights in the file is used; None: the first that it has of `preferred_heights`."""
+    geoid_m: float | None = None
+    """Height of the geoid above the ellipsoid, instead of PROJ's grid."""
+    take_off: tuple[float, float] | None = None
+    """Latitude and longitude of the take-off, degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeographicPoses:
+    """A camera over time on Earth."""
+
+    stamps_ns: list[int]
+    latitude_deg: NDArray[np.float64]
+    """[N]"""
+    longitude_deg: NDArray[np.float64]
+    heights_m: Mapping[HeightsAbove, NDArray[np.float64]]
+    """[N] each: what the file has."""
+    attitudes_ned: NDArray[np.float64]
+    """Camera axes forward-right-down in north-east-down at the drone, [N, 4] (w, x, y, z)."""
+    take_off: tuple[float, float] | None = None
+    """Latitude and longitude, where the file knows it."""
+    preferred_heights: tuple[HeightsAbove, ...] = ("ellipsoid", "take-off", "sea", "ground")
+
+
+@dataclass(frozen=True, slots=True)
+class LocalTrack:
+    """The track in the frame of an anchor, and what had to be assumed."""
+
+    anchor: Georeference
+    track: PoseTrack
+    contact: GroundContact | None
+    remarks: list[str]
+
+
+def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georeference | None) -> LocalTrack:
+    """`anchor` None: the first position. ValueError when the file has no such heights, or heights above the
+    sea meet a PROJ without a geoid."""
+    above = options.heights or next((one for one in poses.preferred_heights if one in poses.heights_m), None)
+    if above is None or above not in poses.heights_m:
+        raise ValueError(
+            f"no heights above {above or 'anything'} are recorded: there are "
+            f"{', '.join(poses.heights_m) or 'none'} (--heights)"
+        )
+    height_m = poses.heights_m[above]
+    columns = np.stack([poses.latitude_deg, poses.longitude_deg, height_m])
+    usable = np.asarray(np.isfinite(columns).all(axis=0))
+    if not usable.any():
+        raise ValueError("no row has a position and a height")
+    first = int(np.argmax(usable))
+    remarks = [f"heights are those above the {_NAMES[above]}"]
+    latitude, longitude = float(poses.latitude_deg[first]), float(poses.longitude_deg[first])
+    if above == "sea":
+        undulation_m = _undulation_m(latitude, longitude, options.geoid_m)
+        height_m = height_m + undulation_m
+        remarks[0] += f", with the geoid {undulation_m:+.1f} m above the ellipsoid"
+    absolute = above in ("ellipsoid", "sea")
+    if anchor is None:
+        anchor = Georeference(latitude, longitude, math.floor(height_m[first]) if absolute else 0.0)
+    if not absolute:
+        height_m = height_m + anchor.height_m
+    safe = [np.where(usable, values, values[first]) for values in _columns(poses, height_m)]
+    positions = np.where(usable[:, None], anchor.local_from_geodetic(*safe), np.nan)
+    # Above the take-off, "up" is the height and not the tangent plane of a far anchor.
+    quaternions = _turned_to(anchor, safe, optical_quaternions_enu(poses.attitudes_ned))
+    track, left_out = track_from_rows(poses.stamps_ns, positions, quaternions)
+    contact = None
+    if not absolute:
+        contact = _contact(poses, options, above, anchor, first, remarks)
+    return LocalTrack(anchor, track, contact, [*remarks, *left_out])
+
+
+_NAMES: dict[HeightsAbove, str] = {
+    "ellipsoid": "ellipsoid (WGS84)",
+    "sea": "sea",
+    "take-off": "take-off",
+    "ground": "ground below",
+}
+
+
+def _columns(poses: GeographicPoses, height_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    return [np.asarray(values, np.float64) for values in (poses.latitude_deg, poses.longitude_deg, height_m)]
+
+
+def _contact(
+    poses: GeographicPoses,
+    options: HeightOptions,
+    above: HeightsAbove,
+    anchor: Georeference,
+    first: int,
+    remarks: list[str],
+) -> GroundContact:
+    if above == "ground":
+        return GroundContact(None, "heights above the ground below")
+    place, said = options.take_off, "as stated"
+    if place is None:
+        place, said = poses.take_off, "recorded home"
+    if place is None:
+        place = float(poses.latitude_deg[first]), float(poses.longitude_deg[first])
+        said = "first position, no home is recorded"
+        start_m = float(poses.heights_m[above][first])
+        if abs(start_m) > _STARTED_M:
+            remarks.append(
+                f"it begins {start_m:.0f} m above its take-off, whose place is not recorded: the ground "
+                "below the first position is taken for it; say it with --take-off LAT,LON"
+            )
+    x, y, z = (float(value) for value in anchor.local_from_geodetic(*place, anchor.height_m)[0])
+    return GroundContact((x, y, z), said)
+
+
+def _undulation_m(latitude_deg: float, longitude_deg: float, given_m: float | None) -> float:
+    if given_m is not None:
+        return given_m
+    try:
+        return Georeference.from_projected(_GEOID, longitude_deg, latitude_deg, 0.0).height_m
+    except ValueError as error:
+        raise ValueError(
+            "heights above sea level need the geoid (EGM96), whose grid PROJ has not installed: install it "
+            "(projsync --file us_nga_egm96_15), say how high the geoid lies there (--geoid-m), or count from "
+            "the take-off (--heights take-off)"
+        ) from error
+
+
+def _turned_to(
+    anchor: Georeference, places: list[NDArray[np.float64]], quaternions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """East-north-up at the drone -> at the anchor: the planes lean, and north turns, with distance."""
+    here = _ecef_from_enu(np.radians(places[0]), np.radians(places[1]))
+    there = _ecef_from_enu(np.radians(anchor.latitude_deg), np.radians(anchor.longitude_deg))
+    finite = np.asarray(np.isfinite(quaternions).all(axis=1))
+    xyzw = np.where(finite[:, None], quaternions, [1.0, 0.0, 0.0, 0.0])[:, [1, 2, 3, 0]]
+    turned = Rotation.from_matrix(there.T @ here) * Rotation.from_quat(xyzw)
+    return np.where(finite[:, None], turned.as_quat()[:, [3, 0, 1, 2]], np.nan)
+
+
+def _ecef_from_enu(
+    latitude: NDArray[np.float64] | float, longitude: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
+    """[..., 3, 3] at places in radians; columns point east, north, up."""
+    sin_lat, cos_lat, sin_lon, cos_lon = np.broadcast_arrays(
+        np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    )
+    zero = np.zeros_like(sin_lat)
+    rows = [
+        [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
+        [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
+        [zero, cos_lat, sin_lat],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,1 @@
+"""Geotagged photographs, as mapping flights leave them."""

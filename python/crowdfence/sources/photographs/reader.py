@@ -1,0 +1,226 @@
+"""A folder of geotagged photographs -> a recording: each camera (make, model, serial number) is a drone.
+
+The pose of a photograph is its own, so nothing is interpolated. Photographs without a place or without the
+attitude of their camera are refused one by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.geographic_track import (
+    GeographicPoses,
+    HeightOptions,
+    HeightsAbove,
+    LocalTrack,
+    local_track,
+)
+from crowdfence.sources.lens.focal_length import camera_from_35mm, camera_from_sensor, scaled_camera
+from crowdfence.sources.photographs.tags import PhotographTags, read_tags
+from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
+from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
+
+SUFFIXES = (".jpg", ".jpeg")
+
+
+@dataclass(frozen=True, slots=True)
+class PhotographOptions:
+    """What photographs do not say about themselves."""
+
+    mount: CameraMount | None = None
+    """Of kind north, or of the drone's attitude where that is told (DJI)."""
+    calibration: Camera | None = None
+    heights: HeightsAbove | None = None
+    geoid_m: float | None = None
+    take_off: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Photograph:
+    path: Path
+    tags: PhotographTags
+    stamp_ns: int
+
+
+def photographs(path: Path) -> list[Path]:
+    """The photographs of a folder by name, or of the one named."""
+    if path.is_dir():
+        return sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES and file.is_file())
+    return [path] if path.suffix.lower() in SUFFIXES else []
+
+
+def read_photographs(
+    path: Path, limits: Limits, options: PhotographOptions, anchor: Georeference | None = None
+) -> Recording:
+    """Open a folder of photographs. ValueError when none of them can be placed, with the reason of the
+    first."""
+    refused: list[RefusedFrame] = []
+    by_drone: dict[str, list[_Photograph]] = {}
+    remarks: list[str] = []
+    for drone, group in _by_camera(photographs(path), refused).items():
+        usable = _placeable(drone, group, options, refused)
+        if usable:
+            by_drone[drone] = _in_time(drone, usable, remarks)
+    if not by_drone:
+        why = f": {refused[0].reason}" if refused else ""
+        raise ValueError(f"{path}: no photograph can be placed on a map, the first{why}")
+    unplaced, tracks, contacts = {}, {}, {}
+    for drone, group in by_drone.items():
+        placed = _local_track(group, options, anchor)
+        anchor = placed.anchor
+        tracks[drone] = placed.track
+        if placed.contact is not None:
+            contacts[drone] = placed.contact
+        remarks += [f"{drone}: {remark}" for remark in placed.remarks]
+        unplaced[drone] = _unplaced(drone, group, options, remarks)
+    frames, misplaced = place_cameras(unplaced, tracks, limits)
+    return Recording(
+        name=path.resolve().stem,
+        drones=tuple(sorted(by_drone)),
+        frames=frames,
+        georeference=anchor,
+        terrain=None,
+        refused=(*refused, *misplaced),
+        warnings=tuple(remarks),
+        manifest={"kind": "photographs", "path": str(path)},
+        pose_tracks=tracks,
+        ground_contacts=contacts,
+    )
+
+
+def _by_camera(paths: list[Path], refused: list[RefusedFrame]) -> dict[str, list[_Photograph]]:
+    groups: dict[str, list[_Photograph]] = {}
+    for path in paths:
+        try:
+            tags = read_tags(path)
+        except (OSError, ValueError) as error:
+            refused.append(RefusedFrame("", None, f"{path.name}: {error}"))
+            continue
+        drone = "_".join(word for word in (tags.model.replace(" ", "") or "camera", tags.serial[-4:]) if word)
+        if tags.taken_ns is None:
+            refused.append(RefusedFrame(drone, None, f"{path.name} does not say when it was taken"))
+            continue
+        groups.setdefault(drone, []).append(_Photograph(path, tags, tags.taken_ns))
+    return groups
+
+
+def _placeable(
+    drone: str, group: list[_Photograph], options: PhotographOptions, refused: list[RefusedFrame]
+) -> list[_Photograph]:
+    usable = []
+    for one in group:
+        fault = _fault(one.tags, options)
+        if fault is None:
+            usable.append(one)
+        else:
+            refused.append(RefusedFrame(drone, one.stamp_ns, f"{one.path.name} {fault}"))
+    return usable
+
+
+def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
+    if tags.place is None:
+        return "does not say where it was taken (GPS)"
+    if not tags.heights_m:
+        return "does not say how high it was taken"
+    if options.mount is None and tags.attitude_ned is None:
+        return (
+            "does not say where its camera looked, and a guess would put crowds anywhere: say it with "
+            "--mount, such as north:-90,0 for straight down with north on top"
+        )
+    if options.mount is not None and options.mount.needs_body and tags.body_ned is None:
+        return f"does not tell the drone's attitude, which a mount of kind {options.mount.kind!r} needs"
+    return None
+
+
+def _in_time(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_Photograph]:
+    """By time and name; those of one whole second are spread over it in the order of their names."""
+    group = sorted(group, key=lambda one: (one.stamp_ns, one.path.name))
+    same: dict[int, list[_Photograph]] = {}
+    for one in group:
+        same.setdefault(one.stamp_ns, []).append(one)
+    if any(len(ones) > 1 and ones[0].tags.whole_second for ones in same.values()):
+        remarks.append(f"{drone}: photographs of the same second are spread over it by their names")
+    return [
+        _Photograph(one.path, one.tags, one.stamp_ns + number * 1_000_000_000 // len(ones))
+        if one.tags.whole_second
+        else one
+        for ones in same.values()
+        for number, one in enumerate(ones)
+    ]
+
+
+def _local_track(
+    group: list[_Photograph], options: PhotographOptions, anchor: Georeference | None
+) -> LocalTrack:
+    kinds: list[HeightsAbove] = [
+        kind for kind in ("take-off", "sea") if all(kind in one.tags.heights_m for one in group)
+    ]
+    places = np.array([one.tags.place for one in group], np.float64)
+    poses = GeographicPoses(
+        stamps_ns=[one.stamp_ns for one in group],
+        latitude_deg=places[:, 0],
+        longitude_deg=places[:, 1],
+        heights_m={kind: np.array([one.tags.heights_m[kind] for one in group]) for kind in kinds},
+        attitudes_ned=np.array([_attitude(one.tags, options.mount) for one in group]),
+    )
+    return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
+
+
+def _attitude(tags: PhotographTags, mount: CameraMount | None) -> object:
+    if mount is None:
+        return tags.attitude_ned
+    body = np.array([1.0, 0.0, 0.0, 0.0]) if tags.body_ned is None else tags.body_ned
+    return mount.camera_quaternions_ned(body[None])[0]
+
+
+def _unplaced(
+    drone: str, group: list[_Photograph], options: PhotographOptions, remarks: list[str]
+) -> list[UnplacedFrame]:
+    frames = []
+    said: dict[str, None] = {}
+    for one in group:
+        camera, fault = None, None
+        try:
+            camera, how = _camera(one.tags, options)
+            said[how] = None
+        except ValueError as error:
+            fault = str(error)
+        frames.append(UnplacedFrame(one.stamp_ns, camera, PixelSources(image=one.path.read_bytes), fault))
+    remarks += [f"{drone}: {how}" for how in list(said)[:3] if how]
+    return frames
+
+
+def _camera(tags: PhotographTags, options: PhotographOptions) -> tuple[Camera, str]:
+    width, height = tags.width, tags.height
+    if options.calibration is not None:
+        return scaled_camera(options.calibration, width, height), ""
+    if tags.dewarp:
+        camera = _dewarped(tags)
+        if camera is not None:
+            return camera, "intrinsics are the calibration in the photographs (DewarpData)"
+    if tags.focal_mm is not None and tags.model:
+        estimate = camera_from_sensor(width, height, tags.focal_mm, tags.model)
+        if estimate is not None:
+            return estimate.camera, estimate.said
+    if tags.focal_35mm:
+        estimate = camera_from_35mm(width, height, tags.focal_35mm, film=False)
+        return estimate.camera, estimate.said
+    raise ValueError("nothing says how wide its camera sees: no focal length in EXIF; give --calibration")
+
+
+def _dewarped(tags: PhotographTags) -> Camera | None:
+    """DewarpData: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, with cx and cy counted from the middle. None where it does
+    not hold together."""
+    try:
+        values = [float(value) for value in (tags.dewarp or "").rpartition(";")[2].split(",")]
+        fx, fy, cx, cy, *distortion = values
+        middle = (cx + tags.width / 2, cy + tags.height / 2)
+        return Camera.pinhole(tags.width, tags.height, fx, fy, *middle, distortion or None)
+    except ValueError:
+        return None

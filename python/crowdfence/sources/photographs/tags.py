@@ -1,0 +1,204 @@
+"""What a photograph says of itself: EXIF, and the XMP that drones add.
+
+Angles, by maker (degrees; ours: yaw clockwise from north, pitch -90 straight down, roll right side down):
+
+    DJI        drone-dji:GimbalYawDegree, GimbalPitchDegree, GimbalRollDegree   ours
+    Parrot     drone-parrot:CameraYawDegree, ...                                ours
+    Skydio     drone-skydio:CameraOrientationNED with Yaw, Pitch, Roll          ours
+    senseFly,  Camera:Yaw, Pitch, Roll (pix4d)                                  pitch 0 is straight down; the
+    others                                                                      roll of senseFly is mirrored
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image
+
+from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
+
+_HEAD_BYTES = 1 << 19
+"""EXIF and XMP stand before the picture; previews between them may be large."""
+_XMP_VALUE = re.compile(rb'([A-Za-z][\w-]*:[A-Za-z]\w*)\s*(?:=\s*"([^"]{0,200})"|>\s*([^<]{1,200})<)')
+_SKYDIO = re.compile(rb"drone-skydio:CameraOrientationNED(.{0,400})", re.DOTALL)
+_NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
+_ANGLES = ("Yaw", "Pitch", "Roll")
+
+
+@dataclass(frozen=True, slots=True)
+class PhotographTags:
+    """One photograph; None = not told."""
+
+    width: int
+    height: int
+    taken_ns: int | None
+    whole_second: bool
+    make: str
+    model: str
+    serial: str
+    place: tuple[float, float] | None
+    heights_m: Mapping[HeightsAbove, float]
+    attitude_ned: NDArray[np.float64] | None
+    """Of the camera, forward-right-down in north-east-down, [4]."""
+    body_ned: NDArray[np.float64] | None
+    focal_mm: float | None
+    focal_35mm: float | None
+    dewarp: str | None
+    """DJI's own calibration: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, cx and cy from the middle."""
+
+
+def read_tags(path: Path) -> PhotographTags:
+    """ValueError for a file that is no picture or damaged before its pixels."""
+    try:
+        with warnings.catch_warnings(), Image.open(path) as picture:
+            warnings.simplefilter("ignore")  # what is damaged is missing, which is said
+            width, height = picture.size
+            exif = picture.getexif()
+            more, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        if isinstance(error, FileNotFoundError | PermissionError):
+            raise
+        raise ValueError(f"{path.name} is no picture, or damaged: {error}") from error
+    except Exception as error:  # whatever the library meets in damaged tags
+        raise ValueError(f"{path.name} has damaged EXIF: {error}") from error
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    xmp = _xmp(head)
+    make, model = _text(exif.get(ExifTags.Base.Make)), _text(exif.get(ExifTags.Base.Model))
+    taken_ns, whole = _taken_ns(exif, more)
+    return PhotographTags(
+        width=width,
+        height=height,
+        taken_ns=taken_ns,
+        whole_second=whole,
+        make=make,
+        model=model,
+        serial=_text(more.get(ExifTags.Base.BodySerialNumber)) or xmp.get("drone-dji:DroneSerialNumber", ""),
+        place=_place(gps, xmp),
+        heights_m=_heights(gps, xmp),
+        attitude_ned=_attitude(xmp, head, make),
+        body_ned=_turn([xmp.get(f"drone-dji:Flight{name}Degree") for name in _ANGLES]),
+        focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
+        focal_35mm=_number(more.get(ExifTags.Base.FocalLengthIn35mmFilm)),
+        dewarp=xmp.get("drone-dji:DewarpData"),
+    )
+
+
+def _xmp(head: bytes) -> dict[str, str]:
+    begin, end = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta")
+    if begin < 0:
+        return {}
+    found = _XMP_VALUE.findall(head[begin : end if end > begin else len(head)])
+    return {name.decode(): (a or b).decode(errors="replace").strip() for name, a, b in reversed(found)}
+
+
+def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.float64] | None:
+    names = [
+        [f"drone-dji:Gimbal{angle}Degree" for angle in _ANGLES],
+        [f"drone-parrot:Camera{angle}Degree" for angle in _ANGLES],
+    ]
+    for three in names:
+        turn = _turn([xmp.get(name) for name in three])
+        if turn is not None:
+            return turn
+    if skydio := _SKYDIO.search(head):
+        found = {name.decode().rpartition(":")[2]: a or b for name, a, b in _XMP_VALUE.findall(skydio[1])}
+        turn = _turn([found.get(angle, b"").decode(errors="replace") for angle in _ANGLES])
+        if turn is not None:
+            return turn
+    yaw, pitch, roll = (_number(xmp.get(f"Camera:{angle}")) for angle in _ANGLES)
+    if yaw is None or pitch is None:
+        return None
+    mirrored = -1 if "sensefly" in make.lower() else 1
+    body = from_yaw_pitch_roll_deg(yaw, pitch, mirrored * (roll or 0.0))
+    return multiply(body, from_yaw_pitch_roll_deg(0.0, -90.0, 0.0))
+
+
+def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
+    yaw, pitch, roll = (_number(angle) for angle in angles)
+    if yaw is None or pitch is None:
+        return None
+    return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
+
+
+def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float] | None:
+    """XMP has more digits than EXIF where both are there; DJI misspelled one for years."""
+    for maker in ("drone-dji", "drone-skydio"):
+        latitude = _number(xmp.get(f"{maker}:GpsLatitude") or xmp.get(f"{maker}:Latitude"))
+        names = ("GpsLongitude", "GpsLongtitude", "Longitude")
+        longitude = next((_number(xmp[f"{maker}:{n}"]) for n in names if f"{maker}:{n}" in xmp), None)
+        if _on_earth(latitude, longitude):
+            return latitude, longitude  # type: ignore[return-value]
+    latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef) == "S")
+    longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef) == "W")
+    return (latitude, longitude) if _on_earth(latitude, longitude) else None  # type: ignore[return-value]
+
+
+def _on_earth(latitude: float | None, longitude: float | None) -> bool:
+    if latitude is None or longitude is None or (latitude == 0 and longitude == 0):
+        return False
+    return abs(latitude) <= 90 and abs(longitude) <= 180
+
+
+def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> dict[HeightsAbove, float]:
+    heights: dict[HeightsAbove, float | None] = {}
+    heights["take-off"] = _number(xmp.get("drone-dji:RelativeAltitude"))
+    sea = _number(gps.get(ExifTags.GPS.GPSAltitude))
+    below = gps.get(ExifTags.GPS.GPSAltitudeRef) in (1, b"\x01")
+    heights["sea"] = None if sea is None else (-sea if below else sea)
+    if heights["sea"] is None:
+        heights["sea"] = _number(
+            xmp.get("drone-dji:AbsoluteAltitude") or xmp.get("drone-skydio:AbsoluteAltitude")
+        )
+    return {above: value for above, value in heights.items() if value is not None}
+
+
+def _taken_ns(exif: Mapping[int, Any], more: Mapping[int, Any]) -> tuple[int | None, bool]:
+    """When it was taken, and whether only to the second. The zone is told by few cameras: else as in UTC."""
+    text = _text(more.get(ExifTags.Base.DateTimeOriginal)) or _text(exif.get(ExifTags.Base.DateTime))
+    zone = _text(more.get(ExifTags.Base.OffsetTimeOriginal)) or "+00:00"
+    try:
+        taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")
+        taken = datetime.fromisoformat(f"{taken.isoformat()}{zone}").astimezone(timezone.utc)
+    except ValueError:
+        return None, False
+    fraction = _text(more.get(ExifTags.Base.SubsecTimeOriginal)).strip()
+    part_ns = int(fraction[:9].ljust(9, "0")) if fraction.isascii() and fraction.isdecimal() else 0
+    return int(taken.timestamp()) * 1_000_000_000 + part_ns, not fraction
+
+
+def _degrees(value: Any, negative: bool) -> float | None:
+    try:
+        degrees, minutes, seconds = (float(part) for part in value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    total = degrees + minutes / 60 + seconds / 3600
+    return None if not math.isfinite(total) else (-total if negative else total)
+
+
+def _number(value: Any) -> float | None:
+    """A number of EXIF, or the text of one, also a fraction."""
+    if isinstance(value, str):
+        match = _NUMBER.match(value)
+        if match is None:
+            return None
+        return float(match[1]) / (float(match[2]) or math.nan) if match[2] else float(match[1])
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _text(value: Any) -> str:
+    return value.replace("\0", "").strip() if isinstance(value, str) else ""

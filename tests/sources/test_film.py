@@ -1,0 +1,401 @@
+"""Films with flight logs: DJI subtitles by hand, MAVLink by pymavlink, ULog by its specification."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timezone
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
+
+from crowdfence import Terrain, open_recording
+from crowdfence.pipeline import read_map
+from crowdfence.sources.convert import convert
+from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.film.subtitles import read_subtitles
+from crowdfence.sources.film.tlog import read_tlog
+from crowdfence.sources.film.ulog import read_ulog
+from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.recording import Recording
+from support.foreign_recordings import (
+    Row,
+    beyond,
+    closed,
+    focal_35mm,
+    frames,
+    ground,
+    heights,
+    mission,
+    reference,
+    rows,
+    write_dem,
+    write_film,
+)
+
+Dialect = Callable[[int, float, Row, tuple[float, float, float]], str]
+
+
+def arrow(time_s: float) -> str:
+    return f"00:00:{time_s:06.3f} --> 00:00:{time_s + 0.033:06.3f}".replace(".", ",")
+
+
+def mini(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
+    """As recent DJI drones write it, a block per frame."""
+    yaw, pitch, roll = row.yaw_pitch_roll_deg
+    latitude, longitude, above = place
+    return (
+        f'{number}\n{arrow(time_s)}\n<font size="28">FrameCnt: {number}, DiffTime: 33ms\n'
+        f"{datetime.fromtimestamp(row.stamp_ns / 1e9, timezone.utc):%Y-%m-%d %H:%M:%S.%f}"[:-3]
+        + "\n"
+        f"[iso: 110] [shutter: 1/320.0] [fnum: 1.7] [ev: 0] [color_md: default] "
+        f"[focal_len: {focal_35mm(frames()[0]):.2f}] [latitude: {latitude:.6f}] [longitude: {longitude:.6f}] "
+        f"[rel_alt: {above:.3f} abs_alt: {above + 999:.3f}] "
+        f"[gb_yaw: {yaw:.1f} gb_pitch: {pitch:.1f} gb_roll: {roll:.1f}] </font>\n\n"
+    )
+
+
+def rtk(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
+    """As a Phantom 4 RTK writes it: longitude first, home, degree signs, CRLF."""
+    yaw, pitch, roll = row.yaw_pitch_roll_deg
+    latitude, longitude, above = place
+    home_at = rows()[0].geodetic
+    return (
+        f"{number}\n{arrow(time_s)}\nF/5.6, SS 400, ISO 100, EV 0, "
+        f"GPS ({longitude:.6f}, {latitude:.6f}, 15), HOME ({home_at[1]:.6f}, {home_at[0]:.6f}, -57.98m), "
+        f"D 8.70m, H {above:.2f}m, H.S 0.00m/s, "
+        f"F.PRY (2.7°, -7.0°, 110.1°), G.PRY ({pitch:.1f}°, {roll:.1f}°, {yaw:.1f}°)\n\n"
+    ).replace("\n", "\r\n")
+
+
+def write_subtitles(path: Path, dialect: Dialect, start_ns: int, *, every: int = 2) -> Path:
+    """The telemetry during the film; heights above the ground below the first row, where the drone is taken
+    to have started."""
+    flown = [row for row in rows() if row.stamp_ns >= start_ns][::every]
+    below = heights(rows()[0].position[None, :2])[0]
+    text = "".join(
+        dialect(
+            number,
+            (row.stamp_ns - start_ns) / 1e9,
+            row,
+            (*row.geodetic[:2], row.position[2] - below),
+        )
+        for number, row in enumerate(flown, start=1)
+    )
+    path.write_text(text, encoding="utf-8-sig")
+    return path
+
+
+def home() -> tuple[float, float]:
+    return rows()[0].geodetic[:2]
+
+
+@pytest.mark.parametrize("dialect", [mini, rtk])
+def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, dialect: Dialect) -> None:
+    film, start_ns = write_film(tmp_path / "DJI_0001.MP4")
+    write_subtitles(tmp_path / "DJI_0001.SRT", dialect, start_ns)
+    dem = write_dem(tmp_path / "dem.tif")
+    options = {} if dialect is mini else {"calibration": frames()[0].camera}
+    found = open_recording(film, frames_per_s=np.inf, take_off=home(), **options)
+    with pytest.raises(ValueError, match="count from the ground .* --terrain"):
+        convert(found, tmp_path / "early.mcap")
+    terrain = read_map(found, dem).terrain
+    settled = on_ground(found, terrain)
+    assert "heights moved by" in settled.warnings[-1] and not settled.ground_contacts
+    anchor, local = mission().georeference, settled.georeference
+    assert anchor is not None and local is not None
+    # The film begins with a black frame half a second before the first picture.
+    assert len(settled.frames) == len(frames()) + 1
+    for ours, theirs in zip(settled.frames[1:], frames(), strict=True):
+        since_first = theirs.stamp_ns - frames()[0].stamp_ns
+        assert abs(ours.stamp_ns - settled.frames[1].stamp_ns - since_first) < 2e6
+        at = anchor.local_from_geodetic(*local.geodetic_from_local(ours.world_from_camera[None, :3, 3]))[0]
+        # Six digits of a degree are 0.11 m, the map is of a metre, the ground at the start slopes.
+        assert np.linalg.norm(at[:2] - theirs.world_from_camera[:2, 3]) < 0.2
+        assert abs(at[2] - theirs.world_from_camera[2, 3]) < 0.5
+        # Tenths of a degree in three angles.
+        turned = ours.world_from_camera[:3, :3].T @ theirs.world_from_camera[:3, :3]
+        assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 0.2
+        assert ours.camera.fx == pytest.approx(theirs.camera.fx, rel=1e-3)
+        picture = ours.image().astype(float)
+        assert np.abs(picture - theirs.image()).mean() < 6
+    if dialect is mini:
+        pictures = replace(settled, frames=settled.frames[1:])
+        zones, expected = closed(pictures, terrain), closed(reference())
+        assert beyond(zones, expected, 1.0) < 0.05
+
+
+def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:
+    film, start_ns = write_film(tmp_path / "a.mp4")
+    write_subtitles(tmp_path / "a.srt", mini, start_ns)
+    found = open_recording(film, frames_per_s=np.inf).frames
+    forwards = [frame.encoded_image() for frame in found]
+    assert [frame.encoded_image() for frame in reversed(found)] == forwards[::-1]
+    assert len(open_recording(film, frames_per_s=0.5).frames) == 3  # 5.5 s: at 0, then 2 s apart at least
+
+
+def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> None:
+    films = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        film, start_ns = write_film(tmp_path / name / "DJI_0001.MP4")
+        write_subtitles(tmp_path / name / "DJI_0001.SRT", mini, start_ns)
+        films.append(film)
+    fleet = open_recording(films)
+    assert fleet.drones == ("a_DJI_0001", "b_DJI_0001")
+    assert set(fleet.ground_contacts) == set(fleet.drones)
+    a, b = (fleet.frames_of(drone) for drone in fleet.drones)
+    assert np.allclose([f.world_from_camera for f in a], [f.world_from_camera for f in b])
+    assert all(len(instant.frames) == 2 for instant in fleet.instants())
+
+
+# --- logs that run on a clock of their own ---
+
+
+def write_ulog(path: Path, *, gimbal: bool = True) -> tuple[Path, int]:
+    """A ULog by its specification (docs.px4.io/main/en/dev_log/ulog_file_format): (path, stamp of its
+    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's."""
+    zero_us = 5_000_000
+    flown = rows()
+    begin_us = flown[0].stamp_ns // 1000
+    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
+
+    def add(kind: bytes, body: bytes) -> None:
+        data.extend(struct.pack("<HB", len(body), kind[0]) + body)
+
+    formats = {
+        "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
+        "vehicle_attitude": "float[4] q;",
+        "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
+        "vehicle_gps_position": "uint64_t time_utc_usec;",
+    }
+    for name, fields in formats.items():
+        add(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
+    for number, name in enumerate(formats):
+        add(b"A", struct.pack("<BH", 0, number) + name.encode())
+    for count, row in enumerate(flown):
+        stamp_us = zero_us + row.stamp_ns // 1000 - begin_us
+        latitude, longitude, height = row.geodetic
+        yaw, pitch, roll = row.yaw_pitch_roll_deg
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw + 30, 3, -2], degrees=True).as_quat()[[3, 0, 1, 2]]
+        add(b"D", struct.pack("<HQ4f", 1, stamp_us, w, x, y, z))
+        if gimbal:
+            w, x, y, z = Rotation.from_euler("ZYX", [-30, pitch, roll], degrees=True).as_quat()[[3, 0, 1, 2]]
+            add(b"D", struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
+        if count % 5 == 0:
+            add(b"D", struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
+            add(b"D", struct.pack("<HQQ", 3, stamp_us, row.stamp_ns // 1000))
+    path.write_bytes(bytes(data))
+    return path, flown[0].stamp_ns
+
+
+def write_tlog(path: Path) -> tuple[Path, int]:
+    """A MAVLink log by pymavlink: (path, stamp of its first position); heights above sea and start."""
+    flown = rows()
+    start = flown[0].position[2]
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    data = bytearray()
+    for row in flown:
+        boot_ms = 60_000 + (row.stamp_ns - flown[0].stamp_ns) // 1_000_000
+        latitude, longitude, height = row.geodetic
+        yaw, pitch, roll = row.yaw_pitch_roll_deg
+        above = row.position[2] - start
+        place = [
+            round(latitude * 1e7),
+            round(longitude * 1e7),
+            round(height * 1e3 - 48_000),
+            round(above * 1e3),
+        ]
+        messages = [
+            mavlink.MAVLink_global_position_int_message(boot_ms, *place, 0, 0, 0, 65535),
+            mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, np.radians(yaw), 0.0, 0.0, 0.0),
+            mavlink.MAVLink_mount_orientation_message(boot_ms, roll, pitch, 0.0, yaw),
+        ]
+        for message in messages:
+            data += struct.pack(">Q", row.stamp_ns // 1000) + message.pack(sender)
+    path.write_bytes(bytes(data))
+    return path, flown[0].stamp_ns
+
+
+@pytest.mark.parametrize("kind", ["ulg", "tlog"])
+def test_a_film_with_the_log_of_an_autopilot(tmp_path: Path, kind: str) -> None:
+    film, start_ns = write_film(tmp_path / "flight.mp4")
+    _, zero_ns = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"flight.{kind}")
+    camera = frames()[0].camera
+    with pytest.raises(ValueError, match="does not know when the film began: say it with --clock-offset"):
+        open_recording(film, calibration=camera)
+    options = {"calibration": camera, "frames_per_s": np.inf}
+    if kind == "tlog":
+        options |= {"heights": "sea", "geoid_m": 48.0}
+    found = open_recording(film, clock_offset_s=(start_ns - zero_ns) / 1e9, **options)
+    anchor, local = mission().georeference, found.georeference
+    assert anchor is not None and local is not None and not found.refused
+    for ours, theirs in zip(found.frames[1:], frames(), strict=True):
+        assert abs(ours.stamp_ns - theirs.stamp_ns) < 2e6
+        at = anchor.local_from_geodetic(*local.geodetic_from_local(ours.world_from_camera[None, :3, 3]))[0]
+        # Positions of 10 Hz, laid on attitudes of 50 Hz; MAVLink rounds to 1e-7 degrees and ms.
+        assert np.linalg.norm(at - theirs.world_from_camera[:3, 3]) < 0.1
+        turned = ours.world_from_camera[:3, :3].T @ theirs.world_from_camera[:3, :3]
+        assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1))) < 0.1
+    assert (
+        beyond(closed(replace(found, frames=found.frames[1:]), ground_under(found)), closed(reference()), 1.0)
+        < 0.05
+    )
+
+
+def ground_under(found: Recording) -> Terrain:
+    """The mission's map in the frame of another recording: the anchors' planes are parallel within
+    0.01 degrees here, so it is moved."""
+    anchor, local = mission().georeference, found.georeference
+    assert anchor is not None and local is not None
+    offset = local.local_from_geodetic(anchor.latitude_deg, anchor.longitude_deg, anchor.height_m)[0]
+    return ground(offset)
+
+
+def test_a_log_without_a_gimbal_needs_a_mount(tmp_path: Path) -> None:
+    film, start_ns = write_film(tmp_path / "flight.mp4")
+    _, zero_ns = write_ulog(tmp_path / "flight.ulg", gimbal=False)
+    options = {"calibration": frames()[0].camera, "clock_offset_s": (start_ns - zero_ns) / 1e9}
+    with pytest.raises(
+        ValueError, match=r"attitude of the camera is not logged \(the drone's is there\).*--mount"
+    ):
+        open_recording(film, **options)
+    level = open_recording(film, mount="level:-60", **options).frames[1].world_from_camera[:3, 2]
+    assert level[2] == pytest.approx(-np.sin(np.radians(60)), abs=1e-6)
+    fixed = open_recording(film, mount="body:-60", **options).frames[1].world_from_camera[:3, 2]
+    assert fixed[2] != pytest.approx(-np.sin(np.radians(60)), abs=1e-3)  # the body pitches by 3 degrees
+
+
+@pytest.mark.parametrize("kind", ["ulg", "tlog"])
+def test_damaged_logs_are_one_line(tmp_path: Path, kind: str) -> None:
+    path, _ = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"x.{kind}")
+    read: Callable[[Path], FlightLog] = read_ulog if kind == "ulg" else read_tlog
+    whole = path.read_bytes()[:20_000]
+    random = np.random.default_rng(17)
+    refused = 0
+    for number in range(16):
+        damaged = bytearray(whole[: int(random.integers(len(whole)))] if number % 2 else whole)
+        for at in random.integers(max(len(damaged), 1), size=10) if number % 3 else []:
+            damaged[at : at + 1] = bytes([int(random.integers(256))])
+        path.write_bytes(bytes(damaged))
+        try:
+            assert len(read(path).time_s)
+        except ValueError as error:
+            assert str(error) and "\n" not in str(error)
+            refused += 1
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match="is no ULog|holds no positions"):
+        read(path)
+
+
+# --- dialects ---
+
+
+def srt(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "x.SRT"
+    path.write_bytes(text.encode())
+    return path
+
+
+def test_matrice_writes_latitude_first_and_no_attitude(tmp_path: Path) -> None:
+    text = (
+        "1\n00:00:00,000 --> 00:00:01,000\n2022.06.21 16:06:17\nGPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M\n\n"
+    )
+    text = text.replace("\n", "\r\n")
+    log = read_subtitles(srt(tmp_path, text))
+    assert (log.latitude_deg[0], log.longitude_deg[0], log.heights_m["take-off"][0]) == (36.6146, -6.112, 0.3)
+    assert log.start_ns == 1655827577 * 10**9  # 2022-06-21 16:06:17 UTC
+    assert any("steps of 11.1 m" in remark for remark in log.remarks)
+    with pytest.raises(ValueError, match=r"a guess would put crowds anywhere: .*--mount"):
+        log.attitudes(None)
+
+
+def test_an_older_mavic_writes_longitude_first(tmp_path: Path) -> None:
+    text = (
+        "1\n00:00:01,000 --> 00:00:02,000\nHOME(-58.4563,-34.7386) 2017.07.03 10:15:03\n"
+        "GPS(-58.4563,-34.7383,19) BAROMETER:20.1\nISO:100\n\n"
+    )
+    log = read_subtitles(srt(tmp_path, text + "2\n00:00:02,000 --> 00:00:03,000\nHOME(-58.45"))
+    assert (log.latitude_deg[0], log.longitude_deg[0]) == (-34.7383, -58.4563)
+    assert log.take_off == (-34.7386, -58.4563) and log.heights_m["take-off"][0] == 20.1
+    assert any("1 of 2 blocks have no time or no position" in remark for remark in log.remarks)
+
+
+def test_a_mavic_2_writes_no_arrows_and_misspells(tmp_path: Path) -> None:
+    text = "".join(
+        f"{n}\n2017.08.05 14:11:5{n},393,525\n[latitude : -20.2533] [longtitude : 149.0251] [iso : 100]\n\n"
+        for n in (1, 2, 3)
+    )
+    log = read_subtitles(srt(tmp_path, text))
+    assert log.time_s.tolist() == [0.0, 1.0, 2.0] and not log.heights_m
+    assert log.longitude_deg.tolist() == [149.0251] * 3
+
+
+def test_a_mavic_air_2_counts_focal_lengths_in_tenths(tmp_path: Path) -> None:
+    text = (
+        '1\n00:00:00,000 --> 00:00:00,016\n<font size="36">SrtCnt : 1, DiffTime : 16ms\n'
+        "2022-05-01 15:01:58,531,716\n[focal_len : 240] [latitude: 41.420684] [longitude: 2.162162] "
+        "[altitude: 27.300000] </font>\n"
+    )
+    log = read_subtitles(srt(tmp_path, text))
+    assert log.focal_35mm == 24.0 and log.heights_m["take-off"][0] == 27.3
+    assert any("does not say from where it counts" in remark for remark in log.remarks)
+
+
+@cache
+def six_blocks() -> bytes:
+    place = 46.5, 8.0, 12.0
+    return "".join(f(n, n / 10, rows()[n], place) for n in range(1, 4) for f in (mini, rtk)).encode()
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None)
+def test_damaged_subtitles_are_one_line(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    whole = six_blocks()
+    cut = whole[: data.draw(st.integers(0, len(whole)))]
+    noise = data.draw(
+        st.lists(st.tuples(st.integers(0, max(len(cut) - 1, 0)), st.integers(0, 255)), max_size=20)
+    )
+    damaged = bytearray(cut)
+    for at, value in noise if damaged else []:
+        damaged[at] = value
+    path = tmp_path_factory.mktemp("srt") / "x.SRT"
+    path.write_bytes(bytes(damaged))
+    try:
+        log = read_subtitles(path)
+    except ValueError as error:
+        assert "holds no position" in str(error)
+    else:
+        assert np.all(np.abs(log.latitude_deg) <= 90) and len(log.time_s) <= 6
+
+
+# --- what is missing is said ---
+
+
+def test_what_is_missing_is_said_with_the_way_out(tmp_path: Path) -> None:
+    film, start_ns = write_film(tmp_path / "a.mp4")
+    with pytest.raises(ValueError, match=r"no flight log beside it \(a.SRT, .ulg or .tlog\)"):
+        open_recording(film)
+    log = write_subtitles(tmp_path / "a.SRT", rtk, start_ns)
+    with pytest.raises(ValueError, match=r"how wide its camera sees.*--calibration"):
+        open_recording(film)
+    with pytest.raises(ValueError, match=r"it is the log of a film, which is named instead: .*a.mp4"):
+        open_recording(log)
+    with pytest.raises(ValueError, match=r"no heights above sea are recorded: there are take-off"):
+        open_recording(film, calibration=frames()[0].camera, heights="sea")
+    write_subtitles(tmp_path / "a.SRT", mini, start_ns)
+    with pytest.raises(ValueError, match=r"need the geoid.*--geoid-m.*--heights take-off"):
+        open_recording(film, heights="sea")
+    above_sea = open_recording(film, heights="sea", geoid_m=50.0)
+    assert above_sea.georeference is not None and not above_sea.ground_contacts
+    with pytest.raises(ValueError, match="is no AirSim recording: crowd_colors does not apply"):
+        open_recording(film, crowd_colors=[(1, 2, 3)])
