@@ -9,6 +9,7 @@ must cover before it is returned.
 from __future__ import annotations
 
 import heapq
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,11 +117,19 @@ def _fewer(polygon: Polygon, tolerance_m: float, budget: int) -> Polygon:
     return shapely.Polygon(shell, [hole for hole in holes if len(hole) >= LEAST_VERTICES])
 
 
+_Place = tuple[float, float]
+_Move = tuple[float, _Place | None, float]
+"""Area added; where the neighbours meet, or None where the corner is left out; how far beyond the outline the
+new edges may reach."""
+
+
 class _Corners:
     """The corners of a polygon's rings as linked lists, and the moves that take one away."""
 
     def __init__(self, rings: list[NDArray[np.float64]]) -> None:
         self.points = np.concatenate(rings)
+        self._places: list[_Place] = [(x, y) for x, y in self.points.tolist()]
+        """The same as plain numbers: moves are worked out one at a time."""
         sizes = [len(ring) for ring in rings]
         starts = np.cumsum([0, *sizes[:-1]])
         count = len(self.points)
@@ -131,7 +140,7 @@ class _Corners:
         self.alive = np.ones(count, dtype=np.bool_)
         self.ring = np.repeat(np.arange(len(rings)), sizes)
         self.ring_size = list(sizes)
-        self.beyond_m = np.zeros(count)
+        self.beyond_m = [0.0] * count
         """How far the edge that begins at a corner may reach beyond the outline."""
         self.version = np.zeros(count, dtype=np.int64)
 
@@ -169,47 +178,48 @@ class _Corners:
         if move is not None:
             heapq.heappush(queue, (move[0], corner, int(self.version[corner])))
 
-    def _move(
-        self, corner: int, tolerance_m: float
-    ) -> tuple[float, NDArray[np.float64] | None, float] | None:
-        """(area added, where the neighbours meet or None where the corner is left out, how far beyond the
-        outline the new edges may reach); None where there is no move."""
+    def _move(self, corner: int, tolerance_m: float) -> _Move | None:
+        """The cheapest one that takes a corner away; None where there is none."""
         if self.ring_size[self.ring[corner]] <= LEAST_VERTICES:
             return None
         a, b = int(self.before[corner]), int(self.next[corner])
-        p, v, q = self.points[a], self.points[corner], self.points[b]
-        area = _cross(v - p, q - v) / 2
+        (px, py), (vx, vy), (qx, qy) = self._places[a], self._places[corner], self._places[b]
+        area = ((vx - px) * (qy - vy) - (vy - py) * (qx - vx)) / 2
         if area <= 0.0:
-            length_m = float(np.hypot(*(q - p)))
+            length_m = math.hypot(qx - px, qy - py)
             height_m = -2 * area / length_m if length_m > 0.0 else 0.0
             beyond_m = height_m + max(self.beyond_m[a], self.beyond_m[corner])
             return (-area, None, beyond_m) if beyond_m <= tolerance_m else None
         return self._extension(corner, tolerance_m)
 
-    def _extension(
-        self, corner: int, tolerance_m: float
-    ) -> tuple[float, NDArray[np.float64] | None, float] | None:
+    def _extension(self, corner: int, tolerance_m: float) -> _Move | None:
         """The edge from a corner to the next one removed, where both turn outward."""
-        b = int(self.next[corner])
-        p, v, w, q = (self.points[i] for i in (self.before[corner], corner, b, self.next[b]))
-        along, edge, back = v - p, w - v, w - q
-        if _cross(edge, -back) <= 0.0:
+        a, b = int(self.before[corner]), int(self.next[corner])
+        (px, py), (vx, vy) = self._places[a], self._places[corner]
+        (wx, wy), (qx, qy) = self._places[b], self._places[int(self.next[b])]
+        along_x, along_y = vx - px, vy - py
+        edge_x, edge_y = wx - vx, wy - vy
+        on_x, on_y = qx - wx, qy - wy
+        turn_b = edge_x * on_y - edge_y * on_x
+        if turn_b <= 0.0:
             return None
-        turn = _cross(along, -back)
-        lengths = float(np.hypot(*along) * np.hypot(*back))
-        if turn <= _STRAIGHT * lengths:
+        turn = along_x * on_y - along_y * on_x
+        if turn <= _STRAIGHT * math.hypot(along_x, along_y) * math.hypot(on_x, on_y):
             return None  # the neighbours do not meet
-        meeting = v + along * (_cross(edge, -back) / turn)
-        length_m = float(np.hypot(*edge))
-        area = _cross(edge, meeting - v) / -2
-        if not area >= 0.0 or length_m == 0.0:
+        reach = turn_b / turn
+        beyond_x, beyond_y = along_x * reach, along_y * reach
+        meeting = (vx + beyond_x, vy + beyond_y)
+        area = (edge_x * (meeting[1] - vy) - edge_y * (meeting[0] - vx)) / -2
+        if not area >= 0.0 or (edge_x == 0.0 and edge_y == 0.0):
             return None
         # Every point of the triangle is nearer to the old edge than its tip is to the edge's nearer end.
-        reach_m = float(min(np.hypot(*(meeting - v)), np.hypot(*(meeting - w))))
-        beyond_m = reach_m + max(self.beyond_m[i] for i in (int(self.before[corner]), corner, b))
+        reach_m = min(
+            math.hypot(meeting[0] - vx, meeting[1] - vy), math.hypot(meeting[0] - wx, meeting[1] - wy)
+        )
+        beyond_m = reach_m + max(self.beyond_m[a], self.beyond_m[corner], self.beyond_m[b])
         return (area, meeting, beyond_m) if beyond_m <= tolerance_m else None
 
-    def _is_blocked(self, corner: int, move: tuple[float, NDArray[np.float64] | None, float]) -> bool:
+    def _is_blocked(self, corner: int, move: _Move) -> bool:
         """Whether the triangle that a move adds meets another edge: the outline would cross itself."""
         a, b = int(self.before[corner]), int(self.next[corner])
         if move[1] is None:
@@ -230,7 +240,7 @@ class _Corners:
                 return True
         return False
 
-    def _take(self, corner: int, move: tuple[float, NDArray[np.float64] | None, float]) -> tuple[int, ...]:
+    def _take(self, corner: int, move: _Move) -> tuple[int, ...]:
         """Make the move; the corners whose own moves it changes."""
         _, meeting, beyond_m = move
         a, b = int(self.before[corner]), int(self.next[corner])
@@ -239,14 +249,10 @@ class _Corners:
         self.ring_size[self.ring[corner]] -= 1
         self.beyond_m[a] = beyond_m
         if meeting is not None:
-            self.points[b] = meeting
+            self.points[b] = self._places[b] = meeting
             self.beyond_m[b] = beyond_m
         behind, ahead = int(self.before[a]), int(self.next[b])
         return tuple(dict.fromkeys((behind, a, b, ahead)))
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])
 
 
 def _boxes_meet(
