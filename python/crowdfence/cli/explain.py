@@ -9,20 +9,13 @@ import typer
 
 from crowdfence.cli import console, options
 from crowdfence.cli.export import At, RunFolder
+from crowdfence.exports.zone_reasons import REASONS
 from crowdfence.iso_time import iso_utc
 
 if TYPE_CHECKING:
     from crowdfence.zones import Zone, ZoneEvent, ZoneSet
     from crowdfence.zones.history import ZoneHistory
 
-REASONS = {
-    "seen": "a drone saw crowd in it at this instant",
-    "not_cleared": "drones looked at it at this instant and saw too little to be sure that nobody is there",
-    "not_looked_at": "crowd was seen, and nobody has looked since",
-    "held": "its probability is below the threshold at which zones begin, not below that at which they end",
-    "never_cleared": "never seen, hidden, or seen too long ago: not known to be empty",
-    "given": "somebody else closed it",
-}
 _HAPPENED = {
     "created": "appeared",
     "split": "came out of {other}",
