@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from crowdfence._core import CrowdMass
+from crowdfence._core import CrowdMass, __version__
 from crowdfence.atomic_file import write_bytes
 from crowdfence.atomic_folder import whole_folder
 from crowdfence.exports.frames_csv import write_frames_csv
@@ -20,6 +20,7 @@ from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.picture import DroneTrack, ground_footprint, write_picture
+from crowdfence.exports.report import report_page
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run, shares
 from crowdfence.surface_grid import SurfaceGrid
@@ -32,6 +33,7 @@ FILES = {
     "zone_history.jsonl": "zones, their evidence and what became of them, at every instant",
     "crowd_map.tif": "probability and state per ground cell",
     "crowd_map.png": "the map as a picture",
+    "report.html": "all of it on one page to look at first, print or send by mail",
     "terrain.bt": "OctoMap: the terrain, occupied",
     "crowd_map.ot": "OctoMap: the terrain, coloured by state and probability",
     "frames.csv": "one row per instant",
@@ -80,7 +82,7 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
     run.history.write(folder / "zone_history.jsonl")
     if "crowd_map.tif" in wanted:
         write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
-    if "crowd_map.png" in wanted:
+    if wanted & {"crowd_map.png", "report.html"}:
         write_picture(
             folder / "crowd_map.png",
             grid,
@@ -104,6 +106,12 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
     if "crowd_map.crowdmap" in wanted:
         crowd_map.save(folder / "crowd_map.crowdmap")
     summary = summarise(run, grid)
+    if "report.html" in wanted:
+        picture = (folder / "crowd_map.png").read_bytes()
+        page = report_page(summary, run.zones, run.stamp_ns, picture, __version__)
+        write_bytes(folder / "report.html", page.encode())
+    if "crowd_map.png" not in wanted:
+        (folder / "crowd_map.png").unlink(missing_ok=True)
     write_bytes(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
     return summary
 

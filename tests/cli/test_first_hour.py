@@ -1,5 +1,6 @@
 """The first hour of somebody new: what the command line says and leaves, seen from outside."""
 
+import base64
 import csv
 import json
 import os
@@ -7,12 +8,15 @@ import re
 import shutil
 import subprocess
 import sys
+from html.parser import HTMLParser
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
 from mcap.reader import make_reader
+from PIL import Image
 
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.app import app
@@ -259,3 +263,71 @@ def test_one_is_no_plural(airsim: Path, tmp_path: Path) -> None:
     assert (
         counted(1, "zone") == "1 zone" and counted(0, "zone") == "0 zones" and counted(2, "zone") == "2 zones"
     )
+
+
+class Page(HTMLParser):
+    """What a browser would load, and what it would show as text."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.tags: list[str] = []
+        self.text = ""
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.loaded += [
+            value or "" for name, value in attributes if name in ("src", "href", "data", "srcset")
+        ]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_a_run_leaves_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "<b>flight", flight())
+    terrain = write_bt(folder / "g.bt", Terrain.from_points(ground(), 2.0))
+    first = sorted((folder / "heatmaps").iterdir())[0]
+    first.write_bytes(b"")
+    common = ("run", folder, "-t", terrain, *RECORDED, "-o", tmp_path / "out")
+    done = crowdfence(*common, "--files", "report.html")
+    assert done.returncode == 0, done.stderr
+    assert f"look first at {tmp_path / 'out' / 'report.html'} (--open shows it)" in done.stdout
+    assert not (tmp_path / "out" / "crowd_map.png").exists()  # not asked for; it is in the page
+    page = Page(tmp_path / "out" / "report.html")
+    (picture,) = page.loaded
+    data = base64.b64decode(picture.removeprefix("data:image/png;base64,"), validate=True)
+    with Image.open(BytesIO(data)) as image:
+        image.load()
+        assert image.width > 600
+    assert "script" not in page.tags and "link" not in page.tags and "b" in page.tags
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["zones"] and summary["warnings"] and len(summary["refused"]) == 1
+    for told in (summary["recording"], *summary["warnings"], *summary["refused"]):
+        assert told in page.text
+    for zone in summary["zones"]:
+        assert zone["id"] in page.text and f"{zone['closed_m2']:,.0f} m²" in page.text
+    for state, area in summary["area_m2"].items():
+        assert f"{area:,.0f} m²" in page.text, state
+    for name in summary["parameters"]:
+        assert name in page.text
+
+
+def test_open_shows_the_report(airsim: Path, tmp_path: Path) -> None:
+    """The desktop's own opener gets the page."""
+    opener = tmp_path / "bin" / "xdg-open"
+    opener.parent.mkdir()
+    opener.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/opened\n')
+    opener.chmod(0o755)
+    done = crowdfence(
+        "run",
+        airsim,
+        *RECORDED,
+        "-o",
+        tmp_path / "out",
+        "--open",
+        PATH=f"{opener.parent}:{os.environ['PATH']}",
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "opened").read_text().strip() == str(tmp_path / "out" / "report.html")

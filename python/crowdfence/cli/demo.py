@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from crowdfence.cli import options
-from crowdfence.cli.run import fuse_and_report, result_folder
+from crowdfence.cli.run import OpenReport, fuse_and_report, result_folder
 from crowdfence.config import RunConfig, ZoneConfig
 
 RECORDING = Path(__file__).parent.parent / "demo_data" / "race.mcap"
@@ -19,6 +19,7 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
         "out/demo"
     ),
+    show: OpenReport = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -30,4 +31,6 @@ def demo(
         recording = open_recording(RECORDING)
         ground = read_map(recording)
         detector = choose_detector(recording, "auto")
-        fuse_and_report(recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json)
+        fuse_and_report(
+            recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json, show=show
+        )

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 MOST_ZONES_SHOWN = 12
+LOOK_FIRST = ("report.html", "crowd_map.png")
+OpenReport = Annotated[bool, typer.Option("--open", help="Open the report when it is done.")]
 WHY = {
     "seen": "crowd seen just now",
     "not_cleared": "looked at, not cleared",
@@ -90,6 +92,7 @@ def run(
     static_zones: options.StaticZones = None,
     stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     files: options.Files = None,
+    show: OpenReport = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -118,6 +121,7 @@ def run(
             files=wanted,
             force=force,
             as_json=as_json,
+            show=show,
         )
 
 
@@ -139,6 +143,7 @@ def fuse_and_report(
     as_json: bool,
     static_zones: Sequence[Path] = (),
     files: frozenset[str] | None = None,
+    show: bool = False,
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
@@ -167,6 +172,16 @@ def fuse_and_report(
         console.print_json(summary)
     else:
         _report(summary, finished, seconds, output, _written(files))
+    _look_first(output, _written(files), show=show, quiet=as_json)
+
+
+def _look_first(output: Path, written: list[str], *, show: bool, quiet: bool) -> None:
+    """Open what is best looked at first, or say where it is."""
+    first = next((output / name for name in LOOK_FIRST if name in written), None)
+    if show and first is not None:
+        typer.launch(str(first.resolve()))
+    elif first is not None and not quiet:
+        console.stdout().print(f"look first at [bold]{first}[/] (--open shows it)", soft_wrap=True)
 
 
 def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, written: list[str]) -> None:
