@@ -27,9 +27,11 @@ class Server:
     """By role."""
     process: "subprocess.Popen[str] | None" = None
 
+    detector: str = "recorded"
+
     def start(self) -> None:
         """Slow enough that the mission is still going on when the page has loaded on a busy machine."""
-        command = [sys.executable, "-m", "crowdfence", "serve", str(RECORDING), "--detector", "recorded"]
+        command = [sys.executable, "-m", "crowdfence", "serve", str(RECORDING), "--detector", self.detector]
         command += [
             "--replay-speed",
             "0.05",
@@ -77,6 +79,7 @@ class Console:
     hosts: set[str] = field(default_factory=set)
 
     def hear(self, level: str, text: str) -> None:
+        """What the browser tells its developer."""
         if level in ("error", "warning"):
             self.complaints.append(text)
 
@@ -115,10 +118,7 @@ class Console:
 def open_console(context: BrowserContext, server: Server, role: str, after: str = "") -> Console:
     console = Console(context.new_page(), server)
     page = console.page
-    page.on(
-        "console",
-        lambda said: console.complaints.append(said.text) if said.type in ("error", "warning") else None,
-    )
+    page.on("console", lambda said: console.hear(said.type, said.text))
     page.on("pageerror", lambda error: console.complaints.append(str(error)))
     page.on("request", lambda request: console.hosts.add(request.url.split("/")[2]))
     page.set_default_timeout(90_000)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from os.path import relpath
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from crowdfence.cli import options
+from crowdfence.cli import console, options
 from crowdfence.cli.run import OpenReport, fuse_and_report, result_folder
 from crowdfence.config import RunConfig, ZoneConfig
 
@@ -34,3 +37,12 @@ def demo(
         fuse_and_report(
             recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json, show=show
         )
+    if not as_json:
+        console.stdout().print(f"see it on the map page: [bold]{_serve_command()}[/]", soft_wrap=True)
+
+
+def _serve_command() -> str:
+    """To be pasted as it stands, whether or not the virtual environment is active."""
+    called = Path(sys.argv[0])
+    words = [str(called) if called.name == "crowdfence" else "crowdfence", "serve", relpath(RECORDING)]
+    return shlex.join([*words, "--min-area-m2", f"{CONFIG.zones.min_area_m2:g}"])

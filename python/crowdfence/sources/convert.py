@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
-from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.ground_contact import require_settled
+from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter

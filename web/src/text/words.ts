@@ -31,8 +31,8 @@ export const KIND_WORDS = {
 export const REASON_WORDS: Record<string, string> = {
   seen: "crowd in view",
   not_cleared: "not cleared",
-  not_looked_at: "not looked at since",
-  held: "held, below threshold",
+  not_looked_at: "no look since",
+  held: "held",
   never_cleared: "not known to be empty",
   given: "given",
   operator: "by an operator",

@@ -9,7 +9,6 @@ import { silence_s, useNow } from "./now";
 import { mayOperate } from "./operator";
 
 const LATE_S = 4;
-const MOST_SHOWN = 2;
 
 export function Banner() {
   useNow();
@@ -19,6 +18,7 @@ export function Banner() {
   const clock = useStore((state) => state.clock);
   const alerts = useStore((state) => state.alerts);
   const urgent = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by && !alert.cleared_ms);
+  const worst = urgent.find(({ level }) => level === "alarm") ?? urgent[0];
   const late_s = silence_s(store.state);
   return (
     <div class="banners" aria-live="polite">
@@ -46,19 +46,12 @@ export function Banner() {
           <button onClick={goLive}>Go to the newest</button>
         </div>
       )}
-      {urgent.slice(0, MOST_SHOWN).map((alert) => (
-        <AlertBanner key={alert.id} alert={alert} />
-      ))}
-      {urgent.length > MOST_SHOWN && (
-        <button class="banner more" onClick={() => store.set({ panel: "alerts" })}>
-          {urgent.length - MOST_SHOWN} more alerts
-        </button>
-      )}
+      {urgent.length > 0 && <AlertBanner alert={worst} more={urgent.length - 1} />}
     </div>
   );
 }
 
-function AlertBanner({ alert }: { alert: Alert }) {
+function AlertBanner({ alert, more }: { alert: Alert; more: number }) {
   const scene = useStore((state) => state.scene);
   const operator = mayOperate(scene);
   return (
@@ -71,6 +64,11 @@ function AlertBanner({ alert }: { alert: Alert }) {
       <button disabled={!operator} title={operator ? "" : "Acknowledging needs the role operator"} onClick={() => acknowledge(alert.id)}>
         Acknowledge
       </button>
+      {more > 0 && (
+        <button class="quiet" onClick={() => store.set({ panel: "alerts" })}>
+          {more} more
+        </button>
+      )}
     </div>
   );
 }

@@ -12,8 +12,8 @@ export function TopBar() {
   const scene = useStore((state) => state.scene);
   const panel = useStore((state) => state.panel);
   const alerts = useStore((state) => state.alerts);
-  const open = alerts.filter((alert) => !alert.acknowledged_by);
-  const worst = open.some(({ level }) => level === "alarm") ? "alarm" : open.some(({ level }) => level === "warning") ? "warning" : "info";
+  const open = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by);
+  const worst = open.some(({ level }) => level === "alarm") ? "alarm" : "warning";
   const toggle = (name: typeof panel) => store.set({ panel: panel === name ? null : name });
   return (
     <header class="top-bar">
