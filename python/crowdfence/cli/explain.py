@@ -9,7 +9,6 @@ import typer
 
 from crowdfence.cli import console, options
 from crowdfence.cli.export import At, RunFolder
-from crowdfence.exports.zone_reasons import REASONS
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.reasons import REASONS
 

@@ -1,4 +1,4 @@
-"""The page: a summary and its zones put into `page.html`. Nothing is loaded from anywhere, and nothing runs."""
+"""The page: a summary and its zones put into `page.html`. Nothing is loaded from elsewhere, nothing runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from crowdfence.exports.colours import STATE_COLOURS
-from crowdfence.exports.zone_reasons import REASONS
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.reasons import REASONS
 
 if TYPE_CHECKING:
     from crowdfence.zones import Zone, ZoneSet
@@ -119,8 +119,9 @@ def _left_out(summary: Mapping[str, Any]) -> str:
     if not summary["dropped_regions"]:
         return ""
     return (
-        f'<p class="note">{summary["dropped_area_m2"]:.0f} m² of crowd lie in {summary["dropped_regions"]} '
-        f"{'region' if summary['dropped_regions'] == 1 else 'regions'} smaller than {summary['min_area_m2']:g} m², which no zone covers.</p>"
+        f'<p class="note">{summary["dropped_area_m2"]:.0f} m² of crowd lie in '
+        f"{summary['dropped_regions']} {'region' if summary['dropped_regions'] == 1 else 'regions'} "
+        f"smaller than {summary['min_area_m2']:g} m², which no zone covers.</p>"
     )
 
 
