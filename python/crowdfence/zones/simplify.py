@@ -98,11 +98,20 @@ def _triangle_around(outline: Polygon | MultiPolygon) -> Polygon:
     made wider, because a mitre as long as its point is has more corners than one."""
     import shapely
 
-    west, south, east, north = outline.bounds
-    margin_m = max(MARGIN_M, _NEEDLE * float(np.hypot(east - west, north - south)))
-    corners = np.asarray(shapely.oriented_envelope(shapely.buffer(outline, margin_m)).exterior.coords)
-    corner, along, _, across = corners[:4]
+    corner, along, across = _rectangle(outline, MARGIN_M)
+    long_m = max(math.dist(corner, along), math.dist(corner, across))
+    if min(math.dist(corner, along), math.dist(corner, across)) < _NEEDLE * long_m:
+        corner, along, across = _rectangle(outline, _NEEDLE * long_m)
     return shapely.Polygon([corner, 2 * along - corner, 2 * across - corner])
+
+
+def _rectangle(outline: Polygon | MultiPolygon, margin_m: float) -> tuple[NDArray[np.float64], ...]:
+    """Of the smallest rectangle around an outline with a margin: a corner and those next to it."""
+    import shapely
+
+    around = shapely.oriented_envelope(shapely.buffer(outline, margin_m))
+    corner, along, _, across = np.asarray(around.exterior.coords)[:4]
+    return corner, along, across
 
 
 def _fewer(polygon: Polygon, tolerance_m: float, budget: int) -> Polygon:
