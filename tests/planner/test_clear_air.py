@@ -37,6 +37,12 @@ def test_a_point_is_clear_beside_above_and_below_a_raised_band() -> None:
     assert raised.is_clear([(5, 5, 59), (5, 5, 60)], 0).tolist() == [True, False]
 
 
+def test_one_point_by_itself_is_asked_like_several() -> None:
+    air = ClearAir(zone_set(SQUARE))
+    assert air.is_clear((5, 5, 50), 0).tolist() == [False]
+    assert air.clearance_m((15, 5, 50), 0).tolist() == [5.0]
+
+
 def test_zones_of_others_are_closed_at_every_height() -> None:
     static = replace(SQUARE, kind="static", band=AltitudeBand(0.0, 100.0, "AGL"))
     air = ClearAir(ZoneSet((), 0.5, 0.0, 0, 0.0, static=(static,)))

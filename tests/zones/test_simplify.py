@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from crowdfence.zones.grow import grown, without_small_holes
-from crowdfence.zones.simplify import simplified, vertex_count
+from crowdfence.zones.simplify import FewerCorners, simplified, vertex_count
 
 CELLS = hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12))).filter(np.any)
 
@@ -151,3 +151,19 @@ def test_a_needle_fits_into_three_corners() -> None:
     needle = shapely.Polygon([(0, 0), (200, 1e-5), (200, 2e-5), (100, 2e-5)])
     triangle = simplified(needle, max_vertices=3)
     assert vertex_count(triangle) == 3 and triangle.covers(needle)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    corners=st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=8, max_size=40),
+    ratio=st.sampled_from([0.0, 0.3, 1.0]),
+)
+def test_ever_smaller_budgets_give_what_each_gives_alone(
+    corners: list[tuple[float, float]], ratio: float
+) -> None:
+    """Convex outlines, where nothing can be in the way, and others."""
+    outline = shapely.concave_hull(shapely.MultiPoint(corners), ratio).buffer(1.0, quad_segs=2)
+    fewer = FewerCorners(outline)
+    for budget in (20, 11, 7, 4, 3):
+        assert fewer.within(budget).equals_exact(simplified(outline, max_vertices=budget), 0.0)
+        assert fewer.within(budget).covers(outline)

@@ -155,10 +155,11 @@ def _read_item(packet: Any) -> Message:
 
 def _read_parameter(packet: Any) -> Message:
     value = float(packet.param_value)
-    if packet.param_type not in _REAL and (math.isnan(value) or 0.0 < abs(value) < 1e-30):
-        # PX4 puts the bytes of a whole number where the float belongs, ArduPilot the number.
-        value = float(struct.unpack("<i", struct.pack("<f", packet.param_value))[0])
-    return Parameter(packet.param_id, value)
+    if packet.param_type in _REAL:
+        return Parameter(packet.param_id, value, value)
+    return Parameter(
+        packet.param_id, value, float(struct.unpack("<i", struct.pack("<f", packet.param_value))[0])
+    )
 
 
 def _read_version(packet: Any) -> Message:

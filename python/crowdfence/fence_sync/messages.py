@@ -123,6 +123,9 @@ class ReadParameter:
 class Parameter:
     name: str
     value: float
+    """As ArduPilot sends whole numbers, as floats."""
+    value_of_bytes: float
+    """As PX4 sends them: their bytes, where the float belongs."""
 
 
 @dataclass(frozen=True, slots=True)

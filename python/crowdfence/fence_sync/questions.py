@@ -12,6 +12,7 @@ from crowdfence.fence_sync.messages import (
     HOME_MESSAGE,
     POSITION_MESSAGE,
     VERSION_MESSAGE,
+    Autopilot,
     Home,
     Message,
     Parameter,
@@ -45,13 +46,17 @@ def optional(kind: _Optional, clock: Clock, patience: Patience) -> Conversation[
     return cast("Message", found)
 
 
-def parameters(names: Iterable[str], clock: Clock, patience: Patience) -> Conversation[dict[str, float]]:
+def parameters(
+    names: Iterable[str], autopilot: int, clock: Clock, patience: Patience
+) -> Conversation[dict[str, float]]:
     """Values by name, of those that the vehicle says."""
     values = {}
     for name in names:
 
         def answer(heard: Message, name: str = name) -> float | None:
-            return heard.value if isinstance(heard, Parameter) and heard.name == name else None
+            if not isinstance(heard, Parameter) or heard.name != name:
+                return None
+            return heard.value_of_bytes if autopilot == Autopilot.PX4 else heard.value
 
         try:
             values[name] = yield from ask(ReadParameter(name), answer, clock, patience)

@@ -213,9 +213,10 @@ class FenceKeeper:
 
     def _enforcement(self) -> list[FenceEvent]:
         station = self.station
-        names = PARAMETERS.get(station.vehicle.autopilot, ())
-        values = station.hold(parameters(names, station.clock, station.patience))
-        return list(enforcement(station.vehicle.autopilot, values))
+        autopilot = station.vehicle.autopilot
+        names = PARAMETERS.get(autopilot, ())
+        values = station.hold(parameters(names, autopilot, station.clock, station.patience))
+        return list(enforcement(autopilot, values))
 
     def _find_position(self) -> None:
         station = self.station

@@ -53,7 +53,8 @@ class ClearAir:
 
     def is_clear(self, points: ArrayLike, stamps_ns: ArrayLike) -> NDArray[np.bool_]:
         """Whether points [N, 3] (local metres) lie in no zone at their stamps, [N] or one for all."""
-        points, stamps_ns = _points(points), _stamps(stamps_ns, points)
+        points = _points(points)
+        stamps_ns = _stamps(stamps_ns, points)
         clear = np.zeros(len(points), dtype=np.bool_)
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:
@@ -69,7 +70,8 @@ class ClearAir:
     def clearance_m(self, points: ArrayLike, stamps_ns: ArrayLike) -> NDArray[np.float64]:
         """Distance of points [N, 3] from the nearest zone in space, negative inside: how deep. inf where
         nothing is closed, -inf before the first instant."""
-        points, stamps_ns = _points(points), _stamps(stamps_ns, points)
+        points = _points(points)
+        stamps_ns = _stamps(stamps_ns, points)
         clearance = np.full(len(points), -np.inf)
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:

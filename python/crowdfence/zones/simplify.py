@@ -24,6 +24,7 @@ those who ask whether an edge runs past a corner."""
 LEAST_VERTICES = 3
 _MITRE_LIMIT = 1e3  # every corner stays one corner
 _STRAIGHT = 1e-9
+_TURN = 2 * math.pi
 _NEEDLE = 5e-3
 
 
@@ -98,32 +99,58 @@ def _triangle_around(outline: Polygon | MultiPolygon) -> Polygon:
     made wider, because a mitre as long as its point is has more corners than one."""
     import shapely
 
-    corner, along, across = _rectangle(outline, MARGIN_M)
-    long_m = max(math.dist(corner, along), math.dist(corner, across))
-    if min(math.dist(corner, along), math.dist(corner, across)) < _NEEDLE * long_m:
-        corner, along, across = _rectangle(outline, _NEEDLE * long_m)
+    west, south, east, north = outline.bounds
+    length_m = float(np.hypot(east - west, north - south))
+    is_needle = shapely.oriented_envelope(outline).area < _NEEDLE * length_m**2
+    around = shapely.buffer(outline, _NEEDLE * length_m if is_needle else MARGIN_M)
+    corners = np.asarray(shapely.oriented_envelope(around).exterior.coords)
+    corner, along, _, across = corners[:4]
     return shapely.Polygon([corner, 2 * along - corner, 2 * across - corner])
-
-
-def _rectangle(outline: Polygon | MultiPolygon, margin_m: float) -> tuple[NDArray[np.float64], ...]:
-    """Of the smallest rectangle around an outline with a margin: a corner and those next to it."""
-    import shapely
-
-    around = shapely.oriented_envelope(shapely.buffer(outline, margin_m))
-    corner, along, _, across = np.asarray(around.exterior.coords)[:4]
-    return corner, along, across
 
 
 def _fewer(polygon: Polygon, tolerance_m: float, budget: int) -> Polygon:
     """By the cheapest moves of all rings, until none is within the tolerance or the budget is kept."""
-    import shapely
+    corners = _corners_of(polygon)
+    corners.simplify(tolerance_m, budget)
+    return corners.polygon()
+
+
+def _corners_of(polygon: Polygon) -> _Corners:
     from shapely.geometry.polygon import orient
 
     oriented = orient(polygon, 1.0)  # the ground that is closed lies to the left of every edge
-    corners = _Corners([np.asarray(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)])
-    corners.simplify(tolerance_m, budget)
-    shell, *holes = corners.rings()
-    return shapely.Polygon(shell, [hole for hole in holes if len(hole) >= LEAST_VERTICES])
+    return _Corners([np.asarray(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)])
+
+
+def _turns_left(ring: NDArray[np.float64]) -> bool:
+    """Whether a ring is convex: no corner of it turns right, and it goes round once."""
+    edges = np.roll(ring, -1, axis=0) - ring
+    after = np.roll(edges, -1, axis=0)
+    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+    return bool((turns > 0.0).all()) and bool(
+        np.isclose(np.arctan2(turns, (edges * after).sum(1)).sum(), _TURN)
+    )
+
+
+class FewerCorners:
+    """One outline within ever smaller budgets, as `simplified` gives it, for little more than the last."""
+
+    def __init__(self, outline: Polygon) -> None:
+        self._outline = outline
+        self._corners: _Corners | None = None
+
+    def within(self, max_vertices: int) -> Polygon | MultiPolygon:
+        """At most so many corners; not more than when it was asked before."""
+        if vertex_count(self._outline) <= max_vertices:
+            return self._outline
+        if not self._outline.interiors:
+            if self._corners is None:
+                self._corners = _corners_of(self._outline)
+            self._corners.simplify(np.inf, max_vertices)
+            result = _covering(self._outline, self._corners.polygon())
+            if vertex_count(result) <= max_vertices:
+                return result
+        return simplified(self._outline, max_vertices=max_vertices)
 
 
 _Place = tuple[float, float]
@@ -152,6 +179,11 @@ class _Corners:
         self.beyond_m = [0.0] * count
         """How far the edge that begins at a corner may reach beyond the outline."""
         self.version = np.zeros(count, dtype=np.int64)
+        self.left = count
+        """Corners."""
+        self._queue: list[tuple[float, int, int]] | None = None
+        self._is_convex = len(rings) == 1 and _turns_left(rings[0])
+        """Then it stays so, and no move makes it cross itself."""
 
     def rings(self) -> list[NDArray[np.float64]]:
         kept = []
@@ -165,22 +197,30 @@ class _Corners:
             kept.append(self.points[order])
         return kept
 
+    def polygon(self) -> Polygon:
+        import shapely
+
+        shell, *holes = self.rings()
+        return shapely.Polygon(shell, [hole for hole in holes if len(hole) >= LEAST_VERTICES])
+
     def simplify(self, tolerance_m: float, budget: int) -> None:
-        queue: list[tuple[float, int, int]] = []
-        for corner in range(len(self.points)):
-            self._offer(queue, corner, tolerance_m)
-        left = len(self.points)
-        while queue and left > budget:
+        """May be called again with the same tolerance and a smaller budget: it goes on where it stopped."""
+        if self._queue is None:
+            self._queue = []
+            for corner in range(len(self.points)):
+                self._offer(self._queue, corner, tolerance_m)
+        queue = self._queue
+        while queue and self.left > budget:
             _, corner, version = heapq.heappop(queue)
             if not self.alive[corner] or version != self.version[corner]:
                 continue
             move = self._move(corner, tolerance_m)
-            if move is None or self._is_blocked(corner, move):
+            if move is None or (not self._is_convex and self._is_blocked(corner, move)):
                 continue
             for changed in self._take(corner, move):
                 self.version[changed] += 1
                 self._offer(queue, changed, tolerance_m)
-            left -= 1
+            self.left -= 1
 
     def _offer(self, queue: list[tuple[float, int, int]], corner: int, tolerance_m: float) -> None:
         move = self._move(corner, tolerance_m)

@@ -1,0 +1,94 @@
+"""Zones of GeoJSON files: where they lie, until when they hold, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from crowdfence.fence_sync import ItemCapacity, ZoneSource
+from crowdfence.fence_sync.placement import placed
+from crowdfence.static_zones import StaticZoneError
+
+
+def written(path: Path, *boxes: tuple[float, float, float, float], **properties: object) -> Path:
+    """Boxes of longitude and latitude."""
+    features = [
+        {
+            "type": "Feature",
+            "id": f"Z{number}",
+            "geometry": json.loads(shapely.to_geojson(shapely.box(*corners))),
+            "properties": properties,
+        }
+        for number, corners in enumerate(boxes, start=1)
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+def corners_of(path: Path, items: int = 63) -> list[tuple[float, float]]:
+    """Longitude and latitude of what is sent."""
+    found = ZoneSource(path).read()
+    shapes = placed(found.zones, found.georeference, ItemCapacity(items)).shapes
+    return [(item.longitude_e7 / 1e7, item.latitude_e7 / 1e7) for shape in shapes for item in shape]
+
+
+@pytest.mark.parametrize("spread_deg", [0.001, 0.05, 0.4])
+def test_a_box_is_sent_where_it_lies_also_far_from_the_middle(tmp_path: Path, spread_deg: float) -> None:
+    """At 0.4 degrees the ground lies 150 m below the local plane, which moves it by a metre if nobody
+    thinks of it. What is sent covers, by at most two metres there and centimetres at home."""
+    west, south, side = 8.0 + spread_deg, 47.0 + spread_deg, 0.0004
+    boxes = [(8.0, 47.0, 8.0 + side, 47.0 + side), (west, south, west + side, south + side)]
+    corners = np.array(corners_of(written(tmp_path / "zones.geojson", *boxes)))
+    margin_deg = 3e-7 if spread_deg < 0.01 else 2.0 / 76_000
+    for box in boxes:
+        middle = np.array(box).reshape(2, 2).mean(axis=0)
+        own = corners[np.abs(corners - middle).max(axis=1) < 0.75 * side]
+        low, high = own.min(axis=0), own.max(axis=0)
+        assert (low <= np.array(box[:2])).all() and (low > np.array(box[:2]) - margin_deg - 1e-7).all()
+        assert (high >= np.array(box[2:])).all() and (high < np.array(box[2:]) + margin_deg + 1e-7).all()
+
+
+def test_files_that_follow_each_other_share_a_frame(tmp_path: Path) -> None:
+    """A zone that stays is the same zone, though another one moves the middle of the file."""
+    path = written(tmp_path / "zones.geojson", (8.0, 47.0, 8.001, 47.001))
+    source = ZoneSource(path)
+    first = source.read()
+    assert not source.has_changed()
+    written(path, (8.0, 47.0, 8.001, 47.001), (8.01, 47.01, 8.011, 47.011))
+    assert source.has_changed()
+    second = source.read()
+    assert second.georeference == first.georeference
+    assert second.zones[0].polygon.equals(first.zones[0].polygon)
+    written(path, (20.0, 47.0, 20.001, 47.001))
+    assert source.read().georeference != first.georeference
+
+
+def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
+    found = ZoneSource(written(tmp_path / "a.json", (8, 47, 8.001, 47.001), valid_until_ns=1000)).read()
+    assert [zone.id for zone in found.at(999)] == ["Z1"] and found.at(1000) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "a.geojson: Expecting"),
+        ('{"type": "FeatureCollection"}', "'features' is missing"),
+        ('{"type": "FeatureCollection", "crs": null, "features": []}', "local metres, not longitude"),
+        (
+            '{"type": "Polygon", "coordinates": [[[8, 47], [9, 47], [8, 48], [8, 47]]]}',
+            "more than 100 km apart",
+        ),
+        ('{"type": "Polygon", "coordinates": [[[8, 47], [8, "x"], [8, 48], [8, 47]]]}', "a.geojson: "),
+    ],
+)
+def test_a_file_that_is_no_zones_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "a.geojson").write_text(text)
+    with pytest.raises(StaticZoneError, match="a.geojson: ") as error:
+        ZoneSource(tmp_path / "a.geojson").read()
+    assert message in str(error.value)
+
+
+def test_a_file_without_zones_closes_nothing(tmp_path: Path) -> None:
+    assert ZoneSource(written(tmp_path / "a.geojson")).read().zones == ()
