@@ -2,6 +2,7 @@
 
 - `clear_air`  points and paths in space and time against the zones that were known then
 - `route`      the shortest way round the zones of one moment
+- `timed_way`  the earliest one where zones have an end
 """
 
 from crowdfence.planner.clear_air import ClearAir, Conflict
