@@ -953,6 +953,18 @@ class CrowdMap:
         A voxel that nobody has seen holds the method's initial value, which is no evidence of absence:
         see `state`. StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
         """
+    def interval(
+        self, stamp_ns: int, ids: ArrayLike | None = None, *, level: float = 0.9
+    ) -> NDArray[np.float64] | None:
+        """Bounds between which the probability of crowd lies, per voxel [V, 2] float64 or of the voxels
+        `ids` [N, 2], at a stamp not before the newest instant. None for `Paper` and `Or`, whose
+        probability is no measured rate.
+
+        level  in (0, 1): how many of such intervals hold the share of crowd among places like theirs
+
+        0 and 1 where nobody has looked. StampError for an earlier stamp, CrowdfenceError for an id that
+        does not exist and for a level out of bounds.
+        """
     def state(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.uint8]:

@@ -150,10 +150,12 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
                 "area_m2": zone.area_m2,
                 "closed_m2": zone.polygon.area,
                 "probability_max": zone.probability_max,
+                "probability_interval": zone.interval,
                 "valid_until": None if zone.valid_until_ns is None else iso_utc(zone.valid_until_ns),
                 "valid_for_s": None
                 if zone.valid_until_ns is None
                 else (zone.valid_until_ns - run.stamp_ns) / 1e9,
+                "forgotten_at": None if zone.forgotten_ns is None else iso_utc(zone.forgotten_ns),
                 "reason": zone.reason,
             }
             for zone in run.zones

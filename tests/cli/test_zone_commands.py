@@ -179,6 +179,19 @@ def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
     assert done.exit_code == GATE_NOT_MET and "from zone Z1; the clearance is 9 m" in done.stderr
 
 
+def test_a_way_with_a_departure(run: Path) -> None:
+    common = ("route", run, "--local", "--from", "0,5", "--to", "20,5", "--at", "+1", "--speed-m-s", 2)
+    told = json.loads(command(*common, "--json"))
+    assert told["waypoints"][0]["at"].startswith("2026-01-01T00:00:01")
+    # 20.8 m at 2 m/s.
+    assert told["waypoints"][-1]["at"].startswith("2026-01-01T00:00:11.")
+    # The zones of this run have no end, so that nothing opens.
+    assert json.loads(command(*common, "--expires", "--json"))["length_m"] == told["length_m"]
+    assert "expires needs both" in refused(
+        "route", run, "--local", "--from", "0,5", "--to", "1,5", "--expires"
+    )
+
+
 def test_places_on_earth(run: Path) -> None:
     told = json.loads(
         command("route", run, "--from", "46.5,8.0", "--to", f"46.5,{8 + 20 / EAST_M_PER_DEGREE}", "--json")

@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 
-from crowdfence import CrowdMap, Evidence, LikelihoodRatio, Observation, Terrain, VoxelState
+from crowdfence import (
+    CrowdfenceError,
+    CrowdMap,
+    Evidence,
+    LikelihoodRatio,
+    Observation,
+    Or,
+    Paper,
+    Rates,
+    StampError,
+    Terrain,
+    VoxelState,
+)
 
 SECOND = 1_000_000_000
 FLOOR = Terrain.from_occupancy(np.ones((4, 1, 1), bool), 1.0)
@@ -132,3 +144,42 @@ def test_a_table_that_is_none_is_refused(table: tuple[object, ...], words: str) 
 def test_parameters_out_of_bounds_are_named(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"^{name} is"):
         Evidence(RATIO, **SETTINGS | {name: value})
+
+
+def test_an_interval_narrows_with_looks_and_widens_with_time() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.9)], 0)
+    log_odds = np.log(0.2 / 0.8) + 3.0 / 2.0
+    # 9 in 10: ln 19 scales to either side, sqrt(.9^2 + .6^2 / 2) and sqrt(1.1^2 + .8^2 / 2) after a look and
+    # the doubt.
+    reach = np.log(19.0) * np.array([-np.sqrt(1.21 + 0.64 / 2), np.sqrt(0.81 + 0.36 / 2)])
+    bounds = crowd_map.interval(0)
+    assert bounds is not None and bounds.shape == (4, 2)
+    np.testing.assert_allclose(bounds[0], 1.0 / (1.0 + np.exp(-(log_odds + reach))), rtol=1e-5)
+    assert bounds[1:].tolist() == 3 * [[0.0, 1.0]]  # nobody has looked
+
+    def width(stamp_ns: int, level: float = 0.9) -> float:
+        found = crowd_map.interval(stamp_ns, [0], level=level)
+        assert found is not None
+        low, high = found[0]
+        return float(np.log(high / (1.0 - high)) - np.log(low / (1.0 - low)))
+
+    assert width(0, 0.5) < width(0, 0.9) < width(0, 0.99)
+    assert width(0) < width(5 * SECOND) < width(50 * SECOND)
+    crowd_map.integrate_observations([look("b", 0.9, at=SECOND)], SECOND)
+    assert width(SECOND) < reach[1] - reach[0]
+
+
+def test_an_interval_is_refused_where_it_means_nothing() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.9, at=SECOND)], SECOND)
+    for level in (0.0, 1.0, float("nan")):
+        with pytest.raises(CrowdfenceError, match="level .* strictly between 0 and 1"):
+            crowd_map.interval(SECOND, level=level)
+    with pytest.raises(StampError):
+        crowd_map.interval(0)
+    with pytest.raises(CrowdfenceError):
+        crowd_map.interval(SECOND, [4])
+    for method in (Or(b_threshold=0.5), Paper(Rates(0.9, 0.1), 0.5, alpha=1.0, decay=0.0, fleet_size=1)):
+        assert CrowdMap(FLOOR, method).interval(0) is None
+        assert CrowdMap(FLOOR, method).interval(0, []) is None

@@ -173,3 +173,44 @@ def test_a_question_takes_less_than_ten_microseconds() -> None:
         air.is_clear(points, 0)
         seconds.append(time.process_time() - started)
     assert min(seconds) / len(points) < 10e-6
+
+
+def test_legs_are_what_single_paths_are() -> None:
+    rng = np.random.default_rng(5)
+    for expires in (False, True):
+        air = ClearAir(random_history(rng), expires=expires)
+        start, end = rng.uniform((0, 0, 0), (100, 100, 100), (2, 200, 3))
+        begin_ns = rng.integers(-SECOND_NS, 5 * SECOND_NS, 200)
+        end_ns = begin_ns + rng.integers(0, 3 * SECOND_NS, 200)
+        single = [
+            air.path_is_clear([a, b], [s, t]) for a, b, s, t in zip(start, end, begin_ns, end_ns, strict=True)
+        ]
+        assert air.legs_are_clear(start, end, begin_ns, end_ns).tolist() == single
+        assert 0 < sum(single) < 200
+    with pytest.raises(ValueError, match="does not end before it begins"):
+        air.legs_are_clear([(0, 0, 0)], [(1, 1, 1)], 1, 0)
+
+
+def test_a_leg_may_reach_a_zone_after_its_end() -> None:
+    """At 10 m/s from 30 m before the square: it is reached after 3 s and left after 4."""
+    path, at = [(-30, 5, 50), (20, 5, 50)], [0, 5 * SECOND_NS]
+    for end_s, clear in ((2.9, True), (3.1, False), (3.9, False), (9.0, False)):
+        ends = replace(SQUARE, valid_until_ns=int(end_s * SECOND_NS))
+        assert ClearAir(history(zone_set(ends)), expires=True).path_is_clear(path, at) is clear
+        assert not ClearAir(history(zone_set(ends))).path_is_clear(path, at)
+
+
+def test_a_leg_takes_less_than_ten_microseconds() -> None:
+    rng = np.random.default_rng(0)
+    zones = [
+        zone(f"Z{k}", shapely.Point(*rng.uniform(0, 2000, 2)).buffer(rng.uniform(5, 40))) for k in range(200)
+    ]
+    air = ClearAir(history(zone_set(*zones)))
+    start = rng.uniform((0, 0, 20), (2000, 2000, 80), (20_000, 3))
+    end = start + rng.uniform(-30, 30, (20_000, 3))
+    seconds = []
+    for _ in range(3):
+        started = time.process_time()
+        air.legs_are_clear(start, end, 0, 5 * SECOND_NS)
+        seconds.append(time.process_time() - started)
+    assert min(seconds) / len(start) < 10e-6

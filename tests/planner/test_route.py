@@ -1,13 +1,16 @@
 """Ways round zones: as short as they can be worked out by hand, and always clear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crowdfence.planner import NoRoute, safe_route
-from crowdfence.zones import Zone
+from crowdfence.planner import ClearAir, NoRoute, Route, safe_route
+from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.history import ZoneHistory
 
 
 def zone(name: str, polygon: shapely.Polygon) -> Zone:
@@ -108,3 +111,101 @@ def test_many_zones_are_gone_round() -> None:
     route = safe_route((-50, 450), (950, 450), zones)
     way = shapely.LineString(route.waypoints)
     assert not any(way.intersects(one.polygon) for one in zones)
+
+
+def ends_after(one: Zone, seconds: float) -> Zone:
+    return replace(one, valid_until_ns=DEPARTURE_NS + round(seconds * 1e9))
+
+
+DEPARTURE_NS = 1_000_000_000_000
+
+
+def flown(zones: list[Zone], **options: object) -> Route:
+    return safe_route((0, 0), (100, 0), zones, departure_ns=DEPARTURE_NS, speed_m_s=10.0, **options)
+
+
+def test_a_way_says_when_it_is_where() -> None:
+    route = flown([WALL])
+    assert route.stamps_ns is not None
+    legs_m = np.linalg.norm(np.diff(route.waypoints, axis=0), axis=1)
+    np.testing.assert_allclose(np.diff(route.stamps_ns) / 1e9, legs_m / 10.0, atol=1e-6)
+    assert route.stamps_ns[0] == DEPARTURE_NS
+
+
+def test_zones_stay_closed_beyond_their_end_unless_asked() -> None:
+    """The wall from 40 to 60 m ends before the vehicle gets there, after 4 s."""
+    gone = ends_after(WALL, 3.0)
+    np.testing.assert_array_equal(flown([gone]).waypoints, flown([WALL]).waypoints)
+    direct = flown([gone], expires=True)
+    assert direct.waypoints.tolist() == [[0, 0], [100, 0]]
+    assert direct.stamps_ns is not None
+    assert (direct.stamps_ns[-1] - DEPARTURE_NS) / 1e9 == pytest.approx(10.0)
+    assert flown([WALL], expires=True).length_m > 110.0  # it has no end
+
+
+def test_it_waits_where_that_is_earlier_than_going_round() -> None:
+    """Round the wall is 120 m, 12 s. Ending after 5 s it costs a second of waiting, ending after 9 s it is
+    gone round."""
+    waits = flown([ends_after(WALL, 5.0)], expires=True)
+    assert waits.waypoints.tolist() == [[0, 0], [0, 0], [100, 0]]
+    assert waits.stamps_ns is not None
+    assert (waits.stamps_ns - DEPARTURE_NS) / 1e9 == pytest.approx([0.0, 1.0, 11.0], abs=0.01)
+    round_it = flown([ends_after(WALL, 9.0)], expires=True)
+    assert round_it.length_m == pytest.approx(2 * np.hypot(40, 30) + 20, abs=0.3)
+
+
+def test_ends_open_the_only_way_there_is() -> None:
+    ring = ends_after(RING, 60.0)
+    with pytest.raises(NoRoute, match="there is no way"):
+        flown([ring])
+    with pytest.raises(NoRoute, match="there is no way"):
+        flown([RING], expires=True)
+    route = flown([ring], expires=True)
+    assert route.stamps_ns is not None and route.waypoints[0].tolist() == route.waypoints[1].tolist()
+    assert (route.stamps_ns[1] - DEPARTURE_NS) / 1e9 == pytest.approx(60.0 - 3.0, abs=0.01)
+    with pytest.raises(NoRoute, match="the start .* lies in zone Z1"):
+        safe_route((50, 0), (9, 9), [WALL], departure_ns=0, speed_m_s=1.0, expires=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"departure_ns": 0}, "belong together"),
+        ({"speed_m_s": 3.0}, "belong together"),
+        ({"expires": True}, "expires needs both"),
+        ({"departure_ns": 0, "speed_m_s": 0.0}, "speed_m_s is 0; it must be finite and > 0"),
+    ],
+)
+def test_a_clock_needs_a_speed(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        safe_route((0, 0), (1, 1), [], **options)  # type: ignore[arg-type]
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), clearance_m=st.sampled_from([0.0, 2.0]))
+def test_a_timed_way_is_clear_and_no_later_than_one_that_waits_for_nothing(
+    seed: int, clearance_m: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    zones = []
+    for number in range(rng.integers(1, 9)):
+        corners = rng.uniform(20.0, 180.0, 2) + rng.uniform(-40.0, 40.0, (6, 2))
+        polygon = shapely.convex_hull(shapely.MultiPoint(corners)).buffer(0.5)
+        one = zone(f"Z{number}", polygon)
+        zones.append(ends_after(one, rng.uniform(0, 40)) if rng.random() < 0.6 else one)
+    ends = {"departure_ns": DEPARTURE_NS, "speed_m_s": 10.0, "clearance_m": clearance_m}
+    timed = safe_route((-30, -30), (230, 230), zones, expires=True, **ends)
+    patient = safe_route((-30, -30), (230, 230), zones, **ends)
+    assert timed.stamps_ns is not None and patient.stamps_ns is not None
+    assert timed.stamps_ns[-1] <= patient.stamps_ns[-1] + 1000
+    # An independent look at it: every 0.1 s the vehicle is in no zone that has not ended.
+    stamps_ns = np.arange(timed.stamps_ns[0], timed.stamps_ns[-1], 100_000_000)
+    place = [np.interp(stamps_ns, timed.stamps_ns, timed.waypoints[:, axis]) for axis in (0, 1)]
+    for x, y, stamp_ns in zip(*place, stamps_ns, strict=True):
+        for one in zones:
+            if one.valid_until_ns is None or stamp_ns < one.valid_until_ns:
+                assert one.polygon.distance(shapely.Point(x, y)) >= clearance_m - 1e-6
+    # And so says the other half of the planner.
+    high = np.column_stack([timed.waypoints, np.full(len(timed.waypoints), 5.0)])
+    history = ZoneHistory([DEPARTURE_NS], [ZoneSet(tuple(zones), 0.5, 0.0, 0, 0.0)], None, {})
+    assert ClearAir(history, expires=True).path_is_clear(high, timed.stamps_ns)

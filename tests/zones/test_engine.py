@@ -93,12 +93,20 @@ def test_what_evidence_forgets_stays_closed_until_somebody_looks() -> None:
         look(crowd_map, "uav1", second * SECOND_NS, ids_of[:3], 0.95)
         zones = engine.step(second * SECOND_NS)
     assert [zone.cell_count for zone in zones] == [3]
+    forgotten_ns, bounds = zones[0].forgotten_ns, crowd_map.interval(2 * SECOND_NS, [0, 1, 2])
+    assert forgotten_ns is not None and bounds is not None
+    assert zones[0].interval == tuple(bounds.max(axis=0).tolist())
+    # Unseen since, the map still holds crowd until then, and not a millisecond longer.
+    threshold = crowd_map.method.default_threshold
+    assert (crowd_map.probability(forgotten_ns - 1_000_000, [0, 1, 2]) >= threshold).all()
+    assert (crowd_map.probability(forgotten_ns + 1_000_000, [0, 1, 2]) < threshold).all()
     # The drone looks elsewhere for two minutes. The map has forgotten, the ground is closed.
     for second in range(3, 120, 3):
         look(crowd_map, "uav1", second * SECOND_NS, ids_of[3:], 0.0)
         zones = engine.step(second * SECOND_NS)
     (zone,) = zones
     assert (zone.cell_count, zone.reason, zone.valid_until_ns) == (3, "not_looked_at", None)
+    assert zone.forgotten_ns == 117 * SECOND_NS  # it is not known any more
     assert zone.probability_max < crowd_map.method.default_threshold
     # It looks again at two of the three, and sees nobody.
     look(crowd_map, "uav1", 120 * SECOND_NS, ids_of[:2], 0.0)

@@ -2,11 +2,11 @@ use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
 use crowdfence::{CrowdMap, Observation, Update, View};
-use numpy::{IntoPyArray, PyArray1};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::arrays::{id_array, refuse};
+use crate::arrays::{id_array, refuse, rows};
 use crate::crowd_columns::PyCrowdColumns;
 use crate::errors::MapFileError;
 use crate::method::{MethodArgument, method_object};
@@ -278,6 +278,30 @@ impl PyCrowdMap {
             }
         };
         Ok(probability.into_pyarray(py))
+    }
+
+    /// Bounds between which the probability of crowd lies, per voxel [V, 2] float64 or of the voxels
+    /// `ids` [N, 2], at a stamp not before the newest instant. None for `Paper` and `Or`, whose
+    /// probability is no measured rate.
+    ///
+    /// level  in (0, 1): how many of such intervals hold the share of crowd among places like theirs
+    ///
+    /// 0 and 1 where nobody has looked. StampError for an earlier stamp, CrowdfenceError for an id that
+    /// does not exist and for a level out of bounds.
+    #[pyo3(signature = (stamp_ns, ids=None, *, level=0.9))]
+    fn interval<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        ids: Option<&Bound<'py, PyAny>>,
+        level: f64,
+    ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let ids = match ids {
+            None => (0..self.terrain.borrow(py).terrain.voxel_count() as u32).collect(),
+            Some(ids) => self.ids(py, ids)?,
+        };
+        let bounds = self.read(py, |map| map.interval_of(&ids, stamp_ns, level))?;
+        bounds.map(|bounds| rows(py, bounds.into_flattened(), 2)).transpose()
     }
 
     /// `VoxelState` per voxel [V] uint8: unseen is never the same as empty.

@@ -146,6 +146,19 @@ impl CrowdMap {
         }))
     }
 
+    /// Bounds between which the probability of some voxels lies at `level`, in (0, 1); None where the method has
+    /// none. Where nobody has looked they are 0 and 1.
+    pub fn interval_of(&self, ids: &[u32], stamp_ns: i64, level: f64) -> Result<Option<Vec<[f64; 2]>>> {
+        let now = self.moment(stamp_ns)?;
+        require(level > 0.0 && level < 1.0, "level", level, "strictly between 0 and 1")?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            beliefs.method.interval(None, level).map(|_| {
+                ids.par_iter().filter_map(|&id| reading.interval(id, level)).collect()
+            })
+        }))
+    }
+
     /// The voxels that somebody has seen, sorted, and their probability of crowd, in one go.
     pub fn seen_probability(&self, stamp_ns: i64) -> Result<(Vec<u32>, Vec<f64>)> {
         let now = self.moment(stamp_ns)?;

@@ -85,6 +85,12 @@ pub trait FusionMethod: Clone + Send + Sync {
         None
     }
 
+    /// Bounds between which the probability of crowd lies at a level in (0, 1): of a belief, or where nobody has
+    /// looked. None where the method knows none.
+    fn interval(&self, _belief: Option<(Self::Belief, Self::Fading)>, _level: f64) -> Option<[f64; 2]> {
+        None
+    }
+
     /// Probability from which a voxel is called crowd unless the caller says otherwise.
     fn default_threshold(&self) -> f64;
 

@@ -83,20 +83,36 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
     }
     if zone.kind != "crowd":
         return facts
-    interval = "" if zone.interval is None else f", between {zone.interval[0]:.3f} and {zone.interval[1]:.3f}"
     facts |= {
         "crowd": f"{zone.area_m2:.0f} m2 in {zone.cell_count} columns",
-        "probability": f"up to {zone.probability_max:.3f}{interval}, mean {zone.probability_mean:.3f}; "
+        "probability": f"up to {zone.probability_max:.3f}, mean {zone.probability_mean:.3f}; "
         f"crowd from {zones.threshold:.3f}",
+        "interval": _interval(zone),
         "last look": f"{_ago(zone.last_seen_ns, stamp_ns)}; at its oldest part "
         f"{_ago(zone.oldest_look_ns, stamp_ns)}",
         "since": "not known" if zone.created_ns is None else f"{_ago(zone.created_ns, stamp_ns)}",
-        "until": "none of its own: only a look can open it"
-        if zone.valid_until_ns is None
-        else f"{iso_utc(zone.valid_until_ns)} if nobody looks again",
+        "until": _until(zone, stamp_ns),
         "seen by": ", ".join(zone.seen_by) or "not known",
     }
     return facts
+
+
+def _interval(zone: Zone) -> str:
+    if zone.interval is None:
+        return "none: the method's probability is no rate that was measured"
+    low, high = zone.interval
+    return f"{low:.3f} to {high:.3f}: of ten such places the share of crowd lies in it nine times"
+
+
+def _until(zone: Zone, stamp_ns: int) -> str:
+    if zone.valid_until_ns is not None:
+        return f"{iso_utc(zone.valid_until_ns)} if nobody looks again"
+    text = "none of its own: only a look can open it"
+    if zone.forgotten_ns is None:
+        return text
+    if zone.forgotten_ns <= stamp_ns:
+        return f"{text}; it is not known any more whether anybody is there"
+    return f"{text}; if nobody looks, not known from {iso_utc(zone.forgotten_ns)} on"
 
 
 def _ago(then_ns: int, now_ns: int) -> str:
@@ -139,6 +155,7 @@ def _json(zone: Zone, stamp_ns: int, events: list[ZoneEvent]) -> dict[str, Any]:
         "oldest_look_ns": zone.oldest_look_ns if is_crowd else None,
         "created_ns": zone.created_ns,
         "valid_until_ns": zone.valid_until_ns,
+        "forgotten_ns": zone.forgotten_ns,
         "seen_by": list(zone.seen_by),
         "evidence": [asdict(look) for look in zone.evidence],
         "events": [asdict(event) for event in events],

@@ -12,6 +12,7 @@ import typer
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
 from crowdfence.cli.export import At, RunFolder
+from crowdfence.iso_time import iso_utc
 
 if TYPE_CHECKING:
     from crowdfence.georeference import Georeference
@@ -30,6 +31,20 @@ def route(
     clearance_m: Annotated[
         float, typer.Option("--clearance-m", help="Distance that is kept from every zone.")
     ] = 0.0,
+    speed_m_s: Annotated[
+        float | None,
+        typer.Option(
+            "--speed-m-s", help="Says when the way is where, if it is begun at the instant of --at."
+        ),
+    ] = None,
+    expires: Annotated[
+        bool,
+        typer.Option(
+            "--expires",
+            help="Zones that have an end may be flown through after it; with --speed-m-s. Ends are forecasts "
+            "of method paper, not looks: nobody has seen that the ground is empty then.",
+        ),
+    ] = False,
     at: At = "last",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="GeoJSON file for the way. Default: none.")
@@ -53,13 +68,22 @@ def route(
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:
             console.warn(reason)
-        zones = (*history.at(stamp_of(at, history)).closed, *others)
+        departure_ns = stamp_of(at, history)
+        zones = (*history.at(departure_ns).closed, *others)
         frame = None if local else history.georeference
         if frame is None and not local:
             raise ValueError("the run has no place on Earth; give local metres with --local")
         begin, end = _place(start, frame), _place(goal, frame)
         try:
-            found = safe_route(begin, end, zones, clearance_m=clearance_m)
+            found = safe_route(
+                begin,
+                end,
+                zones,
+                clearance_m=clearance_m,
+                departure_ns=None if speed_m_s is None else departure_ns,
+                speed_m_s=speed_m_s,
+                expires=expires,
+            )
         except NoRoute as reason:
             console.fail(str(reason))
             raise typer.Exit(GATE_NOT_MET) from None
@@ -93,7 +117,7 @@ def _place(text: str, georeference: Georeference | None) -> Any:
 
 
 def _told(found: Route, georeference: Georeference | None) -> dict[str, Any]:
-    waypoints: list[dict[str, float]] = [
+    waypoints: list[dict[str, float | str]] = [
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
     if georeference is not None:
@@ -101,6 +125,9 @@ def _told(found: Route, georeference: Georeference | None) -> dict[str, Any]:
         latitude, longitude, _ = georeference.geodetic_from_local(points)
         for waypoint, north, east in zip(waypoints, latitude.tolist(), longitude.tolist(), strict=True):
             waypoint |= {"latitude": round(north, 8), "longitude": round(east, 8)}
+    if found.stamps_ns is not None:
+        for waypoint, stamp_ns in zip(waypoints, found.stamps_ns.tolist(), strict=True):
+            waypoint |= {"at": iso_utc(stamp_ns)}
     return {"length_m": found.length_m, "direct_m": found.direct_m, "waypoints": waypoints}
 
 

@@ -107,6 +107,7 @@ def _feature(
             "reason": zone.reason,
             **_what_and_when(zones, description),
             **_stamp("valid_until", zone.valid_until_ns),
+            **_stamp("forgotten_at", zone.forgotten_ns),
             "closed_m2": zone.polygon.area,
             "lower_m": zone.band.lower_m,
             "upper_m": zone.band.upper_m,

@@ -3,6 +3,7 @@
 - `clear_air`  points and paths in space and time against the zones that were known then
 - `route`      the shortest way round the zones of one moment
 - `way_out`    the nearest clear place
+- `timed_way`  the earliest one where zones have an end
 """
 
 from crowdfence.planner.clear_air import ClearAir, Conflict

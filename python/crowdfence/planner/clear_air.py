@@ -10,9 +10,9 @@ heights. A zone of others, of which the ground is not known, is closed at every 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,44 +86,46 @@ class ClearAir:
     def first_conflict(self, waypoints: ArrayLike, stamps_ns: ArrayLike) -> Conflict | None:
         """The first leg that meets a zone; None where none does. ValueError for fewer than two waypoints and
         for stamps that go back."""
-        import shapely
-
-        points, stamps_ns = _points(waypoints), _stamps(stamps_ns, _points(waypoints))
+        points = _points(waypoints)
+        stamps_ns = _stamps(stamps_ns, points)
         if len(points) < 2 or (np.diff(stamps_ns) < 0).any():
             raise ValueError("a path has at least two waypoints and stamps that do not go back")
-        leg, start, end, begin_ns, number = self._pieces(points, stamps_ns)
         first: Conflict | None = None
-        for one in np.unique(number):
-            members = np.flatnonzero(number == one)
-            if one == _BEFORE:
-                found = [(int(leg[members[0]]), None)]
-            else:
-                closed = self._of(int(one))
-                lines = shapely.linestrings(np.stack([start[members, :2], end[members, :2]], axis=1))
-                piece, zone = closed.tree.query(lines, predicate="intersects")
-                of = members[piece]
-                hit = closed.meets_heights(zone, start[of, 2], end[of, 2])
-                hit &= self._alive(closed, zone, begin_ns[of])
-                found = [(int(leg[p]), closed.zones[z].id) for p, z in zip(of[hit], zone[hit], strict=True)]
-            for at, name in found:
-                if first is None or (at, name or "") < (first.leg, first.zone or ""):
-                    first = Conflict(at, name)
+        for legs, zones in self._conflicts(_Legs(points[:-1], points[1:], stamps_ns[:-1], stamps_ns[1:])):
+            for leg, name in zip(legs.tolist(), zones, strict=True):
+                if first is None or (leg, name or "") < (first.leg, first.zone or ""):
+                    first = Conflict(leg, name)
         return first
 
-    def _pieces(self, points: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-        """Legs cut where a new set of zones begins: leg, start, end, first stamp, and which set."""
-        pieces = []
-        for leg in range(len(points) - 1):
-            begin_ns, end_ns = stamps_ns[leg], stamps_ns[leg + 1]
-            low, high = np.searchsorted(self._stamps_ns, [begin_ns, end_ns], "right")
-            cuts = np.concatenate([[begin_ns], self._stamps_ns[low:high], [end_ns]])
-            duration = max(int(end_ns - begin_ns), 1)
-            share = (cuts - begin_ns) / duration
-            share[-1] = 1.0
-            places = points[leg] + share[:, None] * (points[leg + 1] - points[leg])
-            for k in range(len(cuts) - 1):
-                pieces.append((leg, places[k], places[k + 1], cuts[k], low - 1 + k))
-        return tuple(np.array(column) for column in zip(*pieces, strict=True))
+    def legs_are_clear(
+        self, start: ArrayLike, end: ArrayLike, begin_ns: ArrayLike, end_ns: ArrayLike
+    ) -> NDArray[np.bool_]:
+        """The same for many legs [N] at once that need not follow each other: from places `start` [N, 3] at
+        `begin_ns` to places `end` [N, 3] at `end_ns`. ValueError for one that ends before it begins."""
+        starts, ends = _points(start), _points(end)
+        legs = _Legs(starts, ends, _stamps(begin_ns, starts), _stamps(end_ns, ends))
+        if len(starts) != len(ends) or (legs.end_ns < legs.begin_ns).any():
+            raise ValueError("every leg has a start and an end, and does not end before it begins")
+        clear = np.ones(len(starts), dtype=np.bool_)
+        for meeting, _ in self._conflicts(legs):
+            clear[meeting] = False
+        return clear
+
+    def _conflicts(self, legs: _Legs) -> Iterator[tuple[NDArray[np.int64], list[str | None]]]:
+        """Legs that meet a zone and its id, one set of zones after the other."""
+        leg, pieces, number = legs.cut_at(self._stamps_ns)
+        for one in np.unique(number).tolist():
+            members = np.flatnonzero(number == one)
+            if one == _BEFORE:
+                yield leg[members], [None] * len(members)
+                continue
+            closed = self._of(one)
+            piece, zone = closed.tree.query(pieces.lines(members), predicate="intersects")
+            of = members[piece]
+            hit = closed.meets_heights(zone, pieces.start[of, 2], pieces.end[of, 2])
+            if self._expires:
+                hit &= closed.met_alive(zone, pieces.take(of))
+            yield leg[of[hit]], [closed.zones[k].id for k in zone[hit].tolist()]
 
     def _clearance(
         self, number: int, points: NDArray[np.float64], stamps_ns: NDArray[np.int64]
@@ -169,6 +171,51 @@ class ClearAir:
         return self._closed[number]
 
 
+class _Legs(NamedTuple):
+    """Straight legs, each flown evenly."""
+
+    start: NDArray[np.float64]
+    """[N, 3]"""
+    end: NDArray[np.float64]
+    begin_ns: NDArray[np.int64]
+    """[N]"""
+    end_ns: NDArray[np.int64]
+
+    def take(self, members: NDArray[np.int64]) -> _Legs:
+        start, end, begin_ns, end_ns = self
+        return _Legs(start[members], end[members], begin_ns[members], end_ns[members])
+
+    def lines(self, members: NDArray[np.int64]) -> NDArray[Any]:
+        """On the ground plane."""
+        import shapely
+
+        ends = np.stack([self.start[members, :2], self.end[members, :2]], axis=1)
+        return np.asarray(shapely.linestrings(ends))
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Where each is at its stamp [N, 3]."""
+        duration_ns = np.maximum(self.end_ns - self.begin_ns, 1)
+        share = (stamps_ns - self.begin_ns) / duration_ns
+        places = self.start + share[:, None] * (self.end - self.start)
+        return np.where((stamps_ns == self.end_ns)[:, None], self.end, places)
+
+    def cut_at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], _Legs, NDArray[np.int64]]:
+        """Cut where stamps, sorted, lie in them: the leg of each piece, the pieces, and how many stamps lie
+        up to its begin, less one."""
+        low = np.searchsorted(stamps_ns, self.begin_ns, "right")
+        count = np.searchsorted(stamps_ns, self.end_ns, "right") - low + 1
+        leg = np.repeat(np.arange(len(count)), count)
+        piece = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
+        number = low[leg] - 1 + piece
+        whole = self.take(leg)
+        begin_ns = np.where(piece == 0, whole.begin_ns, stamps_ns[np.maximum(number, 0)])
+        is_last = piece == count[leg] - 1
+        end_ns = np.where(is_last, whole.end_ns, stamps_ns[np.minimum(number + 1, len(stamps_ns) - 1)])
+        start = np.where((piece == 0)[:, None], whole.start, whole.at(begin_ns))
+        end = np.where(is_last[:, None], whole.end, whole.at(end_ns))
+        return leg, _Legs(start, end, begin_ns, end_ns), number
+
+
 class _Closed:
     """The zones of one moment, ready for questions."""
 
@@ -176,7 +223,7 @@ class _Closed:
         import shapely
 
         self.zones = zones
-        self.outlines = [zone.polygon for zone in zones]
+        self.outlines = np.array([zone.polygon for zone in zones], dtype=object)
         self.tree: STRtree = shapely.STRtree(self.outlines)
         self.lower_m, self.upper_m = np.array([_heights(zone) for zone in zones]).reshape(-1, 2).T
         self.until_ns = np.array(
@@ -193,6 +240,19 @@ class _Closed:
         """Whether a leg that meets the outline may do so between the zone's heights."""
         low, high = np.minimum(start_m, end_m), np.maximum(start_m, end_m)
         return np.asarray((high >= self.lower_m[zone]) & (low <= self.upper_m[zone]))
+
+    def met_alive(self, zone: NDArray[np.int64], legs: _Legs) -> NDArray[np.bool_]:
+        """Whether legs that meet outlines of zones meet them before the zones end."""
+        import shapely
+
+        until_ns = self.until_ns[zone]
+        met = legs.begin_ns < until_ns
+        ends_under_way = np.flatnonzero(met & (until_ns < legs.end_ns))
+        flown = legs.take(ends_under_way)
+        flown = flown._replace(end=flown.at(until_ns[ends_under_way]))
+        lines = flown.lines(np.arange(len(ends_under_way)))
+        met[ends_under_way] = shapely.intersects(self.outlines[zone[ends_under_way]], lines)
+        return np.asarray(met)
 
 
 def _heights(zone: Zone) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The shortest way round the zones of one moment.
+"""The shortest way round the zones of one moment, and when it is where.
 
 Where the zones are polygons, the shortest way turns at their corners only. The graph of corners that see each
 other is searched by scipy's Dijkstra. Zones are grown by the clearance first; where they have more corners
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.planner.timed_way import earliest_way
 from crowdfence.zones import Zone
 from crowdfence.zones.grow import grown
 
@@ -36,7 +37,9 @@ class Route:
     """A way in the local plane."""
 
     waypoints: NDArray[np.float64]
-    """[N, 2] local metres, from the start to the goal."""
+    """[N, 2] local metres, from the start to the goal. A place where the vehicle waits stands there twice."""
+    stamps_ns: NDArray[np.int64] | None = None
+    """[N] When it is there; None where no departure was given."""
 
     @property
     def length_m(self) -> float:
@@ -55,9 +58,20 @@ def safe_route(
     *,
     clearance_m: float = 0.0,
     within: Polygon | None = None,
+    departure_ns: int | None = None,
+    speed_m_s: float | None = None,
+    expires: bool = False,
 ) -> Route:
     """The shortest way from `start` to `goal` [2] (local metres) that keeps `clearance_m` >= 0 from every
-    zone and stays `within` an area. NoRoute where there is none, ValueError for what is no place."""
+    zone and stays `within` an area.
+
+    zones         those known at the departure; all of them stay closed
+    departure_ns  and `speed_m_s` > 0: the way says when it is where
+    expires       zones may be flown through after their `valid_until_ns`: the earliest way, which may wait,
+                  never in a zone. A zone without such an end stays closed for good
+
+    NoRoute where there is none, ValueError for what is no place and for a departure without a speed.
+    """
     import shapely
 
     ends = np.asarray([start, goal], dtype=np.float64)
@@ -65,14 +79,71 @@ def safe_route(
         raise ValueError(f"start and goal must be two finite places [2], got {start!r} and {goal!r}")
     if not 0.0 <= clearance_m < np.inf:
         raise ValueError(f"clearance_m is {clearance_m:g}; it must be finite and >= 0")
-    closed = shapely.union_all([grown(zone.polygon, clearance_m) for zone in zones])
+    _require_clock(departure_ns, speed_m_s, expires)
+    ending = [zone for zone in zones if expires and zone.valid_until_ns is not None]
+    lasting = [zone for zone in zones if not (expires and zone.valid_until_ns is not None)]
+    closed = shapely.union_all(_grown(lasting, clearance_m))
     shapely.prepare(closed)
-    for name, place in zip(("start", "goal"), ends, strict=True):
-        _require_free(name, place, closed, zones, clearance_m, within)
+    # A goal in a zone that ends can be reached after its end.
+    for name, place, now in (("start", ends[0], zones), ("goal", ends[1], lasting)):
+        at_once = closed if now is lasting else shapely.union_all(_grown(now, clearance_m))
+        _require_free(name, place, at_once, now, clearance_m, within)
+    if departure_ns is None or speed_m_s is None:
+        return Route(_shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within))
+    if not ending:
+        way = _shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within)
+        flown_m = np.concatenate([[0.0], np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum()])
+        return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s))
+    around_all = shapely.union_all([closed, *_grown(ending, clearance_m)])
+    corners = [_few_corners(closed, within), _few_corners(around_all, within)]
+    places = np.vstack([ends, *corners])
+    ends_s = np.array([(_end_ns(zone) - departure_ns) / 1e9 for zone in ending])
+    edges = _seen(places, closed, within)
+    found = earliest_way(places, edges, _grown(ending, clearance_m), ends_s, speed_m_s)
+    if found is None:
+        raise NoRoute("there is no way: zones close every one of them")
+    return _with_waits(places, found, departure_ns)
+
+
+def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: bool) -> None:
+    if (departure_ns is None) != (speed_m_s is None) or (expires and departure_ns is None):
+        raise ValueError("departure_ns and speed_m_s belong together, and expires needs both")
+    if speed_m_s is not None and not 0.0 < speed_m_s < np.inf:
+        raise ValueError(f"speed_m_s is {speed_m_s:g}; it must be finite and > 0")
+
+
+def _grown(zones: Sequence[Zone], clearance_m: float) -> list[Polygon | MultiPolygon]:
+    return [grown(zone.polygon, clearance_m) for zone in zones]
+
+
+def _end_ns(zone: Zone) -> int:
+    assert zone.valid_until_ns is not None
+    return zone.valid_until_ns
+
+
+def _with_waits(
+    places: NDArray[np.float64], found: tuple[list[int], list[float], list[float]], departure_ns: int
+) -> Route:
+    way, at_s = [], []
+    for place, arrival_s, left_s in zip(*found, strict=True):
+        way += [places[place]]
+        at_s += [arrival_s]
+        if left_s > arrival_s:
+            way += [places[place]]
+            at_s += [left_s]
+    return Route(np.array(way), _stamps_ns(departure_ns, np.array(at_s)))
+
+
+def _stamps_ns(departure_ns: int, after_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    return departure_ns + np.ceil(after_s * 1e9).astype(np.int64)
+
+
+def _few_corners(closed: Any, within: Polygon | None) -> NDArray[np.float64]:
+    """No more than can be searched."""
     tolerance_m = 0.0
     while len(corners := _corners(closed, tolerance_m, within)) > MOST_CORNERS:
         tolerance_m = max(_FIRST_TOLERANCE_M, 2.0 * tolerance_m)
-    return Route(_shortest(np.vstack([ends, corners]), closed, within))
+    return corners
 
 
 def _require_free(
@@ -127,16 +198,10 @@ def _sticking_out(ring: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _shortest(places: NDArray[np.float64], closed: Any, within: Polygon | None) -> NDArray[np.float64]:
     """From the first place to the second one over the others."""
-    import shapely
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    first, second = np.triu_indices(len(places), k=1)
-    lines = shapely.linestrings(np.stack([places[first], places[second]], axis=1))
-    seen = ~shapely.intersects(closed, lines)
-    if within is not None:
-        seen &= shapely.covers(within, lines)
-    first, second = first[seen], second[seen]
+    first, second = _seen(places, closed, within).T
     lengths = np.linalg.norm(places[first] - places[second], axis=1)
     graph = coo_array((lengths, (first, second)), shape=(len(places), len(places)))
     distance, before = dijkstra(graph.tocsr(), directed=False, indices=0, return_predecessors=True)
@@ -146,3 +211,15 @@ def _shortest(places: NDArray[np.float64], closed: Any, within: Polygon | None) 
     while order[-1] != 0:
         order.append(int(before[order[-1]]))
     return places[order[::-1]]
+
+
+def _seen(places: NDArray[np.float64], closed: Any, within: Polygon | None) -> NDArray[np.int64]:
+    """[E, 2] Pairs of places with nothing closed between them."""
+    import shapely
+
+    pairs = np.stack(np.triu_indices(len(places), k=1), axis=1)
+    lines = shapely.linestrings(places[pairs])
+    seen = ~shapely.intersects(closed, lines)
+    if within is not None:
+        seen &= shapely.covers(within, lines)
+    return pairs[seen]

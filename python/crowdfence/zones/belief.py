@@ -33,7 +33,8 @@ class ColumnBelief:
 def column_belief(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> ColumnBelief:
     """The columns that are at or above a threshold at a stamp not before the newest instant."""
     columns = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
-    return ColumnBelief(columns, _valid_until_ns(crowd_map, columns, stamp_ns, threshold), None)
+    until_ns = _valid_until_ns(crowd_map, columns, stamp_ns, threshold)
+    return ColumnBelief(columns, until_ns, _interval(crowd_map, columns, stamp_ns))
 
 
 def forgotten_probability(crowd_map: CrowdMap) -> float | None:
@@ -41,6 +42,46 @@ def forgotten_probability(crowd_map: CrowdMap) -> float | None:
     towards "free": the prior of `evidence`. None for the others."""
     parameters = crowd_map.method.parameters
     return float(parameters["prior"]) if crowd_map.method.name == "evidence" else None
+
+
+def forgotten_ns(
+    crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int, threshold: float
+) -> NDArray[np.int64] | None:
+    """[C] When method `evidence` no longer knows crowd on each column, if nobody looks again; None for the
+    others, which forget towards "free" or not at all.
+
+    With e the log odds above the prior and W the looks that are remembered, e (W + doubt) = E D^a of the
+    method, and a share f of both is left after memory_s ln(1 / f). The threshold, T above the prior, is met
+    at f = T doubt / (e (W + doubt) - T W).
+    """
+    parameters = crowd_map.method.parameters
+    if crowd_map.method.name != "evidence" or not len(columns):
+        return None
+    prior, doubt, memory_s = (float(parameters[name]) for name in ("prior", "doubt", "memory_s"))
+    known = crowd_map.knowledge(columns.voxel_ids, stamp_ns)
+    above, least = _log_odds(known.probability) - _log_odds(prior), _log_odds(threshold) - _log_odds(prior)
+    looks = np.nan_to_num(known.looks)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = least * doubt / (above * (looks + doubt) - least * looks)
+    after_s = np.where(above > least, -memory_s * np.log(np.clip(left, 1e-300, 1.0)), 0.0)
+    first = np.cumsum(columns.crowd_count) - columns.crowd_count
+    after_ns = np.ceil(np.maximum.reduceat(after_s, first) * 1e9).astype(np.int64)
+    return np.asarray(stamp_ns + after_ns)
+
+
+def _log_odds(probability: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    return np.asarray(np.log(probability) - np.log1p(-np.asarray(probability)))
+
+
+def _interval(crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int) -> NDArray[np.float64] | None:
+    """[C, 2] The largest bounds of the crowd voxels of each column, as its probability is the largest."""
+    if not len(columns):
+        return None
+    bounds = crowd_map.interval(stamp_ns, columns.voxel_ids)
+    if bounds is None:
+        return None
+    first = np.cumsum(columns.crowd_count) - columns.crowd_count
+    return np.maximum.reduceat(bounds, first, axis=0)
 
 
 def _valid_until_ns(

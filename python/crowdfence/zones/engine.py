@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
-from crowdfence.zones.belief import ColumnBelief
+from crowdfence.zones.belief import ColumnBelief, forgotten_ns
 from crowdfence.zones.closed_ground import NEVER_NS, ClosedGround
 from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
@@ -86,9 +86,10 @@ class ZoneEngine:
         order, first = by_region(region, len(tracks))
         inside = np.split(order, first[1:]) if tracks else []
         zones = zones_of_regions(self._crowd_map, columns, region, [shape.crowd for shape in shapes])
+        known_until_ns = forgotten_ns(self._crowd_map, columns, stamp_ns, rules.off_threshold)
         return ZoneSet(
             zones=tuple(
-                self._told(zone, track, shape, belief, members)
+                self._told(zone, track, shape, belief, known_until_ns, members)
                 for zone, track, shape, members in zip(zones, tracks, shapes, inside, strict=True)
             ),
             threshold=rules.threshold,
@@ -187,6 +188,7 @@ class ZoneEngine:
         track: Track,
         shape: _Shape,
         belief: ColumnBelief,
+        known_until_ns: NDArray[np.int64] | None,
         inside: NDArray[np.int64],
     ) -> Zone:
         """The zone with its name, what it closes and what it rests on; `inside` are its columns."""
@@ -204,6 +206,7 @@ class ZoneEngine:
             band=self.rules.band,
             created_ns=track.created_ns,
             valid_until_ns=None if until_ns is None else int(until_ns[inside].max()),
+            forgotten_ns=None if known_until_ns is None else int(known_until_ns[inside].max()),
             interval=None if interval is None else _largest(interval[inside]),
             evidence=tuple(evidence[drone] for drone in sorted(evidence)),
             reason=self._reason(zone, self._looks_now[track.id]),

@@ -64,8 +64,12 @@ class Zone:
     """Instant at which it appeared."""
     valid_until_ns: int | None = None
     """When the zone ends if nobody looks at it again; None where the method knows no such time."""
+    forgotten_ns: int | None = None
+    """When, if nobody looks again, it is no longer known whether crowd is there, for methods that forget
+    towards "not known". The zone stays: only a look ends it."""
     interval: tuple[float, float] | None = None
-    """Bounds of its largest probability, where the method has them."""
+    """Bounds between which its largest probability lies, nine times in ten, where the method has them
+    (`CrowdMap.interval`); those of `paper` and `or` are no measured rates."""
     evidence: tuple[DroneEvidence, ...] = ()
     """What each drone showed of it, by name, since it was created."""
     reason: Reason | None = None

@@ -51,6 +51,15 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         }
     }
 
+    /// Bounds of the probability at a level; None where the method has none.
+    pub fn interval(&self, id: u32, level: f64) -> Option<[f64; 2]> {
+        let belief = match self.history.look(id) {
+            Look::At(slot) => Some((self.beliefs.pages.get(id as usize), self.fading[slot as usize])),
+            Look::Never | Look::Occluded => None,
+        };
+        self.beliefs.method.interval(belief, level)
+    }
+
     pub fn state(&self, id: u32, rule: StateRule) -> VoxelState {
         let slot = match self.history.look(id) {
             Look::Never => return VoxelState::NeverSeen,

@@ -14,6 +14,7 @@
 //! Sums do not depend on an order, and E, W and W_d fade by one factor: instants may come in any order and grouping, late
 //! ones weigh what their age leaves, and reading at any stamp is exact.
 
+mod interval;
 mod likelihood;
 mod stored;
 
@@ -96,12 +97,17 @@ impl FusionMethod for Evidence {
     }
 
     fn probability(&self, sum: LooksSum, fading: f32) -> f64 {
-        let log_odds = self.prior_log_odds + self.evidence(sum, f64::from(fading));
-        1.0 / (1.0 + (-log_odds).exp())
+        1.0 / (1.0 + (-self.log_odds(sum, fading)).exp())
     }
 
     fn looks(&self, sum: LooksSum, fading: f32) -> Option<f64> {
         Some(f64::from(fading) * sum.weight())
+    }
+
+    fn interval(&self, belief: Option<(LooksSum, f32)>, level: f64) -> Option<[f64; 2]> {
+        let Some((sum, fading)) = belief else { return Some(interval::UNSEEN) };
+        let looks = f64::from(fading) * sum.weight() + self.settings.doubt;
+        Some(interval::interval(self.log_odds(sum, fading), looks, level))
     }
 
     fn unseen_probability(&self) -> f64 {
@@ -140,6 +146,11 @@ impl Evidence {
 
     pub fn settings(&self) -> &EvidenceSettings {
         &self.settings
+    }
+
+    /// L.
+    fn log_odds(&self, sum: LooksSum, fading: f32) -> f64 {
+        self.prior_log_odds + self.evidence(sum, f64::from(fading))
     }
 
     /// L without the prior, where `fading` is left of the sums.

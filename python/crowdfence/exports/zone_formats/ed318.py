@@ -79,6 +79,7 @@ def _extended(zone: Zone) -> dict[str, Any]:
     return {
         "kind": zone.kind,
         "crowdProbability": zone.probability_max,
+        **({} if zone.interval is None else {"crowdProbabilityInterval": list(zone.interval)}),
         "crowdAreaM2": zone.area_m2,
         "seenBy": list(zone.seen_by),
         "lastSeen": rfc3339(zone.last_seen_ns),

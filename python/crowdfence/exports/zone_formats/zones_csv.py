@@ -23,6 +23,9 @@ COLUMNS = (
     "crowd_m2",
     "probability_max",
     "probability_mean",
+    "probability_low",
+    "probability_high",
+    "forgotten_at",
     "last_seen",
     "seen_by",
     "reason",
@@ -43,6 +46,7 @@ def zones_csv(export: ZoneExport) -> str:
 
 def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
     band, is_crowd = export.band(zone), zone.kind == "crowd"
+    low, high = zone.interval or ("", "")
     return {
         "id": zone.id,
         "kind": zone.kind,
@@ -57,6 +61,9 @@ def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
         "crowd_m2": zone.area_m2 if is_crowd else "",
         "probability_max": zone.probability_max if is_crowd else "",
         "probability_mean": zone.probability_mean if is_crowd else "",
+        "probability_low": low,
+        "probability_high": high,
+        "forgotten_at": "" if zone.forgotten_ns is None else rfc3339(zone.forgotten_ns),
         "last_seen": rfc3339(zone.last_seen_ns) if is_crowd else "",
         "seen_by": " ".join(zone.seen_by),
         "reason": zone.reason or "",
