@@ -146,8 +146,9 @@ bench-rivals: setup-rivals ## back-projection against its rivals: benchmarks/riv
 	cargo build --release --locked --quiet -p crowdfence-rivals
 	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick)
 
+SEEDS ?= 5001 5002
 paper: setup opengl ## the paper's Table 1 and Fig. 3 into paper/: hours (QUICK=1: out/paper-quick/, the bundled race)
-	$(BIN)/python paper/reproduce.py $(if $(QUICK),--quick --work out/paper-quick/work -o out/paper-quick)
+	$(BIN)/python paper/reproduce.py $(if $(QUICK),--quick --work out/paper-quick/work -o out/paper-quick,--seeds $(SEEDS))
 
 lock: ## requirements.in -> requirements.txt with hashes
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \

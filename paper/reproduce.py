@@ -51,10 +51,11 @@ def settled(found: list[Regime], arguments: argparse.Namespace) -> str:
         stamps_ns = next(iter(by_setting.values())).stamps_ns
         told.append(f"{mission} ({len(stamps_ns)} instants in {(stamps_ns[-1] - stamps_ns[0]) / 1e9:.0f} s)")
     size = "320x240" if arguments.quick else arguments.size
+    seeds = " ".join(map(str, arguments.seeds))
+    command = "make paper QUICK=1" if arguments.quick else f'make paper SEEDS="{seeds}"'
     return (
-        f"Three drones with {size} pictures: {', '.join(told)}. Made by `make paper"
-        f"{' QUICK=1' * arguments.quick}`; mean IoU against the projected labels (equation 4), over all "
-        "instants."
+        f"Three drones with {size} pictures: {', '.join(told)}. Made by `{command}`; mean IoU against the "
+        "projected labels (equation 4), over all instants."
     )
 
 

@@ -89,12 +89,15 @@ def _share_empty(result: Judged) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("missions", type=Path, nargs="+")
-    rows: dict[str, list[Row]] = {contender.name: [] for contender in CONTENDERS}
+    parser.add_argument("--only", help="Name of the one method to look at.")
+    arguments = parser.parse_args()
+    contenders = [one for one in CONTENDERS if arguments.only in (None, one.name)]
+    rows: dict[str, list[Row]] = {contender.name: [] for contender in contenders}
     print("| mission | method |", " | ".join(COLUMNS), "|")
     print("|---|---|" + "---|" * len(COLUMNS))
-    for path in parser.parse_args().missions:
+    for path in arguments.missions:
         mission = seen(path)
-        for contender in CONTENDERS:
+        for contender in contenders:
             rows[contender.name].append(row(mission, contender))
             print(f"| {mission.name} | {contender.name} |", _cells(rows[contender.name][-1]), "|", flush=True)
     for name, own in rows.items():

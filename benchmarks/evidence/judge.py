@@ -14,7 +14,9 @@ from crowdfence.config import MethodConfig
 from crowdfence.evaluation.safety import BUFFERS_M, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.closed_ground import ClosedGround
 
+NO_COLUMNS = np.empty((0, 2), np.int64)
 FINE = np.geomspace(1e-4, 0.99, 60)
 """Thresholds of the IoU."""
 
@@ -52,11 +54,13 @@ class Judged:
 def judged(
     mission: Mission, method: MethodConfig, thresholds: NDArray[np.float64], *, every: int = 1
 ) -> Judged:
-    """Zones are looked at in every `every`-th of the moments that say who stands where."""
+    """Zones are what is held closed, looked at in every `every`-th of the moments that say who stands
+    where."""
     config = cf.RunConfig(method).with_detector(mission.contract)
     crowd_map = config.crowd_map(mission.terrain, mission.drones)
     own = crowd_map.default_threshold()
     safety = [Safety() for _ in thresholds]
+    grounds = [ClosedGround(crowd_map, threshold, threshold) for threshold in thresholds]
     sweep = ThresholdSweep(FINE)
     watched = [moment.stamp_ns for moment in mission.moments if moment.in_view is not None][::every]
     empty_people = 0
@@ -69,14 +73,14 @@ def judged(
         bins = np.minimum((probability * len(reliability)).astype(int), len(reliability) - 1)
         for column, weights in enumerate((None, probability, crowd)):
             reliability[:, column] += np.bincount(bins, weights, minlength=len(reliability))
+        for ground in grounds:
+            ground.step(moment.stamp_ns)
         if moment.in_view is None or moment.stamp_ns not in watched:
             continue
-        columns = mission.terrain.voxel_indices(ids)[:, :2]
-        for one, threshold in zip(safety, thresholds, strict=True):
-            zone = np.unique(columns[probability >= threshold], axis=0)
-            one.add_zone(moment.in_view, zone, mission.terrain.voxel_size_m)
+        for one, ground in zip(safety, grounds, strict=True):
+            one.add_zone(moment.in_view, ground.columns, mission.terrain.voxel_size_m)
         whole = Safety()
-        whole.add(moment.in_view, crowd_map, moment.stamp_ns, own)
+        whole.add(moment.in_view, crowd_map, moment.stamp_ns, own, NO_COLUMNS)
         empty_people += whole.people_on_empty
     states = crowd_map.state(mission.moments[-1].stamp_ns, threshold=own)
     counts = np.bincount(states, minlength=len(VoxelState))

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import crowdfence as cf
+from crowdfence.config import ProjectionConfig
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch
-from crowdfence.pipeline.detect import heatmap_source
+from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
 from crowdfence.truth.over_time import CrowdsOfTheWorld
 
 
@@ -45,18 +46,22 @@ def seen(path: Path) -> Mission:
     if kept.exists():
         moments = pickle.loads(kept.read_bytes())
     else:
-        moments = list(_moments(recording, terrain, detector))
+        heatmaps = heatmap_source(detector, terrain, ProjectionConfig().max_range_m)
+        moments = list(moments_of(recording, terrain, heatmaps, detector.contract))
         kept.write_bytes(pickle.dumps(moments))
     return Mission(path.stem, terrain, detector.contract, len(recording.drones), moments)
 
 
-def _moments(recording: cf.Recording, terrain: cf.Terrain, detector: cf.Detector) -> Iterator[Moment]:
-    config = cf.RunConfig(cf.OrConfig()).with_detector(detector.contract)
+def moments_of(
+    recording: cf.Recording, terrain: cf.Terrain, heatmaps: HeatmapSource, contract: Contract
+) -> Iterator[Moment]:
+    """What the views show, by whatever makes the heatmaps; `contract` says in which range a detector is
+    judged."""
+    config = cf.RunConfig(cf.OrConfig()).with_detector(contract)
     crowd_map = config.crowd_map(terrain, len(recording.drones))
     crowds = CrowdsOfTheWorld(recording, terrain)
-    watch = CrowdWatch(recording, terrain, detector.contract.validity)
+    watch = CrowdWatch(recording, terrain, contract.validity)
     watched_ns = -np.inf
-    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
     with heatmaps.detecting(len(recording.drones)) as detect:
         for instant in recording.instants(config.grouping.tolerance_ms):
             update = crowd_map.integrate(detect(instant).views, instant.stamp_ns)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from judge import FINE, Judged, judged
+from numpy.typing import NDArray
 from seen import Mission, seen
 
 from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig
@@ -25,6 +26,7 @@ EVERY = 4
 """Moments between two that zones are looked at in."""
 LOG_ODDS = np.arange(-3.0, 6.01, 0.75)
 """Thresholds of `evidence`, above the prior."""
+SHIPPED_LOG_ODDS = np.array([0.5, 0.75, 1.0, 1.3, 1.6, 2.0, 2.5])
 PAPER_THRESHOLDS = np.geomspace(0.02, 0.5, 13)
 
 
@@ -57,11 +59,13 @@ def candidates() -> Iterator[MethodConfig]:
         yield OrConfig(b_threshold=b_threshold)
 
 
-def thresholds(method: MethodConfig, mission: Mission) -> np.ndarray:
+def thresholds(
+    method: MethodConfig, mission: Mission, log_odds: NDArray[np.float64] = LOG_ODDS
+) -> NDArray[np.float64]:
     if isinstance(method, EvidenceConfig):
         prior = method.with_detector(mission.contract).prior
         assert prior is not None
-        return 1.0 / (1.0 + (1.0 - prior) / prior * np.exp(-LOG_ODDS))
+        return 1.0 / (1.0 + (1.0 - prior) / prior * np.exp(-log_odds))
     return PAPER_THRESHOLDS if isinstance(method, PaperConfig) else np.array([0.5])
 
 
@@ -83,10 +87,32 @@ def told(method: MethodConfig) -> str:
     return " ".join([method.name, *(f"{name}={value}" for name, value in changed.items())])
 
 
+def print_thresholds(missions: list[Mission]) -> None:
+    """People in a zone / closed ground of the shipped settings, one threshold for all missions."""
+    print("| |", " | ".join(f"{one:g}" for one in SHIPPED_LOG_ODDS), "|")
+    print("|---|" + "---|" * len(SHIPPED_LOG_ODDS))
+    curves = []
+    for mission in missions:
+        shipped = EvidenceConfig()
+        asked = thresholds(shipped, mission, SHIPPED_LOG_ODDS)
+        curves.append(np.array(judged(mission, shipped, asked, every=EVERY).curve()))
+        print(f"| {mission.name} |", _curve(curves[-1]), "|", flush=True)
+    print("| mean |", _curve(np.mean(curves, axis=0)), "|")
+
+
+def _curve(curve: np.ndarray) -> str:
+    return " | ".join(f"{share:.3f} / {closed:.2f}" for share, closed in curve.T)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("missions", type=Path, nargs="+")
-    missions = [seen(path) for path in parser.parse_args().missions]
+    parser.add_argument("--thresholds", action="store_true", help="Of the shipped settings alone.")
+    arguments = parser.parse_args()
+    missions = [seen(path) for path in arguments.missions]
+    if arguments.thresholds:
+        print_thresholds(missions)
+        return
     print(
         "| settings | people in a zone | best mean IoU | at threshold | by mission |\n|---|---|---|---|---|"
     )
