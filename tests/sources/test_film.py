@@ -108,7 +108,7 @@ def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, di
         convert(found, tmp_path / "early.mcap")
     terrain = read_map(found, dem).terrain
     settled = on_ground(found, terrain)
-    assert "heights moved by" in settled.warnings[-1] and not settled.ground_contacts
+    assert "put on the map's ground" in settled.warnings[-1] and not settled.ground_contacts
     anchor, local = mission().georeference, settled.georeference
     assert anchor is not None and local is not None
     # The film begins with a black frame half a second before the first picture.

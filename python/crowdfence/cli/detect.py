@@ -29,8 +29,8 @@ def detect(
         typer.Option(
             "--output",
             "-o",
-            help="Folder for the heatmaps; for a recording, and for a film or photographs that know where they "
-            "were taken, a mission file (.mcap).",
+            help="Folder for the heatmaps; for a recording, and for a film or photographs that know where "
+            "they were taken, a mission file (.mcap).",
         ),
     ],
     models: Annotated[
