@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import datetime, timezone
 from functools import cache
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scipy.spatial.transform import Rotation
 
 from crowdfence import Terrain, open_recording
 from crowdfence.pipeline import read_map
@@ -26,71 +24,21 @@ from crowdfence.sources.film.ulog import read_ulog
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Recording
 from support.foreign_recordings import (
-    Row,
+    Dialect,
     beyond,
     closed,
-    focal_35mm,
     frames,
     ground,
-    heights,
+    mini,
     mission,
     reference,
     rows,
+    rtk,
     write_dem,
     write_film,
+    write_subtitles,
+    write_ulog,
 )
-
-Dialect = Callable[[int, float, Row, tuple[float, float, float]], str]
-
-
-def arrow(time_s: float) -> str:
-    return f"00:00:{time_s:06.3f} --> 00:00:{time_s + 0.033:06.3f}".replace(".", ",")
-
-
-def mini(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
-    """As recent DJI drones write it, a block per frame."""
-    yaw, pitch, roll = row.yaw_pitch_roll_deg
-    latitude, longitude, above = place
-    return (
-        f'{number}\n{arrow(time_s)}\n<font size="28">FrameCnt: {number}, DiffTime: 33ms\n'
-        f"{datetime.fromtimestamp(row.stamp_ns / 1e9, timezone.utc):%Y-%m-%d %H:%M:%S.%f}"[:-3]
-        + "\n"
-        f"[iso: 110] [shutter: 1/320.0] [fnum: 1.7] [ev: 0] [color_md: default] "
-        f"[focal_len: {focal_35mm(frames()[0]):.2f}] [latitude: {latitude:.6f}] [longitude: {longitude:.6f}] "
-        f"[rel_alt: {above:.3f} abs_alt: {above + 999:.3f}] "
-        f"[gb_yaw: {yaw:.1f} gb_pitch: {pitch:.1f} gb_roll: {roll:.1f}] </font>\n\n"
-    )
-
-
-def rtk(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
-    """As a Phantom 4 RTK writes it: longitude first, home, degree signs, CRLF."""
-    yaw, pitch, roll = row.yaw_pitch_roll_deg
-    latitude, longitude, above = place
-    home_at = rows()[0].geodetic
-    return (
-        f"{number}\n{arrow(time_s)}\nF/5.6, SS 400, ISO 100, EV 0, "
-        f"GPS ({longitude:.6f}, {latitude:.6f}, 15), HOME ({home_at[1]:.6f}, {home_at[0]:.6f}, -57.98m), "
-        f"D 8.70m, H {above:.2f}m, H.S 0.00m/s, "
-        f"F.PRY (2.7°, -7.0°, 110.1°), G.PRY ({pitch:.1f}°, {roll:.1f}°, {yaw:.1f}°)\n\n"
-    ).replace("\n", "\r\n")
-
-
-def write_subtitles(path: Path, dialect: Dialect, start_ns: int, *, every: int = 2) -> Path:
-    """The telemetry during the film; heights above the ground below the first row, where the drone is taken
-    to have started."""
-    flown = [row for row in rows() if row.stamp_ns >= start_ns][::every]
-    below = heights(rows()[0].position[None, :2])[0]
-    text = "".join(
-        dialect(
-            number,
-            (row.stamp_ns - start_ns) / 1e9,
-            row,
-            (*row.geodetic[:2], row.position[2] - below),
-        )
-        for number, row in enumerate(flown, start=1)
-    )
-    path.write_text(text, encoding="utf-8-sig")
-    return path
 
 
 def home() -> tuple[float, float]:
@@ -100,7 +48,7 @@ def home() -> tuple[float, float]:
 @pytest.mark.parametrize("dialect", [mini, rtk])
 def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, dialect: Dialect) -> None:
     film, start_ns = write_film(tmp_path / "DJI_0001.MP4")
-    write_subtitles(tmp_path / "DJI_0001.SRT", dialect, start_ns)
+    write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, dialect)
     dem = write_dem(tmp_path / "dem.tif")
     options = {} if dialect is mini else {"calibration": frames()[0].camera}
     found = open_recording(film, frames_per_s=np.inf, take_off=home(), **options)
@@ -108,7 +56,7 @@ def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, di
         convert(found, tmp_path / "early.mcap")
     terrain = read_map(found, dem).terrain
     settled = on_ground(found, terrain)
-    assert "heights moved by" in settled.warnings[-1] and not settled.ground_contacts
+    assert "put on the map's ground" in settled.warnings[-1] and not settled.ground_contacts
     anchor, local = mission().georeference, settled.georeference
     assert anchor is not None and local is not None
     # The film begins with a black frame half a second before the first picture.
@@ -134,7 +82,7 @@ def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, di
 
 def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:
     film, start_ns = write_film(tmp_path / "a.mp4")
-    write_subtitles(tmp_path / "a.srt", mini, start_ns)
+    write_subtitles(tmp_path / "a.srt", start_ns, mini)
     found = open_recording(film, frames_per_s=np.inf).frames
     forwards = [frame.encoded_image() for frame in found]
     assert [frame.encoded_image() for frame in reversed(found)] == forwards[::-1]
@@ -146,7 +94,7 @@ def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> Non
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         film, start_ns = write_film(tmp_path / name / "DJI_0001.MP4")
-        write_subtitles(tmp_path / name / "DJI_0001.SRT", mini, start_ns)
+        write_subtitles(tmp_path / name / "DJI_0001.SRT", start_ns, mini)
         films.append(film)
     fleet = open_recording(films)
     assert fleet.drones == ("a_DJI_0001", "b_DJI_0001")
@@ -157,43 +105,6 @@ def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> Non
 
 
 # --- logs that run on a clock of their own ---
-
-
-def write_ulog(path: Path, *, gimbal: bool = True) -> tuple[Path, int]:
-    """A ULog by its specification (docs.px4.io/main/en/dev_log/ulog_file_format): (path, stamp of its
-    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's."""
-    zero_us = 5_000_000
-    flown = rows()
-    begin_us = flown[0].stamp_ns // 1000
-    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
-
-    def add(kind: bytes, body: bytes) -> None:
-        data.extend(struct.pack("<HB", len(body), kind[0]) + body)
-
-    formats = {
-        "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
-        "vehicle_attitude": "float[4] q;",
-        "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
-        "vehicle_gps_position": "uint64_t time_utc_usec;",
-    }
-    for name, fields in formats.items():
-        add(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
-    for number, name in enumerate(formats):
-        add(b"A", struct.pack("<BH", 0, number) + name.encode())
-    for count, row in enumerate(flown):
-        stamp_us = zero_us + row.stamp_ns // 1000 - begin_us
-        latitude, longitude, height = row.geodetic
-        yaw, pitch, roll = row.yaw_pitch_roll_deg
-        w, x, y, z = Rotation.from_euler("ZYX", [yaw + 30, 3, -2], degrees=True).as_quat()[[3, 0, 1, 2]]
-        add(b"D", struct.pack("<HQ4f", 1, stamp_us, w, x, y, z))
-        if gimbal:
-            w, x, y, z = Rotation.from_euler("ZYX", [-30, pitch, roll], degrees=True).as_quat()[[3, 0, 1, 2]]
-            add(b"D", struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
-        if count % 5 == 0:
-            add(b"D", struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
-            add(b"D", struct.pack("<HQQ", 3, stamp_us, row.stamp_ns // 1000))
-    path.write_bytes(bytes(data))
-    return path, flown[0].stamp_ns
 
 
 def write_tlog(path: Path) -> tuple[Path, int]:
@@ -385,14 +296,14 @@ def test_what_is_missing_is_said_with_the_way_out(tmp_path: Path) -> None:
     film, start_ns = write_film(tmp_path / "a.mp4")
     with pytest.raises(ValueError, match=r"no flight log beside it \(a.SRT, .ulg or .tlog\)"):
         open_recording(film)
-    log = write_subtitles(tmp_path / "a.SRT", rtk, start_ns)
+    log = write_subtitles(tmp_path / "a.SRT", start_ns, rtk)
     with pytest.raises(ValueError, match=r"how wide its camera sees.*--calibration"):
         open_recording(film)
     with pytest.raises(ValueError, match=r"it is the log of a film, which is named instead: .*a.mp4"):
         open_recording(log)
     with pytest.raises(ValueError, match=r"no heights above sea are recorded: there are take-off"):
         open_recording(film, calibration=frames()[0].camera, heights="sea")
-    write_subtitles(tmp_path / "a.SRT", mini, start_ns)
+    write_subtitles(tmp_path / "a.SRT", start_ns, mini)
     with pytest.raises(ValueError, match=r"need the geoid.*--geoid-m.*--heights take-off"):
         open_recording(film, heights="sea")
     above_sea = open_recording(film, heights="sea", geoid_m=50.0)

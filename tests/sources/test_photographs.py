@@ -2,43 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import ExifTags, Image
-from PIL.TiffImagePlugin import IFDRational
 from scipy.spatial.transform import Rotation
 
 from crowdfence import open_recording
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.photographs.tags import read_tags
 from support.foreign_recordings import (
-    Row,
+    Angles,
+    Maker,
     beyond,
     closed,
+    dji,
     focal_35mm,
     frames,
     ground,
-    heights,
     mission,
     reference,
+    row_at,
     rows,
+    write_photograph,
+    write_photographs,
 )
-
-Angles = tuple[float, float, float]
-"""Yaw, pitch, roll of a camera whose pitch of 0 is the horizon."""
-
-
-def dji(angles: Angles, extra: str = "") -> str:
-    yaw, pitch, roll = angles
-    return (
-        f'drone-dji:GimbalYawDegree="{yaw:+.2f}" drone-dji:GimbalPitchDegree="{pitch:+.2f}" '
-        f'drone-dji:GimbalRollDegree="{roll:+.2f}" {extra}'
-    )
 
 
 def parrot(angles: Angles, extra: str = "") -> str:
@@ -73,78 +62,10 @@ def sensefly(angles: Angles, extra: str = "") -> str:
     return pix4d(angles, extra, mirrored=-1)
 
 
-def degrees(value: float) -> tuple[IFDRational, ...]:
-    """Degrees, minutes and seconds to 1e-4, as cameras write them: 3 mm."""
-    whole = int(abs(value))
-    minutes = int((abs(value) - whole) * 60)
-    seconds = ((abs(value) - whole) * 60 - minutes) * 60
-    return IFDRational(whole), IFDRational(minutes), IFDRational(round(seconds * 10_000), 10_000)
-
-
-def write_photograph(
-    path: Path,
-    image: np.ndarray,
-    stamp_ns: int,
-    place: tuple[float, float, float],
-    xmp: str,
-    *,
-    make: str = "DJI",
-    focal_mm35: float | None = None,
-) -> Path:
-    picture, exif = Image.fromarray(image), Image.Exif()
-    taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
-    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = make, "X1"
-    more = exif.get_ifd(ExifTags.IFD.Exif)
-    more[ExifTags.Base.DateTimeOriginal] = f"{taken:%Y:%m:%d %H:%M:%S}"
-    more[ExifTags.Base.SubsecTimeOriginal] = f"{stamp_ns % 10**9 // 1000:06d}"
-    if focal_mm35 is not None:
-        more[ExifTags.Base.FocalLengthIn35mmFilm] = round(focal_mm35)
-    gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
-    latitude, longitude, height = place
-    gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}
-    gps |= {4: degrees(longitude), 5: b"\0", 6: IFDRational(round(height * 1000), 1000)}
-    exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
-    packet = (
-        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description rdf:about="" '
-        f"{xmp}></rdf:Description></rdf:RDF></x:xmpmeta>"
-    )
-    if "skydio" in xmp:
-        packet = f"<x:xmpmeta><rdf:RDF><rdf:Description {xmp}></rdf:Description></rdf:RDF></x:xmpmeta>"
-    picture.save(path, "JPEG", quality=95, exif=exif, xmp=packet.encode())
-    return path
-
-
-def row_at(stamp_ns: int) -> Row:
-    """The camera at a picture; its pose is the mission's own."""
-    frame = next(one for one in frames() if one.stamp_ns == stamp_ns)
-    pose = frame.world_from_camera
-    return Row(stamp_ns, pose[:3, 3], Rotation.from_matrix(pose[:3, :3]))
-
-
-Maker = Callable[..., str]
-
-
-def write_flight(folder: Path, maker: Maker, **options: Any) -> Path:
-    folder.mkdir()
-    camera = frames()[0].camera
-    dewarp = f'drone-dji:DewarpData="2026-01-01;{camera.fx},{camera.fy},0,0,0,0,0,0,0"'
-    below = heights(rows()[0].position[None, :2])[0]
-    for number, frame in enumerate(frames()):
-        row = row_at(frame.stamp_ns)
-        latitude, longitude, height = row.geodetic
-        extra = (
-            f'{dewarp} drone-dji:RelativeAltitude="{row.position[2] - below:+.2f}"' if maker is dji else ""
-        )
-        place = latitude, longitude, height - 48.0
-        xmp = maker(tuple(row.yaw_pitch_roll_deg), extra)
-        write_photograph(folder / f"{number:03}.JPG", frame.image(), frame.stamp_ns, place, xmp, **options)
-    return folder
-
-
 @pytest.mark.parametrize("maker", [dji, parrot, skydio, pix4d, sensefly])
 def test_photographs_of_each_maker_lie_where_they_were_taken(tmp_path: Path, maker: Maker) -> None:
     make = {sensefly: "senseFly"}.get(maker, "x")
-    folder = write_flight(tmp_path / "flight", maker, make=make)
+    folder = write_photographs(tmp_path / "flight", maker, make=make)
     found = open_recording(folder, calibration=frames()[0].camera, heights="sea", geoid_m=48.0)
     anchor, local = mission().georeference, found.georeference
     assert anchor is not None and local is not None and not found.refused
@@ -158,7 +79,7 @@ def test_photographs_of_each_maker_lie_where_they_were_taken(tmp_path: Path, mak
 
 
 def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
-    found = open_recording(write_flight(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
+    found = open_recording(write_photographs(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
     anchor, local = mission().georeference, found.georeference
     assert anchor is not None and local is not None
     assert any("calibration in the photographs" in warning for warning in found.warnings)
@@ -173,7 +94,7 @@ def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
 
 
 def test_what_a_photograph_lacks_refuses_it_alone(tmp_path: Path) -> None:
-    folder = write_flight(tmp_path / "flight", dji)
+    folder = write_photographs(tmp_path / "flight", dji)
     image, row = frames()[0].image(), row_at(frames()[0].stamp_ns)
     write_photograph(folder / "a.jpg", image, 10**18, row.geodetic, "x:Other='1'")
     (folder / "b.jpg").write_bytes(b"no picture")

@@ -15,6 +15,7 @@ from crowdfence.sources.convert import convert
 from support.foreign_recordings import (
     DRONE,
     agreement,
+    camera_pose_messages,
     closed,
     frames,
     header,
@@ -37,19 +38,6 @@ DOWN_DEG = 40.0
 MOUNT_POSITION = np.array([0.3, 0.0, -0.1])
 _C, _S = np.cos(np.radians(DOWN_DEG)), np.sin(np.radians(DOWN_DEG))
 MOUNT = Rotation.from_matrix(np.array([[0, -_S, _C], [-1, 0, 0], [0, -_C, -_S]]))
-
-
-def camera_poses(drone: str = DRONE, topic: str | None = None) -> list[tuple[str, str, int, Any]]:
-    name = topic or f"/{drone}/cam/pose"
-    return [
-        (
-            name,
-            POSE,
-            row.stamp_ns,
-            {"header": header(row.stamp_ns, "map"), "pose": pose(row.position, row.turn)},
-        )
-        for row in rows(drone)
-    ]
 
 
 def body(drone: str = DRONE) -> list[tuple[int, np.ndarray, Rotation]]:
@@ -113,7 +101,7 @@ def test_a_fleet_with_camera_poses_gives_the_same_zones(tmp_path: Path, kind: st
     messages = [
         message
         for drone in drones
-        for message in (*picture_messages(drone, f"{drone}/{OPTICAL}"), *camera_poses(drone))
+        for message in (*picture_messages(drone, f"{drone}/{OPTICAL}"), *camera_pose_messages(drone))
     ]
     bag = write_bag(tmp_path / ("flight.bag" if kind == "ros1" else "flight"), kind, messages)
     found = open_recording(bag)
@@ -194,7 +182,7 @@ def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
 
 
 def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path) -> None:
-    messages = [*picture_messages(DRONE, OPTICAL), *camera_poses()]
+    messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
     for row in rows()[::10]:
         latitude, longitude, height = row.geodetic
         fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
@@ -210,7 +198,7 @@ def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path)
 
 
 def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "flight", "sqlite3", camera_poses(topic="/mavros/local_position/pose"))
+    bag = write_bag(tmp_path / "flight", "sqlite3", camera_pose_messages(topic="/mavros/local_position/pose"))
     with pytest.raises(
         ValueError, match=r"--topics .*/mavros/local_position/pose \(geometry_msgs/msg/PoseSt"
     ):
@@ -225,7 +213,7 @@ def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
 def test_damage_is_one_line_and_never_a_traceback(tmp_path: Path, kind: str) -> None:
-    messages = [*picture_messages(DRONE, OPTICAL)[:6], *camera_poses()[:120]]
+    messages = [*picture_messages(DRONE, OPTICAL)[:6], *camera_pose_messages()[:120]]
     bag = write_bag(tmp_path / ("flight.bag" if kind == "ros1" else "flight"), kind, messages)
     files = [bag] if bag.is_file() else sorted(bag.iterdir())
     random = np.random.default_rng(17)

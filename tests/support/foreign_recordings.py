@@ -3,7 +3,10 @@ angles that are worked out here from direction vectors, not by the package's qua
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -15,6 +18,8 @@ import rasterio
 import rasterio.transform
 import shapely
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
+from PIL.TiffImagePlugin import IFDRational
 from pyproj import Transformer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -257,6 +262,19 @@ def picture_messages(drone: str, frame_id: str, *, raw: bool = False) -> list[tu
     return messages
 
 
+def camera_pose_messages(drone: str = DRONE, topic: str | None = None) -> list[tuple[str, str, int, Any]]:
+    name = topic or f"/{drone}/cam/pose"
+    return [
+        (
+            name,
+            "geometry_msgs/msg/PoseStamped",
+            row.stamp_ns,
+            {"header": header(row.stamp_ns, "map"), "pose": pose(row.position, row.turn)},
+        )
+        for row in rows(drone)
+    ]
+
+
 # --- films ---
 
 
@@ -287,6 +305,180 @@ def focal_35mm(frame: Frame) -> float:
     """CIPA: 35 mm film has a diagonal of 43.27 mm."""
     camera = frame.camera
     return float(camera.fx / np.hypot(camera.width, camera.height) * np.hypot(36, 24))
+
+
+Dialect = Callable[[int, float, Row, tuple[float, float, float]], str]
+
+
+def arrow(time_s: float) -> str:
+    return f"00:00:{time_s:06.3f} --> 00:00:{time_s + 0.033:06.3f}".replace(".", ",")
+
+
+def mini(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
+    """As recent DJI drones write it, a block per frame."""
+    yaw, pitch, roll = row.yaw_pitch_roll_deg
+    latitude, longitude, above = place
+    return (
+        f'{number}\n{arrow(time_s)}\n<font size="28">FrameCnt: {number}, DiffTime: 33ms\n'
+        f"{datetime.fromtimestamp(row.stamp_ns / 1e9, timezone.utc):%Y-%m-%d %H:%M:%S.%f}"[:-3]
+        + "\n"
+        f"[iso: 110] [shutter: 1/320.0] [fnum: 1.7] [ev: 0] [color_md: default] "
+        f"[focal_len: {focal_35mm(frames()[0]):.2f}] [latitude: {latitude:.6f}] [longitude: {longitude:.6f}] "
+        f"[rel_alt: {above:.3f} abs_alt: {above + 999:.3f}] "
+        f"[gb_yaw: {yaw:.1f} gb_pitch: {pitch:.1f} gb_roll: {roll:.1f}] </font>\n\n"
+    )
+
+
+def rtk(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
+    """As a Phantom 4 RTK writes it: longitude first, home, degree signs, CRLF."""
+    yaw, pitch, roll = row.yaw_pitch_roll_deg
+    latitude, longitude, above = place
+    home_at = rows()[0].geodetic
+    return (
+        f"{number}\n{arrow(time_s)}\nF/5.6, SS 400, ISO 100, EV 0, "
+        f"GPS ({longitude:.6f}, {latitude:.6f}, 15), HOME ({home_at[1]:.6f}, {home_at[0]:.6f}, -57.98m), "
+        f"D 8.70m, H {above:.2f}m, H.S 0.00m/s, "
+        f"F.PRY (2.7°, -7.0°, 110.1°), G.PRY ({pitch:.1f}°, {roll:.1f}°, {yaw:.1f}°)\n\n"
+    ).replace("\n", "\r\n")
+
+
+def write_subtitles(path: Path, start_ns: int, dialect: Dialect | None = None, *, every: int = 2) -> Path:
+    """The telemetry during the film; heights above the ground below the first row, where the drone is taken
+    to have started."""
+    flown = [row for row in rows() if row.stamp_ns >= start_ns][::every]
+    below = heights(rows()[0].position[None, :2])[0]
+    text = "".join(
+        (dialect or mini)(
+            number,
+            (row.stamp_ns - start_ns) / 1e9,
+            row,
+            (*row.geodetic[:2], row.position[2] - below),
+        )
+        for number, row in enumerate(flown, start=1)
+    )
+    path.write_text(text, encoding="utf-8-sig")
+    return path
+
+
+def write_ulog(path: Path, *, gimbal: bool = True) -> tuple[Path, int]:
+    """A ULog by its specification (docs.px4.io/main/en/dev_log/ulog_file_format): (path, stamp of its
+    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's."""
+    zero_us = 5_000_000
+    flown = rows()
+    begin_us = flown[0].stamp_ns // 1000
+    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
+
+    def add(kind: bytes, body: bytes) -> None:
+        data.extend(struct.pack("<HB", len(body), kind[0]) + body)
+
+    formats = {
+        "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
+        "vehicle_attitude": "float[4] q;",
+        "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
+        "vehicle_gps_position": "uint64_t time_utc_usec;",
+    }
+    for name, fields in formats.items():
+        add(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
+    for number, name in enumerate(formats):
+        add(b"A", struct.pack("<BH", 0, number) + name.encode())
+    for count, row in enumerate(flown):
+        stamp_us = zero_us + row.stamp_ns // 1000 - begin_us
+        latitude, longitude, height = row.geodetic
+        yaw, pitch, roll = row.yaw_pitch_roll_deg
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw + 30, 3, -2], degrees=True).as_quat()[[3, 0, 1, 2]]
+        add(b"D", struct.pack("<HQ4f", 1, stamp_us, w, x, y, z))
+        if gimbal:
+            w, x, y, z = Rotation.from_euler("ZYX", [-30, pitch, roll], degrees=True).as_quat()[[3, 0, 1, 2]]
+            add(b"D", struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
+        if count % 5 == 0:
+            add(b"D", struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
+            add(b"D", struct.pack("<HQQ", 3, stamp_us, row.stamp_ns // 1000))
+    path.write_bytes(bytes(data))
+    return path, flown[0].stamp_ns
+
+
+# --- photographs ---
+
+Angles = tuple[float, float, float]
+"""Yaw, pitch, roll of a camera whose pitch of 0 is the horizon."""
+
+
+def dji(angles: Angles, extra: str = "") -> str:
+    yaw, pitch, roll = angles
+    return (
+        f'drone-dji:GimbalYawDegree="{yaw:+.2f}" drone-dji:GimbalPitchDegree="{pitch:+.2f}" '
+        f'drone-dji:GimbalRollDegree="{roll:+.2f}" {extra}'
+    )
+
+
+def degrees(value: float) -> tuple[IFDRational, ...]:
+    """Degrees, minutes and seconds to 1e-4, as cameras write them: 3 mm."""
+    whole = int(abs(value))
+    minutes = int((abs(value) - whole) * 60)
+    seconds = ((abs(value) - whole) * 60 - minutes) * 60
+    return IFDRational(whole), IFDRational(minutes), IFDRational(round(seconds * 10_000), 10_000)
+
+
+def write_photograph(
+    path: Path,
+    image: np.ndarray,
+    stamp_ns: int,
+    place: tuple[float, float, float],
+    xmp: str,
+    *,
+    make: str = "DJI",
+    focal_mm35: float | None = None,
+) -> Path:
+    picture, exif = Image.fromarray(image), Image.Exif()
+    taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
+    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = make, "X1"
+    more = exif.get_ifd(ExifTags.IFD.Exif)
+    more[ExifTags.Base.DateTimeOriginal] = f"{taken:%Y:%m:%d %H:%M:%S}"
+    more[ExifTags.Base.SubsecTimeOriginal] = f"{stamp_ns % 10**9 // 1000:06d}"
+    if focal_mm35 is not None:
+        more[ExifTags.Base.FocalLengthIn35mmFilm] = round(focal_mm35)
+    gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
+    latitude, longitude, height = place
+    gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}
+    gps |= {4: degrees(longitude), 5: b"\0", 6: IFDRational(round(height * 1000), 1000)}
+    exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description rdf:about="" '
+        f"{xmp}></rdf:Description></rdf:RDF></x:xmpmeta>"
+    )
+    if "skydio" in xmp:
+        packet = f"<x:xmpmeta><rdf:RDF><rdf:Description {xmp}></rdf:Description></rdf:RDF></x:xmpmeta>"
+    picture.save(path, "JPEG", quality=95, exif=exif, xmp=packet.encode())
+    return path
+
+
+def row_at(stamp_ns: int) -> Row:
+    """The camera at a picture; its pose is the mission's own."""
+    frame = next(one for one in frames() if one.stamp_ns == stamp_ns)
+    pose = frame.world_from_camera
+    return Row(stamp_ns, pose[:3, 3], Rotation.from_matrix(pose[:3, :3]))
+
+
+Maker = Callable[..., str]
+
+
+def write_photographs(folder: Path, maker: Maker | None = None, **options: Any) -> Path:
+    folder.mkdir()
+    camera = frames()[0].camera
+    dewarp = f'drone-dji:DewarpData="2026-01-01;{camera.fx},{camera.fy},0,0,0,0,0,0,0"'
+    below = heights(rows()[0].position[None, :2])[0]
+    for number, frame in enumerate(frames()):
+        row = row_at(frame.stamp_ns)
+        latitude, longitude, height = row.geodetic
+        extra = (
+            f'{dewarp} drone-dji:RelativeAltitude="{row.position[2] - below:+.2f}"'
+            if maker in (None, dji)
+            else ""
+        )
+        place = latitude, longitude, height - 48.0
+        xmp = (maker or dji)(tuple(row.yaw_pitch_roll_deg), extra)
+        write_photograph(folder / f"{number:03}.JPG", frame.image(), frame.stamp_ns, place, xmp, **options)
+    return folder
 
 
 # --- what must come out ---

@@ -172,7 +172,7 @@ def _film_beside(path: Path) -> str:
 
 def _from_the_ground(recording: Recording) -> Recording:
     contacts = {
-        drone: GroundContact((float(x), float(y), float(z)), "its first pose")
+        drone: GroundContact((float(x), float(y), float(z)), "its first pose", absolute=True)
         for drone, track in recording.tracks().items()
         if len(track) and drone not in recording.ground_contacts
         for x, y, z in track.positions[:1]

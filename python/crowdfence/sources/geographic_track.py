@@ -89,7 +89,8 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
         remarks[0] += f", with the geoid {undulation_m:+.1f} m above the ellipsoid"
     absolute = above in ("ellipsoid", "sea")
     if anchor is None:
-        anchor = Georeference(latitude, longitude, math.floor(height_m[first]) if absolute else 0.0)
+        base_m = height_m[first] if absolute else _sea_level_of_start_m(poses)
+        anchor = Georeference(latitude, longitude, math.floor(base_m))
     if not absolute:
         height_m = height_m + anchor.height_m
     safe = [np.where(usable, values, values[first]) for values in _columns(poses, height_m)]
@@ -101,6 +102,16 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
     if not absolute:
         contact = _contact(poses, options, above, anchor, first, remarks)
     return LocalTrack(anchor, track, contact, [*remarks, *left_out])
+
+
+def _sea_level_of_start_m(poses: GeographicPoses) -> float:
+    """About how high the take-off lies, where both heights are told: for small numbers only, the map settles
+    it."""
+    if not {"sea", "take-off"} <= poses.heights_m.keys():
+        return 0.0
+    apart = np.asarray(poses.heights_m["sea"]) - np.asarray(poses.heights_m["take-off"])
+    apart = apart[np.isfinite(apart) & (np.abs(apart) < 9000)]
+    return float(np.median(apart)) if apart.size else 0.0
 
 
 _NAMES: dict[HeightsAbove, str] = {

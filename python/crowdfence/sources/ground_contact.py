@@ -89,10 +89,13 @@ class _Lift:
                 "give the place (--take-off LAT,LON) or other heights (--heights)"
             )
         spread = float(np.nanmax(np.abs(heights - ground)))
-        said = (
-            f"{drone}: heights moved by {ground - z:+.1f} m so that its take-off ({contact.said}) is on the "
-            f"map's ground, which lies within {spread:.1f} m for {_AROUND_M:g} m around"
-        )
+        sure = f"which lies within {spread:.1f} m for {_AROUND_M:g} m around"
+        said = f"{drone}: its take-off ({contact.said}) is put on the map's ground, {sure}"
+        if contact.absolute:
+            said = (
+                f"{drone}: heights moved by {ground - z:+.1f} m: {contact.said} is put on the map's ground, "
+                f"{sure}"
+            )
         return cls(drone, terrain, ground - z, said)
 
     def track(self, track: PoseTrack) -> PoseTrack:

@@ -199,6 +199,8 @@ class GroundContact:
     """Local point that was on the ground, such as the take-off; None: heights count from the ground below."""
     said: str
     """Where that is known from."""
+    absolute: bool = False
+    """The heights were measured from elsewhere: what they move by is their bias."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,11 +60,12 @@ class PhotographTags:
 def read_tags(path: Path) -> PhotographTags:
     """ValueError for a file that is no picture or damaged before its pixels."""
     try:
-        with warnings.catch_warnings(), Image.open(path) as picture:
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is damaged is missing, which is said
-            width, height = picture.size
-            exif = picture.getexif()
-            more, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
+            with Image.open(path) as picture:
+                width, height = picture.size
+                exif = picture.getexif()
+                more, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, FileNotFoundError | PermissionError):
             raise
