@@ -7,7 +7,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training lint fuzz bench bench-rivals lock clean setup \
-	setup-rivals setup-training stub opengl demo-recording detector paper page test-page test-web chromium \
+	setup-rivals setup-training stub opengl demo-recording detector paper cli-reference page test-page test-web chromium \
 	page-picture
 
 help:
@@ -102,6 +102,9 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 	$(BIN)/python training/picture_sizes.py python/crowdfence/detector/models/crowdnet-s.onnx $(MISSIONS)/calibration
+
+cli-reference: setup ## the options of every command -> docs/cli.md
+	$(BIN)/python -m crowdfence.cli.reference > docs/cli.md
 
 stub: setup ## docstrings of the compiled core -> _core.pyi
 	$(BIN)/python crates/crowdfence-python/stub_docs.py

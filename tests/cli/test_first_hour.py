@@ -290,7 +290,7 @@ def test_a_run_leaves_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
     terrain = write_bt(folder / "g.bt", Terrain.from_points(ground(), 2.0))
     first = sorted((folder / "heatmaps").iterdir())[0]
     first.write_bytes(b"")
-    common = ("run", folder, "-t", terrain, *RECORDED, "-o", tmp_path / "out")
+    common = ("run", folder, "-t", terrain, *RECORDED, "-m", "or", "-o", tmp_path / "out")
     done = crowdfence(*common, "--files", "report.html")
     assert done.returncode == 0, done.stderr
     assert f"look first at {tmp_path / 'out' / 'report.html'} (--open shows it)" in done.stdout

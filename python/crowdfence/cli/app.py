@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from crowdfence._core import __version__
-from crowdfence.cli import INTERRUPTED, console
+from crowdfence.cli import console
 from crowdfence.cli.calibrate import calibrate
 from crowdfence.cli.command_line import command_line
 from crowdfence.cli.convert import convert
@@ -33,6 +33,7 @@ from crowdfence.cli.train import train
 from crowdfence.cli.wording import in_options
 
 FAILED = 1
+INTERRUPTED = 130
 
 app = typer.Typer(
     name="crowdfence",

@@ -54,7 +54,7 @@ def _tidy(command: Any) -> None:
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
-        return sorted(parameters, key=_place)
+        return sorted(parameters, key=place)
 
     command.get_params = get_params
     if command.help:
@@ -63,6 +63,7 @@ def _tidy(command: Any) -> None:
         command.help = "\n\n".join(" ".join(part.split()) for part in paragraphs)
 
 
-def _place(parameter: Any) -> int:
+def place(parameter: Any) -> int:
+    """Of a parameter among those of its command, by its panel."""
     panel = getattr(parameter, "rich_help_panel", None)
     return _PANELS.index(panel) + 1 if panel in _PANELS else 0

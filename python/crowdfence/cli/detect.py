@@ -95,6 +95,8 @@ def detect(
         return
     if gsd_m is not None:
         raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
+    if output.suffix.lower() != ".mcap" and not output.is_dir():
+        raise ValueError(f"{output}: for a recording the output is a mission file, whose name ends in .mcap")
     _require_place(output, source, force)
     with writable_file(output):
         recording = source_options.open_source(source, context.params)

@@ -116,12 +116,13 @@ def _s(duration_ns: int) -> str:
 
 def _left_out(summary: Mapping[str, Any]) -> str:
     """Crowd that no zone covers is never left out in silence."""
-    if not summary["dropped_regions"]:
+    regions = summary["dropped_regions"]
+    if not regions:
         return ""
+    where = "1 region" if regions == 1 else f"{regions} regions"
     return (
-        f'<p class="note">{summary["dropped_area_m2"]:.0f} m² of crowd lie in '
-        f"{summary['dropped_regions']} {'region' if summary['dropped_regions'] == 1 else 'regions'} "
-        f"smaller than {summary['min_area_m2']:g} m², which no zone covers.</p>"
+        f'<p class="note">{summary["dropped_area_m2"]:.0f} m² of crowd lie in {where} smaller than '
+        f"{summary['min_area_m2']:g} m², which no zone covers.</p>"
     )
 
 

@@ -1,0 +1,139 @@
+"""Every command and every snippet of the pages in docs/ runs, in the order in which a reader meets them.
+
+The pages name files that a reader would have: `flight.mcap`, `dem.tif`, `log.csv` with its pictures.
+"""
+
+import contextlib
+import csv
+import io
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import yaml
+from PIL import Image
+
+from crowdfence import open_recording
+from crowdfence.cli.app import app
+from crowdfence.cli.command_line import command_line
+from crowdfence.cli.options import DEFAULT
+from crowdfence.cli.reference import reference
+from crowdfence.exports.report.page import STATES
+from crowdfence.sources.convert import convert
+from crowdfence.voxel_state import VoxelState
+from support.small_recordings import flight, write_folder
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = ["quick-start", "maps", "own-recording", "states", "wrong-place", "frames", "methods"]
+NOT_RUN = ("source ",)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a reader's own files."""
+    folder = tmp_path_factory.mktemp("desk")
+    convert(open_recording(write_folder(folder / "plain", flight())), folder / "flight.mcap")
+    write_dem(folder / "dem.tif")
+    write_log(folder)
+    return folder
+
+
+def write_dem(path: Path) -> None:
+    """1.2 x 1.2 km of level ground, 25 m below the origin of the flight."""
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    transform = rasterio.transform.from_origin(-600.0, 600.0, 1.0, 1.0)
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(path, "w", width=1200, height=1200, **profile) as raster:
+        raster.write(np.full((1200, 1200), 1175.0, np.float32), 1)
+
+
+def write_log(folder: Path) -> None:
+    """Six pictures of noise: 0.2 s apart, to the north-east, looking east and 60 degrees down."""
+    names = ("time_s", "east_m", "north_m", "up_m", "heading_deg", "pitch_deg", "picture")
+    pixels = np.random.default_rng(5).integers(90, 140, (480, 640, 3), dtype=np.uint8)
+    with (folder / "log.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(names)
+        for k in range(6):
+            Image.fromarray(pixels).save(folder / f"{k}.jpg")
+            rows.writerow([1760000000 + 0.2 * k, 3.0 * k, 4.0 * k, 15.0, 90.0, -60.0, f"{k}.jpg"])
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    """(language, code) of every fenced block of a page."""
+    return re.findall(r"^```(\w*)\n(.*?)^```", (DOCS / f"{page}.md").read_text(), re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_shows_runs(desk: Path, page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(desk)
+    for language, code in blocks(page):
+        if language == "python":
+            exec(compile(code, f"{page}.md", "exec"), {"__name__": "__main__"})
+            continue
+        assert language == "sh", f"{page}.md: code of kind {language!r} is run by nobody"
+        for line in code.splitlines():
+            if not line.startswith(NOT_RUN):
+                run(line)
+
+
+def run(line: str) -> None:
+    program, *words = shlex.split(line)
+    assert program == "crowdfence", line
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as err,
+        pytest.raises(SystemExit) as left,
+    ):
+        try:
+            command_line(app)(words)
+        except (ValueError, OSError) as error:
+            pytest.fail(f"{line}: {error}")
+    assert left.value.code == 0, f"{line}\n{out.getvalue()}{err.getvalue()}"
+
+
+def test_the_csv_becomes_a_recording_that_looks_where_it_says(desk: Path) -> None:
+    """Heading 90 and pitch -60: half of forward is east, the rest is down; right is south."""
+    recording = open_recording(desk / "myflight")
+    assert len(recording.frames) == 6 and recording.refused == () and recording.warnings == ()
+    pose = recording.frames[2].world_from_camera
+    np.testing.assert_allclose(pose[:3, 3], [6.0, 8.0, 15.0], atol=1e-6)
+    np.testing.assert_allclose(pose[:3, 2], [0.5, 0.0, -np.sqrt(0.75)], atol=1e-6)
+    np.testing.assert_allclose(pose[:3, 0], [0.0, -1.0, 0.0], atol=1e-6)
+    assert json.loads((desk / "out" / "myflight" / "summary.json").read_text())["frames"] == {"uav1": 6}
+
+
+def test_every_page_is_in_the_contents_and_run_here_or_elsewhere() -> None:
+    contents = yaml.safe_load((DOCS.parent / "mkdocs.yml").read_text())
+    listed = [page for entry in contents["nav"] for page in entry.values()]
+    assert [page for page in listed if not (DOCS / page).is_file()] == []
+    shown = {path.stem for path in DOCS.glob("*.md")}
+    assert {f"{page}.md" for page in ("index", *PAGES, "cli", "models")} <= set(listed)
+    assert set(PAGES) <= shown
+
+
+def test_the_reference_of_commands_is_current() -> None:
+    assert (DOCS / "cli.md").read_text() == reference(), "run `make cli-reference`"
+
+
+def test_the_states_and_bounds_on_the_pages_are_those_of_the_code() -> None:
+    table = (DOCS / "states.md").read_text()
+    numbers = dict(re.findall(r"^\| ([a-z ]+?)(?: \(occluded\))? \| (\d) \|", table, re.MULTILINE))
+    names = {state: name.removeprefix("looked at, ") for state, (name, _) in STATES.items()}
+    assert {names[state]: str(int(state)) for state in VoxelState} == numbers
+    assert DEFAULT.zones.stale_after_s > 0
+
+
+def test_sections_that_are_linked_exist() -> None:
+    for path in DOCS.glob("*.md"):
+        for target, section in re.findall(r"\]\(([\w-]*\.?m?d?)#([\w-]+)\)", path.read_text()):
+            page = (path.parent / target) if target else path
+            headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+            anchors = {
+                re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-") for heading in headings
+            }
+            assert section in anchors, f"{path.name}: {target}#{section}"
