@@ -2,9 +2,10 @@
 
     python benchmarks/service/load.py [--seconds 20]
 
-For 12 and 48 drones: how many views a second are accepted, and how long it takes from the acknowledgement of a view to
-the zones that follow from it (p50, p99, upper bounds of the histogram's buckets). The baseline is FastAPI that reads the
-same bodies and answers. Clients are two processes with keep-alive; everything shares the machine.
+For 12 and 48 drones: how many views a second are accepted, and how long it takes from the acknowledgement of
+a view to the zones that follow from it (p50, p99, upper bounds of the histogram's buckets). The baseline is
+FastAPI that reads the same bodies and answers. Clients are two processes with keep-alive; everything shares
+the machine.
 """
 
 import argparse

@@ -2,8 +2,8 @@
 
     python benchmarks/service/soak.py [--hours 1]
 
-Three drones give five views a second over a plain; the clock is that of the views. History is kept for ten minutes.
-After those, neither the resident memory nor the files may grow by more than a fifth. Prints both over time.
+Three drones give five views a second over a plain; the clock is that of the views. History is kept for ten
+minutes. After twice that, neither the resident memory nor the files may grow by more than a fifth.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main(hours: float) -> int:
                 service.store.flush()
                 figures.append((number / 300, resident_mb(), disk_mb(Path(name))))
                 print(
-                    f"{figures[-1][0]:5.0f} min {figures[-1][1]:7.1f} MB memory {figures[-1][2]:7.1f} MB disk",
+                    "{:5.0f} min {:7.1f} MB memory {:7.1f} MB disk".format(*figures[-1]),
                     flush=True,
                 )
     settled = [one for one in figures if one[0] * 60 >= 2 * KEPT_S] or figures[-1:]
