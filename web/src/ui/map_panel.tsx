@@ -7,7 +7,8 @@ import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { MapView, type Pointed } from "../map/map_view";
 import { select } from "../state/session";
 import { store, useStore } from "../state/store";
-import { duration, endOf } from "../text/stamp";
+import { closureOf } from "../text/closure";
+import { duration } from "../text/stamp";
 import { area, length, place, probability } from "../text/units";
 import { STATE_WORDS } from "../text/words";
 import { Icon, type IconName } from "./icons";
@@ -99,7 +100,7 @@ function Labels() {
         moment.zones.zones.map((zone) => {
           const [east, north] = middleOf(zone.polygon);
           const up = heights.at(east, north);
-          const end = endOf(zone.valid_until_ms, now);
+          const { end, counts } = closureOf(zone, now);
           const chosen = selection?.kind === "zone" && selection.id === zone.id;
           return (
             <button key={`zone-${zone.id}`} class={`label zone-label kind-${zone.kind} ${chosen ? "chosen" : ""}`} data-place={`${east},${north},${(up === up ? up : 0) + 8}`} onClick={() => select({ kind: "zone", id: zone.id })} hidden>
@@ -107,7 +108,7 @@ function Labels() {
                 {zone.locked && <Icon name="lock" size={11} />}
                 <b>{zone.id}</b>
                 {zone.probability_max !== null && <i>{probability(zone.probability_max)}</i>}
-                {end.counts && <i class="count-down">{end.text}</i>}
+                {counts && <i class="count-down">{end}</i>}
               </span>
             </button>
           );
