@@ -6,8 +6,9 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-training lint fuzz bench bench-rivals lock clean setup \
-	setup-rivals setup-training stub opengl demo-recording detector page test-page test-web chromium page-picture
+.PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz \
+	bench bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector page \
+	test-page test-web chromium page-picture
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -83,6 +84,15 @@ test-page: test-web chromium ## the page: its logic, and itself in a browser on 
 
 page-picture: page chromium ## the picture of the page in the documentation
 	CROWDFENCE_PICTURE=docs/page.png $(BIN)/pytest tests/page -k picture
+
+test-service-kill: setup ## the live service, killed fifty times at random moments
+	CROWDFENCE_KILLS=50 $(BIN)/pytest tests/service/test_kill.py
+
+soak-service: setup ## the live service for an hour of flight: memory and disk stay bounded
+	$(BIN)/python benchmarks/service/soak.py
+
+bench-service: setup ## views of 12 and 48 drones into the service, 200 listeners: benchmarks/service/RESULTS.md
+	$(BIN)/python benchmarks/service/load.py
 
 # PyTorch and what belongs to it are 3 GB and more, so only these two targets install it.
 setup-training: setup $(VENV)/.training

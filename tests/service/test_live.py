@@ -14,6 +14,7 @@ from PIL import Image
 
 from crowdfence import CrowdMap, View, project
 from crowdfence.service.clock import Clock
+from crowdfence.service.journal import Record
 from crowdfence.service.live import Live, Refused
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
@@ -297,3 +298,22 @@ def test_the_writer_answers_after_the_commit_and_alone(tmp_path: Path) -> None:
         futures[0].result(), futures[1].result(), futures[3].result()
         assert isinstance(futures[2].exception(), sqlite3.IntegrityError)
         assert store.rows("SELECT COUNT(*) FROM about WHERE name IN ('a', 'b', 'c')") == [(3,)]
+
+
+def test_a_record_that_cannot_be_applied_stops_nothing_also_after_a_restart(tmp_path: Path) -> None:
+    flown = views(6)
+    with running(tmp_path) as service:
+        live = live_of(service)
+        live.give_view(message(flown[0]))
+        poison = "INSERT INTO journal VALUES (?, 'operator', '', 0, 0, ?, ?)"
+        record = Record(2, "operator", "", 0, 0, b"{}")
+        service.store.submit(
+            lambda connection: connection.execute(poison, (2, record.checksum, record.body))
+        ).result()
+    with running(tmp_path) as service:
+        live = live_of(service)
+        for one in flown[1:]:
+            live.give_view(message(one))
+        settle(service)
+        assert live.works and service.mission.loop.crowd_map.instant_count > 0
+        assert any("record 2 (operator)" in alert.text for alert in service.alerts.all())

@@ -106,6 +106,7 @@ def test_a_locked_zone_is_unlocked_before_it_is_dismissed() -> None:
         [[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]],
         [[0, 0], [1, 0], [2, 0], [0, 0]],
         [[0, 0], [1, float("nan")], [1, 1], [0, 0]],
+        [[0, 0], [1e200, 0], [1e200, 1e200], [0, 0]],
     ],
 )
 def test_what_is_no_polygon_is_refused(ring) -> None:

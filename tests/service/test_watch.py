@@ -3,8 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
 from crowdfence.service.clock import Clock
 from crowdfence.service.service import Service
 from crowdfence.service.watch import Watch
@@ -152,8 +150,7 @@ def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
         assert service.mission.timeline.at(newest.stamp_ns).number == newest.number
 
 
-@pytest.mark.parametrize("kind", ["moments", "journal"])
-def test_counts_for_prometheus(tmp_path: Path, kind: str) -> None:
+def test_counts_for_prometheus(tmp_path: Path) -> None:
     with running(tmp_path) as service, asked(service) as http:
         for one in views(6):
             http.post("/api/v1/views", content=message(one))

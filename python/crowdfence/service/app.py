@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
+from pydantic import BaseModel
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -74,6 +75,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         index = PAGE / "index.html"
         return HTMLResponse(index.read_text(encoding="utf-8") if index.exists() else _NO_PAGE)
 
+    _describe(app, ingest.SCHEMAS)
     app.mount("/", StaticFiles(directory=PAGE, check_dir=False), name="page")
     app.add_middleware(
         Guard,
@@ -82,3 +84,13 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         requests=Rate(service.settings.requests_per_s),
     )
     return app
+
+
+def _describe(app: FastAPI, messages: Sequence[type[BaseModel]]) -> None:
+    """Messages that routes read themselves belong to the description of the interface too."""
+    told = app.openapi()
+    schemas = told.setdefault("components", {}).setdefault("schemas", {})
+    for message in messages:
+        schema = message.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= schema.pop("$defs", {})
+        schemas[message.__name__] = schema

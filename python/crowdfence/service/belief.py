@@ -1,4 +1,4 @@
-"""The crowd map from above, as bytes for the page: one entry per column that somebody has seen."""
+"""The crowd map from above, as bytes for the page: one entry per column that somebody looked at."""
 
 from __future__ import annotations
 
@@ -28,19 +28,21 @@ def belief_bytes(
     older).
 
     A column is crowd where any voxel of it is; otherwise it shows the least known of its standing places.
-    Costs what was seen. StampError for a stamp before the newest instant.
+    Columns that nobody saw are there where a camera pointed at them and something hid them: probability 0,
+    oldest age. StampError for a stamp before the newest instant.
     """
     terrain = crowd_map.terrain
     seen_ids = crowd_map.seen_ids()
-    seen_keys = column_keys(terrain.voxel_indices(seen_ids)[:, :2])
-    columns, of_seen = np.unique(seen_keys, return_inverse=True)
+    state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
+    looked_at = np.concatenate([seen_ids, np.flatnonzero(state == VoxelState.OCCLUDED)])
+    keys = column_keys(terrain.voxel_indices(looked_at)[:, :2])
+    columns, of_voxel = np.unique(keys, return_inverse=True)
+    of_seen = of_voxel[: len(seen_ids)]
     standing, of_standing = ground.places_of(columns)
-    told = {"threshold": threshold, "stale_after_s": stale_after_s}
-    seen = crowd_map.knowledge(seen_ids, stamp_ns, **told)
-    places = crowd_map.knowledge(standing, stamp_ns, **told)
+    seen = crowd_map.knowledge(seen_ids, stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
     count = len(columns)
     urgency = np.zeros(count, dtype=np.uint8)
-    np.maximum.at(urgency, of_standing, _URGENCY[places.state])
+    np.maximum.at(urgency, of_standing, _URGENCY[state[standing]])
     urgency[of_seen[seen.state == VoxelState.CROWD]] = _URGENCY[VoxelState.CROWD]
     probability = np.zeros(count)
     np.maximum.at(probability, of_seen, seen.probability)
@@ -67,7 +69,7 @@ def belief_bytes(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnBeliefs:
-    """What `belief_bytes` says, one value per column that somebody has seen [N]."""
+    """What `belief_bytes` says, one value per column [N]."""
 
     stamp_ns: int
     cell_size_m: float
@@ -80,7 +82,7 @@ class ColumnBeliefs:
     state: NDArray[np.uint8]
     """`VoxelState`."""
     age_s: NDArray[np.float64]
-    """Since the last look, in steps of 0.1 s; inf beyond 6553 s."""
+    """Since the last look, in steps of 0.1 s; inf beyond 6553 s and where nobody saw it."""
 
     @staticmethod
     def of(data: bytes) -> ColumnBeliefs:

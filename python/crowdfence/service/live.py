@@ -320,12 +320,21 @@ class Live:
         with self._mission.lock:
             self._applied = record.seq
             self._since_snapshot += 1
-            if record.kind == "operator":
-                self._act(record)
-            elif record.kind == "tick":
-                self._advance(record.stamp_ns)
-            else:
-                self._arrive(record)
+            try:
+                if record.kind == "operator":
+                    self._act(record)
+                elif record.kind == "tick":
+                    self._advance(record.stamp_ns)
+                else:
+                    self._arrive(record)
+            except Exception as error:  # a mistake of ours: one record must not stop all that follow
+                _LOG.exception("record %s could not be applied", record.seq)
+                self._alerts.raise_(
+                    "refused_views",
+                    "alarm",
+                    f"record {record.seq} ({record.kind}) could not be applied: {error}",
+                    self._clock.now_ns(),
+                )
 
     def _arrive(self, record: Record) -> None:
         arrival = self._arrival(record)

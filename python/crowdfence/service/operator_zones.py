@@ -7,7 +7,6 @@ meanwhile.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 Action = Literal["add", "lock", "unlock", "dismiss"]
 
 MOST_CORNERS = 2000
+FARTHEST_M = 1e6
 NEVER_NS = -1
 _SECOND_NS = 1_000_000_000
 
@@ -218,8 +218,8 @@ def drawn_polygon(parts: Sequence[Any]) -> Polygon | MultiPolygon:
     corners = [corner for part in parts for ring in part for corner in ring]
     if not 3 <= len(corners) <= MOST_CORNERS:
         raise RefusedAction(f"the polygon has {len(corners)} corners; 3 to {MOST_CORNERS} are possible")
-    if not all(len(corner) == 2 and all(math.isfinite(value) for value in corner) for corner in corners):
-        raise RefusedAction("a corner is two finite numbers, metres east and north")
+    if not all(len(corner) == 2 and all(abs(value) <= FARTHEST_M for value in corner) for corner in corners):
+        raise RefusedAction(f"a corner is two numbers, at most {FARTHEST_M:g} metres east and north")
     try:
         polygon = polygon_of(parts)
     except ValueError as error:

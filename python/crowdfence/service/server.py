@@ -77,6 +77,7 @@ def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -
         ws_ping_timeout=20.0,
     )
     listening = config.bind_socket()
+    listening.listen(config.backlog)  # whoever reads the address may connect at once
     try:
         on_ready(address.url(listening.getsockname()[1]))
         uvicorn.Server(config).run(sockets=[listening])

@@ -12,6 +12,7 @@ from crowdfence.service.service import Service
 from crowdfence.service.stamps import stamp_of
 
 ERRORS: dict[int | str, dict[str, Any]] = {
+    400: {"description": "the body cannot be read"},
     401: {"description": "no token, or one that nobody has"},
     403: {"description": "the role may not do this"},
     422: {"description": "something is out of its bounds"},
