@@ -33,7 +33,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     tokens = tmp_path_factory.mktemp("page") / "tokens.json"
     server = Server(tokens, _free_port())  # known beforehand, so that it can be started there again
     if "CROWDFENCE_PICTURE" in os.environ:
-        server.detector = "auto"  # the picture in the documentation shows the shipped detector at work
+        # The picture in the documentation is of the whole mission, with the shipped detector.
+        server.detector, server.speed = "auto", "1"
     for role in ("viewer", "operator"):
         command = [sys.executable, "-m", "crowdfence", "token", "add", f"a-{role}", "--role", role, "--json"]
         made = subprocess.run([*command, "--tokens", str(tokens)], capture_output=True, text=True, check=True)

@@ -28,13 +28,14 @@ class Server:
     process: "subprocess.Popen[str] | None" = None
 
     detector: str = "recorded"
+    speed: str = "0.05"
+    """Slow enough that the mission is still going on when the page has loaded on a busy machine."""
 
     def start(self) -> None:
-        """Slow enough that the mission is still going on when the page has loaded on a busy machine."""
         command = [sys.executable, "-m", "crowdfence", "serve", str(RECORDING), "--detector", self.detector]
         command += [
             "--replay-speed",
-            "0.05",
+            self.speed,
             "--buffer",
             "fixed:distance_m=5",
             "--min-area-m2",

@@ -1,5 +1,7 @@
 import { describe, expect, it } from "vitest";
+import type { Zone } from "../src/api/contract";
 import { waitBefore } from "../src/api/stream";
+import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
 import { ago, compareStamps, duration, endOf, indexAt, timeOfDay } from "../src/text/stamp";
 import { area, degrees, geographic, grouped, length, place, probability } from "../src/text/units";
@@ -45,11 +47,33 @@ describe("stamps", () => {
 
 describe("the end of a zone", () => {
   it("is a look where the method knows no end", () => {
-    expect(endOf(null, 0)).toEqual({ text: "until somebody looks", counts: false });
+    expect(endOf(null, 0)).toEqual({ text: "until looked at", counts: false });
   });
   it("counts down, and is never open before the service says so", () => {
     expect(endOf(12_000, 0).text).toBe("12 s");
     expect(endOf(12_000, 99_000)).toEqual({ text: "end is due", counts: true });
+  });
+});
+
+describe("why a zone is closed", () => {
+  const zone = { kind: "crowd", reason: "not_looked_at", locked: false, valid_until_ms: null } as unknown as Zone;
+
+  it("is what drones saw", () => {
+    const { opens, end } = closureOf(zone, 0);
+    expect(opens).toMatch(/Time alone does not open it/);
+    expect(end).toBe("until looked at");
+  });
+
+  it("is an operator's word before all", () => {
+    expect(closureOf({ ...zone, locked: true }, 0).end).toBe("until unlocked");
+    expect(closureOf({ ...zone, kind: "operator", reason: "given" }, 0).end).toBe("until dismissed");
+    expect(closureOf({ ...zone, kind: "static", reason: "given" }, 0).end).toBe("until taken back");
+  });
+
+  it("has words for every code of the service", () => {
+    for (const reason of ["seen", "not_cleared", "not_looked_at", "held", "never_cleared", "given"]) {
+      expect(closureOf({ ...zone, reason }, 0).opens).toMatch(/^It opens/);
+    }
   });
 });
 
@@ -59,6 +83,7 @@ describe("units", () => {
     expect(length(30.48, "metres", 1)).toBe("30.5 m");
     expect(area(9.290304, "feet")).toBe("100 ft²");
     expect(area(4.25, "metres")).toBe("4.3 m²");
+    expect(area(0, "metres")).toBe("0 m²");
   });
 
   it("group digits", () => {

@@ -54,7 +54,7 @@ export function ago(then_ms: number | null, now_ms: number): string {
 
 /** How a zone ends: a count-down where the method knows an end, otherwise what opens it. */
 export function endOf(valid_until_ms: number | null, now_ms: number): { text: string; counts: boolean } {
-  if (valid_until_ms === null) return { text: "until somebody looks", counts: false };
+  if (valid_until_ms === null) return { text: "until looked at", counts: false };
   const left_s = (valid_until_ms - now_ms) / 1000;
   // A zone that is past its end stays on the map until the service says that it is open.
   return left_s > 0 ? { text: duration(left_s), counts: true } : { text: "end is due", counts: true };

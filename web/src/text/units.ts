@@ -14,7 +14,7 @@ export function length(metres: number, units: Units, digits = 0): string {
 
 export function area(square_metres: number, units: Units): string {
   const [value, unit] = units === "metres" ? [square_metres, "m²"] : [square_metres * FEET * FEET, "ft²"];
-  return `${grouped(value, value < 10 ? 1 : 0)} ${unit}`;
+  return `${grouped(value, value > 0 && value < 10 ? 1 : 0)} ${unit}`;
 }
 
 /** 12 532: a thin space every three digits, which no reader takes for a decimal sign. */

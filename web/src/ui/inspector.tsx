@@ -8,9 +8,10 @@ import { css, droneColour, PALETTES } from "../map/colours";
 import { boundsOf, contains, cornersOf, lineLength } from "../map/geometry";
 import { select } from "../state/session";
 import { store, useStore } from "../state/store";
-import { ago, dateOf, duration, endOf, timeOfDay } from "../text/stamp";
+import { closureOf } from "../text/closure";
+import { ago, dateOf, duration, timeOfDay } from "../text/stamp";
 import { area, grouped, length, place, probability } from "../text/units";
-import { EVENT_WORDS, KIND_WORDS, OPENS_WHEN, STATE_MEANING, STATE_WORDS } from "../text/words";
+import { EVENT_WORDS, KIND_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
 import { groundAt, map } from "./map_panel";
@@ -67,8 +68,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
   const moment = useStore((state) => state.moment);
   const history = useHistory(id);
   if (!zone) return <Gone id={id} history={history} />;
-  const end = endOf(zone.valid_until_ms, now);
-  const reason = zone.locked ? "locked" : zone.kind === "operator" ? "operator" : (zone.reason ?? "");
+  const closure = closureOf(zone, now);
   const crowd = zone.kind === "crowd";
   const show = () => {
     const bounds = boundsOf(cornersOf(zone.polygon));
@@ -84,7 +84,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
       <div class="why">
         <b>{zone.kind === "crowd" || zone.locked ? "Why still closed" : "Why closed"}</b>
         <p data-test="why">{sentence(zone.why) || "The service gives no reason."}</p>
-        {OPENS_WHEN[reason] && <p class="opens">{OPENS_WHEN[reason]}</p>}
+        {closure.opens && <p class="opens">{closure.opens}</p>}
         {zone.operator && (
           <p class="opens">
             {zone.operator.name}: “{zone.operator.reason}”
@@ -112,10 +112,10 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
           <dd data-test="closed-area">{area(zone.closed_m2, units)}</dd>
           <small>{crowd && zone.crowd_m2 !== null ? `crowd on ${area(zone.crowd_m2, units)}` : zone.restriction.replaceAll("_", " ")}</small>
         </div>
-        <div class={end.counts ? "" : "long"}>
+        <div class={closure.counts ? "" : "long"}>
           <dt>ends</dt>
-          <dd>{end.text}</dd>
-          <small>{end.counts ? "if nobody looks again" : "time alone opens nothing"}</small>
+          <dd>{closure.end}</dd>
+          <small>{closure.counts ? "if nobody looks again" : "time alone opens nothing"}</small>
         </div>
       </div>
       <HistoryChart history={history} threshold={moment?.zones.threshold ?? 0} />

@@ -4,9 +4,10 @@ import { css, droneColour, PALETTES } from "../map/colours";
 import { boundsOf, cornersOf } from "../map/geometry";
 import { select } from "../state/session";
 import { store, useStore, type Layers } from "../state/store";
-import { ago, endOf } from "../text/stamp";
+import { closureOf } from "../text/closure";
+import { ago } from "../text/stamp";
 import { area, length, probability } from "../text/units";
-import { KIND_WORDS, REASON_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
+import { STATE_MEANING, STATE_WORDS } from "../text/words";
 import { Icon } from "./icons";
 import { map } from "./map_panel";
 import { useNow } from "./now";
@@ -46,7 +47,7 @@ function ZoneRow({ zone }: { zone: Zone }) {
   const now = useNow();
   const units = useStore((state) => state.units);
   const selection = useStore((state) => state.selection);
-  const end = endOf(zone.valid_until_ms, now);
+  const closure = closureOf(zone, now);
   const chosen = selection?.kind === "zone" && selection.id === zone.id;
   const open = () => {
     select({ kind: "zone", id: zone.id });
@@ -61,8 +62,8 @@ function ZoneRow({ zone }: { zone: Zone }) {
           {zone.locked && <Icon name="lock" size={12} />}
         </span>
         <span class="row-main">
-          <span>{zone.dismissed ? "dismissed for now" : zone.locked ? REASON_WORDS.locked : (REASON_WORDS[zone.reason ?? ""] ?? KIND_WORDS[zone.kind])}</span>
-          <small>{end.counts ? <>ends in {end.text}</> : "until looked at"}</small>
+          <span>{closure.reason}</span>
+          <small>{closure.counts ? `ends in ${closure.end}` : closure.end}</small>
         </span>
         <span class="row-figures">
           <b>{area(zone.closed_m2, units)}</b>
@@ -129,7 +130,7 @@ function Fleet() {
 
 const LAYER_WORDS: [keyof Layers, string][] = [
   ["belief", "Ground"],
-  ["age", "by age of look"],
+  ["age", "… by age"],
   ["zones", "Zones"],
   ["walls", "Walls"],
   ["tracks", "Drones"],

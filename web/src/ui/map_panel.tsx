@@ -7,7 +7,8 @@ import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { MapView, type Pointed } from "../map/map_view";
 import { select } from "../state/session";
 import { store, useStore } from "../state/store";
-import { duration, endOf } from "../text/stamp";
+import { closureOf } from "../text/closure";
+import { duration } from "../text/stamp";
 import { area, length, place, probability } from "../text/units";
 import { STATE_WORDS } from "../text/words";
 import { Icon, type IconName } from "./icons";
@@ -63,10 +64,17 @@ export function MapPanel() {
 }
 
 const LABEL_HEIGHT = 23;
+const MARKER_PIXELS = 18;
 
-/** Labels stand where their places are; one that would cover another before it moves up. */
+/** Where a label stands from its place, the first that covers no other label and no drone. */
+const NUDGES = [0, -12, 36, -24, -36, 48, -48];
+
 function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
-  const taken: { x: number; y: number; half: number }[] = [];
+  const taken = (store.state.moment?.drones ?? []).flatMap(({ position }) => {
+    if (!position) return [];
+    const [x, y] = viewport.project(position);
+    return [{ x, y, half: MARKER_PIXELS / 2, tall: MARKER_PIXELS }];
+  });
   for (const label of parent?.children ?? []) {
     if (!(label instanceof HTMLElement) || !label.dataset.place) continue;
     const [x, y, depth] = viewport.project(label.dataset.place.split(",").map(Number));
@@ -74,11 +82,12 @@ function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
     label.hidden = !visible;
     if (!visible) continue;
     const half = 12 + 3.4 * (label.textContent?.length ?? 0);
-    let at = y;
-    const covers = () => taken.some((other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - at) < LABEL_HEIGHT);
-    for (let tries = 0; tries < 4 && covers(); tries++) at -= LABEL_HEIGHT;
-    taken.push({ x, y: at, half });
-    label.style.transform = `translate(${x.toFixed(1)}px, ${at.toFixed(1)}px)`;
+    const above = label.classList.contains("drone-label") ? 24 : 18; // of its middle, over its place
+    const covers = (at: number) =>
+      taken.some((other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - at) < (other.tall + LABEL_HEIGHT) / 2);
+    const at = y - above + (NUDGES.find((nudge) => !covers(y - above + nudge)) ?? 0);
+    taken.push({ x, y: at, half, tall: LABEL_HEIGHT });
+    label.style.transform = `translate(${x.toFixed(1)}px, ${(at + above).toFixed(1)}px)`;
   }
 }
 
@@ -99,7 +108,7 @@ function Labels() {
         moment.zones.zones.map((zone) => {
           const [east, north] = middleOf(zone.polygon);
           const up = heights.at(east, north);
-          const end = endOf(zone.valid_until_ms, now);
+          const { end, counts } = closureOf(zone, now);
           const chosen = selection?.kind === "zone" && selection.id === zone.id;
           return (
             <button key={`zone-${zone.id}`} class={`label zone-label kind-${zone.kind} ${chosen ? "chosen" : ""}`} data-place={`${east},${north},${(up === up ? up : 0) + 8}`} onClick={() => select({ kind: "zone", id: zone.id })} hidden>
@@ -107,7 +116,7 @@ function Labels() {
                 {zone.locked && <Icon name="lock" size={11} />}
                 <b>{zone.id}</b>
                 {zone.probability_max !== null && <i>{probability(zone.probability_max)}</i>}
-                {end.counts && <i class="count-down">{end.text}</i>}
+                {counts && <i class="count-down">{end}</i>}
               </span>
             </button>
           );

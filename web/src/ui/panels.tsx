@@ -42,7 +42,8 @@ export function Panel() {
 function Alerts() {
   const alerts = useStore((state) => state.alerts);
   if (!alerts.length) return <p class="empty">Nothing has been out of order so far.</p>;
-  const open = alerts.filter((alert) => !alert.acknowledged_by);
+  const urgency = { alarm: 0, warning: 1, info: 2 };
+  const open = alerts.filter((alert) => !alert.acknowledged_by).sort((a, b) => urgency[a.level] - urgency[b.level]);
   const done = alerts.filter((alert) => alert.acknowledged_by);
   return (
     <ul class="alerts">
