@@ -151,7 +151,10 @@ def test_many_zones_are_read_at_the_cost_of_each(tmp_path: Path) -> None:
             {
                 "type": "Feature",
                 "properties": {"name": f"Z{k}"},
-                "geometry": {"type": "Polygon", "coordinates": [(corners + [0.002 * k, 0.0]).tolist()]},
+                "geometry": {
+                    "type": "Polygon",
+                    "coordinates": [(corners + np.array([0.002 * k, 0.0])).tolist()],
+                },
             }
             for k in range(number)
         ]
