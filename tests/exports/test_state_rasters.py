@@ -35,6 +35,12 @@ def test_states_have_their_colours(tmp_path: Path) -> None:
         colours = raster.colormap(1)
         assert {known: colours[known.value][:3] for known in VoxelState} == dict(STATE_COLOURS)
         assert raster.transform == whole.transform and raster.dtypes == ("uint8",)
+    # Programs that know no maps show the same colours.
+    with Image.open(tmp_path / "state.tif") as picture:
+        assert picture.mode == "P"
+        shown = np.asarray(picture.convert("RGB"))
+    wanted = np.array([STATE_COLOURS[VoxelState(value)] for value in grid.state.T[::-1].ravel()])
+    np.testing.assert_array_equal(shown.reshape(-1, 3), wanted)
 
 
 def test_a_navigation_map_frees_what_is_known_to_be_empty_and_nothing_else(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.static_zones import open_static_zones
 from crowdfence.zones import AltitudeBand, ZoneSet
+from crowdfence.zones.zone_id import zone_id
 from support.small_zones import DrawnZones
 from support.wgs84_by_hand import ground_point
 
@@ -230,6 +231,29 @@ def test_nothing_is_uncovered_anywhere_on_earth(
     closed = shapely.union_all([zone.polygon for zone in zones])
     # Where the antimeridian cuts, the two edges lie on each other up to a tenth of a millimetre.
     assert closed.difference(read.buffer(1e-4)).area < 1e-9
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("anchor", [(90.0, 0.0, 0.0), (-89.99999, 179.9999, 5.0)])
+def test_at_the_poles_every_format_refuses(name: str, anchor: tuple[float, ...]) -> None:
+    zones = DrawnZones((1, 1)).drawn("#")
+    with pytest.raises(ValueError, match="longitude loses its meaning at the poles"):
+        ZONE_FORMATS[name](exported(zones, anchor))
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_thousand_zones_are_all_there(name: str) -> None:
+    side = 32
+    outlines = [shapely.box(3 * i, 3 * j, 3 * i + 1, 3 * j + 1) for i in range(side) for j in range(side)]
+    (one,) = DrawnZones((1, 1)).drawn("#")
+    zones = [replace(one, id=zone_id(k + 1), polygon=outline) for k, outline in enumerate(outlines)]
+    read = read_by(name, replace(exported(), zones=tuple(zones), max_items=63))
+    if name == "qgc":
+        assert len(read) <= 63
+    else:
+        assert len(read) == len(zones)
+    uncovered = shapely.union_all(outlines).difference(shapely.union_all(read).buffer(1e-4))
+    assert uncovered.area < 1e-9
 
 
 def test_ed318_says_what_when_why_and_who() -> None:

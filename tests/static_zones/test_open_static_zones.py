@@ -1,6 +1,7 @@
 """Zones that somebody else drew, in the dialects of real files."""
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,31 @@ def test_a_zone_across_the_antimeridian_is_one(tmp_path: Path) -> None:
     # 0.002 degrees at 17 degrees south: 0.002 * 111.32 km * cos 17 = 213 m.
     west, _, east, _ = zone.polygon.bounds
     assert east - west == pytest.approx(213.0, abs=0.5)
+
+
+def test_many_zones_are_read_at_the_cost_of_each(tmp_path: Path) -> None:
+    """Ids of ours are not theirs: each of the zones needs a free number."""
+
+    def seconds(number: int) -> float:
+        corners = np.array(SQUARE)
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"name": f"Z{k}"},
+                "geometry": {
+                    "type": "Polygon",
+                    "coordinates": [(corners + np.array([0.002 * k, 0.0])).tolist()],
+                },
+            }
+            for k in range(number)
+        ]
+        started = time.process_time()
+        zones = opened(tmp_path, {"type": "FeatureCollection", "features": features})
+        assert len({zone.id for zone in zones}) == number
+        return time.process_time() - started
+
+    seconds(10)
+    assert seconds(2000) < 12 * seconds(400)  # five times as many; quadratic would be 25 times
 
 
 def test_a_zone_at_the_pole_is_refused(tmp_path: Path) -> None:

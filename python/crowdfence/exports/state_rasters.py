@@ -32,9 +32,11 @@ def write_state_geotiff(path: str | PathLike[str], crowd_map: str | PathLike[str
 
     state, profile = _state_of(crowd_map)
     profile |= {"driver": "GTiff", "count": 1, "dtype": "uint8", "nodata": None, "compress": "deflate"}
+    profile |= {"photometric": "palette"}
     with atomic_path(path) as temporary, rasterio.open(temporary, "w", **profile) as raster:
-        raster.write(state, 1)
+        # The colours first: a file whose pixels are begun keeps them where only GDAL looks.
         raster.write_colormap(1, {known.value: (*STATE_COLOURS[known], _OPAQUE) for known in VoxelState})
+        raster.write(state, 1)
         raster.set_band_description(1, "state")
         raster.update_tags(1, VALUES=", ".join(f"{known.value} = {known.name}" for known in VoxelState))
 

@@ -85,16 +85,15 @@ def safe_route(
     closed = shapely.union_all(_grown(lasting, clearance_m))
     shapely.prepare(closed)
     # A goal in a zone that ends can be reached after its end.
-    for name, place, now in (("start", ends[0], zones), ("goal", ends[1], lasting)):
-        at_once = closed if now is lasting else shapely.union_all(_grown(now, clearance_m))
-        _require_free(name, place, at_once, now, clearance_m, within)
+    around_all = shapely.union_all([closed, *_grown(ending, clearance_m)]) if ending else closed
+    for name, place, now in (("start", ends[0], around_all), ("goal", ends[1], closed)):
+        _require_free(name, place, now, zones if now is around_all else lasting, clearance_m, within)
     if departure_ns is None or speed_m_s is None:
         return Route(_shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within))
     if not ending:
         way = _shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within)
         flown_m = np.concatenate([[0.0], np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum()])
         return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s))
-    around_all = shapely.union_all([closed, *_grown(ending, clearance_m)])
     corners = [_few_corners(closed, within), _few_corners(around_all, within)]
     places = np.vstack([ends, *corners])
     ends_s = np.array([(_end_ns(zone) - departure_ns) / 1e9 for zone in ending])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,9 +58,10 @@ def local_zones(given: Iterable[GivenZone], georeference: Georeference, taken: s
     a number; `taken` receives the ids. ValueError for an outline that is empty, crosses itself or is not
     finite."""
     zones = []
+    numbers = count(1)
     for one in given:
         polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
-        name = _free_id(one.name, taken)
+        name = _free_id(one.name, taken, numbers)
         taken.add(name)
         zones.append(_zone(name, polygon, one))
     return zones
@@ -85,13 +87,11 @@ def _zone(name: str, polygon: Polygon, given: GivenZone) -> Zone:
     )
 
 
-def _free_id(name: str, taken: set[str]) -> str:
+def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
+    """Its name where that can be an id, else the next number that is free."""
     if 0 < len(name) <= MAX_ID_LENGTH and name not in taken and name[0] not in "ZU" and name.isprintable():
         return name
-    number = 1
-    while zone_id(number, "S") in taken:
-        number += 1
-    return zone_id(number, "S")
+    return next(free for free in (zone_id(number, "S") for number in numbers) if free not in taken)
 
 
 def _polygon(given: GivenZone, georeference: Georeference) -> Polygon:
