@@ -74,7 +74,9 @@ PACKAGES = (
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
     Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
     Package("av", "av", "videos in and out", extra="video"),
-    Package("pymavlink", "pymavlink.dialects.v20.common", "fences of autopilots", extra="mavlink"),
+    Package("rosbags", "rosbags.highlevel", "bags of ROS", extra="ros"),
+    Package("pyulog", "pyulog", "flight logs of PX4 (.ulg)", extra="ulog"),
+    Package("pymavlink", "pymavlink.mavutil", "MAVLink: flight logs (.tlog), fences", extra="mavlink"),
     Package("onnx", "onnx", "training and calibration of detectors", extra="train"),
     Package("torch", "torch", "training of detectors", extra="train"),
 )

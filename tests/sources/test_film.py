@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
 
-from crowdfence import Terrain, open_recording
+from crowdfence import Camera, Terrain, open_recording
 from crowdfence.pipeline import read_map
 from crowdfence.sources.convert import convert
 from crowdfence.sources.film.flight_log import FlightLog
@@ -140,7 +143,9 @@ def test_a_film_with_the_log_of_an_autopilot(tmp_path: Path, kind: str) -> None:
     film, start_ns = write_film(tmp_path / "flight.mp4")
     _, zero_ns = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"flight.{kind}")
     camera = frames()[0].camera
-    with pytest.raises(ValueError, match="does not know when the film began: say it with --clock-offset"):
+    with pytest.raises(
+        ValueError, match="does not know when the film began, and its motion cannot tell: .*--clock-offset"
+    ):
         open_recording(film, calibration=camera)
     options = {"calibration": camera, "frames_per_s": np.inf}
     if kind == "tlog":
@@ -159,6 +164,64 @@ def test_a_film_with_the_log_of_an_autopilot(tmp_path: Path, kind: str) -> None:
         beyond(closed(replace(found, frames=found.frames[1:]), ground_under(found)), closed(reference()), 1.0)
         < 0.05
     )
+
+
+def turning_flight(folder: Path, swing_deg: float) -> tuple[Path, float]:
+    """12 s of film of a wall of noise by a camera that yaws and pitches, 3.4 s into a ULog of 20 s: (film,
+    when it begins on the log's clock)."""
+    begin_s, focal_px, zero_us = 3.4, 200.0, 0
+
+    def angles(t: float) -> tuple[float, float]:
+        return swing_deg * np.sin(0.9 * t + np.sin(0.37 * t)), swing_deg / 3 * np.sin(1.7 * t + 1)
+
+    wall = np.kron(np.random.default_rng(17).integers(0, 255, (60, 80)), np.ones((8, 8))).astype(np.uint8)
+    film = folder / "turning.mp4"
+    with av.open(str(film), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 160, 120, "yuv420p", 4_000_000
+        for number in range(120):
+            yaw, pitch = np.radians(angles(begin_s + number / 10))
+            # The view wanders right and up over the wall.
+            x, y = round(240 + focal_px * yaw), round(180 - focal_px * pitch)
+            grey = np.repeat(wall[y : y + 120, x : x + 160, None], 3, axis=2)
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(grey), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
+    lines = ["vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;"]
+    lines += ["gimbal_device_attitude_status:uint64_t timestamp;float[4] q;uint16_t device_flags;"]
+    bodies = [(b"F", line.encode()) for line in lines]
+    bodies += [
+        (b"A", struct.pack("<BH", 0, n) + line.partition(":")[0].encode()) for n, line in enumerate(lines)
+    ]
+    for number in range(1000):
+        stamp_us = number * 20_000
+        yaw, pitch = angles(stamp_us / 1e6)
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, 0], degrees=True).as_quat()[[3, 0, 1, 2]]
+        bodies.append((b"D", struct.pack("<HQ4fH", 1, stamp_us, w, x, y, z, 16)))
+        if number % 10 == 0:
+            bodies.append((b"D", struct.pack("<HQddf", 0, stamp_us, 46.5, 8.0, 30.0)))
+    for kind, body in bodies:
+        data += struct.pack("<HB", len(body), kind[0]) + body
+    (folder / "turning.ulg").write_bytes(bytes(data))
+    return film, begin_s
+
+
+def test_the_beginning_of_a_film_is_found_by_how_it_turns(tmp_path: Path) -> None:
+    film, begin_s = turning_flight(tmp_path, 20.0)
+    camera = Camera.pinhole(160, 120, 200.0, 200.0, 80.0, 60.0)
+    found = open_recording(film, calibration=camera, geoid_m=0.0)
+    said = re.search(r"begins ([\d.]+) s after the log, give or take ([\d.]+) s", " ".join(found.warnings))
+    assert said is not None
+    offset_s, error_s = map(float, said.groups())
+    assert abs(offset_s - begin_s) <= error_s <= 0.1
+
+
+def test_a_film_that_hardly_turns_is_not_guessed(tmp_path: Path) -> None:
+    film, _ = turning_flight(tmp_path, 0.2)
+    camera = Camera.pinhole(160, 120, 200.0, 200.0, 80.0, 60.0)
+    with pytest.raises(ValueError, match=r"its motion cannot tell: the camera turns by 0.\d deg/s only"):
+        open_recording(film, calibration=camera, geoid_m=0.0)
 
 
 def ground_under(found: Recording) -> Terrain:

@@ -211,6 +211,20 @@ def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
         open_recording(bag, topics="kamera=/cam")
 
 
+def test_a_bag_whose_recorder_was_killed_has_no_description(tmp_path: Path) -> None:
+    messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
+    for kind in ("sqlite3", "mcap"):
+        bag = write_bag(tmp_path / kind, kind, messages)
+        (bag / "metadata.yaml").unlink()
+        (store,) = bag.iterdir()
+        store.rename(bag / f"{kind}_0{store.suffix}")
+        assert len(open_recording(bag).frames) == len(frames())
+    # Mission files in a folder are missions of their own, not parts of one.
+    shutil.copy(store.with_name("mcap_0.mcap"), tmp_path / "other.mcap")
+    with pytest.raises(ValueError, match="holds no recording"):
+        open_recording(tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
 def test_damage_is_one_line_and_never_a_traceback(tmp_path: Path, kind: str) -> None:
     messages = [*picture_messages(DRONE, OPTICAL)[:6], *camera_pose_messages()[:120]]

@@ -95,12 +95,12 @@ def read_film(
     except ValueError as error:
         raise ValueError(f"{error}" if str(log_path) in str(error) else f"{log_path}: {error}") from error
     film = FilmPictures(path)
-    start_ns, clock = _start(log, film, log_path, options)
     camera, lens = _camera(film, log, path, options)
+    offset_s, how = _clock_offset(log, film, camera, placed, log_path, options)
+    start_ns, clock = _start(log, film)
     track = placed.track.shifted(start_ns)
     step_s = _usual_step_s(track.stamps_ns)
     gap_s = max(limits.max_pose_gap_s, min(1.5 * step_s, _LONGEST_STEP_S))
-    offset_s = options.clock_offset_s or 0.0
     unplaced = [
         UnplacedFrame(
             start_ns + round((offset_s + film.times_s[number]) * 1e9),
@@ -110,7 +110,7 @@ def read_film(
         for number in _taken(film.times_s, options.frames_per_s)
     ]
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
-    remarks = [*log.remarks, *placed.remarks, *clock, lens, _spacing(step_s)]
+    remarks = [*log.remarks, *placed.remarks, how, *clock, lens, _spacing(step_s)]
     return Recording(
         name=path.stem,
         drones=(drone,),
@@ -154,13 +154,34 @@ def _local_track(log: FlightLog, options: FilmOptions, anchor: Georeference | No
     return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
 
 
-def _start(log: FlightLog, film: FilmPictures, log_path: Path, options: FilmOptions) -> tuple[int, list[str]]:
-    """Stamp of the log's time 0, and what had to be assumed."""
-    if not log.timed_by_film and options.clock_offset_s is None:
+def _clock_offset(
+    log: FlightLog,
+    film: FilmPictures,
+    camera: Camera,
+    placed: LocalTrack,
+    log_path: Path,
+    options: FilmOptions,
+) -> tuple[float, str]:
+    """When the film begins on the log's clock, and where that is known from."""
+    if options.clock_offset_s is not None or log.timed_by_film:
+        return options.clock_offset_s or 0.0, ""
+    from crowdfence.sources.film.clock_estimate import estimate_clock_offset
+
+    try:
+        found = estimate_clock_offset(film, camera, placed.track)
+    except ValueError as error:
         raise ValueError(
-            f"{log_path} does not know when the film began: say it with --clock-offset, in seconds after the "
-            "beginning of the log"
-        )
+            f"{log_path} does not know when the film began, and {error}: say it with --clock-offset, in "
+            "seconds after the beginning of the log"
+        ) from error
+    return found.offset_s, (
+        f"the film begins {found.offset_s:.2f} s after the log, give or take {found.error_s:.2f} s, by how "
+        f"both turn (agreement {found.agreement:.2f}); --clock-offset says it better"
+    )
+
+
+def _start(log: FlightLog, film: FilmPictures) -> tuple[int, list[str]]:
+    """Stamp of the log's time 0, and what had to be assumed."""
     if log.start_ns is not None:
         return log.start_ns, []
     try:

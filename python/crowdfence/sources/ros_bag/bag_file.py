@@ -6,6 +6,7 @@ are read through rosbags (extra `ros`), which also decodes the messages of all o
 
 from __future__ import annotations
 
+import re
 import struct
 import threading
 from collections.abc import Iterator, Sequence
@@ -71,7 +72,7 @@ class Bag(Protocol):
 def is_bag(path: Path) -> bool:
     """Whether the path looks like a bag: a folder of rosbag2, a .bag or a .db3."""
     if path.is_dir():
-        return (path / METADATA_NAME).is_file() or bool(_mcap_files(path) or list(path.glob("*.db3")))
+        return (path / METADATA_NAME).is_file() or bool(_parts(path, ".mcap") or _parts(path, ".db3"))
     if path.suffix.lower() == ".db3":
         return True
     with path.open("rb") as file:
@@ -80,12 +81,12 @@ def is_bag(path: Path) -> bool:
 
 def open_bag(path: Path) -> Bag:
     """ValueError when the path is no bag, or one of a kind or state that cannot be read."""
-    files = [path] if path.is_file() else _mcap_files(path)
-    if files and all(file.open("rb").read(len(MAGIC)) == MAGIC for file in files):
+    files = [path] if path.is_file() else _parts(path, ".mcap")
+    if files and all(_begins_like_mcap(file) for file in files):
         return McapBag(path, files)
     if not path.is_dir() or (path / METADATA_NAME).is_file():
         return RosBag(path)
-    stores = sorted(path.glob("*.db3"))
+    stores = _parts(path, ".db3")
     if len(stores) == 1:
         return RosBag(stores[0])
     raise ValueError(f"{path} has no {METADATA_NAME}: `ros2 bag reindex` makes a new one")
@@ -241,8 +242,19 @@ def _typestore(ros1: bool) -> Typestore:
     return store
 
 
-def _mcap_files(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.mcap"))
+def _parts(folder: Path, suffix: str) -> list[Path]:
+    """Files of one rosbag2, in order. Without its description only files that are named after the folder are:
+    others are recordings of their own."""
+    files = [file for file in folder.iterdir() if file.suffix == suffix and file.is_file()]
+    if not (folder / METADATA_NAME).is_file():
+        name = folder.resolve().name
+        files = [file for file in files if re.fullmatch(re.escape(name) + r"_\d+", file.stem)]
+    return sorted(files, key=lambda file: (len(file.stem), file.stem))
+
+
+def _begins_like_mcap(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def _ros2_name(schema: str) -> str:
