@@ -35,8 +35,9 @@ def served() -> Iterator[UdpVehicle]:
 
 @pytest.fixture
 def fence(served: UdpVehicle, tmp_path: Path) -> Any:
-    def run(*arguments: object, code: int = 0) -> str:
-        done = CliRunner().invoke(app, ["fence", *map(str, arguments), *link(served, tmp_path)])
+    def run(command: str, *arguments: object, code: int = 0) -> str:
+        given = ["fence", command, *link(served, tmp_path), *map(str, arguments)]
+        done = CliRunner().invoke(app, given)
         assert done.exit_code == code, (done.stdout, done.exception)
         return str(done.exception) if code == FAILED else done.stdout
 
@@ -44,7 +45,9 @@ def fence(served: UdpVehicle, tmp_path: Path) -> Any:
 
 
 def link(served: UdpVehicle, state: Path) -> list[str]:
-    return ["--link", f"udpout:127.0.0.1:{served.port}", "--system", "1", "--state", str(state / "state")]
+    """A machine that is busy with other tests may be slow."""
+    address = f"udpout:127.0.0.1:{served.port}"
+    return ["--link", address, "--system", "1", "--state", str(state / "state"), "--timeout-s", "20"]
 
 
 def square(north_m: float, name: str = "Z1", **properties: object) -> dict[str, object]:
@@ -152,7 +155,7 @@ def events_of(process: subprocess.Popen[str], wanted: str) -> list[dict[str, Any
 
 def test_watch_follows_a_file_until_it_is_stopped(served: UdpVehicle, tmp_path: Path) -> None:
     zones = written(tmp_path / "zones.geojson", square(100.0))
-    eager = ["--json", "--opening-s", "0", "--interval-s", "0"]
+    eager = ["--json", "--opening-s", "0", "--interval-s", "0", "--duration-s", "120"]
     process = subprocess.Popen(
         [sys.executable, "-m", "crowdfence", "fence", "watch", str(zones), *link(served, tmp_path), *eager],
         stdout=subprocess.PIPE,

@@ -65,7 +65,7 @@ def test_the_page_names_every_alarm_and_the_numbers_of_the_code() -> None:
     calls = re.findall(r'FenceEvent\(\s*"(\w+)",(.*?)\n\s*\)', source, re.DOTALL)
     alarms = {kind for kind, rest in calls if "alarm=" in rest}
     assert alarms >= {"vehicle_inside", "home_inside", "changed_by_others", "refused_by_text"}
-    table = page.partition("## What the alarms mean")[2].partition("\n\n`GF_ACTION`")[0]
+    table = page.partition("## What the alarms mean")[2].partition("\n\nThe place")[0]
     named = set(
         re.findall(r"`(\w+)`", "".join(row.split("|")[1] for row in table.splitlines() if "|" in row))
     )
