@@ -11,7 +11,7 @@ from fused import Fused
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from settings import ALPHAS, DECAYS, EVIDENCE, NO_FUSION, REPORTED, REPORTED_NO_FUSION, Setting, table_setting
+from settings import ALPHAS, EVIDENCE, NO_FUSION, REPORTED, REPORTED_NO_FUSION, Setting, table_setting
 from tables import Regime
 
 INK, FAINT = "#1f2933", "#9aa5b1"
@@ -33,7 +33,7 @@ def write_figure(path: Path, regimes: list[Regime]) -> None:
 def _over_time(axes: Axes, regime: Regime, *, legend: bool) -> None:
     mission, by_setting = next(iter(regime.missions.items()))
     for alpha, shade in zip(ALPHAS, SHADES, strict=True):
-        best = max(DECAYS, key=lambda decay: _mean(by_setting[table_setting(alpha, decay).name]))
+        best = max(regime.decays, key=lambda decay: _mean(by_setting[table_setting(alpha, decay).name]))
         _line(axes, by_setting, table_setting(alpha, best), f"alpha {alpha:g}", color=shade)
     _line(axes, by_setting, NO_FUSION, "no fusion", color=BASELINE, linewidth=1.6)
     _line(

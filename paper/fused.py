@@ -43,12 +43,15 @@ def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) 
     judged = [_Judged(one, mission) for one in missing]
     truth = TruthMap(mission.terrain.voxel_count)
     stamps_ns = []
-    counts = _counting(mission) if judged else None
+    # False alarms are everywhere, so that nearly everything counts.
+    counts = _counting(mission) if judged and isinstance(mission, Mission) else None
     for look in mission.looks() if judged else ():
         truth.update(look.truth)
         crowd = truth.crowd
         stamps_ns.append(look.stamp_ns)
-        counting = [_among(one, counts, mission.terrain) for one in look.observations]
+        counting = look.observations
+        if counts is not None:
+            counting = [_among(one, counts, mission.terrain) for one in counting]
         for one in judged:
             one.take_in(look.observations if one.counts_all else counting, look.stamp_ns, crowd)
     for one in judged:
@@ -56,7 +59,7 @@ def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) 
     return {one.name: _read(_file(kept, one)) for one in settings}
 
 
-def _counting(mission: Mission | Weakened) -> NDArray[np.bool_]:
+def _counting(mission: Mission) -> NDArray[np.bool_]:
     """Voxels [V] that can count in equation 4 at all: ever labelled crowd, or above `SHOWS_NOTHING` in some
     look. The others are never called crowd: below any b threshold they stay at P(A | 0) or under it, where no
     threshold lies, and `evidence` holds them for emptier than ground that nobody has seen."""

@@ -136,7 +136,7 @@ class Weakened:
     MISSED, INVENTED = 0.7, 0.012
     SIDE_M, MOMENT_S = 4.0, 0.4
     """How large a place and how long a moment."""
-    PLACES = 1024
+    PLACES = 512
     """Along each side of the map, at most."""
 
     def __init__(self, mission: Mission) -> None:

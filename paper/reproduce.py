@@ -16,7 +16,7 @@ from pathlib import Path
 from figure import write_figure
 from fused import fused
 from looks import Mission, Weakened, simulated
-from settings import EVIDENCE, TABLE, all_settings
+from settings import EVIDENCE, WEAKENED_TABLE, all_settings
 from tables import Regime, markdown, write_csv
 
 BUNDLED = Path(__file__).parents[1] / "python" / "crowdfence" / "demo_data" / "race.mcap"
@@ -39,7 +39,7 @@ def regimes(arguments: argparse.Namespace) -> list[Regime]:
     for mission in missions(arguments):
         kept = arguments.work / mission.name.replace(" ", "-")
         shipped[mission.name] = fused(mission, all_settings(), kept / "shipped")
-        weakened[mission.name] = fused(Weakened(mission), [*TABLE, EVIDENCE], kept / "weakened")
+        weakened[mission.name] = fused(Weakened(mission), [*WEAKENED_TABLE, EVIDENCE], kept / "weakened")
         tell(f"{mission.name} is fused")
     return [Regime("the shipped detector", shipped), Regime("weakened to the paper's", weakened)]
 

@@ -43,6 +43,10 @@ NO_FUSION = Setting("no fusion", OrConfig())
 EVIDENCE = Setting("evidence", EvidenceConfig())
 TABLE = [NO_FUSION, *(table_setting(alpha, decay) for alpha in ALPHAS for decay in DECAYS)]
 
+WEAKENED_DECAY = 0.0005
+WEAKENED_TABLE = [NO_FUSION, *(table_setting(alpha, WEAKENED_DECAY) for alpha in ALPHAS)]
+"""What the weakened detector is looked at with."""
+
 
 def _choice(question: str, answer: str, **changed: object) -> Choice:
     method = replace(BEST_REPORTED, **changed)  # type: ignore[arg-type]

@@ -36,9 +36,15 @@ class Regime(NamedTuple):
         """Mean IoU, at the method's own threshold or the best of each mission, over missions."""
         return float(np.mean([_mean(fused[setting.name], best=best) for fused in self.missions.values()]))
 
+    @property
+    def decays(self) -> list[float]:
+        """Those that were fused."""
+        (fused, *_) = self.missions.values()
+        return [decay for decay in DECAYS if table_setting(ALPHAS[0], decay).name in fused]
+
     def best_decay(self, alpha: float, *, best: bool = False) -> float:
         """Mean IoU at the decay that is best for `alpha`, as Table 1 is quoted here."""
-        return max(self.mean(table_setting(alpha, decay), best=best) for decay in DECAYS)
+        return max(self.mean(table_setting(alpha, decay), best=best) for decay in self.decays)
 
     def at_way(self, setting: Setting, way: int) -> float:
         """Mean IoU of a `paper` at the threshold `WAYS[way]`."""
@@ -78,7 +84,7 @@ def write_csv(path: Path, regimes: Iterable[Regime]) -> None:
         writer.writerow(COLUMNS)
         for regime in regimes:
             for mission, by_setting in regime.missions.items():
-                for setting in [*TABLE, EVIDENCE]:
+                for setting in (one for one in [*TABLE, EVIDENCE] if one.name in by_setting):
                     writer.writerow([regime.name, mission, *_row(setting, by_setting[setting.name])])
 
 
@@ -119,7 +125,7 @@ def _table(regime: Regime) -> Iterator[str]:
     for best in (False, True):
         at = "best threshold" if best else "default threshold"
         baseline = regime.mean(NO_FUSION, best=best)
-        for decay in DECAYS:
+        for decay in regime.decays:
             row = [regime.mean(table_setting(alpha, decay), best=best) for alpha in ALPHAS]
             yield _cells(f"ours, {at}, decay {decay:g}", baseline, row)
     yield ""
