@@ -9,6 +9,7 @@ import typer
 
 from crowdfence.cli import console, options
 from crowdfence.cli.export import At, RunFolder
+from crowdfence.cli.wording import counted
 from crowdfence.exports.zone_reasons import REASONS
 from crowdfence.iso_time import iso_utc
 
@@ -85,7 +86,7 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
         return facts
     interval = "" if zone.interval is None else f", between {zone.interval[0]:.3f} and {zone.interval[1]:.3f}"
     facts |= {
-        "crowd": f"{zone.area_m2:.0f} m2 in {zone.cell_count} columns",
+        "crowd": f"{zone.area_m2:.0f} m2 in {counted(zone.cell_count, 'column')}",
         "probability": f"up to {zone.probability_max:.3f}{interval}, mean {zone.probability_mean:.3f}; "
         f"crowd from {zones.threshold:.3f}",
         "last look": f"{_ago(zone.last_seen_ns, stamp_ns)}; at its oldest part "
