@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
@@ -365,4 +366,8 @@ def test_open_shows_the_report(airsim: Path, tmp_path: Path) -> None:
         PATH=f"{opener.parent}:{os.environ['PATH']}",
     )
     assert done.returncode == 0, done.stderr
+    for _ in range(200):  # the opener is not waited for
+        if (tmp_path / "opened").exists() and (tmp_path / "opened").read_text():
+            break
+        time.sleep(0.1)
     assert (tmp_path / "opened").read_text().strip() == str(tmp_path / "out" / "report.html")
