@@ -95,7 +95,7 @@ def test_the_commands_that_the_pages_show_exist_with_their_options() -> None:
             )
             assert name is not None, f"{page.name}: crowdfence {line}"
             shown.add(name)
-            options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", line))
+            options = set(re.findall(r"(?<!\S)--?[a-z][a-z0-9-]*", line))
             assert options <= known[name], f"{page.name}: crowdfence {line}"
     assert shown >= {"run", "inspect", "detect", "model check", "model evaluate", "evaluate", "simulate"}
     assert all("--json" in options for options in known.values()), "README: every command takes --json"

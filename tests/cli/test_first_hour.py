@@ -1,13 +1,16 @@
 """The first hour of somebody new: what the command line says and leaves, seen from outside."""
 
 import base64
+import contextlib
 import csv
 import json
 import os
+import pty
 import re
 import shutil
 import subprocess
 import sys
+import time
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
@@ -259,10 +262,43 @@ def test_help_has_no_types_beside_switches_and_fits(
         assert max(map(len, shown.splitlines())) <= columns, command
 
 
-def test_one_is_no_plural(airsim: Path, tmp_path: Path) -> None:
-    assert (
-        counted(1, "zone") == "1 zone" and counted(0, "zone") == "0 zones" and counted(2, "zone") == "2 zones"
+def test_one_is_no_plural(tmp_path: Path) -> None:
+    """One drone above a plain, one picture, one crowd."""
+    folder = tmp_path / "flight"
+    (folder / "heatmaps").mkdir(parents=True)
+    crowd = np.zeros((30, 30), np.uint8)
+    crowd[9:21, 9:21] = 255
+    Image.fromarray(crowd).save(folder / "heatmaps" / "uav1_1000000000.png")
+    row = "uav1,1000000000,20,20,29.5,0,1,0,0"  # half a turn about east: down
+    (folder / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{row}\n")
+    camera = {"width": 30, "height": 30, "fx": 30, "fy": 30, "cx": 15, "cy": 15}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))
+    plain = Terrain.from_indices([(x, y, -1) for x in range(40) for y in range(40)], 1.0)
+    done = crowdfence(
+        "run", folder, "-t", write_bt(tmp_path / "p.bt", plain), "-m", "or", "-o", tmp_path / "out"
     )
+    assert done.returncode == 0, done.stderr
+    assert "flight: 1 instant of 1 drone\n" in done.stdout
+    assert re.search(r"^1 zone *$", done.stdout, re.MULTILINE)
+    assert counted(0, "zone") == "0 zones" and counted(2, "zone") == "2 zones"
+
+
+def test_what_a_scene_is_built_of_is_shown_while_it_is_built(tmp_path: Path) -> None:
+    """On a terminal, which a pseudo-terminal is."""
+    command = [sys.executable, "-m", "crowdfence", "simulate", "empty", "--frames", "1", "--drones", "1"]
+    command += ["--voxel", "4", "--size", "64x48", "--no-rgb", "--no-heatmaps", "--workers", "1"]
+    screen, terminal = pty.openpty()
+    with subprocess.Popen(
+        [*command, "-o", tmp_path / "s.mcap"], stderr=terminal, stdout=subprocess.PIPE
+    ) as run:
+        os.close(terminal)
+        shown = b""
+        with contextlib.suppress(OSError):  # the end of a pseudo-terminal
+            while data := os.read(screen, 4096):
+                shown += data
+    os.close(screen)
+    assert run.returncode == 0
+    assert b"building the scene" in shown and b"/6" in shown
 
 
 class Page(HTMLParser):
@@ -330,4 +366,8 @@ def test_open_shows_the_report(airsim: Path, tmp_path: Path) -> None:
         PATH=f"{opener.parent}:{os.environ['PATH']}",
     )
     assert done.returncode == 0, done.stderr
+    for _ in range(200):  # the opener is not waited for
+        if (tmp_path / "opened").exists() and (tmp_path / "opened").read_text():
+            break
+        time.sleep(0.1)
     assert (tmp_path / "opened").read_text().strip() == str(tmp_path / "out" / "report.html")

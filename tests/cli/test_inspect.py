@@ -340,7 +340,8 @@ def test_geotiff_in_feet(tmp_path: Path) -> None:
     assert "EPSG:2264" in header["reference_system"]  # North Carolina in US survey feet
     assert header["metres_per_height"] == pytest.approx(1200 / 3937)
     assert content["terrain"]["georeference"]["height_m"] == 304.0  # 304.8 m, rounded down
-    assert content["terrain"]["voxel_size_m"] == pytest.approx(3.0)  # 10 ft = 3.048 m, two digits
+    assert content["voxel_size_why"].startswith("finer than the file's pixels of 3 m")  # 10 ft, two digits
+    assert content["terrain"]["voxel_size_m"] == 0.5
 
 
 def test_options_of_the_map_reader(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import typer
 from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
+from crowdfence.cli.wording import counted
 from crowdfence.evaluation.text_table import aligned, interval, number
 
 if TYPE_CHECKING:
@@ -146,8 +147,8 @@ def _print(result: ModelCalibration, output: Path) -> None:
     calibration, overall = result.calibration, result.quality.overall
     print(f"{output}: {calibration.chosen.method}, {_map_text(calibration.chosen)}")
     print(
-        f"{result.frames} frames of {calibration.missions} missions; the heatmap marks {result.plan.target}, "
-        f"projected at {result.plan.target_height_m:g} m above ground"
+        f"{counted(result.frames, 'frame')} of {counted(calibration.missions, 'mission')}; the heatmap marks "
+        f"{result.plan.target}, projected at {result.plan.target_height_m:g} m above ground"
     )
     print(f"\nCorrections, on missions held out\n{_candidates_text(calibration)}")
     if result.rates is not None and result.rates_before is not None:

@@ -10,6 +10,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.wording import counted
 from crowdfence.detector.shipped import SHIPPED_MODEL
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def _detect_pictures(
         report |= {"pictures": done.watch.to_json(), "warnings": list(done.warnings)}
         console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
         return
-    facts = {"frames": f"{done.frames} heatmaps, {len(skipped)} skipped"}
+    facts = {"frames": f"{counted(done.frames, 'heatmap')}, {len(skipped)} skipped"}
     if done.watch.looked_at:
         facts["unlike tested"] = f"{done.watch.unlike} of {done.watch.looked_at} pictures"
     _report(output, detector, facts, [*done.warnings, *skipped])

@@ -9,6 +9,7 @@ import typer
 
 from crowdfence.cli import console, options
 from crowdfence.cli.export import At, RunFolder
+from crowdfence.cli.wording import counted
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.reasons import REASONS
 
@@ -84,7 +85,7 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
     if zone.kind != "crowd":
         return facts
     facts |= {
-        "crowd": f"{zone.area_m2:.0f} m2 in {zone.cell_count} columns",
+        "crowd": f"{zone.area_m2:.0f} m2 in {counted(zone.cell_count, 'column')}",
         "probability": f"up to {zone.probability_max:.3f}, mean {zone.probability_mean:.3f}; "
         f"crowd from {zones.threshold:.3f}",
         "interval": _interval(zone),

@@ -178,10 +178,13 @@ def fuse_and_report(
 def _look_first(output: Path, written: list[str], *, show: bool, quiet: bool) -> None:
     """Open what is best looked at first, or say where it is."""
     first = next((output / name for name in LOOK_FIRST if name in written), None)
-    if show and first is not None:
-        typer.launch(str(first.resolve()))
-    elif first is not None and not quiet:
-        console.stdout().print(f"look first at [bold]{first}[/] (--open shows it)", soft_wrap=True)
+    if first is None:
+        return
+    if not quiet:
+        hint = "" if show else " (--open shows it)"
+        console.stdout().print(f"look first at [bold]{first}[/]{hint}", soft_wrap=True)
+    if show and typer.launch(str(first.resolve())) != 0:
+        console.warn(f"nothing here opens {first}; copy it to where a browser is")
 
 
 def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, written: list[str]) -> None:

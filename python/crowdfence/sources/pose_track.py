@@ -85,7 +85,9 @@ class PoseTrack:
 
     def _check_gap(self, stamp_ns: int, before: int, after: int, max_gap_s: float) -> None:
         if len(self) == 0:
-            raise PoseGapError(f"no pose at stamp {stamp_ns}: no row of the drone's telemetry can be used")
+            raise PoseGapError(
+                f"no pose at stamp {stamp_ns}: there is no telemetry row of the drone that can be used"
+            )
         if before < 0:
             early_s = (int(self.stamps_ns[0]) - stamp_ns) / 1e9
             raise PoseGapError(f"no pose at stamp {stamp_ns}: it lies {early_s:.3f} s before the first pose")

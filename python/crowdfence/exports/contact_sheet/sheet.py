@@ -165,7 +165,7 @@ def _write_title(figure: Figure, recording: Recording, width: int, height: int) 
             f"{simulation.get('people')} people",
         ]
     first_ns, last_ns = recording.span_ns or (0, 0)
-    details.append(f"{len(recording.drones)} drones, {len(recording.frames)} frames")
+    details.append(f"drones: {len(recording.drones)}, frames: {len(recording.frames)}")
     details.append(f"{iso_utc(first_ns)} + {(last_ns - first_ns) / 1e9:.1f} s")
     figure.text(_SIDE_PX / width, 1 - 30 / height, title, fontsize=17, color=INK, va="center")
     figure.text(
