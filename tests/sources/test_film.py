@@ -21,6 +21,7 @@ from crowdfence import Camera, Terrain, open_recording
 from crowdfence.pipeline import read_map
 from crowdfence.sources.convert import convert
 from crowdfence.sources.film.flight_log import FlightLog
+from crowdfence.sources.film.picture_reader import FilmPictures
 from crowdfence.sources.film.subtitles import read_subtitles
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
@@ -90,6 +91,23 @@ def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:
     forwards = [frame.encoded_image() for frame in found]
     assert [frame.encoded_image() for frame in reversed(found)] == forwards[::-1]
     assert len(open_recording(film, frames_per_s=0.5).frames) == 3  # 5.5 s: at 0, then 2 s apart at least
+
+
+def test_frames_that_are_coded_out_of_order_are_found_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 64, 48, "yuv420p", 4_000_000
+        stream.gop_size, stream.codec_context.max_b_frames = 12, 2
+        for number in range(40):
+            grey = np.full((48, 64, 3), 6 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
+        container.mux(stream.encode(None))
+    film = FilmPictures(path)
+    assert np.allclose(film.times_s, np.arange(40) / 10)
+    for number in (0, 1, 2, 17, 16, 39, 30, 31, 5):
+        pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :]
+        assert abs(pixels.mean() - 6 * number) < 3
 
 
 def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,15 @@ def test_damaged_photographs_are_one_line(tmp_path: Path) -> None:
             assert str(error)
         else:
             assert tags.width > 0
+
+
+@pytest.mark.parametrize("filling", ["a" * 400_000, "a:b>" + " " * 400_000, "a:" * 200_000, 'a:b="' * 80_000])
+def test_tags_made_to_take_forever_do_not(tmp_path: Path, filling: str) -> None:
+    frame = frames()[0]
+    path = tmp_path / "a.jpg"
+    write_photograph(path, frame.image(), frame.stamp_ns, row_at(frame.stamp_ns).geodetic, "x:Y='1'")
+    head, mark, tail = path.read_bytes().partition(b"</rdf:Description>")
+    path.write_bytes(head + filling.encode() + mark + tail)
+    begun = time.process_time()
+    read_tags(path)
+    assert time.process_time() - begun < 5

@@ -7,10 +7,12 @@ frame before.
 from __future__ import annotations
 
 import threading
+from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.sources.pictures.video import Video
 
@@ -26,9 +28,9 @@ class FilmPictures:
         with Video(path) as video:
             self.size = video.size
             self.created = video.metadata.get("creation_time")
-            self._pts, self.times_s = video.shown_times()
+            self._pts, self.times_s, self._keys = video.shown_times()
         self._video: Video | None = None
-        self._frames: Iterator[tuple[int | None, np.ndarray | str]] = iter(())
+        self._frames: Iterator[tuple[int | None, NDArray[np.uint8] | str]] = iter(())
         self._next = 0
         self._lock = threading.Lock()
 
@@ -36,21 +38,40 @@ class FilmPictures:
         """The frame as PPM. ValueError when it is damaged or builds on a damaged one."""
         with self._lock:
             wanted = self._pts[number]
-            if self._video is None or not self._next <= number < self._next + _AHEAD:
-                self._begin_before(wanted)
-            for pts, picture in self._frames:
-                if pts is None or pts < wanted:
-                    continue
-                self._next = number + 1
-                if pts > wanted:
+            if self._video is not None and self._next <= number < self._next + _AHEAD:
+                begins = [None, *self._keys_before(wanted)]
+            else:
+                begins = [*self._keys_before(wanted)]
+            for begin in begins:
+                if begin is not None:
+                    self._begin_at(begin)
+                picture = self._decoded_until(wanted)
+                if picture is not None:
+                    self._next = number + 1
                     break
-                if isinstance(picture, str):
-                    raise ValueError(picture)
-                return b"P6 %d %d 255\n" % (picture.shape[1], picture.shape[0]) + picture.tobytes()
-            self._video = None
-            raise ValueError("cannot be decoded")
+            else:
+                raise ValueError("cannot be decoded")
+        if isinstance(picture, str):
+            raise ValueError(picture)
+        return b"P6 %d %d 255\n" % (picture.shape[1], picture.shape[0]) + picture.tobytes()
 
-    def _begin_before(self, pts: int) -> None:
+    def _keys_before(self, pts: int) -> list[int]:
+        """Where to begin: the key frame before, the one before that where a container seeks past it (pictures
+        that are coded out of order), the beginning."""
+        before = bisect_right(self._keys, pts)
+        return [*self._keys[max(before - 2, 0) : before][::-1], self._pts[0]]
+
+    def _decoded_until(self, wanted: int) -> NDArray[np.uint8] | str | None:
+        """The frame, or what is wrong with it; None when the decoder has gone past it."""
+        for pts, picture in self._frames:
+            if pts is not None and pts >= wanted:
+                if pts == wanted:
+                    return picture
+                break
+        self._next = len(self._pts)  # where it is now is not known
+        return None
+
+    def _begin_at(self, pts: int) -> None:
         if self._video is not None:
             self._video.close()
         self._video = Video(self.path)

@@ -29,7 +29,10 @@ from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
 
 _HEAD_BYTES = 1 << 19
 """EXIF and XMP stand before the picture; previews between them may be large."""
-_XMP_VALUE = re.compile(rb'([A-Za-z][\w-]*:[A-Za-z]\w*)\s*(?:=\s*"([^"]{0,200})"|>\s*([^<]{1,200})<)')
+_XMP_VALUE = re.compile(
+    rb'\b([A-Za-z][\w-]{0,40}:[A-Za-z]\w{0,60})(?:\s{0,9}=\s{0,9}"([^"]{0,200})"|>\s{0,80}([^<]{1,200})<)'
+)
+"""Every part is bounded: a picture may hold anything, and unbounded ones take time with its square."""
 _SKYDIO = re.compile(rb"drone-skydio:CameraOrientationNED(.{0,400})", re.DOTALL)
 _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
 _ANGLES = ("Yaw", "Pitch", "Roll")

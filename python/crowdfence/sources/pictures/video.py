@@ -110,23 +110,26 @@ class Video:
         """What the file says about itself, such as creation_time."""
         return {**self._container.metadata, **self._stream.metadata}
 
-    def shown_times(self) -> tuple[list[int], list[float]]:
+    def shown_times(self) -> tuple[list[int], list[float], list[int]]:
         """When each frame is shown, in order, without decoding: on the clock of the stream, and in seconds
-        since the film's beginning. ValueError when the file holds no frame with a time."""
+        since the film's beginning; then the key frames, on the clock of the stream.
+
+        ValueError when the file holds no frame with a time.
+        """
         import av
 
-        pts = []
+        shown: dict[int, bool] = {}
         try:
             for packet in self._container.demux(self._stream):
                 if packet.pts is not None and packet.size:
-                    pts.append(packet.pts)
+                    shown[packet.pts] = packet.is_keyframe
         except av.FFmpegError as error:
-            if not pts:
+            if not shown:
                 raise ValueError(f"{self.path} cannot be read: {_said(error)}") from error
-        pts = sorted(set(pts))
-        if not pts:
+        if not shown:
             raise ValueError(f"{self.path} holds no frame with a time")
-        return pts, [self._time_s(one) or 0.0 for one in pts]
+        pts = sorted(shown)
+        return pts, [self._time_s(one) or 0.0 for one in pts], [one for one in pts if shown[one]]
 
     def pictures_from(self, pts: int) -> Iterator[tuple[int | None, NDArray[np.uint8] | str]]:
         """Frames with their times from the key frame before `pts` on, in the order in which they are shown:

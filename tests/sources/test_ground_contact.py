@@ -1,0 +1,83 @@
+"""Heights that wait for the map: put on it, said, and refused where the map ends."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdfence import Terrain, open_recording
+from crowdfence.sources.convert import convert
+from crowdfence.sources.ground_contact import ground_heights, on_ground
+from crowdfence.sources.recording import GroundContact, Recording
+from support.small_recordings import flight, write_folder
+
+
+@pytest.fixture(scope="module")
+def slope() -> Terrain:
+    """A plane that rises by 0.1 m a metre eastwards, 100 m at x = 0, 800 m wide."""
+    x = np.arange(-400, 400) + 0.5
+    return Terrain.from_height_map(
+        np.repeat((100 + 0.1 * x)[:, None], 800, axis=1).astype(np.float32), 1.0, origin=(-400, -400, 0)
+    )
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> Recording:
+    return open_recording(write_folder(tmp_path / "flight", flight()))
+
+
+def test_the_ground_is_found_from_above(slope: Terrain) -> None:
+    found = ground_heights(slope, [[0.0, 0.0], [50.5, 20.0], [900.0, 0.0]])
+    assert np.allclose(found[:2], [100.0, 105.05], atol=0.01) and np.isnan(found[2])
+
+
+def test_the_take_off_is_put_on_the_map(slope: Terrain, flown: Recording) -> None:
+    waiting = replace(flown, ground_contacts={"uav1": GroundContact((30.0, 0.0, 4.0), "home")})
+    settled = on_ground(waiting, slope)
+    for drone, moved in (("uav1", 103.0 - 4.0), ("uav3", 0.0)):
+        before, after = flown.tracks()[drone].positions, settled.tracks()[drone].positions
+        assert np.allclose(after - before, [0, 0, moved], atol=0.01)
+        for old, new in zip(flown.frames_of(drone), settled.frames_of(drone), strict=True):
+            assert np.allclose(
+                new.world_from_camera[:3, 3] - old.world_from_camera[:3, 3], [0, 0, moved], atol=0.01
+            )
+            assert np.array_equal(new.world_from_camera[:3, :3], old.world_from_camera[:3, :3])
+    # 2 m around the place, the slope is 0.2 m higher and lower.
+    assert (
+        "uav1: its take-off (home) is put on the map's ground, which lies within 0.2 m"
+        in settled.warnings[-1]
+    )
+    assert on_ground(settled, slope) is settled
+
+
+def test_heights_above_the_ground_below_follow_it(slope: Terrain, flown: Recording) -> None:
+    settled = on_ground(replace(flown, ground_contacts={"uav1": GroundContact(None, "below")}), slope)
+    before, after = flown.tracks()["uav1"].positions, settled.tracks()["uav1"].positions
+    assert np.allclose(after[:, 2] - before[:, 2], 100 + 0.1 * before[:, 0], atol=0.01)
+
+
+def test_the_bias_of_a_barometer_is_estimated_and_said(tmp_path: Path, slope: Terrain) -> None:
+    found = open_recording(write_folder(tmp_path / "flight", flight()), ground_start=True)
+    assert set(found.ground_contacts) == set(found.drones)
+    settled = on_ground(found, slope)
+    for drone in found.drones:
+        x, _, z = found.tracks()[drone].positions[0]
+        assert settled.tracks()[drone].positions[0, 2] == pytest.approx(100 + 0.1 * x, abs=0.01)
+        (said,) = (one for one in settled.warnings if one.startswith(f"{drone}: heights moved by"))
+        moved = re.search(r"moved by ([-+][\d.]+) m: its first pose is put on the map's ground", said)
+        assert moved is not None and float(moved[1]) == pytest.approx(100 + 0.1 * x - z, abs=0.06)
+
+
+def test_beside_the_map_there_is_no_take_off(slope: Terrain, flown: Recording, tmp_path: Path) -> None:
+    waiting = replace(flown, ground_contacts={"uav1": GroundContact((900.0, 0.0, 0.0), "home")})
+    with pytest.raises(
+        ValueError, match=r"no ground at x 900.0, y 0.0 m, where uav1 took off \(home\).*--take-off"
+    ):
+        on_ground(waiting, slope)
+    with pytest.raises(ValueError, match=r"heights of uav1 count from the ground \(home\)"):
+        convert(waiting, tmp_path / "x.mcap")
+    assert not (tmp_path / "x.mcap").exists()
