@@ -130,9 +130,7 @@ def test_it_goes_back_in_time_and_plays_from_there(console: Console) -> None:
 def test_a_link_leads_to_the_same_moment_and_zone(
     console: Console, context: BrowserContext, server: Server
 ) -> None:
-    console.find("play").click()  # whatever plays stops here
-    console.page.keyboard.press("ArrowLeft")
-    stamp = console.wait("time.stamp_ns")
+    stamp = console.pause()
     console.wait("moment.stamp_ns", lambda shown: shown == stamp)
     console.page.wait_for_timeout(700)
     link = console.page.evaluate("location.hash")

@@ -105,9 +105,8 @@ class Console:
         return self.page.locator(f'[data-test="{name}"]')
 
     def pause(self) -> str:
-        """Stays at the moment shown; its stamp."""
-        if self.state("time.following"):
-            self.find("play").click()
+        """Stays one instant before the moment shown; its stamp."""
+        self.page.keyboard.press("ArrowLeft")
         self.wait("time.following", lambda following: following is False)
         return str(self.wait("time.stamp_ns"))
 

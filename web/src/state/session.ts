@@ -9,6 +9,7 @@ import { indexAt } from "../text/stamp";
 import { formatLink, parseLink } from "./deep_link";
 import { keepSettings, readSettings } from "./settings";
 import { store, type Selection, type Time } from "./store";
+import { thinned } from "./thinning";
 
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
@@ -136,7 +137,7 @@ function lengthenTimeline(step: Step): void {
   if (last && last.stamp_ms >= step.stamp_ms) return;
   const { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2 } = step;
   const point = { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2, zones: step.zones.zones.length };
-  store.set({ timeline: { ...timeline, points: [...timeline.points, point] } });
+  store.set({ timeline: { ...timeline, points: thinned([...timeline.points, point]) } });
 }
 
 function showNewest(): void {
@@ -229,10 +230,10 @@ export function goLive(): void {
   showNewest();
 }
 
-/** Pauses what plays or follows; plays what is paused. */
+/** Pauses what plays or goes on; plays what is paused, and a finished mission from its beginning. */
 export function playOrPause(): void {
-  const { time, moment } = store.state;
-  if (time.following) {
+  const { time, moment, mode } = store.state;
+  if (time.following && mode !== "finished") {
     if (moment) void showPast(moment.stamp_ns);
   } else if (time.playing) setTime({ playing: false });
   else play();
