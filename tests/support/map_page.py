@@ -105,10 +105,10 @@ class Console:
         return self.page.locator(f'[data-test="{name}"]')
 
     def pause(self) -> str:
-        """Stays one instant before the moment shown; its stamp."""
+        """Stays one instant before the moment shown; its stamp, once the map shows it."""
         self.page.keyboard.press("ArrowLeft")
-        self.wait("time.following", lambda following: following is False)
-        return str(self.wait("time.stamp_ns"))
+        stamp = str(self.state("time.stamp_ns"))
+        return str(self.wait("moment.stamp_ns", lambda shown: shown == stamp))
 
     def choose(self, zone: str) -> None:
         self.page.locator(f'[data-zone="{zone}"]').click()

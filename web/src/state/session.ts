@@ -188,14 +188,14 @@ let wanted: string | null = null;
 /** Shows the moment of a stamp; while one is on its way only the newest wish is kept. */
 export async function showPast(stamp_ns: string): Promise<void> {
   wanted = stamp_ns;
+  const point = store.state.timeline.points.find((one) => one.stamp_ns === stamp_ns);
+  const stamp_ms = point?.stamp_ms ?? Number(BigInt(stamp_ns) / 1000n) / 1000;
+  setTime({ following: false, stamp_ns, stamp_ms });
   if (asking) return;
   asking = true;
   while (wanted !== null) {
     const stamp: string = wanted;
     wanted = null;
-    const { points } = store.state.timeline;
-    const point = points.find((one) => one.stamp_ns === stamp);
-    setTime({ following: false, stamp_ns: stamp, stamp_ms: point?.stamp_ms ?? Number(BigInt(stamp) / 1000n) / 1000 });
     try {
       const [zones, drones, belief] = await Promise.all([api.zones(stamp), api.drones(stamp), api.belief(stamp)]);
       if (store.state.time.following) break;
