@@ -91,7 +91,7 @@ test-service-kill: setup ## the live service, killed fifty times at random momen
 soak-service: setup ## the live service for an hour of flight: memory and disk stay bounded
 	$(BIN)/python benchmarks/service/soak.py
 
-bench-service: setup ## views of 12 and 48 drones into the service, 200 listeners: benchmarks/service/RESULTS.md
+bench-service: setup ## views of 12 and 48 drones into the service: benchmarks/service/RESULTS.md
 	$(BIN)/python benchmarks/service/load.py
 
 # PyTorch and what belongs to it are 3 GB and more, so only these two targets install it.
