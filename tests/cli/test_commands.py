@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from PIL import Image
 from shapely.geometry import shape
 
 from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
-from crowdfence.cli.demo import RECORDING
+from crowdfence.cli.demo import RECORDING, serve_command
 from crowdfence.cli.evaluate import _rates
 from crowdfence.evaluation.cells.rates import Confusion
 from support.command_line import crowdfence
@@ -404,6 +406,14 @@ def test_wrong_usage_exits_with_two(tmp_path: Path) -> None:
 def test_version_and_help() -> None:
     assert crowdfence("--version").stdout.startswith("crowdfence 0.")
     assert "evaluate" in crowdfence("--help").stdout
+
+
+def test_the_demo_says_how_to_see_it_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", [".venv/bin/crowdfence", "demo"])
+    command, serve, recording, *options = shlex.split(serve_command())
+    assert (command, serve) == (".venv/bin/crowdfence", "serve")
+    assert Path(recording).resolve() == RECORDING.resolve()
+    assert options == ["--min-area-m2", "4"]  # as the demo itself
 
 
 def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> None:

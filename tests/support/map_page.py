@@ -105,11 +105,10 @@ class Console:
         return self.page.locator(f'[data-test="{name}"]')
 
     def pause(self) -> str:
-        """Stays at the moment shown; its stamp."""
-        if self.state("time.following"):
-            self.find("play").click()
-        self.wait("time.following", lambda following: following is False)
-        return str(self.wait("time.stamp_ns"))
+        """Stays one instant before the moment shown; its stamp, once the map shows it."""
+        self.page.keyboard.press("ArrowLeft")
+        stamp = str(self.state("time.stamp_ns"))
+        return str(self.wait("moment.stamp_ns", lambda shown: shown == stamp))
 
     def choose(self, zone: str) -> None:
         self.page.locator(f'[data-zone="{zone}"]').click()

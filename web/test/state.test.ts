@@ -1,6 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { formatLink, parseLink } from "../src/state/deep_link";
 import { EMPTY_STATE, Store } from "../src/state/store";
+import { thinned } from "../src/state/thinning";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -20,6 +21,24 @@ describe("links", () => {
     "with nonsense are no links: %s",
     (hash) => expect(parseLink(hash)).toEqual({ t: null, selection: null, view: null }),
   );
+});
+
+describe("a long time line", () => {
+  it("loses none of its newer half and neither end", () => {
+    const points = [...Array(11).keys()];
+    expect(thinned(points, 10)).toEqual([0, 2, 4, 5, 6, 7, 8, 9, 10]);
+    expect(thinned(points, 11)).toBe(points);
+  });
+
+  it("stays bounded however long it grows", () => {
+    let points: readonly number[] = [];
+    for (let k = 0; k < 1000; k++) {
+      points = thinned([...points, k], 40);
+      expect(points.length).toBeLessThanOrEqual(41);
+    }
+    expect(points[0]).toBe(0);
+    expect(points.slice(-10)).toEqual([990, 991, 992, 993, 994, 995, 996, 997, 998, 999]);
+  });
 });
 
 describe("the store", () => {

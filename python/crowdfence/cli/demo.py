@@ -38,10 +38,10 @@ def demo(
             recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json, show=show
         )
     if not as_json:
-        console.stdout().print(f"see it on the map page: [bold]{_serve_command()}[/]", soft_wrap=True)
+        console.stdout().print(f"see it on the map page: [bold]{serve_command()}[/]", soft_wrap=True)
 
 
-def _serve_command() -> str:
+def serve_command() -> str:
     """To be pasted as it stands, whether or not the virtual environment is active."""
     called = Path(sys.argv[0])
     words = [str(called) if called.name == "crowdfence" else "crowdfence", "serve", relpath(RECORDING)]

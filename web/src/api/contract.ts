@@ -122,7 +122,7 @@ export interface TimelinePoint {
 }
 
 export interface Timeline {
-  points: TimelinePoint[];
+  points: readonly TimelinePoint[];
   alerts: { stamp_ms: number; id: string; level: AlertLevel }[];
 }
 

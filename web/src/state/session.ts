@@ -9,6 +9,7 @@ import { indexAt } from "../text/stamp";
 import { formatLink, parseLink } from "./deep_link";
 import { keepSettings, readSettings } from "./settings";
 import { store, type Selection, type Time } from "./store";
+import { thinned } from "./thinning";
 
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
@@ -136,7 +137,7 @@ function lengthenTimeline(step: Step): void {
   if (last && last.stamp_ms >= step.stamp_ms) return;
   const { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2 } = step;
   const point = { stamp_ns, stamp_ms, seen_m2, crowd_m2, closed_m2, zones: step.zones.zones.length };
-  store.set({ timeline: { ...timeline, points: [...timeline.points, point] } });
+  store.set({ timeline: { ...timeline, points: thinned([...timeline.points, point]) } });
 }
 
 function showNewest(): void {
@@ -187,14 +188,14 @@ let wanted: string | null = null;
 /** Shows the moment of a stamp; while one is on its way only the newest wish is kept. */
 export async function showPast(stamp_ns: string): Promise<void> {
   wanted = stamp_ns;
+  const point = store.state.timeline.points.find((one) => one.stamp_ns === stamp_ns);
+  const stamp_ms = point?.stamp_ms ?? Number(BigInt(stamp_ns) / 1000n) / 1000;
+  setTime({ following: false, stamp_ns, stamp_ms });
   if (asking) return;
   asking = true;
   while (wanted !== null) {
     const stamp: string = wanted;
     wanted = null;
-    const { points } = store.state.timeline;
-    const point = points.find((one) => one.stamp_ns === stamp);
-    setTime({ following: false, stamp_ns: stamp, stamp_ms: point?.stamp_ms ?? Number(BigInt(stamp) / 1000n) / 1000 });
     try {
       const [zones, drones, belief] = await Promise.all([api.zones(stamp), api.drones(stamp), api.belief(stamp)]);
       if (store.state.time.following) break;
@@ -229,10 +230,10 @@ export function goLive(): void {
   showNewest();
 }
 
-/** Pauses what plays or follows; plays what is paused. */
+/** Pauses what plays or goes on; plays what is paused, and a finished mission from its beginning. */
 export function playOrPause(): void {
-  const { time, moment } = store.state;
-  if (time.following) {
+  const { time, moment, mode } = store.state;
+  if (time.following && mode !== "finished") {
     if (moment) void showPast(moment.stamp_ns);
   } else if (time.playing) setTime({ playing: false });
   else play();

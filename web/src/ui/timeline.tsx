@@ -17,6 +17,7 @@ export function TimelinePanel() {
   const time = useStore((state) => state.time);
   const moment = useStore((state) => state.moment);
   const clock = useStore((state) => state.clock);
+  const mode = useStore((state) => state.mode);
   const { points } = timeline;
   const first = points[0]?.stamp_ms ?? 0;
   const last = points.at(-1)?.stamp_ms ?? first;
@@ -27,7 +28,7 @@ export function TimelinePanel() {
           <Icon name="back" />
         </button>
         <button class="square play" title="Play or pause (Space)" aria-label="Play or pause" onClick={playOrPause} disabled={points.length < 2} data-test="play">
-          <Icon name={time.following || time.playing ? "pause" : "play"} size={18} />
+          <Icon name={time.playing || (time.following && mode !== "finished") ? "pause" : "play"} size={18} />
         </button>
         <button class="square" title="One step on (→)" aria-label="One step on" onClick={() => stepBy(1)} disabled={points.length < 2 || time.following}>
           <Icon name="forward" />
