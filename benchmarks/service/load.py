@@ -4,9 +4,8 @@
 
 For 12 and 48 drones, twice a second each: how many views a second are accepted, what one costs the service's
 process, and how long it takes from the acknowledgement of a view to the zones that follow from it (p50, p99,
-upper bounds of the buckets). Every view shows one crowd, ten heatmap pixels in radius, over the same plain.
-The baseline is FastAPI that reads the same bodies and answers. Clients are two processes; all share the
-machine.
+upper bounds of buckets). Every view shows one crowd, ten heatmap pixels in radius, over the same plain. The
+baseline is FastAPI that reads the same bodies and answers. Clients are two processes; all share the machine.
 """
 
 import argparse

@@ -6,9 +6,9 @@ import os
 import signal
 from types import FrameType
 
-__all__ = ["main"]
+from crowdfence.cli.exit_codes import INTERRUPTED
 
-INTERRUPTED = 130
+__all__ = ["main"]
 
 
 def main() -> None:
