@@ -18,6 +18,7 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
+from crowdfence.cli.exit_codes import FAILED, INTERRUPTED
 from crowdfence.cli.explain import explain
 from crowdfence.cli.export import export
 from crowdfence.cli.fence import app as fence
@@ -31,9 +32,6 @@ from crowdfence.cli.simulate import simulate
 from crowdfence.cli.token import app as token
 from crowdfence.cli.train import train
 from crowdfence.cli.wording import in_options
-
-FAILED = 1
-INTERRUPTED = 130
 
 app = typer.Typer(
     name="crowdfence",

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from crowdfence.cli import console, options
+from crowdfence.cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from crowdfence.doctor import Check, Diagnosis, Group
 
-NOT_READY = 1
 _TITLES: dict[Group, str] = {
     "needed": "Needed",
     "optional": "Optional",
@@ -37,7 +37,7 @@ def doctor(as_json: options.Json = False) -> None:
     else:
         _report(diagnosis)
     if not diagnosis.ok:
-        raise typer.Exit(NOT_READY)
+        raise typer.Exit(FAILED)
 
 
 def _report(diagnosis: Diagnosis) -> None:

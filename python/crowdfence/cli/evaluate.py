@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.options import DEFAULT, EVIDENCE, OR, PAPER
 from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from crowdfence.evaluation.replay import Score
     from crowdfence.evaluation.safety import Safety
     from crowdfence.sources.recording import Instant, InstantViews
-
-GATE_NOT_MET = 3
 
 
 def evaluate(

@@ -13,12 +13,12 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.export import At
 
 if TYPE_CHECKING:
     from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport
 
-ALARM = 3
 
 app = typer.Typer(
     help="An autopilot's fence over MAVLink: send zones, read it, keep it equal to zones, clear it.",
@@ -196,7 +196,7 @@ def watch(
         except KeyboardInterrupt:
             console.stderr().print("stopped; the vehicle keeps its fence")
     if watching.alarms:
-        raise typer.Exit(ALARM)
+        raise typer.Exit(GATE_NOT_MET)
 
 
 @contextmanager
@@ -233,7 +233,7 @@ def _tell_report(report: FenceReport, keeper: FenceKeeper, as_json: bool) -> Non
         console.stdout().print(keeper.station.vehicle.name)
         _tell(report.events, as_json=False)
     if report.alarms:
-        raise typer.Exit(ALARM)
+        raise typer.Exit(GATE_NOT_MET)
 
 
 def _tell(events: Iterable[FenceEvent], as_json: bool) -> None:

@@ -11,14 +11,13 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.iso_time import iso_utc
 
 if TYPE_CHECKING:
     from crowdfence.georeference import Georeference
     from crowdfence.planner import Route
-
-GATE_NOT_MET = 3
 
 
 def route(

@@ -12,11 +12,11 @@ import typer
 
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options
+from crowdfence.cli.exit_codes import INTERRUPTED
 
 if TYPE_CHECKING:
     from crowdfence.simulation.recording.recorded import Recorded
 
-INTERRUPTED = 130
 _SCENARIO, _HOW = "Scenario", "Recording"
 
 

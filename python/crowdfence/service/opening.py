@@ -30,6 +30,7 @@ from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Store
 from crowdfence.service.timeline import Timeline
 from crowdfence.service.watch import Watch
+from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Recording
 from crowdfence.zones import Zone
 
@@ -49,6 +50,7 @@ def replayed(
     """A recording plays as soon as the block begins. What it leaves behind goes with the block. ValueError as
     for `pipeline.run`."""
     settings = settings or ServiceSettings()
+    recording = on_ground(recording, terrain)
     check_overlap(recording, terrain, config.projection.max_range_m)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
     with TemporaryDirectory(prefix="crowdfence-") as folder:
