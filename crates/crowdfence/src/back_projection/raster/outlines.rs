@@ -201,9 +201,9 @@ impl Painter<'_> {
 #[inline(always)]
 fn polygon(corners: [DVec2; 6]) -> Polygon {
     let mut polygon = Polygon { x: [corners[5].x; MAX_CORNERS], y: [corners[5].y; MAX_CORNERS] };
-    for at in 0..5 {
-        polygon.x[at] = corners[at].x;
-        polygon.y[at] = corners[at].y;
+    for (at, corner) in corners.iter().enumerate() {
+        polygon.x[at] = corner.x;
+        polygon.y[at] = corner.y;
     }
     polygon
 }
