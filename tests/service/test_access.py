@@ -10,7 +10,9 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from typer.testing import CliRunner
 
+import crowdfence
 from crowdfence.cli.app import app as command_line
+from crowdfence.maps import MapError
 from crowdfence.service.access import Access, TokenFileError, add_token, read_tokens, remove_token
 from crowdfence.service.guard import Rate
 from crowdfence.service.server import LOOPBACK_NAMES, Address, OpenToAll
@@ -157,6 +159,17 @@ def test_other_machines_reach_no_service_without_tokens(host: str) -> None:
     Address(host).check(has_tokens=True)
     finished = CliRunner().invoke(command_line, ["serve", "--terrain", "dem.tif", "--host", host])
     assert isinstance(finished.exception, OpenToAll)
+
+
+def test_live_views_on_a_map_of_earth_need_to_say_where_they_are(tmp_path: Path) -> None:
+    """The middle of the map taken for the origin of the poses would put every zone somewhere else."""
+    map_path = Path(crowdfence.__file__).parent / "demo_data" / "race.bt"
+    words = ["serve", "--terrain", str(map_path), "--data", str(tmp_path / "data")]
+    refused = CliRunner().invoke(command_line, words).exception
+    assert isinstance(refused, MapError) and "--origin" in str(refused) and "--assume-local" in str(refused)
+    both = CliRunner().invoke(command_line, [*words, "--assume-local", "--origin", "46.5,8,1200"]).exception
+    assert isinstance(both, MapError) and "contradicts" in str(both)
+    assert not (tmp_path / "data").exists()
 
 
 def test_loopback_needs_no_tokens_and_tls_needs_both_files() -> None:

@@ -184,13 +184,13 @@ def _replayed(
 def _live(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
-    from crowdfence.maps import read_map
     from crowdfence.pipeline.detect import named_detector
+    from crowdfence.pipeline.terrain import read_map_for_live_views
     from crowdfence.service.opening import live
 
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
-    ground = read_map(chosen["terrain"], **_map_options(chosen))
+    ground = read_map_for_live_views(chosen["terrain"], **_map_options(chosen))
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
         chosen["data"],

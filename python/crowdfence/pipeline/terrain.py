@@ -56,13 +56,31 @@ def read_map(
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
     anchor = _anchor(recording, georeference)
-    place = stated_place(chosen, crs=options.get("crs"))
+    return _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
+
+
+def read_map_for_live_views(
+    path: str | PathLike[str],
+    *,
+    georeference: Georeference | None = None,
+    assume_local: bool = False,
+    **options: Any,
+) -> MapReading:
+    """The map for views that come one by one, with poses in local metres and no more. Arguments and errors
+    are those of `read_map`, with live views for the recording."""
+    return _related(Path(path), "a live view", georeference, assume_local, options)
+
+
+def _related(
+    path: Path, who: str, anchor: Georeference | None, assume_local: bool, options: dict[str, Any]
+) -> MapReading:
+    place = stated_place(path, crs=options.get("crs"))
     if place == "earth":
-        _require_relation(recording, Path(chosen), anchor, assume_local)
+        _require_relation(who, path, anchor, assume_local)
     elif place == "unstated":
         options["assume_local"] = assume_local
     try:
-        return read_map_file(chosen, georeference=anchor, **options)
+        return read_map_file(path, georeference=anchor, **options)
     except TypeError as error:
         raise ValueError(str(error)) from error
 
@@ -76,22 +94,19 @@ def _anchor(recording: Recording, given: Georeference | None) -> Georeference | 
     )
 
 
-def _require_relation(
-    recording: Recording, path: Path, anchor: Georeference | None, assume_local: bool
-) -> None:
-    """A map with a place on Earth and a recording must be related in one way: neither none nor two."""
+def _require_relation(who: str, path: Path, anchor: Georeference | None, assume_local: bool) -> None:
+    """A map with a place on Earth and what is put on it must be related in one way: neither none nor two."""
     if anchor is None and not assume_local:
         raise MapError(
             path,
-            f"has a place on Earth, but the recording {recording.name} does not say where its local frame "
-            "lies: give the frame's origin (--origin LAT,LON,HEIGHT, georeference=), or --assume-local "
-            "(assume_local=True) if its (0, 0, 0) is the middle of the map at the lowest height",
+            f"has a place on Earth, but {who} does not say where its local frame lies: give the frame's "
+            "origin (--origin LAT,LON,HEIGHT, georeference=), or --assume-local (assume_local=True) if its "
+            "(0, 0, 0) is the middle of the map at the lowest height",
         )
     if anchor is not None and assume_local:
         raise MapError(
             path,
-            f"has a place on Earth, and so has the recording {recording.name}: assume_local contradicts "
-            "that; leave it out",
+            f"has a place on Earth, and so has {who}: assume_local contradicts that; leave it out",
         )
 
 
