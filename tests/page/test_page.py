@@ -34,6 +34,11 @@ def share(map_pixels: np.ndarray, colour: str) -> float:
     return float(hues[colour].mean())
 
 
+def toggle(console: Console, *layers: str) -> None:
+    for layer in layers:
+        console.page.locator(f'[data-layer="{layer}"]').click()
+
+
 def area(square_metres: float) -> str:
     return f"{square_metres:,.0f}".replace(",", THIN_SPACE) + " m²"
 
@@ -46,20 +51,22 @@ def test_it_loads_without_complaints_or_requests_elsewhere(console: Console, ser
 
 
 def test_the_map_shows_ground_crowd_and_what_was_not_cleared(console: Console) -> None:
+    # These have colours of their own.
+    others = ("pictures", "tracks", "footprints")
+    toggle(console, *others)
     shown = pixels(console)
     assert len(np.unique(shown.reshape(-1, 3) // 32, axis=0)) > 30
     assert share(shown, "crowd") > 0.002
     assert share(shown, "empty") > 0.01
     assert share(shown, "not cleared") > 0.02
-    console.page.locator('[data-layer="belief"]').click()
     drawn = console.state("drapes")
+    toggle(console, "belief")
     console.wait("drapes", lambda drapes: drapes > drawn)
     console.page.wait_for_timeout(600)
     hidden = pixels(console)
-    # The camera pictures over the map keep a little of every colour.
     assert share(hidden, "empty") < share(shown, "empty") / 4, "teal without the layer that says so"
     assert share(hidden, "not cleared") < share(shown, "not cleared") / 4
-    console.page.locator('[data-layer="belief"]').click()
+    toggle(console, "belief", *others)
 
 
 def test_updates_arrive_by_themselves(console: Console) -> None:

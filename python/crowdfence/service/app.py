@@ -76,7 +76,8 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         return HTMLResponse(index.read_text(encoding="utf-8") if index.exists() else _NO_PAGE)
 
     _describe(app, ingest.SCHEMAS)
-    app.mount("/", StaticFiles(directory=PAGE, check_dir=False), name="page")
+    if PAGE.is_dir():
+        app.mount("/", StaticFiles(directory=PAGE), name="page")
     app.add_middleware(
         Guard,
         hosts=hosts,
