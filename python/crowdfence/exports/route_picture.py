@@ -7,6 +7,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.zones import Zone
@@ -16,6 +17,8 @@ _NAMES = {"crowd": "crowd", "unseen": "not known to be empty", "static": "closed
 _INCHES = 8.0
 _MARGIN = 0.15
 """Of the way's extent, around it."""
+_FLATTEST = 0.5
+"""Height of a picture over its width, and the other way round, at the least."""
 
 
 def write_route_picture(
@@ -26,24 +29,22 @@ def write_route_picture(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_INCHES, _INCHES), dpi=150, layout="constrained")
+    way = route.waypoints
+    low, high = _extent(way)
+    figure = Figure(figsize=tuple(_INCHES * (high - low) / (high - low).max()), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for kind in ("unseen", "static", "crowd"):
         members = [zone for zone in zones if zone.kind == kind]
         _draw_zones(axes, members, kind, clearance_m)
-    way = route.waypoints
     axes.plot(*way[[0, -1]].T, color="#666666", linestyle=":", linewidth=1.2, label="as the crow flies")
     axes.plot(*way.T, color="#0b7a3b", linewidth=2.2, label=f"way, {route.length_m:.0f} m")
     axes.plot(*way[1:-1].T, "o", color="#0b7a3b", markersize=4)
     for name, place in (("start", way[0]), ("goal", way[-1])):
         axes.plot(*place, "o", color="#0b7a3b", markersize=8, markeredgecolor="white", zorder=4)
         axes.annotate(name, place, xytext=(-10, -16), textcoords="offset points")
-    low, high = way.min(axis=0), way.max(axis=0)
-    reach = max(float((high - low).max()), 10.0) * (0.5 + _MARGIN)
-    middle = (low + high) / 2
-    axes.set_xlim(middle[0] - reach, middle[0] + reach)
-    axes.set_ylim(middle[1] - reach, middle[1] + reach)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
@@ -54,9 +55,20 @@ def write_route_picture(
         figure.savefig(temporary, format="png")
 
 
+def _extent(way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """South-west and north-east corner of what is drawn [2] of a way [N, 2], m."""
+    low, high = way.min(axis=0), way.max(axis=0)
+    largest = max(float((high - low).max()), 10.0)
+    reach = np.maximum((high - low) / 2, _FLATTEST * largest / 2) + _MARGIN * largest
+    middle = (low + high) / 2
+    return middle - reach, middle + reach
+
+
 def _draw_zones(axes: Any, zones: Sequence[Zone], kind: str, clearance_m: float) -> None:
     from matplotlib.patches import PathPatch
+    from matplotlib.patheffects import withStroke
 
+    halo = [withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
     label: str | None = _NAMES[kind]
     for zone in zones:
         if clearance_m > 0.0:
@@ -72,8 +84,9 @@ def _draw_zones(axes: Any, zones: Sequence[Zone], kind: str, clearance_m: float)
                 (place.x, place.y),
                 ha="center",
                 va="center",
-                color="white",
+                color="#3a0010",
                 weight="bold",
+                path_effects=halo,
                 clip_on=True,
             )
 
