@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector_training.exporter_notes import forget_exporter_notes
 from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
 
 METADATA_KEY = "crowdfence"
@@ -49,5 +50,7 @@ def export_onnx(network: CrowdNet, target: int, contract: Contract, path: Path) 
         )
     assert program is not None
     program.model.metadata_props[METADATA_KEY] = json.dumps(contract.to_json())
+    proto = program.model_proto
+    forget_exporter_notes(proto)
     with atomic_path(path) as part:
-        program.save(str(part), external_data=False)
+        part.write_bytes(proto.SerializeToString())
