@@ -78,6 +78,8 @@ def test_cells_against_exact_areas(mask: NDArray[np.bool_], rows: int, columns: 
     except ValueError as error:
         assert "proportion" in str(error)
         return
+    if abs(height * columns / width - rows) >= 1.0 or abs(width * rows / height - columns) >= 1.0:
+        return  # cells of a whole stride that reach beyond the image: 1 x 9 pixels as 1 x 5 cells of 2 x 2
     area = Fraction(height * width, rows * columns)
     for row in range(rows):
         for column in range(columns):
