@@ -1,8 +1,8 @@
 """Questions of a planner: `ClearAir` beside plain shapely in the same run, microseconds of CPU time each.
 
 Plain shapely is one point or one line against the union of all zones, prepared, in a loop and as one array:
-no heights, no times, no name of the zone that is met. Of a clearance it is the distance of the union, and as an
-array that of the nearest outline in a tree: 0 inside, however deep.
+no heights, no times, no name of the zone that is met. Of a clearance it is the distance of the union, and as
+an array that of the nearest outline in a tree: 0 inside, however deep.
 """
 
 import time
@@ -27,9 +27,7 @@ SECOND_NS = 1_000_000_000
 
 def main() -> None:
     print(f"{QUESTIONS} questions over {INSTANTS} instants; fastest of {REPEATS}; {machine()}\n")
-    print(
-        "| zones | point | plain shapely: loop | array | leg of 30 m | loop | array | clearance | loop | array |"
-    )
+    print("| zones | point | plain: loop | array | leg of 30 m | loop | array | clearance | loop | array |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for count in (10, 100, 1_000, 10_000):
         _print_row(count, np.random.default_rng(count))
