@@ -56,6 +56,7 @@ REFUSALS = {
     "CrowdMap.state": ["StampError", "CrowdfenceError"],
     "CrowdMap.seen_probability": ["StampError"],
     "CrowdMap.crowd_columns": ["StampError", "CrowdfenceError"],
+    "CrowdMap.closed_columns": ["StampError", "CrowdfenceError"],
     "CrowdMap.last_seen_ns": ["CrowdfenceError"],
     "CrowdMap.seen_by": ["CrowdfenceError"],
     "CrowdMap.from_bytes": ["MapFileError"],

@@ -991,9 +991,30 @@ class CrowdMap:
         """
     def crowd_columns(self, stamp_ns: int, *, threshold: float | None = None) -> CrowdColumns:
         """The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones
-        are drawn on. Costs what was seen, not the map.
+        are drawn on. Costs what holds crowd and what was seen since the last call, not the map.
 
         threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+
+        StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+        """
+    def closed_columns(
+        self,
+        stamp_ns: int,
+        closed: ArrayLike,
+        *,
+        threshold: float,
+        off_threshold: float,
+        least: float | None = None,
+    ) -> CrowdColumns:
+        """The columns that hold crowd, and those of `closed` [C, 2] (i, j), in any order, that are not
+        known to hold none; at a stamp not before the newest instant. Costs `closed` beside what
+        `crowd_columns` costs.
+
+        threshold      in (0, 1]: a column with a voxel at or above it holds crowd
+        off_threshold  in (0, `threshold`]: one that is closed is told down to this one; of every column the
+                       voxels at or above it
+        least          in (0, `off_threshold`]: of a column of `closed` that has none of these, the voxels at
+                       or above this one; None = `off_threshold`
 
         StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
         """

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
@@ -113,6 +113,27 @@ def test_what_evidence_forgets_stays_closed_until_somebody_looks() -> None:
     assert [zone.cell_count for zone in engine.step(120 * SECOND_NS)] == [1]
     look(crowd_map, "uav1", 121 * SECOND_NS, ids_of[2:3], 0.0)
     assert told(engine.step(121 * SECOND_NS)) == [("expired", "Z1")]
+
+
+def test_two_looks_in_a_row_open_ground_where_two_are_asked_for() -> None:
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=0.5).fusion_method(terrain, drones=1))
+    rules = dataclasses.replace(ZoneConfig().rules(crowd_map.method.default_threshold), opening_looks=2)
+    engine = ZoneEngine(crowd_map, rules)
+    seconds = iter(range(0, 600, 60))  # so far apart that each look stands alone
+
+    def closed_after(mean: float | None) -> int:
+        stamp_ns = next(seconds) * SECOND_NS
+        if mean is not None:
+            look(crowd_map, "uav1", stamp_ns, np.arange(3), mean)
+        zones = engine.step(stamp_ns)
+        engine.restore(engine.to_bytes())  # as a service that was started again goes on
+        return sum(zone.cell_count for zone in zones)
+
+    # Crowd; a look that finds none; crowd again; nobody looks; none twice.
+    assert [closed_after(mean) for mean in (0.95, 0.0, 0.95, 0.0, None, 0.0)] == [3, 3, 3, 3, 3, 0]
+    with pytest.raises(ValueError, match="opening_looks is 0; it must be at least 1"):
+        dataclasses.replace(rules, opening_looks=0)
 
 
 def test_ground_stays_closed_between_the_two_thresholds() -> None:
@@ -355,3 +376,89 @@ def test_ten_thousand_zones_at_once() -> None:
     assert max(len(zone.id) for zone in first) == 4  # "Z7PS"
     assert ids(again) == ids(first) and told(again) == []
     assert all(zone.area_m2 == 1.0 and zone.evidence[0].looks == 2 for zone in again)
+
+
+class EverythingRead:
+    """Which columns are closed, from every voxel of the map at every instant."""
+
+    def __init__(self, crowd_map: CrowdMap, threshold: float, off_threshold: float) -> None:
+        self._map, self._threshold, self._off = crowd_map, threshold, off_threshold
+        ids = np.arange(crowd_map.terrain.voxel_count)
+        self._places = [tuple(place) for place in crowd_map.terrain.voxel_indices(ids)[:, :2].tolist()]
+        self.closed: set[tuple[int, ...]] = set()
+        self._stepped_ns = -1
+
+    def step(self, stamp_ns: int) -> None:
+        method = self._map.method
+        prior = method.parameters["prior"] if method.name == "evidence" else None
+        last_ns = self._map.last_seen_ns()
+        largest: dict[tuple[int, ...], float] = {}
+        newest: dict[tuple[int, ...], int] = {}
+        for place, value, seen_ns in zip(
+            self._places, self._map.probability(stamp_ns), last_ns.tolist(), strict=True
+        ):
+            if seen_ns >= 0:
+                largest[place] = max(value, largest.get(place, 0.0))
+                newest[place] = max(seen_ns, newest.get(place, -1))
+        now = {place for place, value in largest.items() if value >= self._threshold}
+        for place in self.closed & largest.keys():
+            unlooked = newest[place] <= self._stepped_ns
+            if prior is not None and unlooked:
+                held = largest[place] >= min(prior * (1.0 - 1e-9), self._off)
+            else:
+                held = largest[place] >= self._off
+            if held:
+                now.add(place)
+        self.closed, self._stepped_ns = now, stamp_ns
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    name=st.sampled_from(["evidence", "paper", "or"]),
+    low=st.sampled_from([1.0, 0.6, 0.1]),
+)
+def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: float) -> None:
+    """Over any history: looks anywhere, late ones too, times without a look, ground that is forgotten. At
+    each instant an engine on a map that was read from bytes, which knows nothing of what was read before,
+    makes the same zones, and every column is judged as a scan of all voxels judges it."""
+    rng = np.random.default_rng(seed)
+    occupied = np.ones((40, 40, 2), bool)
+    occupied[rng.random((40, 40)) < 0.7, 1] = False
+    terrain = Terrain.from_occupancy(occupied, 1.0)
+    method = {
+        "evidence": EvidenceConfig(memory_s=4.0).fusion_method(terrain, drones=2),
+        "paper": Paper(Rates(0.9, 0.1), 0.2, alpha=0.7, decay=0.1, fleet_size=2),
+        "or": Or(b_threshold=0.5),
+    }[name]
+    crowd_map = CrowdMap(terrain, method)
+    threshold = method.default_threshold
+    rules = ZoneConfig(off_threshold=low * threshold, min_area_m2=2.0, buffer_m=1.0).rules(threshold)
+    engine, slow = ZoneEngine(crowd_map, rules), EverythingRead(crowd_map, threshold, low * threshold)
+    centres = terrain.voxel_centers(np.arange(terrain.voxel_count))[:, :2]
+    stamp_ns = newest_ns = 1000 * SECOND_NS
+    ever = 0
+    for _ in range(9):
+        in_order = name == "paper"
+        stamp_ns += int(rng.uniform(0.1 if in_order else -2.0, 6.0) * SECOND_NS)
+        newest_ns = max(newest_ns, stamp_ns)
+        corner, size = rng.uniform(0, 40, 2), rng.uniform(1, 25)
+        seen = np.flatnonzero(((centres >= corner) & (centres < corner + size)).all(axis=1))
+        if len(seen):
+            crowd = np.hypot(*(centres[seen] - corner - size / 2).T) < size / rng.uniform(2, 6)
+            mean = np.where(crowd, rng.choice([0.95, 0.3]), rng.choice([0.0, 0.1, 0.02]))
+            look(crowd_map, f"uav{rng.integers(2)}", stamp_ns, seen, mean)
+        step_ns = newest_ns + int(rng.choice([0, 0, 1, 20]) * SECOND_NS)
+        if step_ns > newest_ns and in_order:
+            stamp_ns = newest_ns = step_ns
+        other = ZoneEngine(CrowdMap.from_bytes(crowd_map.to_bytes(), terrain), rules)
+        other.restore(engine.to_bytes())
+        zones = engine.step(step_ns)
+        assert zones == other.step(step_ns)
+        slow.step(step_ns)
+        closed = {tuple(place) for place in engine._closed.columns.tolist()}
+        assert closed == slow.closed
+        ever += len(closed)
+        expected = np.flatnonzero((crowd_map.probability(step_ns) >= threshold) & crowd_map.seen())
+        np.testing.assert_array_equal(engine.crowd_voxel_ids, expected)
+    assume(ever)

@@ -1,12 +1,12 @@
 use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
-use crowdfence::{CrowdMap, Observation, Update, View};
+use crowdfence::{ClosedFrom, CrowdMap, Observation, Update, View};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::arrays::{id_array, refuse, rows};
+use crate::arrays::{Array, id_array, refuse, rows};
 use crate::crowd_columns::PyCrowdColumns;
 use crate::errors::MapFileError;
 use crate::method::{MethodArgument, method_object};
@@ -349,7 +349,7 @@ impl PyCrowdMap {
     }
 
     /// The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones
-    /// are drawn on. Costs what was seen, not the map.
+    /// are drawn on. Costs what holds crowd and what was seen since the last call, not the map.
     ///
     /// threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     ///
@@ -365,6 +365,35 @@ impl PyCrowdMap {
             map.crowd_columns(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
         })?;
         Ok(PyCrowdColumns(columns))
+    }
+
+    /// The columns that hold crowd, and those of `closed` [C, 2] (i, j), in any order, that are not
+    /// known to hold none; at a stamp not before the newest instant. Costs `closed` beside what
+    /// `crowd_columns` costs.
+    ///
+    /// threshold      in (0, 1]: a column with a voxel at or above it holds crowd
+    /// off_threshold  in (0, `threshold`]: one that is closed is told down to this one; of every column the
+    ///                voxels at or above it
+    /// least          in (0, `off_threshold`]: of a column of `closed` that has none of these, the voxels at
+    ///                or above this one; None = `off_threshold`
+    ///
+    /// StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+    #[pyo3(signature = (stamp_ns, closed, *, threshold, off_threshold, least=None))]
+    fn closed_columns(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        closed: &Bound<'_, PyAny>,
+        threshold: f64,
+        off_threshold: f64,
+        least: Option<f64>,
+    ) -> PyResult<PyCrowdColumns> {
+        let places: Vec<i64> = Array::new(closed, "closed", &[None, Some(2)])?.to_vec()?;
+        let inside = |index: i64| i32::try_from(index).ok();
+        let places: Vec<[i32; 2]> =
+            places.chunks_exact(2).filter_map(|at| Some([inside(at[0])?, inside(at[1])?])).collect();
+        let from = ClosedFrom { threshold, off_threshold, least: least.unwrap_or(off_threshold) };
+        Ok(PyCrowdColumns(self.read(py, |map| map.closed_columns(stamp_ns, from, &places))?))
     }
 
     /// Union of the fields of view so far (equation 4): [V] bool per voxel.

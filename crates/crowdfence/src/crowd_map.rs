@@ -10,6 +10,7 @@ mod fuse;
 mod history;
 mod instants;
 mod pages;
+mod quiet;
 mod reading;
 mod voxel_state;
 
@@ -26,13 +27,15 @@ use crate::stamp::{check_stamp, check_unit, seconds_between};
 use crate::terrain::Terrain;
 use crate::view::View;
 
-pub use columns::{CrowdColumn, CrowdColumns};
+pub use columns::{ClosedFrom, CrowdColumn, CrowdColumns};
 pub use voxel_state::{VoxelKnowledge, VoxelState};
 
 use beliefs::Beliefs;
 use fuse::{Fused, Views, fuse};
 use history::History;
 use instants::Instant;
+use pages::PAGE_LENGTH;
+use quiet::Quiet;
 use reading::{Reading, StateRule};
 
 /// A view stamped this close to its instant counts as taken then. One that is older counts at its own stamp: what
@@ -46,6 +49,7 @@ pub struct CrowdMap {
     max_gap_s: f64,
     history: History,
     beliefs: Beliefs,
+    quiet: Quiet,
 }
 
 /// What one instant changed.
@@ -78,6 +82,7 @@ impl CrowdMap {
             max_gap_s,
             history: History::new(voxel_count),
             beliefs: Beliefs::new(method, voxel_count),
+            quiet: Quiet::default(),
         })
     }
 
@@ -107,6 +112,7 @@ impl CrowdMap {
         let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
             fuse(beliefs, &mut self.history, views, now)
         });
+        self.quiet.wake(voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH));
         self.remember(&observations, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
@@ -320,6 +326,10 @@ impl CrowdMap {
 /// A probability from which a voxel is called crowd.
 fn check_threshold(threshold: f64) -> Result<()> {
     require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")
+}
+
+fn in_one_page(one: &u32, other: &u32) -> bool {
+    *one as usize / PAGE_LENGTH == *other as usize / PAGE_LENGTH
 }
 
 fn order_of<M: FusionMethod>(_: &M) -> InstantOrder {

@@ -94,6 +94,12 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// Probability from which a voxel is called crowd unless the caller says otherwise.
     fn default_threshold(&self) -> f64;
 
+    /// Is every belief below this probability below it for as long as nobody looks? Whoever asks for crowd then reads
+    /// what was seen since, and not what was seen before.
+    fn stays_below(&self, _probability: f64) -> bool {
+        false
+    }
+
     /// Does a place with this probability, below the threshold, count as empty? If not it was looked at, and that
     /// showed neither.
     fn clears(&self, _probability: f64) -> bool {

@@ -44,7 +44,7 @@ class FrameLoop:
     """Keeps a crowd map and its zones up to date. `run`, `evaluate` and a live service differ in where views
     come from and in what becomes of the steps, and in nothing else.
 
-    A step costs what was seen so far, never the map.
+    A step costs what was seen at it and what is closed, never the map.
     """
 
     def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig, static_zones: Sequence[Zone] = ()) -> None:

@@ -20,7 +20,7 @@ _LATEST_NS = np.iinfo(np.int64).max // 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnBelief:
-    """Columns of the terrain that hold crowd, sorted by i, then j."""
+    """Columns of the terrain that hold crowd or did, sorted by i, then j."""
 
     columns: CrowdColumns
     valid_until_ns: NDArray[np.int64] | None
@@ -30,10 +30,21 @@ class ColumnBelief:
     """[C, 2] Bounds of the probability of each column; None where the method has none."""
 
 
-def column_belief(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> ColumnBelief:
-    """The columns that are at or above a threshold at a stamp not before the newest instant."""
-    columns = crowd_map.crowd_columns(stamp_ns, threshold=threshold)
-    until_ns = _valid_until_ns(crowd_map, columns, stamp_ns, threshold)
+def column_belief(
+    crowd_map: CrowdMap,
+    stamp_ns: int,
+    closed: NDArray[np.int64],
+    *,
+    threshold: float,
+    off_threshold: float,
+    least: float,
+) -> ColumnBelief:
+    """The columns that are at or above a threshold at a stamp not before the newest instant, and those of
+    `closed` [C, 2] that are not below `least`. Costs both, and what was seen since the last call."""
+    columns = crowd_map.closed_columns(
+        stamp_ns, closed, threshold=threshold, off_threshold=off_threshold, least=least
+    )
+    until_ns = _valid_until_ns(crowd_map, columns, stamp_ns, off_threshold)
     return ColumnBelief(columns, until_ns, _interval(crowd_map, columns, stamp_ns))
 
 

@@ -5,8 +5,9 @@
 Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, its
 ground stays closed until somebody looks again.
 
-An instant costs what was seen so far; outlines, buffers and fewer corners are worked out again only for zones
-whose columns changed. The same instants give the same zones, to the bit.
+An instant costs what was seen at it and what is closed, and not what was seen before; outlines, buffers and
+fewer corners are worked out again only for zones whose columns changed. The same instants give the same
+zones, to the bit.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class ZoneEngine:
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
         self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
-        self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold)
+        self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
         # A method without this parameter weighs values in its own way.
@@ -76,7 +77,7 @@ class ZoneEngine:
         rules = self.rules
         belief, keys, is_crowd = self._closed.step(stamp_ns)
         columns = belief.columns
-        self.crowd_voxel_ids = np.sort(self._at_threshold(columns, stamp_ns).voxel_ids)
+        self.crowd_voxel_ids = self._at_threshold(columns, stamp_ns)
         region = np.full(len(keys), -1, dtype=np.int64)
         runs = Runs.of(columns.indices[is_crowd])
         region[is_crowd] = np.repeat(largest_first(runs), runs.length)
@@ -105,6 +106,7 @@ class ZoneEngine:
         """What the next step depends on beside the crowd map, to go on from."""
         arrays = {
             "closed": self._closed.keys,
+            "closed_below": self._closed.below,
             "crowd_voxel_ids": self.crowd_voxel_ids,
             **self._crowd.arrays(),
         }
@@ -126,7 +128,9 @@ class ZoneEngine:
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 told = json.loads(arrays["told"].tobytes())
-                self._closed.restore(arrays["closed"], told["stepped_ns"])
+                # Of one look, as builds kept it that counted no more.
+                below = arrays.get("closed_below")
+                self._closed.restore(arrays["closed"], told["stepped_ns"], below)
                 self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
                 self._evidence = {
                     name: {drone: DroneEvidence(**look) for drone, look in looks.items()}
@@ -136,11 +140,9 @@ class ZoneEngine:
         except (KeyError, TypeError, OSError) as error:
             raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
 
-    def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> CrowdColumns:
-        threshold = self.rules.threshold
-        if len(columns) and columns.probability.min() >= threshold == self.rules.off_threshold:
-            return columns
-        return self._crowd_map.crowd_columns(stamp_ns, threshold=threshold)
+    def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> NDArray[np.int64]:
+        ids = np.sort(columns.voxel_ids)
+        return ids[self._crowd_map.probability(stamp_ns, ids) >= self.rules.threshold]
 
     def _without_small(
         self, region: NDArray[np.int64], keys: NDArray[np.int64]

@@ -24,6 +24,9 @@ class ZoneRules:
     """Ground becomes crowd at this probability, in (0, 1]."""
     off_threshold: float
     """Ground stays crowd down to this one, in (0, `threshold`]."""
+    opening_looks: int = 1
+    """Where a method forgets towards "not known", so many looks in a row must find ground below
+    `off_threshold` before it is opened; >= 1. `benchmarks/evidence/opening.py` measures what 2 bring."""
     min_area_m2: float = 0.0
     """Smaller regions do not become zones, and zones end when they are smaller than half of it; >= 0."""
     max_hole_m2: float = 0.0
@@ -56,6 +59,8 @@ class ZoneRules:
                 f"off_threshold is {self.off_threshold:g}; it must be above 0 and at most the threshold "
                 f"{self.threshold:g}"
             )
+        if self.opening_looks < 1:
+            raise ValueError(f"opening_looks is {self.opening_looks}; it must be at least 1")
         for name in ("min_area_m2", "buffer_m", "simplify_m"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and >= 0")

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::beliefs::Beliefs;
 use super::reading::Reading;
 use super::{CrowdMap, check_threshold};
-use crate::error::Result;
+use crate::error::{Result, require};
 use crate::method::{FusionMethod, each_method};
 
 /// Crowd seen from above.
@@ -26,7 +26,7 @@ pub struct CrowdColumn {
     /// Grid indices k of the lowest and of the highest voxel of the terrain.
     pub bottom: i32,
     pub top: i32,
-    /// How many of its voxels are crowd.
+    /// How many of its voxels count: those at or above the threshold.
     pub crowd_count: u32,
     /// Largest probability over the voxels that were ever seen.
     pub probability: f64,
@@ -34,59 +34,134 @@ pub struct CrowdColumn {
     pub last_seen_ns: i64,
 }
 
-/// A voxel at or above the threshold.
-struct CrowdVoxel {
-    id: u32,
-    index: [i32; 3],
-    probability: f64,
+/// From which probability on columns are closed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosedFrom {
+    /// A column is closed when one of its voxels is at or above it.
+    pub threshold: f64,
+    /// One that is closed stays so down to this one, at most as high.
+    pub off_threshold: f64,
+    /// One that is closed is told down to this one, at most as high, for callers who know other reasons.
+    pub least: f64,
 }
 
 impl CrowdMap {
-    /// The columns that hold crowd, P >= `threshold`, at a stamp not before the last instant. Costs what was
-    /// seen, not the map.
+    /// The columns that hold crowd, P >= `threshold`, at a stamp not before the last instant.
+    ///
+    /// Costs what holds crowd and what was seen since the last call, where nothing becomes crowd by being forgotten
+    /// ([`FusionMethod::stays_below`]), and what was seen so far elsewhere.
     pub fn crowd_columns(&self, stamp_ns: i64, threshold: f64) -> Result<CrowdColumns> {
+        self.closed_columns(
+            stamp_ns,
+            ClosedFrom { threshold, off_threshold: threshold, least: threshold },
+            &[],
+        )
+    }
+
+    /// The columns that hold crowd, and those of `closed` (i, j), in any order, that are not known to hold none. The
+    /// voxels of a column are those at or above the off threshold or, where there are none, `least`. Costs `closed`
+    /// beside what [`CrowdMap::crowd_columns`] costs.
+    pub fn closed_columns(
+        &self,
+        stamp_ns: i64,
+        from: ClosedFrom,
+        closed: &[[i32; 2]],
+    ) -> Result<CrowdColumns> {
         let now = self.moment(stamp_ns)?;
-        check_threshold(threshold)?;
-        let mut crowd = each_method!(&self.beliefs, Beliefs, beliefs => {
-            self.crowd_voxels(Reading::new(beliefs, &self.history, now), threshold)
+        from.check()?;
+        let columns: Vec<Column> = each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            let places = self.with_crowd_places(&reading, now.stamp_ns, from.threshold, closed);
+            places.par_iter().filter_map(|&place| self.column(&reading, from, place)).collect()
         });
-        crowd.par_sort_unstable_by_key(|voxel| (voxel.index[0], voxel.index[1], voxel.id));
-        let columns = crowd
-            .par_chunk_by(|a, b| a.index[..2] == b.index[..2])
-            .map(|crowd| self.crowd_column(crowd))
-            .collect();
-        Ok(CrowdColumns { columns, voxel_ids: crowd.into_iter().map(|voxel| voxel.id).collect() })
-    }
-
-    fn crowd_voxels<M: FusionMethod>(&self, reading: Reading<'_, M>, threshold: f64) -> Vec<CrowdVoxel> {
-        let crowd = reading.of_seen(|id, p| (p >= threshold).then_some((id, p)));
-        let (ids, probability): (Vec<u32>, Vec<f64>) = crowd.into_iter().unzip();
-        let indices = self.terrain.indices_of(&ids);
-        (0..ids.len())
-            .map(|row| CrowdVoxel { id: ids[row], index: indices[row], probability: probability[row] })
-            .collect()
-    }
-
-    /// `crowd` are the crowd voxels of one column.
-    fn crowd_column(&self, crowd: &[CrowdVoxel]) -> CrowdColumn {
-        let [i, j, _] = crowd[0].index;
-        let mut column = CrowdColumn {
-            i,
-            j,
-            bottom: i32::MAX,
-            top: i32::MIN,
-            crowd_count: crowd.len() as u32,
-            // What is below the threshold is below this too.
-            probability: crowd.iter().fold(0.0, |largest, voxel| voxel.probability.max(largest)),
-            last_seen_ns: i64::MIN,
-        };
-        for (k, id) in self.terrain.column(i, j) {
-            column.bottom = column.bottom.min(k);
-            column.top = column.top.max(k);
-            column.last_seen_ns = column.last_seen_ns.max(self.last_seen_ns_of(id).unwrap_or(i64::MIN));
+        let mut crowd_columns = CrowdColumns::default();
+        for Column { told, voxel_ids } in columns {
+            crowd_columns.columns.push(told);
+            crowd_columns.voxel_ids.extend(voxel_ids);
         }
-        column
+        Ok(crowd_columns)
     }
+
+    /// Places of columns with crowd and those of `closed`, sorted.
+    fn with_crowd_places<M: FusionMethod>(
+        &self,
+        reading: &Reading<'_, M>,
+        stamp_ns: i64,
+        threshold: f64,
+        closed: &[[i32; 2]],
+    ) -> Vec<[i32; 2]> {
+        let ids = self.crowd_ids(reading, stamp_ns, threshold);
+        let mut places: Vec<[i32; 2]> =
+            self.terrain.indices_of(&ids).iter().map(|&[i, j, _]| [i, j]).collect();
+        places.extend(closed);
+        places.par_sort_unstable();
+        places.dedup();
+        places
+    }
+
+    fn crowd_ids<M: FusionMethod>(
+        &self,
+        reading: &Reading<'_, M>,
+        stamp_ns: i64,
+        threshold: f64,
+    ) -> Vec<u32> {
+        if !reading.method().stays_below(threshold) {
+            return reading.of_seen(|id, p| (p >= threshold).then_some(id));
+        }
+        let mut pages = self.quiet.take(threshold, self.history.looks.written().map(|(number, _)| number));
+        let numbers = pages.to_read(stamp_ns);
+        let mut crowd = Vec::new();
+        for (&number, (largest, ids)) in numbers.iter().zip(reading.crowd_of(&numbers, threshold)) {
+            pages.found(number, largest, stamp_ns);
+            crowd.extend(ids);
+        }
+        self.quiet.put(pages);
+        crowd
+    }
+
+    /// The column at a place; None where none of its voxels is at or above any of the three.
+    fn column<M: FusionMethod>(
+        &self,
+        reading: &Reading<'_, M>,
+        from: ClosedFrom,
+        [i, j]: [i32; 2],
+    ) -> Option<Column> {
+        let (mut bottom, mut top, mut last_seen_ns) = (i32::MAX, i32::MIN, i64::MIN);
+        let mut seen: Vec<(u32, f64)> = Vec::new();
+        for (k, id) in self.terrain.column(i, j) {
+            (bottom, top) = (bottom.min(k), top.max(k));
+            if let Some(look) = self.history.last_look(id) {
+                last_seen_ns = last_seen_ns.max(look.stamp_ns);
+                seen.push((id, reading.probability(id)));
+            }
+        }
+        let probability = seen.iter().fold(0.0, |largest: f64, voxel| voxel.1.max(largest));
+        let least = [from.off_threshold, from.least].into_iter().find(|&least| probability >= least)?;
+        let mut voxel_ids: Vec<u32> =
+            seen.iter().filter(|voxel| voxel.1 >= least).map(|voxel| voxel.0).collect();
+        voxel_ids.sort_unstable();
+        let crowd_count = voxel_ids.len() as u32;
+        Some(Column {
+            told: CrowdColumn { i, j, bottom, top, crowd_count, probability, last_seen_ns },
+            voxel_ids,
+        })
+    }
+}
+
+impl ClosedFrom {
+    fn check(self) -> Result<()> {
+        check_threshold(self.threshold)?;
+        let ClosedFrom { threshold, off_threshold, least } = self;
+        let off = off_threshold > 0.0 && off_threshold <= threshold;
+        require(off, "off_threshold", off_threshold, "above 0 and at most the threshold")?;
+        require(least > 0.0 && least <= off_threshold, "least", least, "above 0 and at most off_threshold")
+    }
+}
+
+/// A column and those of its voxels that count.
+struct Column {
+    told: CrowdColumn,
+    voxel_ids: Vec<u32>,
 }
 
 #[cfg(test)]
@@ -99,7 +174,7 @@ mod tests {
 
     use super::*;
     use crate::back_projection::{Coverage, Projection};
-    use crate::method::{DecayUnit, Initial, Method, Or, Paper};
+    use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Method, Or, Paper};
     use crate::observation::{CrowdMass, Observation, SeenVoxels};
     use crate::opinion_pool::{OpinionPool, Rates, Unseen};
     use crate::temporal_blend::TemporalBlend;
@@ -115,6 +190,23 @@ mod tests {
         Method::Paper(Paper::new(pool, blend, 1, Initial::Zero, DecayUnit::Second).unwrap())
     }
 
+    /// A look says between an evidence of -1 and of 1.7 above the prior; a third of it is left after 10 s.
+    fn evidence(prior: f64) -> Method {
+        let ratios = vec![-2.0, 0.3, 1.4, 2.0, 3.4];
+        let likelihood = LikelihoodRatio::new(vec![], vec![], vec![0.2, 0.4, 0.6, 0.8], ratios).unwrap();
+        let settings = EvidenceSettings {
+            prior,
+            memory_s: 10.0,
+            sharp_gsd_m: 1.0,
+            doubt: 1.0,
+            agreement: 0.5,
+            threshold: 0.5,
+            cleared: prior / 2.0,
+            focal_px: 100.0,
+        };
+        Method::Evidence(Evidence::new(Arc::new(likelihood), settings).unwrap())
+    }
+
     fn map(voxels: &[[i32; 3]], method: Method) -> CrowdMap {
         let terrain = Arc::new(Terrain::from_indices(voxels, 1.0, DVec3::ZERO).unwrap());
         CrowdMap::new(terrain, method, Projection::new(100.0, 0.0, Coverage::Rays).unwrap(), 3600.0).unwrap()
@@ -122,6 +214,10 @@ mod tests {
 
     /// One drone says what it thinks of some voxels, at second `second`.
     fn look(map: &mut CrowdMap, second: i64, means: &BTreeMap<u32, f64>) {
+        look_at(map, second * SECOND, means);
+    }
+
+    fn look_at(map: &mut CrowdMap, stamp_ns: i64, means: &BTreeMap<u32, f64>) {
         let seen = SeenVoxels {
             ids: means.keys().copied().collect(),
             mean: means.values().copied().collect(),
@@ -129,7 +225,6 @@ mod tests {
             range_m: vec![10.0; means.len()],
             tilt_deg: vec![90.0; means.len()],
         };
-        let stamp_ns = second * SECOND;
         let observation =
             Observation::new(map.terrain.key(), "a", stamp_ns, seen, vec![], CrowdMass::default()).unwrap();
         map.integrate_observations(vec![observation], stamp_ns).unwrap();
@@ -218,5 +313,135 @@ mod tests {
             let stamp_ns = 20 * SECOND;
             prop_assert_eq!(map.crowd_columns(stamp_ns, THRESHOLD).unwrap(), slow_columns(&map, stamp_ns));
         }
+    }
+
+    /// A square of 64 x 64 columns: four pages.
+    fn square(method: Method) -> CrowdMap {
+        let voxels: Vec<[i32; 3]> = (0..64 * 64).map(|at| [at / 64, at % 64, (at / 7) % 3]).collect();
+        map(&voxels, method)
+    }
+
+    fn method_of(number: u8) -> Method {
+        match number {
+            0 => paper(),
+            1 => Method::Or(Or::new(0.5).unwrap()),
+            _ => evidence(0.01),
+        }
+    }
+
+    #[derive(Debug, Clone)]
+    struct Deed {
+        /// Of the look after the one before, in tenths of a second: methods whose order is free are given older ones.
+        after: i64,
+        corner: (i32, i32),
+        side: i32,
+        mean: f64,
+        /// When the map is read, tenths of a second after its newest instant.
+        read_after: i64,
+    }
+
+    fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+        let deed = (
+            -30i64..80,
+            (0..60i32, 0..60i32),
+            1..30i32,
+            prop_oneof![Just(1.0), Just(0.0), 0.0..=1.0],
+            0..60i64,
+        );
+        let deed = deed.prop_map(|(after, corner, side, mean, read_after)| Deed {
+            after,
+            corner,
+            side,
+            mean,
+            read_after,
+        });
+        prop::collection::vec(deed, 1..14)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        /// Whatever was read before, at whichever stamps, and wherever nobody looked since.
+        #[test]
+        fn reading_what_changed_finds_what_reading_everything_finds(
+            deeds in deeds(), number in 0u8..3, threshold in prop_oneof![Just(0.3), Just(0.07), 0.005..0.6],
+        ) {
+            let mut map = square(method_of(number));
+            let in_order = number == 0;
+            let (mut stamp_ns, mut newest_ns) = (1000 * SECOND, 0);
+            for deed in deeds {
+                let step = if in_order { deed.after.abs() + 1 } else { deed.after };
+                stamp_ns += step * SECOND / 10;
+                newest_ns = newest_ns.max(stamp_ns);
+                let (low, high) = (deed.corner, (deed.corner.0 + deed.side, deed.corner.1 + deed.side));
+                let inside = |[i, j, _]: [i32; 3]| i >= low.0 && i < high.0 && j >= low.1 && j < high.1;
+                let all = 0..map.terrain.voxel_count() as u32;
+                let means = all.filter(|&id| inside(map.terrain.index(id))).map(|id| (id, deed.mean)).collect();
+                look_at(&mut map, stamp_ns, &means);
+                let read_ns = newest_ns + deed.read_after * SECOND / 10;
+                let fresh = map.clone();
+                prop_assert_eq!(
+                    map.crowd_columns(read_ns, threshold).unwrap(),
+                    fresh.crowd_columns(read_ns, threshold).unwrap()
+                );
+            }
+        }
+
+        #[test]
+        fn closed_columns_are_those_of_a_scan(
+            means in prop::collection::vec(0.0..=1.0, 40), closed in prop::collection::vec((0i32..9, 0i32..9), 0..30),
+        ) {
+            let voxels: Vec<[i32; 3]> = (0..40).map(|at| [at % 5, at / 5 % 4, at / 20 * 3]).collect();
+            let mut map = map(&voxels, evidence(0.2));
+            look(&mut map, 0, &(0..).zip(means).collect());
+            let from = ClosedFrom { threshold: 0.5, off_threshold: 0.3, least: 0.1 };
+            let closed: Vec<[i32; 2]> = closed.into_iter().map(<[i32; 2]>::from).collect();
+            let found = map.closed_columns(0, from, &closed).unwrap();
+            let mut told = Vec::new();
+            for column in &found.columns {
+                told.push((column.i, column.j));
+            }
+            let mut expected = Vec::new();
+            let mut ids = Vec::new();
+            for (i, j) in (0..5).flat_map(|i| (0..4).map(move |j| (i, j))) {
+                let mut column: Vec<u32> = map.terrain.column(i, j).map(|voxel| voxel.1).collect();
+                column.sort_unstable();
+                let values = map.probability_of(&column, 0).unwrap();
+                let largest = values.iter().copied().fold(0.0, f64::max);
+                let least = if closed.contains(&[i, j]) { 0.1 } else { 0.5 };
+                if largest >= least {
+                    let level = if largest >= 0.3 { 0.3 } else { 0.1 };
+                    expected.push((i, j));
+                    ids.extend(column.iter().zip(&values).filter(|(_, value)| **value >= level).map(|(id, _)| *id));
+                }
+            }
+            prop_assert_eq!(told, expected);
+            prop_assert_eq!(found.voxel_ids, ids);
+        }
+    }
+
+    #[test]
+    fn pages_without_crowd_are_not_read_again() {
+        let mut map = square(evidence(0.2));
+        look(&mut map, 0, &(0..64 * 64).map(|id| (id, 0.0)).collect());
+        map.crowd_columns(0, THRESHOLD).unwrap();
+        let read = |map: &CrowdMap, second: i64| {
+            let pages = map.quiet.take(THRESHOLD, 0..0);
+            let numbers = pages.to_read(second * SECOND);
+            map.quiet.put(pages);
+            numbers
+        };
+        assert_eq!(read(&map, 0), Vec::<usize>::new());
+        // Crowd is found on the second page: only that one is read, as long as it has crowd.
+        for second in 1..4 {
+            look(&mut map, second, &BTreeMap::from([(1030, 1.0)]));
+        }
+        assert_eq!(read(&map, 3), [1]);
+        assert_eq!(map.crowd_columns(3 * SECOND, THRESHOLD).unwrap().voxel_ids, [1030]);
+        assert_eq!(read(&map, 4), [1]);
+        // What is read at a later stamp says nothing of an earlier one.
+        assert!(map.crowd_columns(1000 * SECOND, THRESHOLD).unwrap().columns.is_empty());
+        assert_eq!((read(&map, 1000), read(&map, 4)), (vec![], vec![1]));
+        assert_eq!(map.crowd_columns(4 * SECOND, THRESHOLD).unwrap().voxel_ids, [1030]);
     }
 }

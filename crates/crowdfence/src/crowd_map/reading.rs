@@ -43,6 +43,10 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         Reading { beliefs, history, now, fading: fading(&beliefs.method, &history.instants, now) }
     }
 
+    pub fn method(&self) -> &M {
+        &self.beliefs.method
+    }
+
     /// Probability of crowd of a voxel; the method's initial value where nobody has looked.
     pub fn probability(&self, id: u32) -> f64 {
         match self.history.look(id) {
@@ -102,18 +106,37 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
     /// What `answer` says of the voxels that somebody has seen and of their probabilities, in the order of their
     /// ids. Costs what was seen, not the map.
     pub fn of_seen<T: Send>(&self, answer: impl Fn(u32, f64) -> Option<T> + Sync) -> Vec<T> {
-        let pages: Vec<(usize, &[u32])> = self.history.looks.written().collect();
-        let answers = |&(number, looks): &(usize, &'a [u32])| {
-            let beliefs = self.beliefs.pages.page(number).unwrap_or(&[]);
-            let (answer, first) = (&answer, (number * PAGE_LENGTH) as u32);
-            looks.iter().zip(beliefs).zip(first..).filter_map(move |((&code, &belief), id)| {
-                match Look::from_code(code) {
-                    Look::At(slot) => answer(id, self.faded(belief, slot)),
-                    Look::Never | Look::Occluded => None,
-                }
-            })
-        };
+        let pages: Vec<usize> = self.history.looks.written().map(|(number, _)| number).collect();
+        let answers = |&number: &usize| self.of_page(number).filter_map(|(id, p)| answer(id, p));
         pages.par_iter().with_min_len(PAGES_AT_ONCE).flat_map_iter(answers).collect()
+    }
+
+    /// The largest probability of each of some pages, and the voxels that are at or above a threshold.
+    pub fn crowd_of(&self, pages: &[usize], threshold: f64) -> Vec<(f64, Vec<u32>)> {
+        let crowd_of = |&number: &usize| {
+            let (mut largest, mut crowd) = (0.0, Vec::new());
+            for (id, probability) in self.of_page(number) {
+                largest = probability.max(largest);
+                if probability >= threshold {
+                    crowd.push(id);
+                }
+            }
+            (largest, crowd)
+        };
+        pages.par_iter().with_min_len(PAGES_AT_ONCE).map(crowd_of).collect()
+    }
+
+    /// The voxels of a page that somebody has seen, in the order of their ids, and their probabilities.
+    fn of_page(&self, number: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let looks = self.history.looks.page(number).unwrap_or(&[]);
+        let beliefs = self.beliefs.pages.page(number).unwrap_or(&[]);
+        let first = (number * PAGE_LENGTH) as u32;
+        looks.iter().zip(beliefs).zip(first..).filter_map(|((&code, &belief), id)| {
+            match Look::from_code(code) {
+                Look::At(slot) => Some((id, self.faded(belief, slot))),
+                Look::Never | Look::Occluded => None,
+            }
+        })
     }
 
     fn faded(&self, belief: M::Belief, slot: u32) -> f64 {

@@ -118,6 +118,11 @@ impl FusionMethod for Evidence {
         self.settings.threshold
     }
 
+    /// Log odds fade towards the prior, from above and from below, and never beyond.
+    fn stays_below(&self, probability: f64) -> bool {
+        self.settings.prior < probability * (1.0 - 1e-9)
+    }
+
     fn clears(&self, probability: f64) -> bool {
         probability <= self.settings.cleared
     }

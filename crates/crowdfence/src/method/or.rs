@@ -41,6 +41,10 @@ impl FusionMethod for Or {
         0.5
     }
 
+    fn stays_below(&self, _probability: f64) -> bool {
+        true
+    }
+
     fn b_threshold(&self) -> f64 {
         self.b_threshold
     }

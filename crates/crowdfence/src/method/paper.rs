@@ -81,6 +81,11 @@ impl FusionMethod for Paper {
         empty + 0.25 * (one_view - empty)
     }
 
+    /// Equation 3 fades towards 0.
+    fn stays_below(&self, _probability: f64) -> bool {
+        true
+    }
+
     fn b_threshold(&self) -> f64 {
         self.pool.b_threshold()
     }
