@@ -184,7 +184,7 @@ def _padded_to_whole_cells(
     mask: NDArray[np.generic], rows: int, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """The pixels of crowd and those of the image, where cells of a whole stride cover it and reach beyond."""
-    for stride in {-(-mask.shape[0] // rows), -(-mask.shape[1] // columns)}:
+    for stride in sorted((-(-mask.shape[0] // rows), -(-mask.shape[1] // columns))):
         if (-(-mask.shape[0] // stride), -(-mask.shape[1] // stride)) == (rows, columns):
             beyond = (rows * stride - mask.shape[0], columns * stride - mask.shape[1])
             padding = [(0, pixels) for pixels in beyond]
