@@ -77,6 +77,9 @@ class Detector:
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
         self._set_up(model_shown, found, str(path), path)
 
+    def __repr__(self) -> str:
+        return f"Detector({self.contract.name!r}, stride {self.contract.output.stride})"
+
     @classmethod
     def from_callable(
         cls,
