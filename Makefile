@@ -111,6 +111,8 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 	$(BIN)/python training/picture_sizes.py python/crowdfence/detector/models/crowdnet-s.onnx $(MISSIONS)/calibration
+	$(BIN)/crowdfence model quantize python/crowdfence/detector/models/crowdnet-s.onnx --data $(MISSIONS)/calibration \
+	  -o python/crowdfence/detector/models/crowdnet-s-int8.onnx
 
 cli-reference: setup ## the options of every command -> docs/cli.md
 	$(BIN)/python -m crowdfence.cli.reference > docs/cli.md
