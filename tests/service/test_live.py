@@ -14,8 +14,9 @@ from PIL import Image
 
 from crowdfence import CrowdMap, View, project
 from crowdfence.service.clock import Clock
+from crowdfence.service.gate import Refused
 from crowdfence.service.journal import Record
-from crowdfence.service.live import Live, Refused
+from crowdfence.service.live import Live
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 from support.small_service import (

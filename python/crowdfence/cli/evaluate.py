@@ -10,7 +10,16 @@ import typer
 
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.exit_codes import GATE_NOT_MET
-from crowdfence.cli.options import DEFAULT, EVIDENCE, OR, PAPER
+from crowdfence.cli.option_sets import (
+    DetectorOptions,
+    EvidenceOptions,
+    MapOptions,
+    ProjectionOptions,
+    SourceOptions,
+    map_options,
+    takes,
+)
+from crowdfence.cli.options import OR, PAPER
 from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig
 
 if TYPE_CHECKING:
@@ -22,38 +31,14 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Instant, InstantViews
 
 
+@takes(MapOptions, SourceOptions, DetectorOptions, EvidenceOptions, ProjectionOptions, before="method")
 def evaluate(
     context: typer.Context,
     recording: options.RecordingPaths,
-    terrain: options.TerrainPath = None,
-    voxel_size_m: options.VoxelSizeM = None,
-    terrain_option: options.TerrainOption = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
-    detector: options.DetectorChoice = options.AUTO,
-    contract: options.ContractPath = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     method: Annotated[
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
     ] = None,
-    memory_s: options.MemoryS = EVIDENCE.memory_s,
-    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
-    doubt: options.Doubt = EVIDENCE.doubt,
-    agreement: options.Agreement = EVIDENCE.agreement,
-    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
-    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
-    prior: options.Prior = None,
     alpha: Annotated[
         list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
     ] = None,
@@ -71,11 +56,6 @@ def evaluate(
         float,
         typer.Option("--or-b-threshold", help="Mean heatmap value above which `or` calls a voxel crowd."),
     ] = OR.b_threshold,
-    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
-    target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
-    surface: options.SurfaceOption = options.Surface.planes,
-    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
     truth: Annotated[
         options.TruthChoice,
@@ -107,12 +87,12 @@ def evaluate(
         require_people(source)
         with replaceable_folder(report, contents=CONTENTS, force=True):
             pass
-    chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
-    map_options = options.terrain_options(
-        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    told = context.params
+    chosen = choose_detector(
+        source, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
     )
-    ground = open_terrain(source, terrain, **map_options)
-    heatmaps = heatmap_source(chosen, ground, max_range_m)
+    ground = open_terrain(source, told["terrain"], **map_options(told))
+    heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
     cells = CellCounter()
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.cli import console, options, source_options
+from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
@@ -33,13 +33,16 @@ class ClockName(str, Enum):
     views = "views"
 
 
+@takes(MapOptions, before="host")
+@takes(*FUSION, before="as_json")
 def serve(
     context: typer.Context,
     recording: Annotated[
-        Path | None,
-        typer.Argument(help="Recording to replay. Left out: live views, on the map of --terrain."),
+        list[Path] | None,
+        typer.Argument(
+            help="Recording to replay; several are one fleet. Left out: live views, on the map of --terrain."
+        ),
     ] = None,
-    terrain: options.TerrainPath = None,
     host: Annotated[
         str, typer.Option("--host", rich_help_panel=_SERVER, help="Address to listen on.")
     ] = "127.0.0.1",
@@ -84,48 +87,12 @@ def serve(
         float,
         typer.Option("--keep-h", rich_help_panel=_LIVE, help="Hours that history and pictures are kept."),
     ] = 24.0,
-    voxel_size_m: options.VoxelSizeM = None,
-    terrain_option: options.TerrainOption = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
-    detector: options.DetectorChoice = options.AUTO,
-    contract: options.ContractPath = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
-    method: options.Method = options.MethodName.evidence,
-    memory_s: options.MemoryS = EVIDENCE.memory_s,
-    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
-    doubt: options.Doubt = EVIDENCE.doubt,
-    agreement: options.Agreement = EVIDENCE.agreement,
-    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
-    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
-    prior: options.Prior = None,
-    alpha: options.Alpha = PAPER.alpha,
-    decay: options.Decay = PAPER.decay,
-    b_threshold: options.BThreshold = PAPER.b_threshold,
-    fleet_size: options.FleetSize = None,
-    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
-    target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
-    surface: options.SurfaceOption = options.Surface.planes,
-    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
-    threshold: options.Threshold = None,
-    off_threshold: options.OffThreshold = None,
-    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
-    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
-    buffer: options.Buffer = None,
-    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
-    max_vertices: options.MaxVertices = None,
-    lower_m: options.LowerM = DEFAULT.zones.lower_m,
-    upper_m: options.UpperM = DEFAULT.zones.upper_m,
-    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
-    close_unseen: options.CloseUnseen = False,
-    static_zones: options.StaticZones = None,
-    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     as_json: options.Json = False,
 ) -> None:
     """Serve the map page, the zones and the crowd map, of live views or of a recording that is replayed."""
+    chosen = context.params
     config = options.run_config(
-        options.zone_parameters(context.params), options.method_config(context.params, method)
+        options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
     from crowdfence.service.access import Access
     from crowdfence.service.logs import set_up_logs
@@ -143,8 +110,8 @@ def serve(
         keep_s=keep_h * 3600.0,
     )
     set_up_logs(as_json=json_logs)
-    opened = _replayed if recording is not None else _live
-    with opened(context.params, config, access, settings) as service:
+    opened = _replayed if recording else _live
+    with opened(chosen, config, access, settings) as service:
         serve_on(service, address, lambda url: _ready(url, service, as_json))
 
 
@@ -161,10 +128,9 @@ def _replayed(
 ) -> Iterator[Service]:
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.service.opening import replayed
-    from crowdfence.sources import open_recording
 
-    recording = open_recording(chosen["recording"])
-    ground = read_map(recording, chosen["terrain"], **_map_options(chosen))
+    recording = source_options.open_source(chosen["recording"], chosen)
+    ground = read_map(recording, chosen["terrain"], **map_options(chosen))
     with replayed(
         recording,
         ground.terrain,
@@ -190,7 +156,7 @@ def _live(
 
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
-    ground = read_map_for_live_views(chosen["terrain"], **_map_options(chosen))
+    ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
         chosen["data"],
@@ -206,15 +172,6 @@ def _live(
         static_zones=_static(chosen, ground.terrain.georeference),
     ) as service:
         yield service
-
-
-def _map_options(chosen: dict[str, Any]) -> dict[str, Any]:
-    return options.terrain_options(
-        chosen["voxel_size_m"],
-        chosen["terrain_option"],
-        origin=chosen["origin"],
-        assume_local=chosen["assume_local"],
-    )
 
 
 def _static(chosen: dict[str, Any], georeference: Any) -> Any:

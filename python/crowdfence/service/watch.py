@@ -91,8 +91,8 @@ class Watch:
         live = self._service.live
         if live is None:
             return
-        oldest_s = min(list(live.detecting_since.values()), default=None)
-        stale = oldest_s is not None and time.monotonic() - oldest_s > _DETECTOR_STALE_S
+        oldest_s = live.detecting.oldest_s
+        stale = oldest_s is not None and oldest_s > _DETECTOR_STALE_S
         text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
         self._set(stale, "detector_stale", "alarm", text)
 

@@ -9,7 +9,8 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import JSONResponse
 from pydantic import ValidationError
 
-from crowdfence.service.live import Accepted, Live, Refused
+from crowdfence.service.gate import Refused
+from crowdfence.service.live import Accepted, Live
 from crowdfence.service.routes.asking import ERRORS, Giver, TheService
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import ViewMessage

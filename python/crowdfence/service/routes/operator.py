@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
 from crowdfence.service.access import User
-from crowdfence.service.live import Refused
+from crowdfence.service.gate import Refused
 from crowdfence.service.operator_zones import MOST_CORNERS, Action, RefusedAction
 from crowdfence.service.routes.asking import ERRORS, Decider, TheService
 from crowdfence.service.routes.zones import ZoneId
