@@ -37,7 +37,8 @@ __all__ = [
 
 KINDS = (
     "mission file or other MCAP, rosbag2 folder, ROS 1 .bag, film with its flight log (DJI .SRT, PX4 .ulg, "
-    "MAVLink .tlog), folder of geotagged photographs, AirSim folder, folder with poses.csv"
+    "MAVLink .tlog), folder of geotagged photographs, AirSim folder, folder of Wildtrack or MultiviewX, "
+    "folder with poses.csv"
 )
 """What can be opened, for messages."""
 
@@ -57,6 +58,7 @@ def open_recording(
     * a film with its flight log beside it (DJI subtitles, PX4 ULog, MAVLink telemetry; see `film.reader`),
     * a folder of geotagged photographs (see `photographs.reader`),
     * a folder with airsim_rec.txt, or the folder above it (AirSim, Cosys-AirSim; see `airsim.reader`),
+    * the folder of Wildtrack or MultiviewX, fixed cameras on flat ground (see `multi_camera.reader`),
     * a folder with poses.csv (plain heatmaps and poses; see `folder`).
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
@@ -64,7 +66,7 @@ def open_recording(
     lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
     first pose, so heights are moved by what the map says there. `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
-    `photographs.reader.PhotographOptions`.
+    `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
 
     OSError when the path cannot be read, ValueError when it holds no recording or one that cannot be used;
     TypeError for an unknown option, ValueError for an option of another kind of recording.
@@ -84,11 +86,12 @@ def is_recording(path: Path) -> bool:
     from crowdfence.sources.airsim.reader import find_airsim_folder
     from crowdfence.sources.folder import POSES_NAME
     from crowdfence.sources.mission.layout import MAGIC
+    from crowdfence.sources.multi_camera.layout import layout_of
     from crowdfence.sources.ros_bag.bag_file import is_bag
 
     if path.is_dir():
         own = find_airsim_folder(path) is not None or (path / POSES_NAME).is_file()
-        return own or is_bag(path)
+        return own or layout_of(path) is not None or is_bag(path)
     with path.open("rb") as file:
         return path.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC or is_bag(path)
 
@@ -185,6 +188,7 @@ def _open_folder(
 ) -> Recording:
     from crowdfence.sources.airsim.reader import AirSimOptions, find_airsim_folder, read_airsim
     from crowdfence.sources.folder import POSES_NAME, read_folder
+    from crowdfence.sources.multi_camera.layout import layout_of
     from crowdfence.sources.photographs.reader import photographs
     from crowdfence.sources.reader_options import reader_options, refuse_options
     from crowdfence.sources.ros_bag.bag_file import is_bag
@@ -195,13 +199,17 @@ def _open_folder(
     if (path / POSES_NAME).is_file():
         refuse_options(path, options)
         return read_folder(path, limits)
+    if layout_of(path) is not None:
+        from crowdfence.sources.multi_camera.reader import MultiCameraOptions, read_multi_camera
+
+        return read_multi_camera(path, reader_options(MultiCameraOptions, path, options))
     if is_bag(path):
         return _open_bag(path, limits, options)
     if photographs(path):
         return _open_photographs(path, limits, options, anchor)
     raise ValueError(
         f"{path} holds no recording: neither airsim_rec.txt (here or one folder below) nor poses.csv nor a "
-        "rosbag2 nor photographs (.jpg)"
+        "rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX"
     )
 
 
