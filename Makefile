@@ -8,7 +8,7 @@ MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz bench \
 	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector paper cli-reference \
-	page test-page test-web chromium page-picture
+	page test-page test-web chromium page-picture docs api-reference
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -114,6 +114,25 @@ detector: setup-training opengl ## the shipped detector from its recipe: about t
 	$(BIN)/crowdfence model quantize python/crowdfence/detector/models/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s-int8.onnx
 
+# A site of its own, with an environment of its own: nothing else needs its packages, and `make test` not the site.
+DOCS_ENV    := out/docs-env
+DOCS_SOURCE := README.md ARCHITECTURE.md docs benchmarks paper reference training web/public
+
+docs: $(DOCS_ENV)/.installed ## the documentation as a site in out/site/
+	@rm -rf out/docs-source && mkdir -p out/docs-source
+	@find $(DOCS_SOURCE) -type f \( -name '*.md' -o -name '*.png' -o -name '*.svg' -o -name '*.css' -o -name '*.json' -o -name '*.csv' \) \
+	  -exec cp --parents -t out/docs-source {} +
+	NO_MKDOCS_2_WARNING=1 $(DOCS_ENV)/bin/mkdocs build --strict --quiet
+	@echo "out/site/index.html"
+
+$(DOCS_ENV)/.installed: requirements-docs.txt
+	$(PYTHON) -m venv --clear $(DOCS_ENV)
+	$(DOCS_ENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.txt
+	@touch $@
+
+api-reference: setup ## the public names of the package -> docs/api.md
+	$(BIN)/python docs/api_reference.py > docs/api.md
+
 cli-reference: setup ## the options of every command -> docs/cli.md
 	$(BIN)/python -m crowdfence.cli.reference > docs/cli.md
 
@@ -169,6 +188,8 @@ lock: ## requirements.in -> requirements.txt with hashes
 	  --quiet requirements.in -o requirements.txt
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
 	  --quiet requirements-train.in -c requirements.txt -o requirements-train.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
+	  --quiet requirements-docs.in -c requirements.txt -o requirements-docs.txt
 
 clean:
 	rm -rf target out $(VENV) web/node_modules python/crowdfence/service/page

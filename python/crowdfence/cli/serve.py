@@ -59,6 +59,12 @@ def serve(
     json_logs: Annotated[
         bool, typer.Option("--json-logs", rich_help_panel=_SERVER, help="Log lines on stderr are JSON.")
     ] = False,
+    base_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--base-map", rich_help_panel=_SERVER, help="Map of the surroundings: a PMTiles or GeoTIFF file."
+        ),
+    ] = None,
     replay_speed: Annotated[
         float, typer.Option("--replay-speed", help="Recorded seconds per second; inf: as fast as it goes.")
     ] = 1.0,
@@ -95,6 +101,7 @@ def serve(
         options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
     from crowdfence.service.access import Access
+    from crowdfence.service.base_map import BaseMap
     from crowdfence.service.logs import set_up_logs
     from crowdfence.service.server import Address
     from crowdfence.service.server import serve as serve_on
@@ -109,9 +116,13 @@ def serve(
         silent_after_s=silent_after_s,
         keep_s=keep_h * 3600.0,
     )
+    surroundings = BaseMap.open(base_map) if base_map is not None else None
     set_up_logs(as_json=json_logs)
     opened = _replayed if recording else _live
     with opened(chosen, config, access, settings) as service:
+        service.base_map = surroundings
+        if surroundings is not None and service.mission.georeference is None:
+            console.warn("the mission does not say where on Earth it lies: its page shows no base map")
         serve_on(service, address, lambda url: _ready(url, service, as_json))
 
 

@@ -56,11 +56,21 @@ export function MapPanel() {
       {drawing && <DrawBar />}
       <div class="map-foot">
         <PointedAt pointed={drawing ? null : pointed} />
-        <ScaleBar pixel_m={pixel_m} />
+        <span class="map-corner">
+          <Attribution />
+          <ScaleBar pixel_m={pixel_m} />
+        </span>
         {pictures && <CameraStrip />}
       </div>
     </main>
   );
+}
+
+/** Whom the base map is from. */
+function Attribution() {
+  const attribution = useStore((state) => state.attribution);
+  const shown = useStore((state) => state.layers.base);
+  return attribution && shown ? <small class="attribution">{attribution}</small> : null;
 }
 
 const LABEL_HEIGHT = 23;
