@@ -13,6 +13,7 @@ import fastkml
 import jsonschema
 import numpy as np
 import pytest
+import rasterio
 import referencing
 import shapely
 from geojson_pydantic import FeatureCollection
@@ -21,6 +22,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from implicitdict import ImplicitDict
 from numpy.typing import NDArray
+from pyproj import datadir
+from rasterio.transform import from_origin
 from uas_standards import eurocae_ed269, eurocae_ed318
 from uas_standards.astm.f3548.v21 import api as f3548_api
 from uas_standards.astm.f3548.v21 import constants as f3548_constants
@@ -29,6 +32,7 @@ from crowdfence import Georeference
 from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
+from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.static_zones import open_static_zones
 from crowdfence.zones import AltitudeBand, ZoneSet
@@ -386,14 +390,53 @@ def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
         export.band(given_above_sea)
 
 
-def test_heights_above_the_sea_use_the_geoid_or_are_refused() -> None:
-    """The Alps' geoid is 50 m above the ellipsoid; where its grid is not installed nothing is guessed."""
+@pytest.fixture
+def geoid_grid(tmp_path: Path) -> Iterator[None]:
+    """A geoid of our own under the name of EGM96's grid: a plane, 50 m above the ellipsoid at the anchor, 2 m
+    more a degree northward and 3 m eastward. Bilinear interpolation of it is exact."""
+    latitude, longitude = np.arange(47.5, 45.4, -0.25), np.arange(7.0, 9.1, 0.25)
+    height_m = 50.0 + 2.0 * (latitude[:, None] - 46.5) + 3.0 * (longitude - 8.0)
+    corner = from_origin(7.0 - 0.125, 47.5 + 0.125, 0.25, 0.25)
+    shape = {"width": len(longitude), "height": len(latitude), "count": 1}
+    with rasterio.open(
+        tmp_path / "us_nga_egm96_15.tif", "w", "GTiff", dtype="float32", transform=corner, crs=4326, **shape
+    ) as file:
+        file.write(height_m.astype(np.float32), 1)
+        file.update_tags(TYPE="VERTICAL_OFFSET_GEOGRAPHIC_TO_VERTICAL", AREA_OR_POINT="Point")
+        file.set_band_description(1, "geoid_undulation")
+    folders = datadir.get_data_dir()
+    datadir.append_data_dir(str(tmp_path))
+    yield
+    datadir.set_data_dir(folders)
+
+
+@pytest.mark.usefixtures("geoid_grid")
+def test_heights_above_the_sea_by_a_geoid_that_is_a_plane() -> None:
+    lowest_m, highest_m = geoid_heights_m(np.array([7.9, 46.4, 8.0, 46.5]))
+    # 50 - 2 x 0.1 - 3 x 0.1 in the south-west, 50 in the north-east, and half a metre to both sides.
+    assert (lowest_m, highest_m) == pytest.approx((49.0, 50.5), abs=1e-4)
+    band = (export := exported(datum="AMSL")).band(export.zones[0])
+    # Ground of 1200 to 1201 m above the ellipsoid, closed 120 m up; the sea lies at 50 m give or take 0.5.
+    assert band.datum == "AMSL"
+    assert (band.lower_m, band.upper_m) == pytest.approx((1149.5, 1271.5), abs=1e-2)
+    layer = json.loads(ZONE_FORMATS["ed318"](export))["features"][0]["geometry"]["layer"]
+    assert layer["upperReference"] == layer["lowerReference"] == "AMSL"
+    assert layer["lower"] <= band.lower_m and layer["upper"] >= band.upper_m
+
+
+@pytest.mark.usefixtures("geoid_grid")
+def test_a_place_that_the_grid_does_not_hold_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"no height of the geoid at 46\.4, 20;"):
+        geoid_heights_m(np.array([20.0, 46.4, 20.1, 46.5]))
+
+
+def test_without_a_grid_the_error_says_where_it_belongs_and_how_it_gets_there() -> None:
     export = exported(datum="AMSL")
     try:
         band = export.band(export.zones[0])
     except ValueError as error:
-        assert "need PROJ's grid of the geoid EGM96" in str(error)
-    else:
+        assert "pyproj sync --file us_nga_egm96_15" in str(error) and datadir.get_data_dir() in str(error)
+    else:  # a machine that has it: the Alps' geoid is 50 m above the ellipsoid
         assert 1145.0 < band.lower_m < 1155.0 and band.upper_m - band.lower_m < 125.0
 
 

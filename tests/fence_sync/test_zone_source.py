@@ -65,6 +65,16 @@ def test_files_that_follow_each_other_share_a_frame(tmp_path: Path) -> None:
     assert source.read().georeference != first.georeference
 
 
+def test_longitudes_may_count_on_beyond_the_antimeridian(tmp_path: Path) -> None:
+    beyond = ZoneSource(written(tmp_path / "a.json", (179.9995, -17.0, 180.0005, -16.999))).read()
+    wrapped = ZoneSource(written(tmp_path / "b.json", (-180.0005, -17.0, -179.9995, -16.999))).read()
+    for found in (beyond, wrapped):
+        (zone,) = found.zones
+        # A thousandth of a degree at 17 degrees south: 106.5 m wide, 110.7 m high.
+        assert zone.polygon.area == pytest.approx(106.5 * 110.66, rel=1e-3)
+        assert abs(abs(found.georeference.longitude_deg) - 180.0) < 1e-9
+
+
 def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
     found = ZoneSource(written(tmp_path / "a.json", (8, 47, 8.001, 47.001), valid_until_ns=1000)).read()
     assert [zone.id for zone in found.at(999)] == ["Z1"] and found.at(1000) == ()
@@ -81,6 +91,14 @@ def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
             "more than 100 km apart",
         ),
         ('{"type": "Polygon", "coordinates": [[[8, 47], [8, "x"], [8, 48], [8, 47]]]}', "a.geojson: "),
+        (
+            '{"type": "Polygon", "coordinates": []}',
+            "zone 'feature 1' has no outline of at least three corners",
+        ),
+        (
+            '{"type": "Polygon", "coordinates": [[[8, 99], [8, 47], [9, 48], [8, 99]]]}',
+            "a corner is no longitude and latitude: 8, 99",
+        ),
     ],
 )
 def test_a_file_that_is_no_zones_is_named(tmp_path: Path, text: str, message: str) -> None:

@@ -1,11 +1,13 @@
 """Points and paths in space and time against zones drawn by hand, and against slow answers."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -159,22 +161,6 @@ def test_answers_agree_with_slow_ones(seed: int, expires: bool) -> None:
         assert air.is_clear(places.reshape(-1, 3), stamps.ravel()).all()
 
 
-def test_a_question_takes_less_than_ten_microseconds() -> None:
-    rng = np.random.default_rng(0)
-    zones = [
-        zone(f"Z{k}", shapely.Point(*rng.uniform(0, 2000, 2)).buffer(rng.uniform(5, 40))) for k in range(200)
-    ]
-    air = ClearAir(zone_set(*zones))
-    points = rng.uniform((0, 0, 20), (2000, 2000, 80), (20_000, 3))
-    air.is_clear(points[:10], 0)
-    seconds = []
-    for _ in range(3):
-        started = time.process_time()
-        air.is_clear(points, 0)
-        seconds.append(time.process_time() - started)
-    assert min(seconds) / len(points) < 10e-6
-
-
 def test_legs_are_what_single_paths_are() -> None:
     rng = np.random.default_rng(5)
     for expires in (False, True):
@@ -200,17 +186,86 @@ def test_a_leg_may_reach_a_zone_after_its_end() -> None:
         assert not ClearAir(history(zone_set(ends))).path_is_clear(path, at)
 
 
-def test_a_leg_takes_less_than_ten_microseconds() -> None:
+def odd_zones(rng: np.random.Generator) -> list[Zone]:
+    """Outlines whose middle lies beside them, in a hole, between parts, or in them."""
+    ring = shapely.Point(0, 0).buffer(9, 6).difference(shapely.Point(2, 0).buffer(5, 3))
+    hook = shapely.Polygon([(0, 0), (20, 0), (20, 3), (3, 3), (3, 20), (0, 20)])
+    parts = shapely.MultiPolygon([shapely.box(-8, 0, -5, 6), shapely.box(4, 0, 9, 3)])
+    shapes = [ring, hook, parts, shapely.box(0, 0, 30, 0.5), shapely.Polygon()]
+    zones = []
+    for number in range(25):
+        turned = shapely.affinity.rotate(shapes[number % len(shapes)], rng.uniform(0, 360), origin=(0, 0))
+        placed = shapely.affinity.translate(turned, *rng.uniform(0, 120, 2))
+        ends = int(rng.integers(0, 4 * SECOND_NS)) if rng.random() < 0.7 else None
+        one = zone(f"Z{number}", placed, valid_until_ns=ends, upper_m=rng.uniform(10.0, 60.0))
+        zones.append(replace(one, band=AltitudeBand(rng.choice([0.0, 15.0]), 20.0, "AGL")))
+    return zones
+
+
+def apart_m(one: Zone, point: np.ndarray) -> float:
+    """By shapely, one zone at one point: distance, or how deep."""
+    here = shapely.Point(point[:2])
+    lower = -np.inf if one.band.lower_m == 0.0 else 10.0 + one.band.lower_m
+    over = max(lower - point[2], point[2] - (one.upper_m + 20.0))
+    if over <= 0.0 and one.polygon.intersects(here):
+        return -float(min(one.polygon.boundary.distance(here), -over))
+    return float(np.hypot(one.polygon.distance(here), max(over, 0.0)))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), expires=st.booleans(), far_m=st.sampled_from([0.0, 40.0, 5000.0]))
+def test_any_shape_is_judged_as_shapely_judges_it_alone(seed: int, expires: bool, far_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    zones = odd_zones(rng)
+    air = ClearAir(zone_set(*zones), expires=expires)
+    points = rng.uniform((-far_m, 0, -10), (120 + far_m, 120, 100 + far_m), (80, 3))
+    stamps_ns = rng.integers(0, 5 * SECOND_NS, 80)
+    clearance = air.clearance_m(points, stamps_ns)
+    expected = []
+    for point, stamp_ns in zip(points, stamps_ns, strict=True):
+        alive = [
+            one
+            for one in zones
+            if not one.polygon.is_empty
+            and (not expires or one.valid_until_ns is None or stamp_ns < one.valid_until_ns)
+        ]
+        expected.append(min((apart_m(one, point) for one in alive), default=np.inf))
+    np.testing.assert_allclose(clearance, expected, atol=1e-9)
+    np.testing.assert_array_equal(air.is_clear(points, stamps_ns), np.array(expected) > 0.0)
+    if not expires:
+        ends = points + rng.uniform(-20, 20, points.shape)
+        closed = []
+        for start, end in zip(points, ends, strict=True):
+            line, low, high = shapely.LineString([start[:2], end[:2]]), *sorted((start[2], end[2]))
+            closed.append(
+                any(
+                    one.polygon.intersects(line)
+                    and high >= (-np.inf if one.band.lower_m == 0.0 else 10.0 + one.band.lower_m)
+                    and low <= one.upper_m + 20.0
+                    for one in zones
+                )
+            )
+        assert (~air.legs_are_clear(points, ends, 0, SECOND_NS)).tolist() == closed
+
+
+def test_no_question_takes_more_than_ten_microseconds_at_ten_thousand_zones() -> None:
     rng = np.random.default_rng(0)
-    zones = [
-        zone(f"Z{k}", shapely.Point(*rng.uniform(0, 2000, 2)).buffer(rng.uniform(5, 40))) for k in range(200)
+    places = shapely.points(rng.uniform(0, 5000, (10_000, 2)))
+    outlines = shapely.buffer(places, rng.uniform(2, 20, 10_000), quad_segs=15)
+    air = ClearAir(history(zone_set(*(zone(f"Z{k}", outline) for k, outline in enumerate(outlines)))))
+    start = rng.uniform((0, 0, 20), (5000, 5000, 150), (10_000, 3))
+    end = start + rng.uniform(-20, 20, (10_000, 3))
+    questions: list[Callable[[], object]] = [
+        lambda: air.is_clear(start, 0),
+        lambda: air.clearance_m(start, 0),
+        lambda: air.legs_are_clear(start, end, 0, 5 * SECOND_NS),
+        lambda: air.path_is_clear(np.cumsum(end - start, axis=0) + 2500.0, np.arange(10_000)),
     ]
-    air = ClearAir(history(zone_set(*zones)))
-    start = rng.uniform((0, 0, 20), (2000, 2000, 80), (20_000, 3))
-    end = start + rng.uniform(-30, 30, (20_000, 3))
-    seconds = []
-    for _ in range(3):
-        started = time.process_time()
-        air.legs_are_clear(start, end, 0, 5 * SECOND_NS)
-        seconds.append(time.process_time() - started)
-    assert min(seconds) / len(start) < 10e-6
+    for ask in questions:
+        ask()
+        seconds = []
+        for _ in range(3):
+            started = time.process_time()
+            ask()
+            seconds.append(time.process_time() - started)
+        assert min(seconds) / len(start) < 10e-6

@@ -87,9 +87,12 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
     try:
         document = json.loads(path.read_bytes())
         given = list(geojson_zones(document, []))
-        corners = np.vstack([ring for one in given for ring in one.rings]) if given else np.empty((0, 2))
-        if not np.isfinite(corners).all() or (np.abs(corners) > (180.0, 90.0)).any():
-            raise ValueError("a corner is no longitude and latitude")
+        corners = np.vstack([np.empty((0, 2)), *(ring for one in given for ring in one.rings)])
+        # Beyond the antimeridian some go on counting.
+        wrong = ~(np.isfinite(corners) & (np.abs(corners) <= (360.0, 90.0))).all(axis=1)
+        if wrong.any():
+            longitude, latitude = corners[wrong][0]
+            raise ValueError(f"a corner is no longitude and latitude: {longitude:g}, {latitude:g}")
         anchor = _near(corners, anchor)
         ends = {name: end for feature in document.get("features", ()) for name, end in _end(feature)}
         zones = []

@@ -10,7 +10,7 @@ heights. A zone of others, of which the ground is not known, is closed at every 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,8 +23,15 @@ from crowdfence.zones.history import ZoneHistory
 if TYPE_CHECKING:
     from shapely import STRtree
 
+_Between = tuple[NDArray[np.float64], NDArray[np.float64]]
+
 _BEFORE = -1
 _FOREVER_NS = np.iinfo(np.int64).max
+_ROUNDING = 1e-6
+"""Metres: far more than what is lost in places within 1000 km of the origin."""
+_NEAREST = 3
+"""Zones by their middles that are looked at for a first bound of a distance."""
+_FIRST_REACH_M = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +66,10 @@ class ClearAir:
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:
                 closed = self._of(number)
-                point, zone = closed.tree.query(_shapes(points[members]), predicate="intersects")
-                hit = closed.holds_height(zone, points[members[point], 2])
-                hit &= self._alive(closed, zone, stamps_ns[members[point]])
+                places = points[members, :2]
+                z_m = points[members, 2]
+                point, zone = closed.met(_shapes(points[members]), (places, places), (z_m, z_m))
+                hit = self._alive(closed, zone, stamps_ns[members[point]])
                 inside = np.zeros(len(members), dtype=np.bool_)
                 inside[point[hit]] = True
                 clear[members] = ~inside
@@ -107,52 +115,87 @@ class ClearAir:
         if len(starts) != len(ends) or (legs.end_ns < legs.begin_ns).any():
             raise ValueError("every leg has a start and an end, and does not end before it begins")
         clear = np.ones(len(starts), dtype=np.bool_)
-        for meeting, _ in self._conflicts(legs):
+        for meeting, _, _ in self._meetings(legs):
             clear[meeting] = False
         return clear
 
     def _conflicts(self, legs: _Legs) -> Iterator[tuple[NDArray[np.int64], list[str | None]]]:
         """Legs that meet a zone and its id, one set of zones after the other."""
+        for meeting, closed, zone in self._meetings(legs):
+            if closed is None:
+                yield meeting, [None] * len(meeting)
+            else:
+                yield meeting, [closed.zones[k].id for k in zone.tolist()]
+
+    def _meetings(self, legs: _Legs) -> Iterator[tuple[NDArray[np.int64], _Closed | None, NDArray[np.int64]]]:
+        """Legs that meet zones, these and their positions in it, one set of zones after the other; before the
+        first instant no set and no zones."""
         leg, pieces, number = legs.cut_at(self._stamps_ns)
         for one in np.unique(number).tolist():
             members = np.flatnonzero(number == one)
             if one == _BEFORE:
-                yield leg[members], [None] * len(members)
+                yield leg[members], None, np.empty(0, dtype=np.int64)
                 continue
             closed = self._of(one)
-            piece, zone = closed.tree.query(pieces.lines(members), predicate="intersects")
+            start, end = pieces.start[members], pieces.end[members]
+            heights = np.minimum(start[:, 2], end[:, 2]), np.maximum(start[:, 2], end[:, 2])
+            piece, zone = closed.met(pieces.lines(members), (start[:, :2], end[:, :2]), heights)
             of = members[piece]
-            hit = closed.meets_heights(zone, pieces.start[of, 2], pieces.end[of, 2])
             if self._expires:
-                hit &= closed.met_alive(zone, pieces.take(of))
-            yield leg[of[hit]], [closed.zones[k].id for k in zone[hit].tolist()]
+                alive = closed.met_alive(zone, pieces.take(of))
+                of, zone = of[alive], zone[alive]
+            yield leg[of], closed, zone
 
     def _clearance(
         self, number: int, points: NDArray[np.float64], stamps_ns: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        import shapely
-
         closed = self._of(number)
+        result = np.full(len(points), np.inf)
         if not closed.zones:
-            return np.full(len(points), np.inf)
+            return result
         shapes = _shapes(points)
-        # The nearest outline is the nearest zone where the point is between its heights.
-        (_, nearest), aside = closed.tree.query_nearest(shapes, return_distance=True, all_matches=False)
-        exact = closed.holds_height(nearest, points[:, 2]) & (aside > 0.0)
-        exact &= self._alive(closed, nearest, stamps_ns)
-        result = np.where(exact, aside, np.inf)
-        rest = np.flatnonzero(~exact)
-        for zone in range(len(closed.zones) if len(rest) else 0):
-            beside = shapely.distance(closed.outlines[zone], shapes[rest])
-            over = np.maximum(closed.lower_m[zone] - points[rest, 2], points[rest, 2] - closed.upper_m[zone])
-            apart = np.hypot(beside, np.maximum(over, 0.0))
-            edge = shapely.distance(closed.outlines[zone].boundary, shapes[rest])
-            depth = -np.minimum(edge, -over)
-            inside = (beside == 0.0) & (over <= 0.0)
-            alive = self._alive(closed, np.full(len(rest), zone), stamps_ns[rest])
-            distance = np.where(alive, np.where(inside, depth, apart), np.inf)
-            result[rest] = np.minimum(result[rest], distance)
+        point, zone = closed.met(shapes, (points[:, :2], points[:, :2]), (points[:, 2], points[:, 2]))
+        alive = self._alive(closed, zone, stamps_ns[point])
+        point, zone = point[alive], zone[alive]
+        depth_m = np.minimum(closed.edge_m(zone, shapes[point]), -closed.over_m(zone, points[point, 2]))
+        np.minimum.at(result, point, -depth_m)
+        outside = np.ones(len(points), dtype=np.bool_)
+        outside[point] = False
+        rest = np.flatnonzero(outside)
+        result[rest] = self._apart_m(closed, points[rest], shapes[rest], stamps_ns[rest])
         return result
+
+    def _apart_m(
+        self,
+        closed: _Closed,
+        points: NDArray[np.float64],
+        shapes: NDArray[Any],
+        stamps_ns: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        """Distance of points that lie in no zone from the nearest one."""
+        if not len(points):
+            return np.empty(0)
+        apart_m = closed.at_most_m(points, lambda zone, point: self._alive(closed, zone, stamps_ns[point]))
+        # Nearer zones lie within this reach, because all are so far above or below.
+        least_m = closed.least_over_m(points[:, 2])
+        reach_m = np.sqrt(np.maximum(apart_m**2 - least_m**2, 0.0))
+        reach_m[np.isinf(apart_m)] = _FIRST_REACH_M
+        asked = np.arange(len(points))
+        while len(asked):
+            reach = reach_m[asked]
+            row, zone = closed.tree.query(_boxes(points[asked], reach))
+            point = asked[row]
+            kept = self._alive(closed, zone, stamps_ns[point])
+            kept &= closed.at_least_m(zone, points[point]) <= apart_m[point]
+            point, zone = point[kept], zone[kept]
+            over_m = closed.over_m(zone, points[point, 2]).clip(0.0)
+            np.minimum.at(apart_m, point, np.hypot(closed.beside_m(zone, shapes[point]), over_m))
+            told = (apart_m[asked] <= np.hypot(reach, least_m[asked])) | (
+                reach > closed.span_m(points[asked])
+            )
+            asked = asked[~told]
+            reach_m[asked] *= 2.0
+        return np.asarray(apart_m)
 
     def _alive(
         self, closed: _Closed, zone: NDArray[np.int64], stamps_ns: NDArray[np.int64]
@@ -221,25 +264,86 @@ class _Closed:
 
     def __init__(self, zones: Sequence[Zone]) -> None:
         import shapely
+        from scipy.spatial import cKDTree
 
-        self.zones = zones
+        self.zones = zones = [zone for zone in zones if not zone.polygon.is_empty]
         self.outlines = np.array([zone.polygon for zone in zones], dtype=object)
         self.tree: STRtree = shapely.STRtree(self.outlines)
+        self._edges = shapely.boundary(self.outlines)
+        self._middle, self._inner_m, self._outer_m = _discs(self.outlines, self._edges)
+        self._middles = cKDTree(self._middle)
         self.lower_m, self.upper_m = np.array([_heights(zone) for zone in zones]).reshape(-1, 2).T
         self.until_ns = np.array(
             [_FOREVER_NS if zone.valid_until_ns is None else zone.valid_until_ns for zone in zones],
             dtype=np.int64,
         )
 
-    def holds_height(self, zone: NDArray[np.int64], z_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return np.asarray((z_m >= self.lower_m[zone]) & (z_m <= self.upper_m[zone]))
+    def met(
+        self, shapes: NDArray[Any], ends: _Between, heights_m: _Between
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Which of the straight `shapes` [N] between two ends [N, 2] and two heights [N], the lower one
+        first, meet which zones: positions of both [M]. Most pairs are told by a disc in the outline and one
+        around it; the others are asked."""
+        import shapely
 
-    def meets_heights(
-        self, zone: NDArray[np.int64], start_m: NDArray[np.float64], end_m: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
-        """Whether a leg that meets the outline may do so between the zone's heights."""
-        low, high = np.minimum(start_m, end_m), np.maximum(start_m, end_m)
-        return np.asarray((high >= self.lower_m[zone]) & (low <= self.upper_m[zone]))
+        shape, zone = self.tree.query(shapes)
+        low_m, high_m = heights_m
+        between = (high_m[shape] >= self.lower_m[zone]) & (low_m[shape] <= self.upper_m[zone])
+        shape, zone = shape[between], zone[between]
+        aside_m = _distance_m(self._middle[zone], ends[0][shape], ends[1][shape])
+        meets = aside_m <= self._inner_m[zone]
+        asked = np.flatnonzero(~meets & (aside_m <= self._outer_m[zone]))
+        meets[asked] = shapely.intersects(self.outlines[zone[asked]], shapes[shape[asked]])
+        return shape[meets], zone[meets]
+
+    def over_m(self, zone: NDArray[np.int64], z_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far heights lie above or below zones, negative between."""
+        return np.maximum(self.lower_m[zone] - z_m, z_m - self.upper_m[zone])
+
+    def least_over_m(self, z_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far they lie above or below all zones at the least."""
+        return np.maximum(self.lower_m.min() - z_m, z_m - self.upper_m.max()).clip(0.0)
+
+    def edge_m(self, zone: NDArray[np.int64], shapes: NDArray[Any]) -> NDArray[np.float64]:
+        """Distance from the edges of outlines."""
+        import shapely
+
+        return np.asarray(shapely.distance(self._edges[zone], shapes))
+
+    def beside_m(self, zone: NDArray[np.int64], shapes: NDArray[Any]) -> NDArray[np.float64]:
+        """Distance from outlines, on the ground plane."""
+        import shapely
+
+        return np.asarray(shapely.distance(self.outlines[zone], shapes))
+
+    def at_least_m(self, zone: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the distance of points from zones is not below."""
+        middle_m = np.hypot(*(points[:, :2] - self._middle[zone]).T)
+        over_m = self.over_m(zone, points[:, 2]).clip(0.0)
+        return np.hypot((middle_m - self._outer_m[zone]).clip(0.0), over_m)
+
+    def at_most_m(
+        self, points: NDArray[np.float64], counts: Callable[[Any, Any], NDArray[np.bool_]]
+    ) -> NDArray[np.float64]:
+        """What the distance of points from the nearest zone is not above, of those that count; inf where none
+        near by does."""
+        apart_m = np.full(len(points), np.inf)
+        rows = np.arange(len(points))
+        _, nearest = self._middles.query(points[:, :2], k=min(_NEAREST, len(self.zones)))
+        for zone in np.reshape(nearest, (len(points), -1)).T:
+            middle_m = np.hypot(*(points[:, :2] - self._middle[zone]).T)
+            beside_m = (middle_m - self._inner_m[zone]).clip(0.0)
+            told_m = np.hypot(beside_m, self.over_m(zone, points[:, 2]).clip(0.0))
+            np.minimum(apart_m, np.where(counts(zone, rows), told_m, np.inf), out=apart_m)
+        return apart_m
+
+    def span_m(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """No outline reaches farther than this from points, east, west, north or south."""
+        import shapely
+
+        west, south, east, north = shapely.total_bounds(self.outlines)
+        sides = (points[:, 0] - west, east - points[:, 0], points[:, 1] - south, north - points[:, 1])
+        return np.maximum.reduce(sides)
 
     def met_alive(self, zone: NDArray[np.int64], legs: _Legs) -> NDArray[np.bool_]:
         """Whether legs that meet outlines of zones meet them before the zones end."""
@@ -253,6 +357,38 @@ class _Closed:
         lines = flown.lines(np.arange(len(ends_under_way)))
         met[ends_under_way] = shapely.intersects(self.outlines[zone[ends_under_way]], lines)
         return np.asarray(met)
+
+
+def _boxes(points: NDArray[np.float64], reach_m: NDArray[np.float64]) -> NDArray[Any]:
+    import shapely
+
+    low, high = points[:, :2] - reach_m[:, None], points[:, :2] + reach_m[:, None]
+    return np.asarray(shapely.box(*low.T, *high.T))
+
+
+def _discs(
+    outlines: NDArray[Any], edges: NDArray[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The middle of each outline [Z, 2] and two distances from it [Z]: what is nearer than the one lies in
+    the outline, what is farther than the other outside. A middle beside its outline has how far, below 0."""
+    import shapely
+
+    middle = shapely.centroid(outlines)
+    edge_m = shapely.distance(edges, middle)
+    inner_m = np.where(shapely.contains(outlines, middle), edge_m, -edge_m) - _ROUNDING
+    outer_m = shapely.hausdorff_distance(outlines, middle) + _ROUNDING
+    return np.stack([shapely.get_x(middle), shapely.get_y(middle)], axis=1), inner_m, outer_m
+
+
+def _distance_m(
+    place: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Of places [N, 2] from straight legs [N, 2]."""
+    along, to_place = end - start, place - start
+    squared = np.einsum("ij,ij->i", along, along)
+    share = np.einsum("ij,ij->i", along, to_place) / np.where(squared > 0.0, squared, 1.0)
+    apart = to_place - share.clip(0.0, 1.0)[:, None] * along
+    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]))
 
 
 def _heights(zone: Zone) -> tuple[float, float]:

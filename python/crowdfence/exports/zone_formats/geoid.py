@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
 
 GEOID = "EPSG:5773"
 """EGM96 height."""
@@ -17,21 +22,30 @@ def geoid_heights_m(bounds_deg: NDArray[np.float64]) -> tuple[float, float]:
 
     ValueError where PROJ has no grid of it: calling both heights equal would be wrong by up to 100 m.
     """
-    from pyproj import Transformer
-    from pyproj.exceptions import ProjError
-
     west, south, east, north = bounds_deg
     longitude = np.array([west, west, east, east, (west + east) / 2])
     latitude = np.array([south, north, south, north, (south + north) / 2])
-    try:
-        above_sea = Transformer.from_crs(
-            "EPSG:4979", f"EPSG:4326+{GEOID.partition(':')[2]}", always_xy=True, allow_ballpark=False
-        )
-        _, _, height_m = above_sea.transform(longitude, latitude, np.zeros(5), errcheck=True)
-    except ProjError as error:
+    _, _, height_m = _above_sea().transform(longitude, latitude, np.zeros(5))
+    if not np.isfinite(height_m).all():
         raise ValueError(
-            "heights above sea level need PROJ's grid of the geoid EGM96 (us_nga_egm96_15.tif), which is not "
-            "installed; install it (projsync --file us_nga_egm96_15), or use AGL or WGS84"
-        ) from error
+            f"PROJ's grid of EGM96 holds no height of the geoid at {south:g}, {west:g}; use AGL or WGS84"
+        )
     undulation_m = -np.asarray(height_m)
     return float(undulation_m.min()) - _SPREAD_M, float(undulation_m.max()) + _SPREAD_M
+
+
+def _above_sea() -> Transformer:
+    """(longitude, latitude, height above the ellipsoid) -> the same with the height above the geoid."""
+    from pyproj import Transformer, datadir
+    from pyproj.exceptions import ProjError
+
+    try:
+        return Transformer.from_crs(
+            "EPSG:4979", f"EPSG:4326+{GEOID.partition(':')[2]}", always_xy=True, allow_ballpark=False
+        )
+    except ProjError as error:
+        raise ValueError(
+            "heights above sea level need PROJ's grid of the geoid EGM96, us_nga_egm96_15.tif, which is "
+            f"neither in {datadir.get_data_dir()} nor in {datadir.get_user_data_dir()}; install it "
+            "(pyproj sync --file us_nga_egm96_15), or use AGL or WGS84"
+        ) from error
