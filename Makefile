@@ -7,8 +7,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz bench \
-	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector paper cli-reference \
-	page test-page test-web chromium page-picture docs api-reference
+	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector detector-wide paper \
+	cli-reference page test-page test-web chromium page-picture docs api-reference
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -105,7 +105,8 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 	$(BIN)/pytest tests/detector_training/test_network.py
 
 detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
-	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
+	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS) --only train --only validation \
+	  --only calibration --only test-unseen-season --only test-known-seasons
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation \
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
@@ -132,6 +133,17 @@ $(DOCS_ENV)/.installed: requirements-docs.txt
 
 api-reference: setup ## the public names of the package -> docs/api.md
 	$(BIN)/python docs/api_reference.py > docs/api.md
+
+detector-wide: setup-training opengl ## what follows it: trained further on more varied pictures; goes on where it stopped
+	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS) --only train --only varied \
+	  --only validation --only calibration
+	$(BIN)/python training/draw_textures.py $(MISSIONS)/textures
+	$(BIN)/crowdfence train --data $(MISSIONS)/train --data $(MISSIONS)/varied --data $(MISSIONS)/textures \
+	  --validation $(MISSIONS)/validation --target ground --target silhouettes --wide --steps 6000 \
+	  --learning-rate 5e-4 --initial python/crowdfence/detector/models/crowdnet-s.onnx --resume \
+	  --store $(MISSIONS)/crowdnet-s.frames --licence Apache-2.0 -o $(MISSIONS)/wide.onnx
+	$(BIN)/crowdfence calibrate $(MISSIONS)/wide.onnx --data $(MISSIONS)/calibration -o $(MISSIONS)/crowdnet-s-wide.onnx
+	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration
 
 cli-reference: setup ## the options of every command -> docs/cli.md
 	$(BIN)/python -m crowdfence.cli.reference > docs/cli.md
