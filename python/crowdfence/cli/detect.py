@@ -63,7 +63,7 @@ def detect(
             help="Metres per pixel of the pictures, where known; not for recordings.",
         ),
     ] = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.always,
     terrain: options.TerrainPath = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,

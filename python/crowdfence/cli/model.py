@@ -100,7 +100,7 @@ def evaluate(
     contract: Annotated[
         Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
     ] = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.always,
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(

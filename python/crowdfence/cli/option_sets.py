@@ -49,7 +49,7 @@ class DetectorOptions:
 
     detector: options.DetectorChoice = options.AUTO
     contract: options.ContractPath = None
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable
+    enlarge: options.EnlargeOption = options.EnlargeChoice.always
 
 
 class MethodOptions:

@@ -164,7 +164,8 @@ EnlargeOption = Annotated[
     EnlargeChoice,
     typer.Option(
         "--enlarge",
-        help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x.",
+        help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x; "
+        "affordable: no more than a 640 x 480 picture costs, or the picture itself.",
     ),
 ]
 ContractPath = Annotated[

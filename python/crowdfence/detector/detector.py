@@ -58,7 +58,7 @@ class Detector:
         *,
         threads: int = 1,
         output: Mapping[str, Any] | None = None,
-        enlarge: Enlarge = "affordable",
+        enlarge: Enlarge = "always",
     ) -> None:
         """Load an ONNX model (None: the shipped one).
 

@@ -124,7 +124,7 @@ def choose_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
-    enlarge: Enlarge = "affordable",
+    enlarge: Enlarge = "always",
 ) -> Detector | None:
     """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
     combined. The name of the shipped model stands for its path.
@@ -165,7 +165,7 @@ def named_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
-    enlarge: Enlarge = "affordable",
+    enlarge: Enlarge = "always",
 ) -> Detector:
     """The detector of one model, or the combination of several; shipped ones go by their names.
     ValueError for words that mean no model here."""
