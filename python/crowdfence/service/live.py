@@ -13,7 +13,7 @@ import queue
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import asdict
@@ -37,6 +37,7 @@ from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Write
 from crowdfence.service.view_message import CameraMessage, ViewMessage
@@ -67,6 +68,7 @@ class Live:
         clock: Clock,
         settings: ServiceSettings,
         *,
+        poses: Poses | None = None,
         detector_threads: int = 1,
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
@@ -77,6 +79,8 @@ class Live:
         )
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
         self._gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
+        self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
+        """Of drones whose views come without."""
         self._applied = 0
         self._since_snapshot = 0
         self._last_ns: int | None = None
@@ -104,15 +108,17 @@ class Live:
         """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused; ValueError for
         what is no view."""
         message = ViewMessage.model_validate_json(raw)
-        if (message.heatmap is None) == (message.image is None):
-            raise ValueError("a view has either a heatmap or an image")
+        message.check()
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
             raise Refused(422, "this service runs no detector (--detector): send heatmaps")
-        if message.image is None:
-            message.view()
-        else:
-            message.frame()
-        return self._give("view", message.drone, message.stamp_ns, raw, drones)
+        if message.world_from_camera is not None:
+            return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
+        return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
+
+    def _posed(self, message: ViewMessage) -> bytes:
+        """As it is journaled: with the pose, so that a restart needs no telemetry."""
+        pose = self.poses.pose_at(message.drone, message.stamp_ns, self._clock.now_ns())
+        return message.posed(pose).model_dump_json().encode()
 
     def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
         """The bytes of an observation (`Observation.to_bytes`). Refused; ValueError for what is none."""
@@ -122,15 +128,16 @@ class Live:
             raise Refused(
                 422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
             )
-        return self._give("observation", observation.drone, observation.stamp_ns, raw, drones)
+        return self._give("observation", observation.drone, observation.stamp_ns, lambda: raw, drones)
 
     def _give(
-        self, kind: RecordKind, drone: str, stamp_ns: int, raw: bytes, drones: Sequence[str]
+        self, kind: RecordKind, drone: str, stamp_ns: int, body: Callable[[], bytes], drones: Sequence[str]
     ) -> Accepted:
         if drones and drone not in drones:
             raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
         try:
             self._gate.enter(drone, stamp_ns)
+            raw = self._body(drone, body)
         except Refused:
             self.refused[drone if drone in self.accepted else "(unknown)"] += 1
             raise
@@ -151,6 +158,13 @@ class Live:
         self.accepted[drone] += 1
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
+
+    def _body(self, drone: str, body: Callable[[], bytes]) -> bytes:
+        try:
+            return body()
+        except Refused:
+            self._gate.leave(drone)
+            raise
 
     def _known_drones(self) -> Iterable[str]:
         return (*self._mission.drones, *self.accepted)
