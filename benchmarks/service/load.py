@@ -11,29 +11,25 @@ somebody subscribes. Clients are two processes; all share the machine.
 """
 
 import argparse
-import asyncio
-import json
-import multiprocessing
 import os
 import resource
 import socket
+import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-import httpx
 import numpy as np
 import uvicorn
+from clients import DRONE, STAMP, Told, result, started
 from fastapi import FastAPI, Request
 from mqtt import Publisher, broker, broker_path
-from websockets.asyncio.client import connect
 
 from crowdfence import Camera, View
 from crowdfence.service.app import make_app
@@ -41,16 +37,6 @@ from support.small_service import SETTINGS, message, pose, running
 
 CAMERA = Camera.pinhole(80, 60, 60.0, 60.0, 40.0, 30.0)
 CLIENTS = 2
-_STAMP, _DRONE = 1_234_567_890_123_456_789, "thedrone"
-
-
-@dataclass
-class Told:
-    """What the clients saw."""
-
-    counts: dict[int, int]
-    taken_s: float
-    answers_s: list[float]
 
 
 def bodies() -> list[bytes]:
@@ -61,49 +47,17 @@ def bodies() -> list[bytes]:
         crowd = (u - 40 - 3 * (number % 8)) ** 2 + (v - 30) ** 2 < 100
         heatmap = np.where(crowd, 0.95, 0.02).astype(np.float32)
         place = pose(f"uav{1 + number % 3}", number / 3)
-        made.append(message(View(_DRONE, _STAMP, CAMERA, place, heatmap)))
+        made.append(message(View(DRONE, STAMP, CAMERA, place, heatmap)))
     return made
-
-
-def give(kind: str, port: int, drones: list[str], rate_hz: float, seconds: float, answers: Any) -> None:
-    """Every drone `rate_hz` times a second, as far as that is possible."""
-    made, told = bodies(), Told({}, 0.0, [])
-    if kind == "mqtt":
-        mqtt = Publisher(port, f"publisher {drones[0]}")
-    http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
-    begin_s, number = time.monotonic(), 0
-    while time.monotonic() - begin_s < seconds:
-        due_s = begin_s + number / (rate_hz * len(drones))
-        time.sleep(max(0.0, due_s - time.monotonic()))
-        drone = drones[number % len(drones)]
-        body = made[number % len(made)].replace(str(_STAMP).encode(), str(time.time_ns()).encode(), 1)
-        body = body.replace(_DRONE.encode(), drone.encode(), 1)
-        sent_s, code = time.monotonic(), 202
-        if kind == "mqtt":
-            mqtt.publish(f"views/{drone}", body)
-        else:
-            code = http.post("/api/v1/views", content=body).status_code
-        told.answers_s.append(time.monotonic() - sent_s)
-        told.counts[code] = told.counts.get(code, 0) + 1
-        number += 1
-    told.taken_s = time.monotonic() - begin_s
-    answers.put(told)
 
 
 def bombarded(kind: str, port: int, drones: int, rate_hz: float, seconds: float) -> Told:
     """All clients together."""
-    context = multiprocessing.get_context("spawn")
-    answers = context.Queue()
-    names = [f"uav{number}" for number in range(drones)]
+    names, made = [f"uav{number}" for number in range(drones)], bodies()
     clients = [
-        context.Process(target=give, args=(kind, port, names[first::CLIENTS], rate_hz, seconds, answers))
-        for first in range(CLIENTS)
+        started("give", kind, port, names[first::CLIENTS], made, rate_hz, seconds) for first in range(CLIENTS)
     ]
-    for client in clients:
-        client.start()
-    all_told = [answers.get(timeout=60.0 + 10.0 * seconds) for _ in clients]
-    for client in clients:
-        client.join()
+    all_told = [result(client) for client in clients]
     counts: dict[int, int] = {}
     for one in all_told:
         for code, count in one.counts.items():
@@ -147,33 +101,10 @@ class Samples:
         self.seconds.append(seconds)
 
 
-def view(kind: str, listeners: int, port: int, seconds: float, told: Any) -> None:
-    """How old every step was, in seconds, when each of the listeners had it."""
-
-    async def listen(ages_s: list[float]) -> None:
-        async with connect(f"ws://127.0.0.1:{port}/api/v1/stream", max_size=None, open_timeout=60) as one:
-            async for text in one:
-                step = json.loads(text)
-                if step["type"] == "step" and step["stamp_ns"] is not None:
-                    ages_s.append((time.time_ns() - int(step["stamp_ns"])) / 1e9)
-
-    async def listen_all() -> list[list[float]]:
-        ages_s: list[list[float]] = [[] for _ in range(listeners)]
-        tasks = [asyncio.create_task(listen(one)) for one in ages_s]
-        await asyncio.wait(tasks, timeout=seconds)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        return ages_s
-
-    told.put(asyncio.run(listen_all()))
-
-
 def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -> None:
     settings = replace(SETTINGS, clock="system", snapshot_every=200, waiting_per_drone=16)
-    context = multiprocessing.get_context("spawn")
-    ages = context.Queue()
-    watching = None
+    watching: subprocess.Popen[bytes] | None = None
+    ages_s: list[list[float]] = []
     with TemporaryDirectory() as folder, running(Path(folder), settings=settings) as service:
         live = service.live
         assert live is not None
@@ -183,18 +114,14 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
         def use(port: int) -> Told:
             nonlocal watching
             if viewers:
-                arguments = ("", viewers, port, seconds + 20.0, ages)
-                watching = context.Process(target=view, args=arguments)
-                watching.start()
+                watching = started("view", viewers, port, seconds + 10.0)
                 while service.hub.listeners < viewers:
                     time.sleep(0.1)
             told = bombarded("http", port, drones, rate_hz, seconds)
             if watching is not None:
-                told_ages.extend(ages.get(timeout=120.0))
-                watching.join()
+                ages_s.extend(result(watching))
             return told
 
-        told_ages: list[list[float]] = []
         told = served(make_app(service), use)
         waiting = live.waiting
         live.settled(120.0)
@@ -205,7 +132,7 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"    waiting at the end {waiting}, largest memory of the process {peak_mb:.0f} MB")
         if viewers:
-            heard = [one for one in told_ages if one]
+            heard = [one for one in ages_s if one]
             everything = [age for one in heard for age in one]
             print(
                 f"    {len(heard)} of {viewers} listeners heard {len(everything)} steps, "
