@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
@@ -46,6 +47,7 @@ _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
 _MOST_DRONES = 1000
 _TICK_S = 0.1
+_DECIDED_WITHIN_S = 10.0
 
 
 class Accepted(NamedTuple):
@@ -207,7 +209,12 @@ class Live:
             future.result()
         except sqlite3.Error as error:
             raise Refused(507, f"the action cannot be kept: {error}", 5.0) from error
-        return done.result(timeout=30.0)
+        try:
+            return done.result(timeout=_DECIDED_WITHIN_S)
+        except FutureTimeout as error:
+            raise Refused(
+                503, "it is on disk and will be done, after the pictures that wait for the detector"
+            ) from error
 
     # -- applying ----------------------------------------------------------------------------------------
 
@@ -270,24 +277,23 @@ class Live:
 
     def _apply(self, record: Record) -> None:
         """Never fails: a record that cannot be used is refused, and the next one follows."""
-        with self._mission.lock:
-            self._applied = record.seq
-            self._since_snapshot += 1
-            try:
-                if record.kind == "operator":
-                    self._act(record)
-                elif record.kind == "tick":
-                    self._take(self._gathering.advance(record.stamp_ns))
-                else:
-                    self._arrive(record)
-            except Exception as error:  # a mistake of ours: one record must not stop all that follow
-                _LOG.exception("record %s could not be applied", record.seq)
-                self._alerts.raise_(
-                    "refused_views",
-                    "alarm",
-                    f"record {record.seq} ({record.kind}) could not be applied: {error}",
-                    self._clock.now_ns(),
-                )
+        self._applied = record.seq
+        self._since_snapshot += 1
+        try:
+            if record.kind == "operator":
+                self._act(record)
+            elif record.kind == "tick":
+                self._take(self._gathering.advance(record.stamp_ns))
+            else:
+                self._arrive(record)
+        except Exception as error:  # a mistake of ours: one record must not stop all that follow
+            _LOG.exception("record %s could not be applied", record.seq)
+            self._alerts.raise_(
+                "refused_views",
+                "alarm",
+                f"record {record.seq} ({record.kind}) could not be applied: {error}",
+                self._clock.now_ns(),
+            )
 
     def _arrive(self, record: Record) -> None:
         arrival = self._arrival(record)
@@ -304,9 +310,17 @@ class Live:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
+        # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
         contents = [arrival.arrived() for arrival in group]
         self._gathering.took(group)
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
+        with self._mission.lock:
+            self._step_with(group, contents, stamp_ns)
+        for then_s in acknowledged_s:
+            if then_s is not None:
+                self.publishing.took(time.monotonic() - then_s)
+
+    def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
             step = stepped(self._mission.loop, contents, stamp_ns)
         except CrowdfenceError as error:
@@ -318,9 +332,6 @@ class Live:
         for arrival, content in zip(group, contents, strict=True):
             self._show(arrival, content)
         self._mission.stepped(step)
-        for then_s in acknowledged_s:
-            if then_s is not None:
-                self.publishing.took(time.monotonic() - then_s)
 
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
@@ -341,15 +352,16 @@ class Live:
         mission = self._mission
         action = OperatorAction(**json.loads(record.body))
         done = self._done.pop(record.seq, None)
-        zones = mission.found if mission.newest is None else mission.newest.zones
-        try:
-            zone = mission.operator_zones.do(action, zones)
-        except ValueError as error:  # somebody else was faster
-            if done is not None:
-                done.set_exception(error)
-            return
-        newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
-        mission.publish(max(action.stamp_ns, newest_ns))
+        with mission.lock:
+            zones = mission.found if mission.newest is None else mission.newest.zones
+            try:
+                zone = mission.operator_zones.do(action, zones)
+            except ValueError as error:  # somebody else was faster
+                if done is not None:
+                    done.set_exception(error)
+                return
+            newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
+            mission.publish(max(action.stamp_ns, newest_ns))
         if done is not None:
             done.set_result(zone)
 
