@@ -1,6 +1,6 @@
 """The live service for an hour of flight, as fast as it goes: memory and disk stay bounded.
 
-    python benchmarks/service/soak.py [--hours 1]
+    python benchmarks/service/soak.py [--seconds 3600]
 
 Three drones give five views a second over a plain; the clock is that of the views. History is kept for ten
 minutes. After twice that, neither the resident memory nor the files may grow by more than a fifth.
@@ -32,9 +32,9 @@ def disk_mb(folder: Path) -> float:
     return sum(path.stat().st_size for path in folder.iterdir()) / 1e6
 
 
-def main(hours: float) -> int:
+def main(seconds: float) -> int:
     settings = replace(SETTINGS, keep_s=KEPT_S, keep_media_mb=5.0, snapshot_every=200)
-    instants = int(hours * 3600 * 5)
+    instants = int(seconds * 5)
     figures = []
     with TemporaryDirectory() as name, running(Path(name), settings=settings) as service:
         watch = Watch(service)
@@ -69,5 +69,5 @@ def _at(drone: str, number: int):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("--hours", type=float, default=1.0)
-    sys.exit(main(parser.parse_args().hours))
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    sys.exit(main(parser.parse_args().seconds))

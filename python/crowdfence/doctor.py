@@ -76,6 +76,7 @@ PACKAGES = (
     Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
     Package("av", "av", "videos in and out", extra="video"),
     Package("rosbags", "rosbags.highlevel", "bags of ROS", extra="ros"),
+    Package("eclipse-zenoh", "zenoh", "fleets of ROS 2", extra="zenoh"),
     Package("fastapi", "fastapi", "live service", extra="serve"),
     Package("uvicorn", "uvicorn", "live service", extra="serve"),
     Package("websockets", "websockets", "live service", extra="serve"),

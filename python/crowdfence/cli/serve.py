@@ -16,6 +16,8 @@ from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
     from crowdfence.service.access import Access
+    from crowdfence.service.inputs import Inputs
+    from crowdfence.service.ros.link import RosLink
     from crowdfence.service.service import Service
     from crowdfence.service.settings import ServiceSettings
 
@@ -24,6 +26,13 @@ TokenFile = Annotated[
     Path | None,
     typer.Option("--tokens", rich_help_panel=_SERVER, help="File that `crowdfence token add` made."),
 ]
+
+
+class KeyChoice(str, Enum):
+    """How a fleet of ROS names its topics on Zenoh."""
+
+    rmw = "rmw"
+    bridge = "bridge"
 
 
 class ClockName(str, Enum):
@@ -89,6 +98,54 @@ def serve(
     silent_after_s: Annotated[
         float, typer.Option("--silent-after-s", rich_help_panel=_LIVE, help="Silence that is an alarm.")
     ] = 5.0,
+    mavlink: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--mavlink",
+            metavar="DRONE=udp:ADDRESS:PORT[:SYSTEM]",
+            rich_help_panel=_LIVE,
+            help="Telemetry that tells the poses of a drone whose views come without; may be repeated. "
+            "--mount, --heights, --geoid-m and --take-off say what it leaves open.",
+        ),
+    ] = None,
+    mavlink_key: Annotated[
+        Path | None,
+        typer.Option(
+            "--mavlink-key",
+            rich_help_panel=_LIVE,
+            help="File with the pass phrase of signed telemetry; needed on addresses of other machines.",
+        ),
+    ] = None,
+    zenoh: Annotated[
+        str | None,
+        typer.Option(
+            "--zenoh",
+            metavar="ENDPOINT",
+            rich_help_panel=_LIVE,
+            help="Zenoh router of a ROS 2 fleet, such as tcp/127.0.0.1:7447: zones and maps go there, and "
+            "what --topics names comes from there.",
+        ),
+    ] = None,
+    zenoh_config: Annotated[
+        Path | None,
+        typer.Option(
+            "--zenoh-config", rich_help_panel=_LIVE, help="Zenoh's own configuration, for TLS and the like."
+        ),
+    ] = None,
+    zenoh_keys: Annotated[
+        KeyChoice,
+        typer.Option(
+            "--zenoh-keys",
+            rich_help_panel=_LIVE,
+            help="rmw: the fleet runs rmw_zenoh; bridge: zenoh-bridge-ros2dds carries its topics.",
+        ),
+    ] = KeyChoice.rmw,
+    ros_domain: Annotated[
+        int, typer.Option("--ros-domain", rich_help_panel=_LIVE, help="ROS_DOMAIN_ID of the fleet, for rmw.")
+    ] = 0,
+    bridge_namespace: Annotated[
+        str, typer.Option("--bridge-namespace", rich_help_panel=_LIVE, help="That of the bridge.")
+    ] = "",
     keep_h: Annotated[
         float,
         typer.Option("--keep-h", rich_help_panel=_LIVE, help="Hours that history and pictures are kept."),
@@ -168,6 +225,7 @@ def _live(
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
     ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
+    inputs = _inputs(chosen)
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
         chosen["data"],
@@ -181,8 +239,57 @@ def _live(
         settings=settings,
         access=access,
         static_zones=_static(chosen, ground.terrain.georeference),
+        inputs=inputs,
     ) as service:
         yield service
+
+
+def _inputs(chosen: dict[str, Any]) -> Inputs:
+    """What is listened to besides HTTP. ValueError for what only recordings can use, and for telemetry that
+    cannot be laid on the clock."""
+    from crowdfence.service.inputs import Inputs
+    from crowdfence.service.mavlink_link import TelemetryAddress
+    from crowdfence.service.telemetry import TelemetryOptions
+    from crowdfence.sources.camera_mount import CameraMount
+    from crowdfence.sources.geographic_track import HeightOptions
+
+    told = source_options.given(chosen)
+    addresses = [TelemetryAddress.parse(text) for text in chosen["mavlink"] or ()]
+    if addresses and chosen["clock"] is ClockName.views:
+        raise ValueError("--mavlink is laid on the machine's clock: it does not go with --clock views")
+    ros = _ros(chosen)
+    usable = {"mount", "heights", "geoid_m", "take_off"} if addresses else set[str]()
+    if ros is not None:
+        usable |= {"topics", "mount"}
+    for name in told.keys() - usable:
+        raise ValueError(f"{name} says something about a recording; live views have none")
+    mount = told.get("mount")
+    heights = HeightOptions(told.get("heights"), told.get("geoid_m"), told.get("take_off"))
+    key = chosen["mavlink_key"]
+    return Inputs(
+        mavlink=addresses,
+        mavlink_key=None if key is None else key.read_text().strip(),
+        telemetry=TelemetryOptions(None if mount is None else CameraMount.parse(mount), heights),
+        ros=ros,
+    )
+
+
+def _ros(chosen: dict[str, Any]) -> RosLink | None:
+    from crowdfence.service.ros.keys import RosKeys
+    from crowdfence.service.ros.link import RosLink
+    from crowdfence.service.ros.topics import live_topics
+    from crowdfence.sources.camera_mount import CameraMount
+
+    if chosen["zenoh"] is None and chosen["zenoh_config"] is None:
+        return None
+    mount = chosen["mount"]
+    return RosLink(
+        endpoint=chosen["zenoh"] or "",
+        config=chosen["zenoh_config"],
+        keys=RosKeys(chosen["zenoh_keys"].value, chosen["ros_domain"], chosen["bridge_namespace"]),
+        topics=live_topics(chosen["topics"] or ()),
+        mount=None if mount is None else CameraMount.parse(mount),
+    )
 
 
 def _static(chosen: dict[str, Any], georeference: Any) -> Any:

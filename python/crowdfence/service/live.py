@@ -13,8 +13,9 @@ import queue
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
@@ -37,6 +38,7 @@ from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Write
 from crowdfence.service.view_message import CameraMessage, ViewMessage
@@ -45,6 +47,7 @@ _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
 _MOST_DRONES = 1000
 _TICK_S = 0.1
+_DECIDED_WITHIN_S = 10.0
 
 
 class Accepted(NamedTuple):
@@ -67,6 +70,7 @@ class Live:
         clock: Clock,
         settings: ServiceSettings,
         *,
+        poses: Poses | None = None,
         detector_threads: int = 1,
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
@@ -77,6 +81,8 @@ class Live:
         )
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
         self._gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
+        self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
+        """Of drones whose views come without."""
         self._applied = 0
         self._since_snapshot = 0
         self._last_ns: int | None = None
@@ -104,15 +110,17 @@ class Live:
         """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused; ValueError for
         what is no view."""
         message = ViewMessage.model_validate_json(raw)
-        if (message.heatmap is None) == (message.image is None):
-            raise ValueError("a view has either a heatmap or an image")
+        message.check()
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
             raise Refused(422, "this service runs no detector (--detector): send heatmaps")
-        if message.image is None:
-            message.view()
-        else:
-            message.frame()
-        return self._give("view", message.drone, message.stamp_ns, raw, drones)
+        if message.world_from_camera is not None:
+            return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
+        return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
+
+    def _posed(self, message: ViewMessage) -> bytes:
+        """As it is journaled: with the pose, so that a restart needs no telemetry."""
+        pose = self.poses.pose_at(message.drone, message.stamp_ns, self._clock.now_ns())
+        return message.posed(pose).model_dump_json().encode()
 
     def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
         """The bytes of an observation (`Observation.to_bytes`). Refused; ValueError for what is none."""
@@ -122,15 +130,16 @@ class Live:
             raise Refused(
                 422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
             )
-        return self._give("observation", observation.drone, observation.stamp_ns, raw, drones)
+        return self._give("observation", observation.drone, observation.stamp_ns, lambda: raw, drones)
 
     def _give(
-        self, kind: RecordKind, drone: str, stamp_ns: int, raw: bytes, drones: Sequence[str]
+        self, kind: RecordKind, drone: str, stamp_ns: int, body: Callable[[], bytes], drones: Sequence[str]
     ) -> Accepted:
         if drones and drone not in drones:
             raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
         try:
             self._gate.enter(drone, stamp_ns)
+            raw = self._body(drone, body)
         except Refused:
             self.refused[drone if drone in self.accepted else "(unknown)"] += 1
             raise
@@ -151,6 +160,13 @@ class Live:
         self.accepted[drone] += 1
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
+
+    def _body(self, drone: str, body: Callable[[], bytes]) -> bytes:
+        try:
+            return body()
+        except Refused:
+            self._gate.leave(drone)
+            raise
 
     def _known_drones(self) -> Iterable[str]:
         return (*self._mission.drones, *self.accepted)
@@ -193,7 +209,12 @@ class Live:
             future.result()
         except sqlite3.Error as error:
             raise Refused(507, f"the action cannot be kept: {error}", 5.0) from error
-        return done.result(timeout=30.0)
+        try:
+            return done.result(timeout=_DECIDED_WITHIN_S)
+        except FutureTimeout as error:
+            raise Refused(
+                503, "it is on disk and will be done, after the pictures that wait for the detector"
+            ) from error
 
     # -- applying ----------------------------------------------------------------------------------------
 
@@ -256,24 +277,23 @@ class Live:
 
     def _apply(self, record: Record) -> None:
         """Never fails: a record that cannot be used is refused, and the next one follows."""
-        with self._mission.lock:
-            self._applied = record.seq
-            self._since_snapshot += 1
-            try:
-                if record.kind == "operator":
-                    self._act(record)
-                elif record.kind == "tick":
-                    self._take(self._gathering.advance(record.stamp_ns))
-                else:
-                    self._arrive(record)
-            except Exception as error:  # a mistake of ours: one record must not stop all that follow
-                _LOG.exception("record %s could not be applied", record.seq)
-                self._alerts.raise_(
-                    "refused_views",
-                    "alarm",
-                    f"record {record.seq} ({record.kind}) could not be applied: {error}",
-                    self._clock.now_ns(),
-                )
+        self._applied = record.seq
+        self._since_snapshot += 1
+        try:
+            if record.kind == "operator":
+                self._act(record)
+            elif record.kind == "tick":
+                self._take(self._gathering.advance(record.stamp_ns))
+            else:
+                self._arrive(record)
+        except Exception as error:  # a mistake of ours: one record must not stop all that follow
+            _LOG.exception("record %s could not be applied", record.seq)
+            self._alerts.raise_(
+                "refused_views",
+                "alarm",
+                f"record {record.seq} ({record.kind}) could not be applied: {error}",
+                self._clock.now_ns(),
+            )
 
     def _arrive(self, record: Record) -> None:
         arrival = self._arrival(record)
@@ -290,9 +310,17 @@ class Live:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
+        # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
         contents = [arrival.arrived() for arrival in group]
         self._gathering.took(group)
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
+        with self._mission.lock:
+            self._step_with(group, contents, stamp_ns)
+        for then_s in acknowledged_s:
+            if then_s is not None:
+                self.publishing.took(time.monotonic() - then_s)
+
+    def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
             step = stepped(self._mission.loop, contents, stamp_ns)
         except CrowdfenceError as error:
@@ -304,9 +332,6 @@ class Live:
         for arrival, content in zip(group, contents, strict=True):
             self._show(arrival, content)
         self._mission.stepped(step)
-        for then_s in acknowledged_s:
-            if then_s is not None:
-                self.publishing.took(time.monotonic() - then_s)
 
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
@@ -327,15 +352,16 @@ class Live:
         mission = self._mission
         action = OperatorAction(**json.loads(record.body))
         done = self._done.pop(record.seq, None)
-        zones = mission.found if mission.newest is None else mission.newest.zones
-        try:
-            zone = mission.operator_zones.do(action, zones)
-        except ValueError as error:  # somebody else was faster
-            if done is not None:
-                done.set_exception(error)
-            return
-        newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
-        mission.publish(max(action.stamp_ns, newest_ns))
+        with mission.lock:
+            zones = mission.found if mission.newest is None else mission.newest.zones
+            try:
+                zone = mission.operator_zones.do(action, zones)
+            except ValueError as error:  # somebody else was faster
+                if done is not None:
+                    done.set_exception(error)
+                return
+            newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
+            mission.publish(max(action.stamp_ns, newest_ns))
         if done is not None:
             done.set_result(zone)
 

@@ -55,6 +55,7 @@ class Watch:
         service = self._service
         if service.mode != "finished":
             self._silence()
+        self._poses()
         self._detector()
         self._drones_and_zones()
         self._clock()
@@ -86,6 +87,14 @@ class Watch:
                 f"no view from {drone} for more than {most_s:g} s, the last of {iso_utc(last_ns)}: zones stay"
             )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
+
+    def _poses(self) -> None:
+        live, now_ns = self._service.live, self._service.now_ns()
+        if live is None:
+            return
+        for drone in live.poses.feeds:
+            text = live.poses.trouble(drone, now_ns)
+            self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
 
     def _detector(self) -> None:
         live = self._service.live
