@@ -123,9 +123,9 @@ DOCS_SOURCE := README.md ARCHITECTURE.md docs benchmarks paper reference trainin
 
 docs: $(DOCS_ENV)/.installed ## the documentation as a site in out/site/
 	@rm -rf out/docs-source && mkdir -p out/docs-source
-	@find $(DOCS_SOURCE) -type f \( -name '*.md' -o -name '*.png' -o -name '*.svg' -o -name '*.css' -o -name '*.json' -o -name '*.csv' \) \
+	@find $(DOCS_SOURCE) -type f \( -name '*.md' -o -name '*.png' -o -name '*.jpg' -o -name '*.svg' -o -name '*.css' -o -name '*.json' -o -name '*.csv' \) \
 	  -exec cp --parents -t out/docs-source {} +
-	NO_MKDOCS_2_WARNING=1 $(DOCS_ENV)/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(DOCS_ENV)/bin/mkdocs build --strict
 	@echo "out/site/index.html"
 
 $(DOCS_ENV)/.installed: requirements-docs.txt

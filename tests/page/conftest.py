@@ -36,7 +36,9 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def context(browser: Browser) -> Iterator[BrowserContext]:
-    context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+    context = browser.new_context(
+        viewport={"width": 1280, "height": 720}, color_scheme="dark", reduced_motion="reduce"
+    )
     yield context
     context.close()
 

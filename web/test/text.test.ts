@@ -3,7 +3,7 @@ import type { Zone } from "../src/api/contract";
 import { waitBefore } from "../src/api/stream";
 import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
-import { ago, compareStamps, duration, endOf, indexAt, timeOfDay } from "../src/text/stamp";
+import { ago, compareStamps, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
 import { area, degrees, grouped, length, place, probability } from "../src/text/units";
 import { roundLength } from "../src/ui/scale_bar";
 
@@ -12,6 +12,11 @@ describe("stamps", () => {
     expect(compareStamps("999", "1000")).toBe(-1);
     expect(compareStamps("1767225600095371892", "1767225600095371891")).toBe(1); // one number as doubles
     expect(compareStamps("0", "0")).toBe(0);
+  });
+
+  it("are shortened where a sentence names them", () => {
+    expect(withTimes("the last of 2026-11-22T18:40:00.394079279Z: zones stay", "utc")).toBe("the last of 18:40:00 UTC: zones stay");
+    expect(withTimes("uav1 is in zone Z1", "utc")).toBe("uav1 is in zone Z1");
   });
 
   it("lead to the last point before them", () => {

@@ -16,7 +16,9 @@ import type { Heights } from "./heights";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
 
 const ABOVE_GROUND_M = 0.7;
-const WALL_M = 26;
+/** Of the longer side of the ground, within bounds: walls say where, not how high. */
+const WALL_SHARE = 0.08;
+const WALL_M = [6, 26] as const;
 /** Software rendering uploads a drape in some 50 ms. */
 const DRAPE_EVERY_MS = 250;
 const FLY_MS = 450;
@@ -362,7 +364,7 @@ export class MapView {
     const meters = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN } as const;
     const sheet = layers.base ? this.surroundings.sheet : null;
     const drawn: (Layer | null)[] = [
-      sheet && new SimpleMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
+      sheet && new SimpleMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
       layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), one.status === "ok" ? 210 : 110], () => 1.5) : null,
@@ -431,9 +433,14 @@ export class MapView {
     const known = this.walls.get(name);
     const same = known && known.zones.length === zones.length && known.zones.every((zone, k) => JSON.stringify(zone.polygon) === JSON.stringify(zones[k].polygon));
     if (same) return known.mesh;
-    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, WALL_M);
+    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, this.wall_m);
     this.walls.set(name, { zones, mesh: made });
     return made;
+  }
+
+  private get wall_m(): number {
+    const [west, south, east, north] = this.ground!.bounds;
+    return Math.min(Math.max(WALL_SHARE * Math.max(east - west, north - south), WALL_M[0]), WALL_M[1]);
   }
 
   private wallTexture(colour: Rgb): ImageData {
