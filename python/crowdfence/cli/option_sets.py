@@ -42,6 +42,7 @@ class SourceOptions:
     take_off: source_options.TakeOff = None
     ground_start: source_options.GroundStart = False
     frames_per_s: source_options.FramesPerS = None
+    boxes: source_options.Boxes = None
 
 
 class DetectorOptions:

@@ -196,6 +196,10 @@ def _heatmaps(detector: dict[str, Any]) -> str:
     return f"{detector['name']}{version} on the pictures{checksum}"
 
 
+_KNOBS = ("alpha", "decay", "memory_s", "prior", "b_threshold", "clamp_low", "clamp_high")
+"""Of the methods for comparison."""
+
+
 def _method(summary: dict[str, Any]) -> str:
     used = summary["parameters"]
     if summary["method"] == "or":
@@ -205,6 +209,9 @@ def _method(summary: dict[str, Any]) -> str:
             f"evidence, memory {used['memory_s']:g} s, prior {used['prior']:.4f}, "
             f"empty up to P = {used['cleared']:.2g}"
         )
+    if summary["method"] != "paper":
+        knobs = [f"{name} {used[name]:.4g}" for name in _KNOBS if name in used]
+        return ", ".join([summary["method"], *knobs])
     return (
         f"paper, alpha {used['alpha']:g}, lambda {used['decay']:g} per {used['decay_unit']}, prior "
         f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "

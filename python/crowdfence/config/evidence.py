@@ -88,13 +88,13 @@ class EvidenceConfig:
             sharp_gsd_m=self.sharp_gsd_m,
             doubt=self.doubt,
             agreement=self.agreement,
-            threshold=_shifted(complete.prior, self.zone_log_odds),
-            cleared=_shifted(complete.prior, -self.clear_log_odds),
+            threshold=shifted(complete.prior, self.zone_log_odds),
+            cleared=shifted(complete.prior, -self.clear_log_odds),
             focal_px=complete.focal_px,
         )
 
 
-def _shifted(prior: float, log_odds: float) -> float:
+def shifted(prior: float, log_odds: float) -> float:
     """The probability that lies so far from the prior. One outside (0, 1) is left to the core to refuse."""
     if not 0.0 < prior < 1.0:
         return prior
