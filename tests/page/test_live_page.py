@@ -47,7 +47,8 @@ class Fleet(threading.Thread):
         with Client(self.server.url, token=self.server.token["operator"]) as client:
             while not self.landed.wait(EVERY_S):
                 for drone in sorted(self.flying):
-                    values = heatmap(drone, 0.0) if self.crowd else np.full((12, 16), 0.02, np.float32)
+                    there = self.crowd & (heatmap(drone, 0.0) > 0.5)
+                    values = np.where(there, 0.9, 0.02).astype(np.float32)
                     taken = View(drone, time.time_ns(), CAMERA, pose(drone, 0.0), values)
                     try:
                         client.give(taken)

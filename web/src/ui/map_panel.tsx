@@ -77,7 +77,7 @@ const LABEL_HEIGHT = 23;
 const MARKER_PIXELS = 18;
 
 /** Where a label stands from its place, the first that covers no other label and no drone; right before left. */
-const NUDGES = [[0, 0], [0, -12], [0, 36], [0, -24], [0, -36], [60, 0], [-60, 0], [0, 48], [0, -48], [60, -24], [-60, -24], [0, -72], [60, 36], [-60, 36]];
+const NUDGES = [[0, 0], [0, -12], [0, 36], [0, -24], [60, 0], [-60, 0], [60, -24], [-60, -24], [60, 36], [-60, 36], [0, 48], [0, -48]];
 
 function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
   const taken = (store.state.moment?.drones ?? []).flatMap(({ position }) => {
