@@ -55,6 +55,7 @@ def convert(
     take_off: source_options.TakeOff = None,
     ground_start: source_options.GroundStart = False,
     frames_per_s: source_options.FramesPerS = None,
+    alignment: source_options.AlignmentFile = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:

@@ -77,6 +77,7 @@ def detect(
     take_off: source_options.TakeOff = None,
     ground_start: source_options.GroundStart = False,
     frames_per_s: source_options.FramesPerS = None,
+    alignment: source_options.AlignmentFile = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:

@@ -40,6 +40,7 @@ def evaluate(
     take_off: source_options.TakeOff = None,
     ground_start: source_options.GroundStart = False,
     frames_per_s: source_options.FramesPerS = None,
+    alignment: source_options.AlignmentFile = None,
     detector: options.DetectorChoice = options.AUTO,
     contract: options.ContractPath = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,

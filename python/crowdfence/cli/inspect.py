@@ -49,6 +49,7 @@ def inspect(
     take_off: source_options.TakeOff = None,
     ground_start: source_options.GroundStart = False,
     frames_per_s: source_options.FramesPerS = None,
+    alignment: source_options.AlignmentFile = None,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[

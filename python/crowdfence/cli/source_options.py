@@ -118,6 +118,16 @@ FramesPerS = Annotated[
     ),
 ]
 
+AlignmentFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--alignment",
+        metavar="FILE",
+        rich_help_panel=_PANEL,
+        help="What the poses are constantly off, as `crowdfence align` found it.",
+    ),
+]
+
 NAMES = (
     "topics",
     "mount",
@@ -129,6 +139,7 @@ NAMES = (
     "take_off",
     "ground_start",
     "frames_per_s",
+    "alignment",
 )
 
 
