@@ -73,6 +73,7 @@ PACKAGES = (
     Package("laspy", "laspy", "lidar maps (.las .laz)", extra="lidar"),
     Package("lazrs", "lazrs", "compressed lidar maps (.laz)", extra="lidar"),
     Package("trimesh", "trimesh", "mesh maps (.ply .obj)", extra="mesh"),
+    Package("opencv-python-headless", "cv2", "crowdfence align", extra="align"),
     Package("moderngl", "moderngl", "pictures of the simulator", extra="sim"),
     Package("av", "av", "videos in and out", extra="video"),
     Package("rosbags", "rosbags.highlevel", "bags of ROS", extra="ros"),

@@ -11,6 +11,7 @@ import typer
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.option_sets import (
+    AlignmentOptions,
     DetectorOptions,
     EvidenceOptions,
     MapOptions,
@@ -39,7 +40,15 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Instant, InstantViews
 
 
-@takes(MapOptions, SourceOptions, DetectorOptions, EvidenceOptions, ProjectionOptions, before="method")
+@takes(
+    MapOptions,
+    SourceOptions,
+    AlignmentOptions,
+    DetectorOptions,
+    EvidenceOptions,
+    ProjectionOptions,
+    before="method",
+)
 def evaluate(
     context: typer.Context,
     recording: options.RecordingPaths,

@@ -45,6 +45,12 @@ class SourceOptions:
     boxes: source_options.Boxes = None
 
 
+class AlignmentOptions:
+    """What the poses of a recording are known to be off."""
+
+    alignment: source_options.AlignmentFile = None
+
+
 class DetectorOptions:
     """What finds crowds in the pictures."""
 
@@ -116,6 +122,7 @@ class ZoneOptions:
 
 FUSION = (
     SourceOptions,
+    AlignmentOptions,
     DetectorOptions,
     MethodOptions,
     EvidenceOptions,

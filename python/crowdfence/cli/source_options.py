@@ -134,6 +134,16 @@ Boxes = Annotated[
     ),
 ]
 
+AlignmentFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--alignment",
+        metavar="FILE",
+        rich_help_panel=_PANEL,
+        help="What the poses are constantly off, as `crowdfence align` found it.",
+    ),
+]
+
 NAMES = (
     "topics",
     "mount",
@@ -146,6 +156,7 @@ NAMES = (
     "ground_start",
     "frames_per_s",
     "boxes",
+    "alignment",
 )
 
 

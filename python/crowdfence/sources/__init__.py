@@ -49,6 +49,7 @@ def open_recording(
     max_pose_gap_s: float = 0.25,
     max_jump_s: float = 3600.0,
     ground_start: bool = False,
+    alignment: str | PathLike[str] | None = None,
     **options: Any,
 ) -> Recording:
     """Open a recording, whatever it is, or several as one fleet:
@@ -64,7 +65,8 @@ def open_recording(
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
     than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
     lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
-    first pose, so heights are moved by what the map says there. `options` are those of the kind:
+    first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
+    with what the poses are off. `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
     `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
 
@@ -76,7 +78,9 @@ def open_recording(
         recording = _open_one(Path(path), limits, options)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
-    return _from_the_ground(recording) if ground_start else recording
+    if ground_start:
+        recording = _from_the_ground(recording)
+    return recording if alignment is None else _aligned(recording, alignment)
 
 
 def is_recording(path: Path) -> bool:
@@ -171,6 +175,13 @@ def _film_beside(path: Path) -> str:
         return ""
     film = film_of(path)
     return f"; it is the log of a film, which is named instead{f': {film}' if film else ''}"
+
+
+def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
+    from crowdfence.sources.alignment_file import read_alignment
+    from crowdfence.sources.pose_offset import without_offsets
+
+    return without_offsets(recording, read_alignment(alignment))
 
 
 def _from_the_ground(recording: Recording) -> Recording:
