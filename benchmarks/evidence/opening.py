@@ -61,8 +61,13 @@ def shares(mission: Mission) -> NDArray[np.float64]:
     config = cf.RunConfig(EvidenceConfig()).with_detector(mission.contract)
     crowd_map = config.crowd_map(mission.terrain, mission.drones)
     prior = crowd_map.method.parameters["prior"]
-    everything = mission.terrain.voxel_indices(np.arange(mission.terrain.voxel_count))
-    keys, column = np.unique(column_keys(everything[:, :2]), return_inverse=True)
+    seen_ids = np.unique(
+        np.concatenate([one.voxel_ids for now in mission.moments for one in now.observations])
+    )
+    voxel_keys = column_keys(mission.terrain.voxel_indices(seen_ids)[:, :2])
+    keys, column_of_seen = np.unique(voxel_keys, return_inverse=True)
+    column = np.empty(mission.terrain.voxel_count, np.int64)
+    column[seen_ids] = column_of_seen
     place = column_places(keys)
     grounds = [Ground(rule, len(keys)) for rule in RULES]
     counts = np.zeros((len(RULES), 6))
