@@ -7,8 +7,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz bench \
-	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector paper cli-reference \
-	page test-page test-web chromium page-picture
+	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector detector-wide paper \
+	cli-reference page test-page test-web chromium page-picture docs api-reference
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -89,10 +89,12 @@ test-service-kill: setup ## the live service, killed fifty times at random momen
 	CROWDFENCE_KILLS=50 $(BIN)/pytest tests/service/test_kill.py
 
 soak-service: setup ## the live service for an hour of flight: memory and disk stay bounded
-	$(BIN)/python benchmarks/service/soak.py
+	$(BIN)/python benchmarks/service/soak.py --seconds $(or $(SECONDS),3600)
 
-bench-service: setup ## views of 12 and 48 drones into the service: benchmarks/service/RESULTS.md
-	$(BIN)/python benchmarks/service/load.py
+bench-service: setup ## views of 12 and 48 drones into the service, 200 listeners: benchmarks/service/RESULTS.md
+	@command -v mosquitto >/dev/null || [ -x /usr/sbin/mosquitto ] || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
+	  $$SUDO apt-get install -y -qq --no-install-recommends mosquitto; } || echo "no MQTT baseline: mosquitto is missing"
+	$(BIN)/python -W ignore benchmarks/service/load.py --seconds $(or $(SECONDS),20)
 
 # PyTorch and what belongs to it are 3 GB and more, so only these two targets install it.
 setup-training: setup $(VENV)/.training
@@ -105,12 +107,45 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 	$(BIN)/pytest tests/detector_training/test_network.py
 
 detector: setup-training opengl ## the shipped detector from its recipe: about two hours on two cores
-	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
+	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS) --only train --only validation \
+	  --only calibration --only test-unseen-season --only test-known-seasons
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation \
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/crowdnet-s.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 	$(BIN)/python training/picture_sizes.py python/crowdfence/detector/models/crowdnet-s.onnx $(MISSIONS)/calibration
+	$(BIN)/crowdfence model quantize python/crowdfence/detector/models/crowdnet-s.onnx --data $(MISSIONS)/calibration \
+	  -o python/crowdfence/detector/models/crowdnet-s-int8.onnx
+
+# A site of its own, with an environment of its own: nothing else needs its packages, and `make test` not the site.
+DOCS_ENV    := out/docs-env
+DOCS_SOURCE := README.md ARCHITECTURE.md docs benchmarks paper reference training web/public
+
+docs: $(DOCS_ENV)/.installed ## the documentation as a site in out/site/
+	@rm -rf out/docs-source && mkdir -p out/docs-source
+	@find $(DOCS_SOURCE) -type f \( -name '*.md' -o -name '*.png' -o -name '*.jpg' -o -name '*.svg' -o -name '*.css' -o -name '*.json' -o -name '*.csv' \) \
+	  -exec cp --parents -t out/docs-source {} +
+	NO_MKDOCS_2_WARNING=1 $(DOCS_ENV)/bin/mkdocs build --strict
+	@echo "out/site/index.html"
+
+$(DOCS_ENV)/.installed: requirements-docs.txt
+	$(PYTHON) -m venv --clear $(DOCS_ENV)
+	$(DOCS_ENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.txt
+	@touch $@
+
+api-reference: setup ## the public names of the package -> docs/api.md
+	$(BIN)/python docs/api_reference.py > docs/api.md
+
+detector-wide: setup-training opengl ## what follows it: trained further on more varied pictures; goes on where it stopped
+	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS) --only train --only varied \
+	  --only validation --only calibration
+	$(BIN)/python training/draw_textures.py $(MISSIONS)/textures
+	$(BIN)/crowdfence train --data $(MISSIONS)/train --data $(MISSIONS)/varied --data $(MISSIONS)/textures \
+	  --validation $(MISSIONS)/validation --target ground --target silhouettes --wide --steps 6000 \
+	  --learning-rate 5e-4 --initial python/crowdfence/detector/models/crowdnet-s.onnx --resume \
+	  --store $(MISSIONS)/crowdnet-s.frames --licence Apache-2.0 -o $(MISSIONS)/wide.onnx
+	$(BIN)/crowdfence calibrate $(MISSIONS)/wide.onnx --data $(MISSIONS)/calibration -o $(MISSIONS)/crowdnet-s-wide.onnx
+	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration
 
 cli-reference: setup ## the options of every command -> docs/cli.md
 	$(BIN)/python -m crowdfence.cli.reference > docs/cli.md
@@ -167,6 +202,8 @@ lock: ## requirements.in -> requirements.txt with hashes
 	  --quiet requirements.in -o requirements.txt
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
 	  --quiet requirements-train.in -c requirements.txt -o requirements-train.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-annotate \
+	  --quiet requirements-docs.in -c requirements.txt -o requirements-docs.txt
 
 clean:
 	rm -rf target out $(VENV) web/node_modules python/crowdfence/service/page

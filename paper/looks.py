@@ -21,8 +21,8 @@ import crowdfence as cf
 from crowdfence.config import OrConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
-from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask
-from crowdfence.truth.projected import ProjectedTruth, project_truth
+from crowdfence.truth.over_time import ProjectedLabels
+from crowdfence.truth.projected import ProjectedTruth
 
 LITERAL = ProjectionConfig(coverage="rays", surface="voxels")
 BLOCK = 32
@@ -79,6 +79,14 @@ class Mission:
         config = RunConfig(OrConfig(), LITERAL).with_detector(heatmaps.contract)
         projection = config.projection
         assert projection.target_height_m is not None
+        labels = ProjectedLabels(
+            self._recording,
+            self.terrain,
+            max_range_m=projection.max_range_m,
+            target_height_m=projection.target_height_m,
+            coverage=projection.coverage,
+            surface=projection.surface,
+        )
         with heatmaps.detecting(self.drones) as detect:
             for instant in block:
                 found = detect(instant)
@@ -93,21 +101,7 @@ class Mission:
                     )
                     for view in found.views
                 ]
-                truth = [
-                    project_truth(
-                        crowd_mask(frame),
-                        frame.camera,
-                        frame.world_from_camera,
-                        self.terrain,
-                        max_range_m=projection.max_range_m,
-                        target_height_m=projection.target_height_m,
-                        coverage=projection.coverage,
-                        surface=projection.surface,
-                    )
-                    for frame in instant.frames
-                    if has_crowd_mask(frame)
-                ]
-                yield Look(instant.stamp_ns, observations, truth)
+                yield Look(instant.stamp_ns, observations, labels.projected(instant))
 
 
 def simulated(seed: int, frames: int, size: str, folder: Path) -> Path:

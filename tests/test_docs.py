@@ -5,10 +5,12 @@ The pages name files that a reader would have: `flight.mcap`, `dem.tif`, `log.cs
 
 import contextlib
 import csv
+import importlib.util
 import io
 import json
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ import rasterio
 import yaml
 from PIL import Image
 
+import crowdfence
 from crowdfence import open_recording
 from crowdfence.cli.app import app
 from crowdfence.cli.command_line import command_line
@@ -28,7 +31,17 @@ from crowdfence.voxel_state import VoxelState
 from support.small_recordings import flight, write_folder
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ["quick-start", "maps", "own-recording", "states", "wrong-place", "frames", "methods"]
+PAGES = [
+    "quick-start",
+    "concepts",
+    "maps",
+    "own-recording",
+    "states",
+    "wrong-place",
+    "frames",
+    "methods",
+    "zones",
+]
 NOT_RUN = ("source ",)
 
 
@@ -78,6 +91,8 @@ def test_what_a_page_shows_runs(desk: Path, page: str, monkeypatch: pytest.Monke
         if language == "python":
             exec(compile(code, f"{page}.md", "exec"), {"__name__": "__main__"})
             continue
+        if not language:  # a drawing
+            continue
         assert language == "sh", f"{page}.md: code of kind {language!r} is run by nobody"
         for line in code.splitlines():
             if not line.startswith(NOT_RUN):
@@ -110,13 +125,37 @@ def test_the_csv_becomes_a_recording_that_looks_where_it_says(desk: Path) -> Non
     assert json.loads((desk / "out" / "myflight" / "summary.json").read_text())["frames"] == {"uav1": 6}
 
 
-def test_every_page_is_in_the_contents_and_run_here_or_elsewhere() -> None:
+def test_every_page_is_in_the_contents_of_the_site() -> None:
     contents = yaml.safe_load((DOCS.parent / "mkdocs.yml").read_text())
-    listed = [page for entry in contents["nav"] for page in entry.values()]
-    assert [page for page in listed if not (DOCS / page).is_file()] == []
-    shown = {path.stem for path in DOCS.glob("*.md")}
-    assert {f"{page}.md" for page in ("index", *PAGES, "cli", "models")} <= set(listed)
-    assert set(PAGES) <= shown
+    listed = list(_pages(contents["nav"]))
+    assert [page for page in listed if not (DOCS.parent / page).is_file()] == []
+    assert {f"docs/{path.name}" for path in DOCS.glob("*.md")} == {
+        page for page in listed if page.startswith("docs/")
+    }
+    assert len(listed) == len(set(listed))
+
+
+def _pages(nav: object) -> Iterator[str]:
+    if isinstance(nav, str):
+        yield nav
+    for entry in nav if isinstance(nav, list) else nav.values() if isinstance(nav, dict) else ():
+        yield from _pages(entry)
+
+
+def test_the_site_asks_nothing_of_other_hosts() -> None:
+    contents = yaml.safe_load((DOCS.parent / "mkdocs.yml").read_text())
+    assert contents["theme"]["font"] is False
+    assert not any("://" in sheet for sheet in contents["extra_css"]) and "extra_javascript" not in contents
+
+
+def test_the_reference_of_names_is_current_and_whole() -> None:
+    specification = importlib.util.spec_from_file_location("api_reference", DOCS / "api_reference.py")
+    assert specification is not None and specification.loader is not None
+    made = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(made)
+    assert (DOCS / "api.md").read_text() == made.reference(), "run `make api-reference`"
+    named = [name for names in made.GROUPS.values() for name in names]
+    assert sorted([*named, "__version__"]) == sorted(crowdfence.__all__)
 
 
 def test_the_reference_of_commands_is_current() -> None:

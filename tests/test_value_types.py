@@ -17,6 +17,10 @@ from crowdfence import (
     Evidence,
     Georeference,
     LikelihoodRatio,
+    LinearPool,
+    LogOdds,
+    LogPool,
+    MovingAverage,
     Observation,
     Or,
     Paper,
@@ -83,6 +87,14 @@ VALUES = {
     "evidence": EVIDENCE,
     "paper": SWITCHED,
     "or": Or(b_threshold=THIRD),
+    "linear pool": LinearPool(RATES, 0.1 * THIRD, alpha=THIRD, decay=THIRD, b_threshold=THIRD),
+    "log pool": LogPool(
+        RATIO, prior=0.1 * THIRD, alpha=THIRD, decay=THIRD, threshold=THIRD, focal_px=1000.0 * THIRD
+    ),
+    "log odds": LogOdds(RATES, THIRD, b_threshold=THIRD, clamp_low=-THIRD, clamp_high=10.0 * THIRD),
+    "moving average": MovingAverage(
+        RATIO, prior=0.1 * THIRD, memory_s=10.0 * THIRD, threshold=THIRD, focal_px=1000.0 * THIRD
+    ),
 }
 WITH_ARRAYS = {
     "observation": OBSERVATION,

@@ -1,4 +1,4 @@
-"""Records the missions of missions.toml: `python simulate_missions.py OUT [--only NAME]`.
+"""Records the missions of missions.toml: `python simulate_missions.py OUT [--only NAME]...`.
 
 Missions that are there are left alone, so an interrupted recording goes on where it stopped. Two missions are
 made side by side, each by one process: building a scene uses one core.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,13 @@ from crowdfence.simulation.scene import build_scene
 MISSIONS = Path(__file__).parent / "missions.toml"
 
 
-def missions(only: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(split/name, what differs from the scenario) of every mission."""
+def missions(only: Sequence[str] = ()) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(split/name, what differs from the scenario) of every mission, or of those of some splits."""
     tables = read_toml(MISSIONS)
     every = tables.pop("every")
     for split, table in tables.items():
         for mission in table["missions"]:
-            if only in (None, split):
+            if not only or split in only:
                 name = f"{split}/{mission['scenario']}-{mission['seed']}.mcap"
                 yield name, merged(merged(every, table.get("every", {})), mission)
 
@@ -54,7 +54,7 @@ def record(path: Path, mission: dict[str, Any]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--only", help="one group of missions.toml")
+    parser.add_argument("--only", action="append", default=[], help="one group of missions.toml; repeat")
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
     missing = [(given.out / name, mission) for name, mission in missions(given.only)]

@@ -1,146 +1,219 @@
-"""Views of many drones into the service over loopback, against a baseline that does nothing with them.
+"""Views of many drones into the service over loopback, against two that do nothing with them.
 
-    python benchmarks/service/load.py [--seconds 20]
+    python benchmarks/service/load.py [--seconds 20] [--drones 12 48] [--rates 2 10] [--viewers 200]
 
-For 12 and 48 drones, twice a second each: how many views a second are accepted, what one costs the service's
-process, and how long it takes from the acknowledgement of a view to the zones that follow from it (p50, p99,
-upper bounds of buckets). Every view shows one crowd, ten heatmap pixels in radius, over the same plain. The
-baseline is FastAPI that reads the same bodies and answers. Clients are two processes; all share the machine.
+How many views a second are accepted and refused, what one costs the process that takes them, how long an
+answer takes, and how long from the acknowledgement of a view to the zones that follow from it (p50, p99);
+then the same with 200 WebSocket listeners, and how old a step is when they have it. Every view shows one
+crowd, ten heatmap pixels in radius, over the same plain. The baselines take the same bodies: FastAPI that
+reads and answers, and mosquitto at quality 1 (Debian's package; left out where it is missing), to which
+somebody subscribes. Clients are two processes; all share the machine.
 """
 
 import argparse
-import multiprocessing
+import os
+import resource
 import socket
+import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-import httpx
 import numpy as np
 import uvicorn
+from clients import DRONE, STAMP, Told, result, started
 from fastapi import FastAPI, Request
+from mqtt import Publisher, broker, broker_path
 
 from crowdfence import Camera, View
 from crowdfence.service.app import make_app
-from crowdfence.service.latency import BOUNDS_S
 from support.small_service import SETTINGS, message, pose, running
 
-RATE_HZ = 2.0
 CAMERA = Camera.pinhole(80, 60, 60.0, 60.0, 40.0, 30.0)
 CLIENTS = 2
 
 
-def give(port: int, drones: list[str], seconds: float, answers: Any) -> None:
-    """Every drone RATE_HZ times a second, as far as that is possible; what was answered, how often."""
-    counts: dict[int, int] = {}
+def bodies() -> list[bytes]:
+    """Views to be named and stamped: eight heatmaps from three places."""
     v, u = np.mgrid[0:60, 0:80]
-    heatmaps = [
-        np.where((u - 40 - 3 * k) ** 2 + (v - 30) ** 2 < 100, 0.95, 0.02).astype(np.float32) for k in range(8)
+    made = []
+    for number in range(24):
+        crowd = (u - 40 - 3 * (number % 8)) ** 2 + (v - 30) ** 2 < 100
+        heatmap = np.where(crowd, 0.95, 0.02).astype(np.float32)
+        place = pose(f"uav{1 + number % 3}", number / 3)
+        made.append(message(View(DRONE, STAMP, CAMERA, place, heatmap)))
+    return made
+
+
+def bombarded(kind: str, port: int, drones: int, rate_hz: float, seconds: float) -> Told:
+    """All clients together."""
+    names, made = [f"uav{number}" for number in range(drones)], bodies()
+    clients = [
+        started("give", kind, port, names[first::CLIENTS], made, rate_hz, seconds) for first in range(CLIENTS)
     ]
-    begin_s, number = time.monotonic(), 0
-    with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0) as http:
-        while time.monotonic() - begin_s < seconds:
-            drone = drones[number % len(drones)]
-            due_s = begin_s + number / (RATE_HZ * len(drones))
-            time.sleep(max(0.0, due_s - time.monotonic()))
-            place = pose(f"uav{1 + number % 3}", (number / 10) % 8)
-            body = message(View(drone, time.time_ns(), CAMERA, place, heatmaps[number % 8]))
-            code = http.post("/api/v1/views", content=body).status_code
-            counts[code] = counts.get(code, 0) + 1
-            number += 1
-    answers.put((counts, time.monotonic() - begin_s))
+    all_told = [result(client) for client in clients]
+    counts: dict[int, int] = {}
+    for one in all_told:
+        for code, count in one.counts.items():
+            counts[code] = counts.get(code, 0) + count
+    taken_s = max(one.taken_s for one in all_told)
+    return Told(counts, taken_s, [second for one in all_told for second in one.answers_s])
 
 
-def bombarded(app: FastAPI, drones: int, seconds: float) -> tuple[dict[int, int], float]:
-    """Answers by status, and seconds."""
-    config = uvicorn.Config(app, log_config=None)
-    listening = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(config)
+def served(app: FastAPI, use: Callable[[int], Told]) -> Told:
+    """What `use` finds on the port where the application listens."""
+    listening = socket.create_server(("127.0.0.1", 0), backlog=512)
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None))
     thread = Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()
     while not server.started:
         time.sleep(0.01)
-    context = multiprocessing.get_context("spawn")
-    answers = context.Queue()
-    names = [f"uav{number}" for number in range(drones)]
-    port = listening.getsockname()[1]
-    clients = [
-        context.Process(target=give, args=(port, names[first::CLIENTS], seconds, answers))
-        for first in range(CLIENTS)
-    ]
-    for client in clients:
-        client.start()
-    told = [answers.get(timeout=10.0 * seconds) for _ in clients]
-    for client in clients:
-        client.join()
-    server.should_exit = True
-    thread.join()
-    together: dict[int, int] = {}
-    for counts, _ in told:
-        for code, count in counts.items():
-            together[code] = together.get(code, 0) + count
-    return together, max(taken for _, taken in told)
+    try:
+        return use(listening.getsockname()[1])
+    finally:
+        server.should_exit = True
+        thread.join()
 
 
-def baseline() -> FastAPI:
+def fastapi_baseline() -> FastAPI:
     app = FastAPI()
 
-    @app.post("/api/v1/views")
+    @app.post("/api/v1/views", status_code=202)
     async def views(request: Request) -> dict[str, int]:
         return {"accepted": len(await request.body())}
 
     return app
 
 
-def percentile_s(latency: Any, share: float) -> float:
-    """Upper bound of the bucket that it lies in."""
-    counts = latency._counts
-    reached = np.cumsum(counts) >= share * sum(counts)
-    place = int(np.argmax(reached))
-    return BOUNDS_S[place] if place < len(BOUNDS_S) else float("inf")
+class Samples:
+    """In place of the service's histogram: every time, not its bucket."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+
+    def took(self, seconds: float) -> None:
+        self.seconds.append(seconds)
 
 
-def main(seconds: float) -> None:
-    names = ("", "drones", "wanted /s", "accepted /s", "other answers", "CPU ms a view", "p50 s", "p99 s")
-    _row(*names)
-    _row(*["---"] * len(names))
-    for drones in (12, 48):
-        wanted, spent_s = RATE_HZ * drones, time.process_time()
-        counts, taken_s = bombarded(baseline(), drones, seconds)
-        accepted = counts.get(200, 0)
-        cpu_ms = (time.process_time() - spent_s) / accepted * 1e3
-        _row("baseline", drones, f"{wanted:.0f}", f"{accepted / taken_s:.1f}", "", f"{cpu_ms:.1f}", "", "")
-        settings = replace(SETTINGS, clock="system", snapshot_every=200, waiting_per_drone=16)
-        with TemporaryDirectory() as folder, running(Path(folder), settings=settings) as service:
-            spent_s = time.process_time()
-            counts, taken_s = bombarded(make_app(service), drones, seconds)
-            assert service.live is not None
-            service.live.finish()
-            accepted, publishing = counts.pop(202, 0), service.live.publishing
-            cpu_ms = (time.process_time() - spent_s) / accepted * 1e3
-            times = [f"{percentile_s(publishing, share):g}" for share in (0.5, 0.99)]
-            _row(
-                "service",
-                drones,
-                f"{wanted:.0f}",
-                f"{accepted / taken_s:.1f}",
-                counts or "",
-                f"{cpu_ms:.1f}",
-                *times,
+def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -> None:
+    settings = replace(SETTINGS, clock="system", snapshot_every=200, waiting_per_drone=16)
+    watching: subprocess.Popen[bytes] | None = None
+    ages_s: list[list[float]] = []
+    with TemporaryDirectory() as folder, running(Path(folder), settings=settings) as service:
+        live = service.live
+        assert live is not None
+        live.publishing = Samples()  # type: ignore[assignment]
+        spent_s = time.process_time()
+
+        def use(port: int) -> Told:
+            nonlocal watching
+            if viewers:
+                watching = started("view", viewers, port, seconds + 10.0)
+                while service.hub.listeners < viewers:
+                    time.sleep(0.1)
+            told = bombarded("http", port, drones, rate_hz, seconds)
+            if watching is not None:
+                ages_s.extend(result(watching))
+            return told
+
+        told = served(make_app(service), use)
+        waiting = live.waiting
+        live.settled(120.0)
+        live.finish()
+        name = f"service, {viewers} listeners" if viewers else "service"
+        published = live.publishing.seconds
+        _row(name, drones, rate_hz, told, time.process_time() - spent_s, published)
+        peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(f"    waiting at the end {waiting}, largest memory of the process {peak_mb:.0f} MB")
+        if viewers:
+            heard = [one for one in ages_s if one]
+            everything = [age for one in heard for age in one]
+            print(
+                f"    {len(heard)} of {viewers} listeners heard {len(everything)} steps, "
+                f"{service.hub.cut_off} were cut off; a step was {_percentiles(everything)} s old"
             )
 
 
-def _row(*cells: object) -> None:
+def baseline_row(drones: int, rate_hz: float, seconds: float) -> None:
+    spent_s = time.process_time()
+    told = served(fastapi_baseline(), lambda port: bombarded("http", port, drones, rate_hz, seconds))
+    _row("FastAPI", drones, rate_hz, told, time.process_time() - spent_s, [])
+
+
+def mqtt_row(drones: int, rate_hz: float, seconds: float) -> None:
+    with TemporaryDirectory() as folder, broker(Path(folder)) as (port, process):
+        reader = Publisher(port, "reader")
+        reader.subscribe("views/#")
+        Thread(target=_read_all, args=(reader,), daemon=True).start()
+        told = bombarded("mqtt", port, drones, rate_hz, seconds)
+        ticks = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        spent_s = (int(ticks[11]) + int(ticks[12])) / os.sysconf("SC_CLK_TCK")
+        _row("mosquitto, QoS 1", drones, rate_hz, told, spent_s, [])
+        reader.close()
+
+
+def _read_all(reader: Publisher) -> None:
+    try:
+        while True:
+            reader.read()
+    except OSError:
+        return
+
+
+def _row(name: str, drones: int, rate_hz: float, told: Told, cpu_s: float, published_s: list[float]) -> None:
+    accepted = told.counts.get(202, 0)
+    others = {code: count for code, count in sorted(told.counts.items()) if code != 202}
+    cells = (
+        name,
+        drones,
+        f"{drones * rate_hz:.0f}",
+        f"{accepted / told.taken_s:.1f}",
+        ", ".join(f"{count} x {code}" for code, count in others.items()),
+        f"{1e3 * cpu_s / max(1, accepted):.1f}",
+        _percentiles(told.answers_s),
+        _percentiles(published_s),
+    )
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def _percentiles(seconds: list[float]) -> str:
+    if not seconds:
+        return ""
+    return " / ".join(f"{value:.3f}" for value in np.percentile(seconds, [50, 99]))
+
+
+def main(seconds: float, drones: list[int], rates_hz: list[float], viewers: int) -> None:
+    body = len(bodies()[0])
+    print(f"{os.cpu_count()} cores, load average {_load()}, {seconds:g} s a row, {body} bytes a view\n")
+    names = ("", "drones", "wanted /s", "accepted /s", "refused", "CPU ms a view")
+    print(f"| {' | '.join((*names, 'answer p50 / p99 s', 'zones p50 / p99 s'))} |")
+    print("|---" * (len(names) + 2) + "|")
+    for count in drones:
+        for rate_hz in rates_hz:
+            baseline_row(count, rate_hz, seconds)
+            if broker_path() is not None:
+                mqtt_row(count, rate_hz, seconds)
+            service_row(count, rate_hz, seconds)
+    if viewers:
+        service_row(drones[0], rates_hz[0], seconds, viewers)
+    print(f"\nload average {_load()}")
+
+
+def _load() -> str:
+    return " ".join(f"{one:.1f}" for one in os.getloadavg())
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=20.0)
-    main(parser.parse_args().seconds)
+    parser.add_argument("--drones", type=int, nargs="+", default=[12, 48])
+    parser.add_argument("--rates", type=float, nargs="+", default=[2.0, 10.0])
+    parser.add_argument("--viewers", type=int, default=200)
+    given = parser.parse_args()
+    main(given.seconds, given.drones, given.rates, given.viewers)

@@ -26,7 +26,11 @@ __all__ = [
     "CrowdfenceError",
     "Evidence",
     "LikelihoodRatio",
+    "LinearPool",
+    "LogOdds",
+    "LogPool",
     "MapFileError",
+    "MovingAverage",
     "Observation",
     "Or",
     "Paper",
@@ -808,6 +812,158 @@ class Evidence:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
 @final
+class LinearPool:
+    """Method `linear-pool`, for comparison: equations 1-3 with the drones that see a place alone, weights
+    that sum to 1, and forgetting towards the prior.
+
+    rates        of the detector, which decides P(A | B)
+    prior        P(A = 1), strictly between 0 and 1
+    alpha        weight of the newest instant, in (0, 1]
+    decay        lambda per second, >= 0
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+
+    CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+    pickled.
+    """
+    def __new__(
+        cls,
+        rates: Rates,
+        prior: float,
+        *,
+        alpha: float = 0.1,
+        decay: float = 0.0005,
+        b_threshold: float = 0.5,
+    ) -> LinearPool: ...
+    @property
+    def name(self) -> Literal["linear-pool"]:
+        """Name of the method: "linear-pool"."""
+    @property
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise: a quarter of the
+        way from what all drones see empty to what all are sure of.
+        """
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+
+@final
+class LogPool:
+    """Method `log-pool`, for comparison: the mean of the log likelihood ratios of the drones that see a
+    place, blended over time as in equation 3 and forgotten towards the prior.
+
+    likelihood  how strongly a look speaks for or against crowd
+    prior       P(A = 1) where nobody has looked, strictly between 0 and 1
+    alpha       weight of the newest instant, in (0, 1]
+    decay       lambda per second, >= 0
+    threshold   a voxel at or above this probability is crowd, strictly between 0 and 1
+    focal_px    > 0, of the cameras of the calibration: taken for a view that does not say its own
+
+    CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+    pickled.
+    """
+    def __new__(
+        cls,
+        likelihood: LikelihoodRatio,
+        *,
+        prior: float,
+        alpha: float,
+        decay: float,
+        threshold: float,
+        focal_px: float,
+    ) -> LogPool: ...
+    @property
+    def name(self) -> Literal["log-pool"]:
+        """Name of the method: "log-pool"."""
+    @property
+    def likelihood(self) -> LikelihoodRatio:
+        """How strongly a look speaks for or against crowd."""
+    @property
+    def b_threshold(self) -> float:
+        """Pixels above this show crowd, where crowd that meets no ground is counted; it decides no more."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told beside the likelihood, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+
+@final
+class LogOdds:
+    """Method `log-odds`, for comparison: every look adds to the log odds, between two clamps, as in OctoMap.
+    Nothing is forgotten.
+
+    rates        of the detector: what a look with crowd and one without add
+    prior        P(A = 1), strictly between 0 and 1
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    clamp_low    lowest log odds, below 0
+    clamp_high   highest log odds, above 0
+
+    The defaults of prior and clamps are OctoMap's. CrowdfenceError names the parameter that is out of
+    bounds. It cannot change; it can be compared and pickled.
+    """
+    def __new__(
+        cls,
+        rates: Rates,
+        prior: float = 0.5,
+        *,
+        b_threshold: float = 0.5,
+        clamp_low: float = -2.0,
+        clamp_high: float = 3.5,
+    ) -> LogOdds: ...
+    @property
+    def name(self) -> Literal["log-odds"]:
+        """Name of the method: "log-odds"."""
+    @property
+    def b_threshold(self) -> float:
+        """A view calls a voxel crowd when its mean heatmap value is above this."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd: 0.5, as in OctoMap."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+
+@final
+class MovingAverage:
+    """Method `moving-average`, for comparison: the mean of the calibrated scores of all looks, which fade
+    with their age. Instants may come in any order.
+
+    likelihood  how strongly a look speaks for or against crowd
+    prior       P(A = 1) where nobody has looked, strictly between 0 and 1
+    memory_s    > 0, after so many seconds a look weighs 1 / e of what it did
+    threshold   a voxel at or above this probability is crowd, strictly between 0 and 1
+    focal_px    > 0, of the cameras of the calibration: taken for a view that does not say its own
+
+    CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
+    pickled.
+    """
+    def __new__(
+        cls, likelihood: LikelihoodRatio, *, prior: float, memory_s: float, threshold: float, focal_px: float
+    ) -> MovingAverage: ...
+    @property
+    def name(self) -> Literal["moving-average"]:
+        """Name of the method: "moving-average"."""
+    @property
+    def likelihood(self) -> LikelihoodRatio:
+        """How strongly a look speaks for or against crowd."""
+    @property
+    def b_threshold(self) -> float:
+        """Pixels above this show crowd, where crowd that meets no ground is counted; it decides no more."""
+    @property
+    def default_threshold(self) -> float:
+        """Probability from which a voxel is called crowd unless the caller says otherwise."""
+    @property
+    def parameters(self) -> dict[str, str | int | float | bool]:
+        """What the method was told beside the likelihood, by name, for reports."""
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+
+@final
 class VoxelKnowledge:
     """What is known about voxels, one value each; `CrowdMap.knowledge` makes it."""
     @property
@@ -876,7 +1032,8 @@ class CrowdMap:
     """Probability of crowd per terrain voxel over time.
 
     terrain          what the views are projected onto
-    method           `Evidence`, `Paper` or `Or`
+    method           `Evidence`, `Paper`, `Or`, or one of those for comparison (`LinearPool`, `LogPool`,
+                     `LogOdds`, `MovingAverage`)
     max_range_m      > 0, rays end here
     target_height_m  >= 0, height above the ground at which people are marked
     coverage         "full" or "rays", see `project`
@@ -891,7 +1048,7 @@ class CrowdMap:
     def __new__(
         cls,
         terrain: Terrain,
-        method: Evidence | Paper | Or,
+        method: Evidence | Paper | Or | LinearPool | LogPool | LogOdds | MovingAverage,
         *,
         max_range_m: float = 300.0,
         target_height_m: float = 0.0,
@@ -903,8 +1060,8 @@ class CrowdMap:
     def terrain(self) -> Terrain:
         """What the views are projected onto."""
     @property
-    def method(self) -> Evidence | Paper | Or:
-        """`Evidence`, `Paper` or `Or`, with its parameters."""
+    def method(self) -> Evidence | Paper | Or | LinearPool | LogPool | LogOdds | MovingAverage:
+        """The method with its parameters."""
     @property
     def max_range_m(self) -> float:
         """Rays end here, metres."""
@@ -957,7 +1114,7 @@ class CrowdMap:
         self, stamp_ns: int, ids: ArrayLike | None = None, *, level: float = 0.9
     ) -> NDArray[np.float64] | None:
         """Bounds between which the probability of crowd lies, per voxel [V, 2] float64 or of the voxels
-        `ids` [N, 2], at a stamp not before the newest instant. None for `Paper` and `Or`, whose
+        `ids` [N, 2], at a stamp not before the newest instant. None for all but `Evidence`, whose
         probability is no measured rate.
 
         level  in (0, 1): how many of such intervals hold the share of crowd among places like theirs

@@ -200,6 +200,12 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
         ("or", None),
         ("paper", 0.1),
         ("paper", 1.0),
+        ("linear-pool", 0.1),
+        ("linear-pool", 1.0),
+        ("log-pool", 0.1),
+        ("log-pool", 1.0),
+        ("log-odds", None),
+        ("moving-average", None),
     ]
     missed = crowdfence(*arguments, "--min-iou", 1.0)
     assert missed.returncode == GATE_NOT_MET

@@ -59,3 +59,18 @@ def test_a_report_needs_people(tmp_path: Path) -> None:
     refused = crowdfence("evaluate", recording, "--detector", "recorded", "--report", tmp_path / "report")
     assert refused.returncode == 1 and "does not record where people are" in refused.stderr
     assert not (tmp_path / "report").exists()
+
+
+def test_every_knob_can_be_turned(tmp_path: Path) -> None:
+    methods = ("-m", "moving-average", "-m", "or")
+    arguments = (*ARGUMENTS[:6], *methods, "--sweep", "--report", tmp_path / "report", "--json")
+    done = crowdfence(*arguments)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    average, either = found["knobs"]
+    assert (average["method"], either) == ("moving-average", {"method": "or", "best_mean_iou": {}})
+    assert set(average["best_mean_iou"]) == {"prior", "memory_s"}
+    # The value that the method has stands among the others, with the score of its own row.
+    (own,) = [iou for value, iou in average["best_mean_iou"]["memory_s"] if value == 5.0]
+    assert own == found["scores"][0]["best_mean_iou"]
+    assert "<h2>Knobs</h2>" in (tmp_path / "report" / "index.html").read_text()

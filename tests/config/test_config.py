@@ -3,14 +3,19 @@
 import re
 from collections.abc import Callable
 from dataclasses import fields
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from crowdfence import Terrain
 from crowdfence.config import (
-    EvidenceConfig,
     GroupingConfig,
+    LinearPoolConfig,
+    LogOddsConfig,
+    LogPoolConfig,
+    MethodConfig,
+    MovingAverageConfig,
     OrConfig,
     PaperConfig,
     ProjectionConfig,
@@ -42,6 +47,10 @@ def test_what_the_core_uses_is_checked_by_the_core() -> None:
         (RunConfig(PaperConfig(prior=0.2, alpha=2.0)), "alpha is 2; it must be in (0, 1]"),
         (RunConfig(PaperConfig(prior=0.2, decay=-1.0)), "decay is -1; it must be finite and >= 0"),
         (RunConfig(OrConfig(), ProjectionConfig(max_range_m=0.0)), "max_range_m is 0"),
+        (RunConfig(LinearPoolConfig(alpha=0.0)), "alpha is 0; it must be in (0, 1]"),
+        (RunConfig(LogPoolConfig(prior=1.0)), "prior is 1; it must be strictly between 0 and 1"),
+        (RunConfig(LogOddsConfig(clamp_low=1.0)), "clamp_low is 1; it must be finite and below 0"),
+        (RunConfig(MovingAverageConfig(memory_s=0.0)), "memory_s is 0; it must be finite and > 0"),
         (
             RunConfig(PaperConfig(prior=0.2, true_positive_rate=0.01)),
             "true_positive is 0.01 and false_positive 0.02",
@@ -74,7 +83,7 @@ def test_reports_show_what_the_map_was_told() -> None:
 
 
 def test_no_field_of_one_part_hides_that_of_another() -> None:
-    for method in (EvidenceConfig, PaperConfig, OrConfig):
+    for method in get_args(MethodConfig):
         parts = (method, ProjectionConfig, GroupingConfig, ZoneConfig)
         names = [field.name for part in parts for field in fields(part)]
         assert len(names) == len(set(names))

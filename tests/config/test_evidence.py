@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from crowdfence import Detector, Evidence, LikelihoodRatio, RunConfig, Terrain
-from crowdfence.config import EvidenceConfig
+from crowdfence.config import (
+    EvidenceConfig,
+    LinearPoolConfig,
+    LogOddsConfig,
+    LogPoolConfig,
+    MovingAverageConfig,
+)
 from crowdfence.detector.contract.contract import Contract, Validity
 
 FLOOR = Terrain.from_occupancy(np.ones((4, 1, 1), bool), 1.0)
@@ -53,6 +59,28 @@ def test_a_contract_states_table_prior_and_cameras() -> None:
     # What is given is not overruled.
     given = EvidenceConfig(likelihood=LikelihoodRatio([], [], [], [[[0.0]]]), prior=0.1, focal_px=100.0)
     assert given.with_detector(stated) == given
+
+
+def test_what_it_is_compared_with_takes_the_same_calibration() -> None:
+    stated = contract(
+        {**RATES, "true_positive": {"rate": 0.7}, "false_positive": {"rate": 0.1}},
+        Validity(gsd_m=(0.1, 0.5), distance_m=(40.0, 200.0)),
+    )
+    own = EvidenceConfig().with_detector(stated)
+    for kind in (LogPoolConfig, MovingAverageConfig):
+        filled = kind().with_detector(stated)
+        assert (filled.likelihood, filled.prior, filled.focal_px) == (own.likelihood, 0.03, own.focal_px)
+        made = kind(zone_log_odds=0.0).with_detector(stated).fusion_method(FLOOR, 3)
+        assert made.default_threshold == pytest.approx(0.03)
+    linear = LinearPoolConfig().with_detector(stated)
+    assert (linear.true_positive_rate, linear.false_positive_rate, linear.prior) == (0.7, 0.1, 0.03)
+    odds = LogOddsConfig().with_detector(stated).fusion_method(FLOOR, 3)
+    # OctoMap's prior and clamps, whatever the detector states.
+    assert {name: odds.parameters[name] for name in ("prior", "clamp_low", "clamp_high")} == {
+        "prior": 0.5,
+        "clamp_low": -2.0,
+        "clamp_high": 3.5,
+    }
 
 
 def test_a_detector_that_states_nothing_is_taken_for_the_shipped_one() -> None:

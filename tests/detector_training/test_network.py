@@ -11,10 +11,17 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
 from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
-from crowdfence.detector_training.crops import CropPlan, CropSampler  # noqa: E402
+from crowdfence.detector_training.clutter import cluttered  # noqa: E402
+from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
 from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
 from crowdfence.detector_training.network import CrowdNet  # noqa: E402
+from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx  # noqa: E402
+from crowdfence.detector_training.photography import (  # noqa: E402
+    _softened,
+    photographed,
+    with_swapped_amplitudes,
+)
 from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
 from crowdfence.detector_training.trainer import train  # noqa: E402
 from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
@@ -152,6 +159,87 @@ def test_augmentation_shows_softer_and_sharper_pictures():
     assert float(change.min()) > 0.1 and float(change.max()) < 3.0
 
 
+def test_clutter_comes_from_crops_without_crowd_and_covers_nobody():
+    """A dark crop with a crowd in one corner beside a bright one without: only the dark one gets brighter,
+    and never within 2 cells of people."""
+    crowd = torch.zeros(2, 1, 24, 32)
+    crowd[0, 0, 4:8, 4:8] = 1.0
+    image = torch.stack([torch.full((3, 96, 128), 0.1), torch.full((3, 96, 128), 0.9)])
+    batch = Batch(image, crowd, torch.ones_like(crowd))
+    rng, reached = np.random.default_rng(7), torch.zeros(96, 128)
+    for _ in range(60):
+        mixed = cluttered(batch, rng)
+        assert torch.equal(mixed[1], image[1])  # the only other crop has a crowd, which must not be copied
+        # Cells 2 to 9 are people's or within 2 of them: pixels 8 to 39. Cells next to them fade in.
+        assert torch.allclose(mixed[0, :, 10:38, 10:38], image[0, :, 10:38, 10:38], atol=1e-6)
+        reached = torch.maximum(reached, mixed[0].mean(dim=0))
+    away = torch.ones(96, 128, dtype=torch.bool)
+    away[4:44, 4:44] = False
+    assert (reached[away] > 0.5).all()
+
+
+def test_clutter_lies_on_no_unknown_cell():
+    known = torch.ones(2, 1, 24, 32)
+    known[0, :, :, 16:] = 0.0
+    image = torch.stack([torch.full((3, 96, 128), 0.1), torch.full((3, 96, 128), 0.9)])
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        mixed = cluttered(Batch(image, torch.zeros(2, 1, 24, 32), known), rng)
+        assert torch.allclose(mixed[0, :, :, 66:], image[0, :, :, 66:], atol=1e-6)
+
+
+def test_a_camera_keeps_range_shape_and_place():
+    rng = np.random.default_rng(9)
+    image = torch.full((16, 3, 64, 64), 0.15)
+    image[:, :, 16:48, 16:48] = 0.7
+    changed = photographed(image.clone(), rng)
+    assert changed.shape == image.shape
+    assert float(changed.min()) >= 0.0 and float(changed.max()) <= 1.0
+    inside = changed[:, :, 20:44, 20:44].mean(dim=(1, 2, 3))
+    assert ((inside - changed[:, :, :, :10].mean(dim=(1, 2, 3))) > 0.05).all()
+    untouched = (changed == image).flatten(1).all(dim=1)
+    assert 2 <= int(untouched.sum()) <= 12  # four in ten on average
+
+
+def test_a_gaussian_of_one_pixel_spreads_a_point_as_it_should():
+    """exp(-1/2) / (1 + 2 (exp(-1/2) + exp(-2) + exp(-9/2) + exp(-8))) = .24197 one pixel away on a line."""
+    line = torch.zeros(1, 1, 1, 21)
+    line[..., 10] = 1.0
+    soft = _softened(line.expand(1, 3, 21, 21), 1.0)
+    assert soft[0, 0, 5, 11].item() == pytest.approx(0.24197, abs=2e-4)
+    assert soft[0, 0].sum(dim=1).allclose(torch.ones(21), atol=1e-5)
+
+
+def test_swapped_amplitudes_bring_the_light_of_one_picture_to_the_things_of_another(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Every image takes the mean, which is the amplitude of frequency 0, of the one that gives."""
+    monkeypatch.setattr("crowdfence.detector_training.photography._SWAPPED", 1.1)
+    rng = np.random.default_rng(10)
+    stripes = 0.05 * torch.sin(torch.arange(64.0) * math.pi / 2)  # far above the frequencies that are swapped
+    image = torch.stack([level + stripes.expand(3, 64, 64) for level in (0.2, 0.5, 0.8)])
+    mixed = with_swapped_amplitudes(image, rng)
+    levels = mixed.mean(dim=(1, 2, 3))
+    assert all(min(abs(level - of) for of in (0.2, 0.5, 0.8)) < 1e-4 for level in levels.tolist())
+    assert not torch.allclose(levels, image.mean(dim=(1, 2, 3)))
+    assert torch.allclose(mixed - levels[:, None, None, None], stripes.expand(3, 3, 64, 64), atol=1e-4)
+
+
+def test_wide_crops_show_things_at_more_scales_and_without_alias():
+    """A fine checkerboard seen from far is grey, not the coarse pattern that skipped pixels make."""
+    board = np.indices((96, 128)).sum(axis=0) % 2 * 255
+    images = np.broadcast_to(board[None, :, :, None], (2, 96, 128, 3)).astype(np.uint8).copy()
+    labels = np.zeros((2, 1, 48, 64), np.uint8)
+    frames = StoredMission("board", images, labels, np.ones(labels.shape, np.bool_), ())
+    plan = CropPlan(height=16, width=32, rotation_deg=0.0, wide=1.0, wide_scale=(2.5, 3.0))
+    crops = CropSampler([frames], plan).draw(2, np.random.default_rng(11), CPU)
+    assert float((crops.image - 0.5).abs().max()) < 0.12
+    mixed = replace(plan, wide=0.3, scale=(1.0, 1.2))
+    sampler, rng = CropSampler([frames], mixed), np.random.default_rng(12)
+    scales = np.array([sampler._scale(rng) for _ in range(1000)])
+    assert 0.25 < (scales > 2.0).mean() < 0.35
+
+
 def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
     missions, held_out = [squares(1), squares(2)], [squares(3)]
     whole = train(missions, held_out, PLAN)
@@ -216,6 +304,32 @@ def test_a_training_can_start_from_another(tmp_path: Path):
         train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
 
 
+def test_a_wide_training_learns_and_a_resumed_one_is_the_same(tmp_path: Path):
+    plan = replace(
+        PLAN, steps=60, validate_every=30, wide=True, crops=replace(PLAN.crops, wide=0.3, wide_scale=(0.5, 2))
+    )
+    crowded = squares(5)
+    nobody = np.zeros_like(crowded.images), np.zeros_like(crowded.crowd)
+    empty = StoredMission("nobody", *nobody, crowded.known, ())
+    checkpoint = tmp_path / "checkpoint"
+    whole = train([squares(1), empty], [squares(3)], plan, checkpoint=checkpoint)
+    assert whole.history[-1].loss < whole.history[0].loss
+
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(step: int) -> None:
+        if step == 40:
+            raise Interrupted
+
+    half = tmp_path / "half"
+    with pytest.raises(Interrupted):
+        train([squares(1), empty], [squares(3)], plan, checkpoint=half, on_step=interrupt)
+    resumed = train([squares(1), empty], [squares(3)], plan, checkpoint=half, resume=True)
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
 def test_training_stops_when_validation_does_not_improve():
     plan = replace(PLAN, steps=200, validate_every=2, patience=2, learning_rate=1e-9, calm_share=0.0)
     stopped = train([squares(1)], [squares(2)], plan)
@@ -275,3 +389,51 @@ def test_the_exported_model_is_the_network(tmp_path: Path):
             expected = torch.sigmoid(network(pixels)[:, 1:2]).numpy()
         assert heatmap.dtype == np.float32
         np.testing.assert_allclose(heatmap, expected, atol=2e-6)
+
+
+def test_an_exported_model_comes_back_as_the_network_it_was(tmp_path: Path):
+    pytest.importorskip("onnxscript")
+    from crowdfence.cli.train import _contract
+    from crowdfence.detector_training.onnx_export import export_onnx
+
+    torch.manual_seed(4)
+    network = CrowdNet(2, width=0.5)
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            module.running_mean.uniform_(-0.5, 0.5)
+            module.running_var.uniform_(0.5, 2.0)
+            torch.nn.init.uniform_(module.weight, 0.5, 1.5)
+    network.eval()
+    model = tmp_path / "tiny.onnx"
+    contract = _contract(model, TrainingPlan(targets=("silhouettes",)), {"parameters": 1}, None)
+    export_onnx(network, 1, contract, model)
+
+    back = CrowdNet(3, width=0.5)
+    back.load_state_dict(import_onnx(model, 3, 0.5))
+    pictures = torch.rand(2, 3, 48, 64)
+    with torch.no_grad():
+        expected = network(pictures)[:, 1:2].expand(-1, 3, -1, -1)
+        torch.testing.assert_close(back.eval()(pictures), expected, atol=1e-4, rtol=0.0)
+        back.train()
+        freeze_statistics(back)
+        torch.testing.assert_close(back(pictures), expected, atol=1e-4, rtol=0.0)
+    with pytest.raises(ValueError, match="of width 1"):
+        import_onnx(model, 1, 1.0)
+
+
+def test_the_shipped_model_can_be_trained_further():
+    import onnxruntime
+
+    from crowdfence.detector.shipped import shipped_model
+
+    back = CrowdNet(1)
+    back.load_state_dict(import_onnx(shipped_model(), 1, 1.0))
+    pictures = np.random.default_rng(0).integers(0, 256, (1, 96, 128, 3), np.uint8)
+    session = onnxruntime.InferenceSession(shipped_model(), providers=["CPUExecutionProvider"])
+    stored = json.loads(session.get_modelmeta().custom_metadata_map["crowdfence"])
+    (heatmap,) = session.run(None, {"image": pictures})
+    in_graph = stored["calibration"]["in_graph"]
+    with torch.no_grad():
+        logits = back.eval()(torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255.0)
+    calibrated = torch.sigmoid(logits * in_graph["scale"] + in_graph["bias"]).numpy()
+    np.testing.assert_allclose(calibrated, heatmap, atol=1e-4)

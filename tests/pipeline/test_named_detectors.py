@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from crowdfence import DetectorError
+import crowdfence
+from crowdfence import DetectorError, open_recording
 from crowdfence.pipeline import heatmap_source, named_detector
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
@@ -19,7 +21,7 @@ def test_several_are_one(tmp_path: Path) -> None:
     both = named_detector(["crowdnet-s", str(model)])
     made = heatmap_source(both, None, 100.0).to_json()
     assert made["name"] == "crowdnet-s + test model"
-    assert [one["file"] for one in made["members"]] == ["crowdnet-s.onnx", "m.onnx"]
+    assert [one["file"] for one in made["members"]] == ["crowdnet-s-int8.onnx", "m.onnx"]
     assert all(len(one["sha256"]) == 64 for one in made["members"])
 
 
@@ -39,3 +41,13 @@ def test_words_that_mean_no_model_are_not_combined(names: list[str], message: st
 def test_a_model_without_a_contract_is_still_refused(tmp_path: Path) -> None:
     with pytest.raises(DetectorError, match="says neither what it expects"):
         named_detector(["crowdnet-s", str(write_map_model(tmp_path / "m.onnx"))])
+
+
+def test_the_shipped_network_as_it_was_trained_and_in_eight_bits_call_the_same_crowds() -> None:
+    """On the pictures of the bundled flight, which neither was made from."""
+    recording = open_recording(Path(crowdfence.__file__).parent / "demo_data" / "race.mcap")
+    images = [frame.image() for frame in recording.frames[::12]]
+    fast, exact = (named_detector([name]) for name in ("crowdnet-s", "crowdnet-s-float32"))
+    called = [np.stack([one(image, as_it_is=True) >= 0.5 for image in images]) for one in (fast, exact)]
+    assert called[0].sum() > 100
+    assert (called[0] & called[1]).sum() / (called[0] | called[1]).sum() > 0.95

@@ -21,7 +21,7 @@ from support.small_service import SETTINGS, START_NS, asked, message, running, v
 
 ROLES = ("nobody", "viewer", "drone", "operator")
 DRONE = "/drones/uav1"
-READING = ["/scene", "/terrain", "/terrain/colour", "/belief", "/zones", "/zones/Z1/history", "/timeline"]
+READING = ["/scene", "/terrain", "/base-map", "/belief", "/zones", "/zones/Z1/history", "/timeline"]
 READING += ["/export", "/drones", f"{DRONE}/picture", f"{DRONE}/heatmap", "/alerts", "/me"]
 BECAUSE = {"reason": "because"}
 DRAWN = {"polygon": [[1, 1], [4, 1], [4, 4]], "reason": "ambulance"}

@@ -50,7 +50,8 @@ def test_the_message_of_a_view_is_described(tmp_path: Path) -> None:
     with running(tmp_path) as service, asked(service) as http:
         told = http.get("/api/v1/openapi.json").json()
         view = told["components"]["schemas"]["ViewMessage"]
-        assert {"drone", "stamp_ns", "camera", "world_from_camera"} <= set(view["required"])
+        assert set(view["required"]) == {"drone", "stamp_ns", "camera"}
+        assert {"world_from_camera", "heatmap", "image"} <= view["properties"].keys()
         assert told["components"]["schemas"].keys() >= {"CameraMessage", "HeatmapMessage"}
         for name in ("/docs", "/redoc"):  # they would load scripts from elsewhere
             assert http.get(name).status_code == 404

@@ -14,8 +14,9 @@ from PIL import Image
 
 from crowdfence import CrowdMap, View, project
 from crowdfence.service.clock import Clock
+from crowdfence.service.gate import Refused
 from crowdfence.service.journal import Record
-from crowdfence.service.live import Live, Refused
+from crowdfence.service.live import Live
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 from support.small_service import (
@@ -110,15 +111,23 @@ def test_a_jump_of_the_machines_clock_moves_nothing_and_is_told(tmp_path: Path) 
     assert clock.now_ns() == START_NS + 5 * SECOND_NS and clock.jumped_ns() == -3600 * SECOND_NS
 
 
-def test_a_flood_from_one_drone_stops_only_that_drone(tmp_path: Path) -> None:
+def test_a_flood_from_one_drone_stops_only_that_drone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The map is held up: ten views of the flood wait, the rest is told to come again, others still enter."""
     tight = replace(SETTINGS, waiting_per_drone=10)
     with running(tmp_path, settings=tight) as service, asked(service) as http:
-        with service.mission.lock:
-            answers = [
-                http.post("/api/v1/views", content=at("uav1", START_NS + number)) for number in range(12)
-            ]
-            other = http.post("/api/v1/views", content=at("uav2", START_NS))
+        goes_on, gathering = Event(), live_of(service)._gathering
+        push = gathering.push
+
+        def held_up(arrival):
+            goes_on.wait(60.0)
+            return push(arrival)
+
+        monkeypatch.setattr(gathering, "push", held_up)
+        answers = [http.post("/api/v1/views", content=at("uav1", START_NS + number)) for number in range(12)]
+        other = http.post("/api/v1/views", content=at("uav2", START_NS))
+        goes_on.set()
         assert [answer.status_code for answer in answers] == [202] * 10 + [429] * 2
         assert answers[-1].headers["retry-after"] == "1"
         assert other.status_code == 202

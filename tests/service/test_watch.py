@@ -1,10 +1,21 @@
 """Data that stops opens nothing, and somebody is told."""
 
+import base64
+import io
+import time
+from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdfence.service import live, watch
 from crowdfence.service.clock import Clock
 from crowdfence.service.service import Service
+from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
 from support.small_service import SECOND_NS, SETTINGS, START_NS, asked, message, running, settle, view, views
 
@@ -127,6 +138,66 @@ def test_a_clock_that_was_set_is_an_alarm(tmp_path: Path) -> None:
         watch.look()
         (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
         assert "+3.0 s" in alert.text
+
+
+def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "_DETECTOR_STALE_S", 0.0)
+    monkeypatch.setattr(live, "_DECIDED_WITHIN_S", 0.1)
+    asked_for, may_answer = Event(), Event()
+
+    def detector(frame):
+        asked_for.set()
+        may_answer.wait(60.0)
+        return np.zeros((3, 4), np.float32)
+
+    file = io.BytesIO()
+    Image.fromarray(np.full((12, 16, 3), 200, np.uint8)).save(file, format="PNG")
+    with running(tmp_path, detector=detector) as service, asked(service) as http:
+        assert service.live is not None
+        for number in range(10):
+            one = view("uav1", number)
+            told = ViewMessage.model_validate_json(message(one)).model_copy(
+                update={"heatmap": None, "image": base64.b64encode(file.getvalue()).decode()}
+            )
+            service.live.give_view(told.model_dump_json().encode())
+        assert asked_for.wait(60.0)
+        looking = Watch(service)
+        looking.look()
+        assert active(service, "detector_stale") == {(None, None)}
+        for _ in range(20):  # while the map waits for the first picture
+            assert service.mission.lock.acquire(timeout=5.0)
+            service.mission.lock.release()
+            time.sleep(0.01)
+        # What an operator does comes after the pictures, and is not lost.
+        around = [[0.0, 0.0], [30.0, 0.0], [30.0, 40.0]]
+        answer = http.post("/api/v1/zones", json={"polygon": around, "reason": "stage"})
+        assert answer.status_code == 503 and "will be done" in answer.json()["detail"]
+        may_answer.set()
+        settle(service)
+        looking.look()
+        assert not active(service, "detector_stale")
+        assert [zone["kind"] for zone in http.get("/api/v1/zones").json()["zones"]] == ["operator"]
+
+
+def test_a_disk_that_fills_up_is_an_alarm_before_it_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = 10**12
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(watch.shutil, "disk_usage", lambda path: usage(0, 0, free))
+    with running(tmp_path) as service:
+        looking = Watch(service)
+        looking.look()
+        assert not active(service, "disk")
+        free = 150_000_000
+        looking.look()
+        (alert,) = [one for one in service.alerts.all() if one.kind == "disk"]
+        assert alert.level == "alarm" and "150 MB" in alert.text
+        free = 10**12
+        looking.look()
+        assert not active(service, "disk")
 
 
 def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:

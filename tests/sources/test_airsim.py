@@ -452,3 +452,45 @@ def test_bad_telemetry_rows_are_reported_and_leave_a_gap(recorded):
         "gap of 0.320 s there (limit max_pose_gap_s = 0.25 s)" in refused.reason
         for refused in recording.refused
     )
+
+
+def write_people(folder, stamps_ns, position, crowd):
+    (folder / "truth").mkdir(exist_ok=True)
+    arrays = {"stamp_ns": stamps_ns, "position_enu": position, "crowd_id": crowd}
+    np.savez(folder / "truth" / "people.npz", **{name: np.asarray(value) for name, value in arrays.items()})
+
+
+def test_people_in_arrays(recorded):
+    frames = open_recording(recorded).frames
+    stamps_ns = [frame.stamp_ns for frame in frames]
+    place = np.arange(len(frames) * 6, dtype=np.float32).reshape(len(frames), 2, 3)
+    write_people(recorded, stamps_ns, place, [0, 3])
+    recording = open_recording(recorded)
+    assert list(recording.people.stamps_ns) == sorted(stamps_ns)
+    for number, frame in enumerate(recording.frames):
+        assert frame.exposure_ns() == frame.stamp_ns  # one clock, and nothing says otherwise
+        people = recording.people_truth(frame.exposure_ns())
+        np.testing.assert_array_equal(people.position, place[number])
+        assert people.person.tolist() == [1, 2] and people.crowd.tolist() == [0, 3]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("people.npz", b"not an archive", "where people stood cannot be read"),
+        ("world.csv", b"stamp_ns,person\n", "world.csv has no column 'x'"),
+        ("world.csv", b"stamp_ns,person,x,y,z,crowd\n5,1,here,2,3,0\n", "x is 'here', expected a number"),
+        ("cameras.csv", b"drone,stamp_ns\n", "has no column 'exposure_ns'"),
+    ],
+)
+def test_a_truth_that_cannot_be_read_is_said_and_costs_no_frame(recorded, name, content, said):
+    (recorded / "truth" / name).write_bytes(content)
+    recording = open_recording(recorded)
+    assert len(recording.frames) == 18 and len(recording.people.stamps_ns) == 0
+    assert any(said in warning for warning in recording.warnings)
+
+
+def test_people_of_another_shape_are_refused(recorded):
+    write_people(recorded, [EPOCH_NS], np.zeros((1, 2, 3)), [1, 1, 1])
+    (warning,) = [one for one in open_recording(recorded).warnings if "people" in one]
+    assert "position_enu [1, 2, 3] for 1 stamps and 3 people" in warning

@@ -25,6 +25,7 @@ from support.foreign_recordings import (
     write_subtitles,
     write_ulog,
 )
+from support.small_data_sets import DataSet, write_data_set
 
 PAGE = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text()
 
@@ -39,6 +40,9 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_film(folder / "film.mp4")
     write_ulog(folder / "film.ulg")
     write_photographs(folder / "photos")
+    people = [(4.0, 6.0), (4.8, 6.2), (4.4, 6.9)]
+    eyes = [(0.5, 1.0, 2.6), (9.0, 2.0, 2.6)]
+    write_data_set(folder / "Wildtrack", DataSet(True, eyes, (4.5, 6.5, 0.8), [people] * 2))
     write_bag(
         folder / "flight_bag", "sqlite3", [*picture_messages("uav1", "cam"), *camera_pose_messages("uav1")]
     )

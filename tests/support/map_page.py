@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -16,6 +17,27 @@ import crowdfence
 RECORDING = Path(crowdfence.__file__).parent / "demo_data" / "race.mcap"
 
 
+# Chrome draws WebGL without a graphics card only when told so.
+SOFTWARE_GL = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+
+
+def replay(detector: str, speed: str) -> list[str]:
+    """The bundled mission."""
+    zones = ["--buffer", "fixed:distance_m=5", "--min-area-m2", "4"]
+    return [str(RECORDING), "--detector", detector, "--replay-speed", speed, *zones]
+
+
+def free_port() -> int:
+    with socket.socket() as any_port:
+        any_port.bind(("127.0.0.1", 0))
+        return int(any_port.getsockname()[1])
+
+
 @dataclass
 class Server:
     """`crowdfence serve` as a process of its own."""
@@ -26,22 +48,20 @@ class Server:
     token: dict[str, str] = field(default_factory=dict)
     """By role."""
     process: "subprocess.Popen[str] | None" = None
+    mission: list[str] = field(default_factory=lambda: replay("recorded", "0.05"))
+    """What is served, as words of the command; the race is slow enough to be still going on when the page
+    has loaded on a busy machine."""
 
-    detector: str = "recorded"
-    speed: str = "0.05"
-    """Slow enough that the mission is still going on when the page has loaded on a busy machine."""
+    def admit(self, role: str) -> None:
+        """A token for somebody of this role."""
+        command = [sys.executable, "-m", "crowdfence", "token", "add", f"a-{role}", "--role", role, "--json"]
+        made = subprocess.run(
+            [*command, "--tokens", str(self.tokens)], capture_output=True, text=True, check=True
+        )
+        self.token[role] = json.loads(made.stdout)["token"]
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "crowdfence", "serve", str(RECORDING), "--detector", self.detector]
-        command += [
-            "--replay-speed",
-            self.speed,
-            "--buffer",
-            "fixed:distance_m=5",
-            "--min-area-m2",
-            "4",
-            "--json",
-        ]
+        command = [sys.executable, "-m", "crowdfence", "serve", *self.mission, "--json"]
         command += ["--port", str(self.port), "--tokens", str(self.tokens)]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True

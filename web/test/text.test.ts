@@ -3,8 +3,8 @@ import type { Zone } from "../src/api/contract";
 import { waitBefore } from "../src/api/stream";
 import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
-import { ago, compareStamps, duration, endOf, indexAt, timeOfDay } from "../src/text/stamp";
-import { area, degrees, geographic, grouped, length, place, probability } from "../src/text/units";
+import { ago, compareStamps, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
+import { area, degrees, grouped, length, place, probability } from "../src/text/units";
 import { roundLength } from "../src/ui/scale_bar";
 
 describe("stamps", () => {
@@ -12,6 +12,11 @@ describe("stamps", () => {
     expect(compareStamps("999", "1000")).toBe(-1);
     expect(compareStamps("1767225600095371892", "1767225600095371891")).toBe(1); // one number as doubles
     expect(compareStamps("0", "0")).toBe(0);
+  });
+
+  it("are shortened where a sentence names them", () => {
+    expect(withTimes("the last of 2026-11-22T18:40:00.394079279Z: zones stay", "utc")).toBe("the last of 18:40:00 UTC: zones stay");
+    expect(withTimes("uav1 is in zone Z1", "utc")).toBe("uav1 is in zone Z1");
   });
 
   it("lead to the last point before them", () => {
@@ -99,10 +104,8 @@ describe("units", () => {
   });
 
   it("give places in degrees where there are any", () => {
-    const anchor = { latitude_deg: 46.5, longitude_deg: 8, height_m: 0 };
-    // pyproj: Geod(ellps="WGS84").inv(8, 46.5, 8, 46.51) and .inv(8, 46.5, 8.01, 46.5)
-    expect(geographic(0, 1111.6118, anchor)[0]).toBeCloseTo(46.51, 6);
-    expect(geographic(767.6259, 0, anchor)[1]).toBeCloseTo(8.01, 6);
+    const anchor = { latitude_deg: 46.5, longitude_deg: 8, height_m: 1200 };
+    expect(place(1000, 1000, anchor, "metres")).toBe("46.50899° N 8.01303° E"); // as in earth.test.ts
     expect(degrees(-33.5, -70.25)).toBe("33.50000° S 70.25000° W");
     expect(place(12, -7, null, "metres")).toBe("E 12 m  N −7 m");
   });

@@ -97,7 +97,8 @@ impl PyUpdate {
 /// Probability of crowd per terrain voxel over time.
 ///
 /// terrain          what the views are projected onto
-/// method           `Evidence`, `Paper` or `Or`
+/// method           `Evidence`, `Paper`, `Or`, or one of those for comparison (`LinearPool`, `LogPool`,
+///                  `LogOdds`, `MovingAverage`)
 /// max_range_m      > 0, rays end here
 /// target_height_m  >= 0, height above the ground at which people are marked
 /// coverage         "full" or "rays", see `project`
@@ -161,7 +162,7 @@ impl PyCrowdMap {
         self.terrain.clone_ref(py)
     }
 
-    /// `Evidence`, `Paper` or `Or`, with its parameters.
+    /// The method with its parameters.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         method_object(py, self.read(py, |map| Ok(map.method()))?)
@@ -281,7 +282,7 @@ impl PyCrowdMap {
     }
 
     /// Bounds between which the probability of crowd lies, per voxel [V, 2] float64 or of the voxels
-    /// `ids` [N, 2], at a stamp not before the newest instant. None for `Paper` and `Or`, whose
+    /// `ids` [N, 2], at a stamp not before the newest instant. None for all but `Evidence`, whose
     /// probability is no measured rate.
     ///
     /// level  in (0, 1): how many of such intervals hold the share of crowd among places like theirs

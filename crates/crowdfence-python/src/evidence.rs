@@ -87,7 +87,7 @@ impl PyLikelihoodRatio {
         bits.fold(0u64, |hash, bits| hash.wrapping_mul(31).wrapping_add(bits)) >> 1
     }
 
-    fn __repr__(&self) -> String {
+    pub fn __repr__(&self) -> String {
         let [gsd, tilt, mean, _] = self.0.columns().map(|column| column.len() + 1);
         format!("LikelihoodRatio({gsd} distances x {tilt} tilts x {mean} values)")
     }

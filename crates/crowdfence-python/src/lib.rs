@@ -4,6 +4,7 @@
 
 mod arrays;
 mod camera;
+mod comparison;
 mod crowd_columns;
 mod crowd_map;
 mod crowd_mass;
@@ -42,6 +43,10 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<evidence::PyEvidence>()?;
     module.add_class::<method::PyPaper>()?;
     module.add_class::<method::PyOr>()?;
+    module.add_class::<comparison::PyLinearPool>()?;
+    module.add_class::<comparison::PyLogPool>()?;
+    module.add_class::<comparison::PyLogOdds>()?;
+    module.add_class::<comparison::PyMovingAverage>()?;
     module.add_class::<crowd_map::PyUpdate>()?;
     module.add_class::<crowd_columns::PyCrowdColumns>()?;
     module.add_class::<voxel_knowledge::PyVoxelKnowledge>()?;

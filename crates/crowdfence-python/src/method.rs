@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::refuse;
+use crate::comparison::{PyLinearPool, PyLogOdds, PyLogPool, PyMovingAverage};
 use crate::errors::CrowdfenceError;
 use crate::evidence::PyEvidence;
 use crate::opinion_pool::{PyRates, opinion_pool};
@@ -262,6 +263,10 @@ pub enum MethodArgument<'py> {
     Evidence(PyRef<'py, PyEvidence>),
     Paper(PyRef<'py, PyPaper>),
     Or(PyRef<'py, PyOr>),
+    LinearPool(PyRef<'py, PyLinearPool>),
+    LogPool(PyRef<'py, PyLogPool>),
+    LogOdds(PyRef<'py, PyLogOdds>),
+    MovingAverage(PyRef<'py, PyMovingAverage>),
 }
 
 impl MethodArgument<'_> {
@@ -270,6 +275,10 @@ impl MethodArgument<'_> {
             MethodArgument::Evidence(evidence) => Method::Evidence(evidence.0.clone()),
             MethodArgument::Paper(paper) => Method::Paper(paper.0),
             MethodArgument::Or(or) => Method::Or(or.0),
+            MethodArgument::LinearPool(pool) => Method::LinearPool(pool.0),
+            MethodArgument::LogPool(pool) => Method::LogPool(pool.0.clone()),
+            MethodArgument::LogOdds(odds) => Method::LogOdds(odds.0),
+            MethodArgument::MovingAverage(average) => Method::MovingAverage(average.0.clone()),
         }
     }
 }
@@ -279,5 +288,9 @@ pub fn method_object(py: Python<'_>, method: Method) -> PyResult<Py<PyAny>> {
         Method::Evidence(evidence) => Ok(Py::new(py, PyEvidence(evidence))?.into_any()),
         Method::Paper(paper) => Ok(Py::new(py, PyPaper(paper))?.into_any()),
         Method::Or(or) => Ok(Py::new(py, PyOr(or))?.into_any()),
+        Method::LinearPool(pool) => Ok(Py::new(py, PyLinearPool(pool))?.into_any()),
+        Method::LogPool(pool) => Ok(Py::new(py, PyLogPool(pool))?.into_any()),
+        Method::LogOdds(odds) => Ok(Py::new(py, PyLogOdds(odds))?.into_any()),
+        Method::MovingAverage(average) => Ok(Py::new(py, PyMovingAverage(average))?.into_any()),
     }
 }

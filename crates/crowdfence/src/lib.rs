@@ -26,7 +26,10 @@ pub use back_projection::{Coverage, Projection, project, project_by_rays};
 pub use camera::{Camera, Distortion};
 pub use crowd_map::{ClosedFrom, CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
-pub use method::{Evidence, EvidenceSettings, LikelihoodRatio, Method, Or, Paper};
+pub use method::{
+    Calibration, Evidence, EvidenceSettings, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method,
+    MovingAverage, Or, Paper,
+};
 pub use observation::{CrowdMass, Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;

@@ -4,14 +4,24 @@
 //! that; the crowd map knows only [`FusionMethod`]. A new method is one file here, one variant of [`Method`] and
 //! one of the crowd map's beliefs.
 
+mod calibration;
 mod evidence;
+mod linear_pool;
+mod log_odds;
+mod log_pool;
+mod moving_average;
 mod or;
 mod paper;
 
 use crate::error::Result;
 use crate::sealed::{Reader, Writer};
 
+pub use calibration::Calibration;
 pub use evidence::{Evidence, EvidenceSettings, LikelihoodRatio};
+pub use linear_pool::LinearPool;
+pub use log_odds::LogOdds;
+pub use log_pool::LogPool;
+pub use moving_average::MovingAverage;
 pub use or::Or;
 pub use paper::{DecayUnit, Initial, Paper};
 
@@ -30,6 +40,13 @@ pub struct VoxelLook {
     pub tilt_deg: f32,
     /// Focal length of the camera in pixels; 0 = nobody said.
     pub focal_px: f32,
+}
+
+impl VoxelLook {
+    /// Metres per pixel across the line of sight; `focal_px` is taken where nobody said.
+    fn gsd_m(&self, focal_px: f32) -> f32 {
+        self.range_m / if self.focal_px > 0.0 { self.focal_px } else { focal_px }
+    }
 }
 
 /// Time since the last look at a voxel, in the units that methods count in.
@@ -137,6 +154,10 @@ pub enum Method {
     Evidence(Evidence),
     Paper(Paper),
     Or(Or),
+    LinearPool(LinearPool),
+    LogPool(LogPool),
+    LogOdds(LogOdds),
+    MovingAverage(MovingAverage),
 }
 
 /// The same expression for whichever method it is.
@@ -146,6 +167,10 @@ macro_rules! each_method {
             $kind::Evidence($method) => $answer,
             $kind::Paper($method) => $answer,
             $kind::Or($method) => $answer,
+            $kind::LinearPool($method) => $answer,
+            $kind::LogPool($method) => $answer,
+            $kind::LogOdds($method) => $answer,
+            $kind::MovingAverage($method) => $answer,
         }
     };
 }
@@ -179,4 +204,27 @@ impl Method {
     pub fn parameters(&self) -> Vec<(&'static str, Parameter)> {
         each_method!(self, Method, method => method.parameters())
     }
+}
+
+/// Looks of as many drones at one voxel straight below them, for tests.
+#[cfg(test)]
+pub(crate) fn looks_from_above<F: Copy>(means: &[f64], fading: F) -> Vec<(VoxelLook, F)> {
+    let look = |(drone, &mean): (u32, &f64)| VoxelLook {
+        voxel_id: 0,
+        view: drone,
+        drone,
+        mean,
+        pixel_count: 1,
+        range_m: 10.0,
+        tilt_deg: 90.0,
+        focal_px: 0.0,
+    };
+    (0..).zip(means).map(|numbered| (look(numbered), fading)).collect()
+}
+
+/// Values up to .3 speak against crowd by 1, above .7 for it by 3, those between not at all; the prior is even. For tests.
+#[cfg(test)]
+pub(crate) fn three_step_calibration() -> Calibration {
+    let likelihood = LikelihoodRatio::new(vec![], vec![], vec![0.3, 0.7], vec![-1.0, 0.0, 3.0]).unwrap();
+    Calibration::new(std::sync::Arc::new(likelihood), 0.5, 400.0).unwrap()
 }

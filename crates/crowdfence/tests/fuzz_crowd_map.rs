@@ -8,8 +8,9 @@ use std::sync::{Arc, LazyLock};
 use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::view::Pose;
 use crowdfence::{
-    Camera, Coverage, CrowdMap, Distortion, Error, Evidence, EvidenceSettings, Heatmap, LikelihoodRatio,
-    Method, Or, Paper, Projection, Rates, TemporalBlend, Terrain, Unseen, View,
+    Calibration, Camera, Coverage, CrowdMap, Distortion, Error, Evidence, EvidenceSettings, Heatmap,
+    LikelihoodRatio, LinearPool, LogOdds, LogPool, Method, MovingAverage, Or, Paper, Projection, Rates,
+    TemporalBlend, Terrain, Unseen, View,
 };
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
@@ -84,8 +85,23 @@ fn look(drone: &str, at: [f64; 3], m: f32, stamp_ns: i64) -> View {
 }
 
 /// Values up to .5 speak against crowd, more strongly from near.
+fn likelihood() -> Arc<LikelihoodRatio> {
+    Arc::new(LikelihoodRatio::new(vec![0.2], vec![], vec![0.5], vec![-3.0, 4.0, -0.5, 2.0]).unwrap())
+}
+
+/// Those that `evidence` is compared with.
+fn compared() -> impl Strategy<Value = Method> {
+    let calibration = Calibration::new(likelihood(), 0.02, 100.0).unwrap();
+    let (rates, blend) = (Rates::new(0.9, 0.05).unwrap(), TemporalBlend::new(0.3, 0.1).unwrap());
+    prop_oneof![
+        Just(Method::LinearPool(LinearPool::new(rates, 0.2, 0.5, blend).unwrap())),
+        Just(Method::LogPool(LogPool::new(calibration.clone(), blend, 0.1).unwrap())),
+        Just(Method::LogOdds(LogOdds::new(rates, 0.5, 0.5, [-2.0, 3.5]).unwrap())),
+        Just(Method::MovingAverage(MovingAverage::new(calibration, 10.0, 0.1).unwrap())),
+    ]
+}
+
 fn evidence() -> Evidence {
-    let likelihood = LikelihoodRatio::new(vec![0.2], vec![], vec![0.5], vec![-3.0, 4.0, -0.5, 2.0]).unwrap();
     let settings = EvidenceSettings {
         prior: 0.02,
         memory_s: 10.0,
@@ -96,7 +112,7 @@ fn evidence() -> Evidence {
         cleared: 0.01,
         focal_px: 100.0,
     };
-    Evidence::new(Arc::new(likelihood), settings).unwrap()
+    Evidence::new(likelihood(), settings).unwrap()
 }
 
 fn method() -> impl Strategy<Value = Method> {
@@ -111,7 +127,12 @@ fn method() -> impl Strategy<Value = Method> {
             Method::Paper(Paper::new(pool, blend, 3, initial, decay).unwrap())
         },
     );
-    prop_oneof![3 => paper, 1 => Just(Method::Or(Or::new(0.5).unwrap())), 2 => Just(Method::Evidence(evidence()))]
+    prop_oneof![
+        3 => paper,
+        1 => Just(Method::Or(Or::new(0.5).unwrap())),
+        2 => Just(Method::Evidence(evidence())),
+        2 => compared(),
+    ]
 }
 
 /// A file by the writer, after a few instants of up to three drones.

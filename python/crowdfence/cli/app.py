@@ -10,6 +10,7 @@ import typer
 
 from crowdfence._core import __version__
 from crowdfence.cli import console
+from crowdfence.cli.align import align
 from crowdfence.cli.calibrate import calibrate
 from crowdfence.cli.command_line import command_line
 from crowdfence.cli.convert import convert
@@ -50,6 +51,7 @@ app.command("explain")(explain)
 app.command("route")(route)
 app.command("inspect")(inspect)
 app.command("convert")(convert)
+app.command("align")(align)
 app.command("detect")(detect)
 app.command("evaluate")(evaluate)
 app.command("simulate")(simulate)

@@ -9,6 +9,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 
+@takes(SourceOptions, AlignmentOptions, before="force")
 def convert(
     context: typer.Context,
     recording: options.RecordingPaths,
@@ -35,9 +37,6 @@ def convert(
             "centimetres where that loses nothing, a third of the bytes.",
         ),
     ] = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
     terrain: Annotated[
         Path | None,
         typer.Option("--terrain", "-t", help="Map to put into the file. Default: the recording's own."),
@@ -48,13 +47,6 @@ def convert(
             "--with-map/--without-map", help="Whether the map goes into the file, which then opens anywhere."
         ),
     ] = True,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:

@@ -10,6 +10,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.wording import counted
 from crowdfence.detector.shipped import SHIPPED_MODEL
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 MOST_REASONS_SHOWN = 12
 
 
+@takes(SourceOptions, AlignmentOptions, before="force")
 def detect(
     context: typer.Context,
     source: Annotated[
@@ -63,20 +65,10 @@ def detect(
             help="Metres per pixel of the pictures, where known; not for recordings.",
         ),
     ] = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.always,
     terrain: options.TerrainPath = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
     as_json: options.Json = False,
 ) -> None:

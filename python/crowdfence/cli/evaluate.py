@@ -10,50 +10,52 @@ import typer
 
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.exit_codes import GATE_NOT_MET
-from crowdfence.cli.options import DEFAULT, EVIDENCE, OR, PAPER
-from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig
+from crowdfence.cli.option_sets import (
+    AlignmentOptions,
+    DetectorOptions,
+    EvidenceOptions,
+    MapOptions,
+    ProjectionOptions,
+    SourceOptions,
+    map_options,
+    takes,
+)
+from crowdfence.cli.options import OR, PAPER
+from crowdfence.config import (
+    LinearPoolConfig,
+    LogPoolConfig,
+    MethodConfig,
+    OrConfig,
+    PaperConfig,
+    RunConfig,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from crowdfence.evaluation.cells.rates import Confusion
+    from crowdfence.evaluation.knobs import Turned
     from crowdfence.evaluation.replay import Score
     from crowdfence.evaluation.safety import Safety
     from crowdfence.sources.recording import Instant, InstantViews
 
 
+@takes(
+    MapOptions,
+    SourceOptions,
+    AlignmentOptions,
+    DetectorOptions,
+    EvidenceOptions,
+    ProjectionOptions,
+    before="method",
+)
 def evaluate(
     context: typer.Context,
     recording: options.RecordingPaths,
-    terrain: options.TerrainPath = None,
-    voxel_size_m: options.VoxelSizeM = None,
-    terrain_option: options.TerrainOption = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
-    detector: options.DetectorChoice = options.AUTO,
-    contract: options.ContractPath = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
     method: Annotated[
         list[options.MethodName] | None,
         typer.Option("--method", "-m", help="Method to score; may be repeated. Default: all."),
     ] = None,
-    memory_s: options.MemoryS = EVIDENCE.memory_s,
-    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
-    doubt: options.Doubt = EVIDENCE.doubt,
-    agreement: options.Agreement = EVIDENCE.agreement,
-    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
-    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
-    prior: options.Prior = None,
     alpha: Annotated[
         list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
     ] = None,
@@ -71,11 +73,6 @@ def evaluate(
         float,
         typer.Option("--or-b-threshold", help="Mean heatmap value above which `or` calls a voxel crowd."),
     ] = OR.b_threshold,
-    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
-    target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
-    surface: options.SurfaceOption = options.Surface.planes,
-    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
     threshold: options.Threshold = None,
     truth: Annotated[
         options.TruthChoice,
@@ -87,6 +84,12 @@ def evaluate(
     min_iou: Annotated[
         float | None, typer.Option("--min-iou", help="Exit with 3 unless every row reaches this mean IoU.")
     ] = None,
+    sweep: Annotated[
+        bool,
+        typer.Option(
+            "--sweep", help="Turn every knob of the methods too, one at a time: some ten times slower."
+        ),
+    ] = False,
     report: Annotated[
         Path | None,
         typer.Option("--report", help="Folder for a page with tables and plots (index.html)."),
@@ -97,6 +100,7 @@ def evaluate(
     zone."""
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
     from crowdfence.atomic_folder import replaceable_folder
+    from crowdfence.evaluation.knobs import turned, turns
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
@@ -107,12 +111,12 @@ def evaluate(
         require_people(source)
         with replaceable_folder(report, contents=CONTENTS, force=True):
             pass
-    chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
-    map_options = options.terrain_options(
-        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    told = context.params
+    chosen = choose_detector(
+        source, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
     )
-    ground = open_terrain(source, terrain, **map_options)
-    heatmaps = heatmap_source(chosen, ground, max_range_m)
+    ground = open_terrain(source, told["terrain"], **map_options(told))
+    heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
     cells = CellCounter()
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
@@ -123,18 +127,17 @@ def evaluate(
         paper = replace(
             paper, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive
         )
-    chosen_methods = method or list(options.MethodName)
     doubts: tuple[str, ...] = ()
-    if options.MethodName.paper in chosen_methods:
+    if method is None or options.MethodName.paper in method:
         paper, doubts = paper.with_terrain(ground)  # once for every alpha
-    methods: list[MethodConfig] = []
-    if options.MethodName.evidence in chosen_methods:
-        methods.append(options.part(EvidenceConfig, context.params))
-    if options.MethodName.or_ in chosen_methods:
-        methods.append(OrConfig(b_threshold=or_b_threshold))
-    if options.MethodName.paper in chosen_methods:
-        methods += [replace(paper, alpha=one) for one in alpha or [PAPER.alpha]]
+    methods = [
+        one
+        for name in options.MethodName
+        if method is None or name in method
+        for one in _methods(context.params, name, paper, alpha)
+    ]
     configs = [options.run_config(context.params, one) for one in methods]
+    turned_ones = [(number, turn) for number, one in enumerate(methods) for turn in turns(one) if sweep]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
         def count(instant: Instant, found: InstantViews) -> None:
@@ -142,7 +145,7 @@ def evaluate(
                 cells.add(instant, found)
             advance(len(instant.frames))
 
-        scores, refused, crowd_mass = score(
+        scores, refused, crowd_mass, swept = score(
             source,
             ground,
             configs,
@@ -150,28 +153,53 @@ def evaluate(
             truth=truth.value,
             on_instant=count,
             with_measures=report is not None,
+            swept=[options.run_config(context.params, turn.method) for _, turn in turned_ones],
         )
+    pairs = list(zip(turned_ones, swept, strict=True))
+    knobs = [
+        turned(row, [(turn, one) for (of, turn), one in pairs if of == number])
+        for number, row in enumerate(scores if sweep else [])
+    ]
     warnings = [*doubts, *lost_crowd_warnings(crowd_mass)]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     summary = {
         "detector": {**heatmaps.to_json(), **_rates(counts)},
         "truth": truth.value,
         "scores": [_as_json(row) for row in scores],
+        **_knobs_json(scores, knobs),
         "refused": [str(frame) for frame in refused],
         "warnings": warnings,
     }
     if report is not None:
         labels = [_label(row.config) for row in scores]
-        write_report(report, source.name, _AGAINST[truth], labels, scores, summary)
+        write_report(report, source.name, _AGAINST[truth], labels, scores, summary, knobs)
     if as_json:
         console.print_json(summary)
     else:
         _print(source.name, truth, counts, scores)
+        if sweep:
+            console.stdout().print(_knob_table(scores, knobs))
         for reason in [*warnings, *map(str, refused)]:
             console.warn(reason)
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
+
+
+def _methods(
+    parameters: dict[str, Any], name: options.MethodName, paper: PaperConfig, alphas: list[float] | None
+) -> list[MethodConfig]:
+    """One per alpha where the method has one."""
+    if name is options.MethodName.or_:
+        return [OrConfig(b_threshold=parameters["or_b_threshold"])]
+    rates = {
+        rate: getattr(paper, rate) for rate in ("true_positive_rate", "false_positive_rate")
+    }  # those that were measured, where that was asked for
+    given = {**parameters, **rates, "alpha": PAPER.alpha}
+    one = paper if name is options.MethodName.paper else options.method_config(given, name)
+    if isinstance(one, (PaperConfig, LinearPoolConfig, LogPoolConfig)):
+        return [replace(one, alpha=alpha) for alpha in alphas or [PAPER.alpha]]
+    return [one]
 
 
 _AGAINST = {
@@ -205,6 +233,18 @@ def _as_json(row: Score) -> dict[str, Any]:
         **({} if row.measures is None else {"measures": row.measures.to_json()}),
         "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
     }
+
+
+def _knobs_json(scores: list[Score], knobs: list[list[Turned]]) -> dict[str, Any]:
+    """Nothing where no knob was turned."""
+    if not knobs:
+        return {}
+    worth = [
+        {one.knob: [[value, None if iou != iou else iou] for value, iou in one.values] for one in ones}
+        for ones in knobs
+    ]
+    rows = zip(scores, worth, strict=True)
+    return {"knobs": [{"method": _label(row.config), "best_mean_iou": one} for row, one in rows]}
 
 
 def _knob(config: RunConfig) -> str:
@@ -265,6 +305,29 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
     out.print("The best threshold, of or the best b_threshold, is chosen on this very recording.")
 
 
+def _knob_table(scores: list[Score], knobs: list[list[Turned]]) -> Table:
+    """What the best value of each knob reaches."""
+    from rich.table import Table
+
+    table = Table(
+        title="\nOne knob turned at a time: mean IoU at the best threshold of this recording",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+    )
+    for column in ("method", "knob", "values tried"):
+        table.add_column(column, no_wrap=column != "values tried")
+    for row, ones in zip(scores, knobs, strict=True):
+        for one in ones:
+            tried = ", ".join(f"{_value(value)}: {iou:.3f}" for value, iou in one.values)
+            table.add_row(_label(row.config), one.knob, tried)
+    return table
+
+
+def _value(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def _safety_table(scores: list[Score]) -> Table | str:
     """Who stands in a zone; nothing where nobody knows where people are."""
     from rich.table import Table
@@ -307,4 +370,6 @@ _LEGEND = (
 
 def _label(config: RunConfig) -> str:
     method = config.method
-    return f"{method.name}, alpha {method.alpha:g}" if isinstance(method, PaperConfig) else method.name
+    if isinstance(method, (PaperConfig, LinearPoolConfig, LogPoolConfig)):
+        return f"{method.name}, alpha {method.alpha:g}"
+    return method.name

@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.inspection import InspectionOptions
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 DEFAULT = InspectionOptions()
 
 
+@takes(SourceOptions, AlignmentOptions, before="tolerance_ms")
 def inspect(
     context: typer.Context,
     file: Annotated[
@@ -39,16 +41,6 @@ def inspect(
     terrain_option: options.TerrainOption = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
     tolerance_ms: options.ToleranceMs = DEFAULT.tolerance_ms,
     max_range_m: options.MaxRangeM = DEFAULT.max_range_m,
     samples: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path, writable_file
 from crowdfence.cli import console, options
+from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract, Validity
@@ -99,7 +100,7 @@ def evaluate(
     contract: Annotated[
         Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
     ] = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
+    enlarge: options.EnlargeOption = options.EnlargeChoice.always,
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
@@ -152,6 +153,49 @@ def evaluate(
         _print_quality(detector.contract, result)
 
 
+@app.command("quantize")
+def quantize(
+    model: Annotated[Path, typer.Argument(help="Model (.onnx) to bring to eight bits.")],
+    data: Annotated[
+        list[Path],
+        typer.Option(
+            "--data", help="Recording with pictures such as the model will see, or a folder of them; repeat."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
+    contract: Annotated[
+        Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
+    ] = None,
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=1, help="Pictures to take the ranges of the layers from.")
+    ] = 64,
+    as_json: options.Json = False,
+) -> None:
+    """Write a model that computes in eight bits: twice as fast and more on a CPU, and a quarter of the size.
+
+    As many other pictures tell what that changes. Measure the result with `model evaluate` before it flies.
+    """
+    from crowdfence.calibration.quantization import quantize_model
+    from crowdfence.detector.detector import Detector
+
+    paths = options.recordings_in(data)
+    detector = Detector(model, contract)
+    with writable_file(output), console.progress("looking", 2 * pictures, "pictures") as advance:
+        result = quantize_model(detector, model, paths, output, pictures=pictures, on_picture=advance)
+    if as_json:
+        console.print_json(asdict(result))
+        return
+    (before_ms, after_ms), (before, after) = result.cpu_ms, result.size_bytes
+    facts = {
+        "ranges from": counted(result.pictures, "picture"),
+        "called crowd by both": f"{result.agreement:.1%} of what either calls",
+        "heatmaps differ by": f"{result.mean_difference:.2g} on average",
+        "CPU time of a picture": f"{before_ms:.1f} -> {after_ms:.1f} ms",
+        "size": f"{before / 1e6:.2f} -> {after / 1e6:.2f} MB",
+    }
+    console.stdout().print(console.facts(f"{output}: {detector.contract.name} in eight bits", facts))
+
+
 def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     model, output = contract.input, contract.output
     size = "any size" if model.size is None else f"{model.size[0]} x {model.size[1]}"
@@ -170,6 +214,8 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     }
     if output.rule is not None:
         rows["crowd from"] = ", ".join(f"{name} {value:g}" for name, value in output.rule.to_json().items())
+    if (contract.about or {}).get("arithmetic") is not None:
+        rows["arithmetic"] = str((contract.about or {})["arithmetic"])
     rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
     rows["rates"] = _rates(contract)
     rows["valid for"] = _spans(contract.validity)

@@ -14,7 +14,11 @@ import typer
 from crowdfence.config import (
     EvidenceConfig,
     GroupingConfig,
+    LinearPoolConfig,
+    LogOddsConfig,
+    LogPoolConfig,
     MethodConfig,
+    MovingAverageConfig,
     OrConfig,
     PaperConfig,
     ProjectionConfig,
@@ -29,8 +33,20 @@ DEFAULT = RunConfig()
 EVIDENCE = EvidenceConfig()
 PAPER = PaperConfig()
 OR = OrConfig()
-PartT = TypeVar("PartT", EvidenceConfig, PaperConfig, OrConfig, ProjectionConfig, GroupingConfig, ZoneConfig)
-_METHOD, _EVIDENCE, _PAPER = "Method", "Method evidence", "Methods paper and or"
+PartT = TypeVar(
+    "PartT",
+    EvidenceConfig,
+    PaperConfig,
+    OrConfig,
+    LinearPoolConfig,
+    LogPoolConfig,
+    LogOddsConfig,
+    MovingAverageConfig,
+    ProjectionConfig,
+    GroupingConfig,
+    ZoneConfig,
+)
+_METHOD, _EVIDENCE, _PAPER = "Method", "Method evidence", "Methods paper, or and those for comparison"
 _MAP, _ZONES = "Projection and map", "Zones"
 
 
@@ -38,8 +54,12 @@ class MethodName(str, Enum):
     """Fusion methods."""
 
     evidence = "evidence"
-    paper = "paper"
     or_ = "or"
+    paper = "paper"
+    linear_pool = "linear-pool"
+    log_pool = "log-pool"
+    log_odds = "log-odds"
+    moving_average = "moving-average"
 
 
 class Unseen(str, Enum):
@@ -164,7 +184,8 @@ EnlargeOption = Annotated[
     EnlargeChoice,
     typer.Option(
         "--enlarge",
-        help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x.",
+        help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x; "
+        "affordable: no more than a 640 x 480 picture costs, or the picture itself.",
     ),
 ]
 ContractPath = Annotated[
@@ -189,7 +210,7 @@ Method = Annotated[
         "--method",
         "-m",
         rich_help_panel=_METHOD,
-        help="How looks are put together; paper and or are for research.",
+        help="How looks are put together; all but evidence are for research.",
     ),
 ]
 MemoryS = Annotated[
@@ -197,7 +218,7 @@ MemoryS = Annotated[
     typer.Option(
         "--memory-s",
         rich_help_panel=_EVIDENCE,
-        help="How long a look counts, in seconds: after so long it weighs 1 / e.",
+        help="How long a look counts, in seconds: after so long it weighs 1 / e. Also of moving-average.",
     ),
 ]
 SharpGsdM = Annotated[
@@ -278,7 +299,7 @@ Prior = Annotated[
         "--prior",
         rich_help_panel=_METHOD,
         help="How likely crowd is before anybody looked, P(A = 1). Default: by evidence, the detector's own; "
-        "by paper, the share of the map fit for landing, or 0.5.",
+        "by paper, the share of the map fit for landing, or 0.5; by log-odds, 0.5.",
     ),
 ]
 BThreshold = Annotated[
@@ -447,6 +468,14 @@ def method_config(parameters: Mapping[str, Any], name: MethodName) -> MethodConf
             return part(PaperConfig, parameters)
         case MethodName.or_:
             return part(OrConfig, parameters)
+        case MethodName.linear_pool:
+            return part(LinearPoolConfig, parameters)
+        case MethodName.log_pool:
+            return part(LogPoolConfig, parameters)
+        case MethodName.log_odds:
+            return part(LogOddsConfig, parameters)
+        case MethodName.moving_average:
+            return part(MovingAverageConfig, parameters)
 
 
 def part(kind: type[PartT], parameters: Mapping[str, Any], **chosen: Any) -> PartT:

@@ -12,7 +12,7 @@ import typer
 
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options, source_options
-from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
 from crowdfence.cli.wording import counted
 from crowdfence.config import RunConfig
 
@@ -33,64 +33,11 @@ WHY = {
 }
 
 
+@takes(MapOptions, *FUSION, before="files")
 def run(
     context: typer.Context,
     recording: options.RecordingPaths,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
-    terrain: options.TerrainPath = None,
-    voxel_size_m: options.VoxelSizeM = None,
-    terrain_option: options.TerrainOption = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
-    topics: source_options.Topics = None,
-    mount: source_options.Mount = None,
-    calibration: source_options.Calibration = None,
-    telemetry: source_options.Telemetry = None,
-    clock_offset_s: source_options.ClockOffset = None,
-    heights: source_options.Heights = None,
-    geoid_m: source_options.GeoidM = None,
-    take_off: source_options.TakeOff = None,
-    ground_start: source_options.GroundStart = False,
-    frames_per_s: source_options.FramesPerS = None,
-    detector: options.DetectorChoice = options.AUTO,
-    contract: options.ContractPath = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
-    method: options.Method = options.MethodName.evidence,
-    memory_s: options.MemoryS = EVIDENCE.memory_s,
-    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
-    doubt: options.Doubt = EVIDENCE.doubt,
-    agreement: options.Agreement = EVIDENCE.agreement,
-    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
-    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
-    prior: options.Prior = None,
-    alpha: options.Alpha = PAPER.alpha,
-    decay: options.Decay = PAPER.decay,
-    decay_unit: options.DecayUnitOption = options.DecayUnit.second,
-    unseen: options.UnseenOption = options.Unseen.fleet,
-    normalise: options.Normalise = False,
-    initial: options.InitialOption = options.Initial.zero,
-    true_positive_rate: options.TruePositiveRate = None,
-    false_positive_rate: options.FalsePositiveRate = None,
-    b_threshold: options.BThreshold = PAPER.b_threshold,
-    fleet_size: options.FleetSize = None,
-    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
-    target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
-    surface: options.SurfaceOption = options.Surface.planes,
-    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
-    threshold: options.Threshold = None,
-    off_threshold: options.OffThreshold = None,
-    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
-    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
-    buffer: options.Buffer = None,
-    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
-    max_vertices: options.MaxVertices = None,
-    lower_m: options.LowerM = DEFAULT.zones.lower_m,
-    upper_m: options.UpperM = DEFAULT.zones.upper_m,
-    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
-    close_unseen: options.CloseUnseen = False,
-    static_zones: options.StaticZones = None,
-    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     files: options.Files = None,
     show: OpenReport = False,
     force: options.Force = False,
@@ -98,26 +45,28 @@ def run(
 ) -> None:
     """From a flight to no-fly zones: finds the crowds in the pictures, puts them on the map, and writes the
     zones, the map and a report to look at."""
-    chosen_method = options.method_config(context.params, method)
-    config = options.run_config(options.zone_parameters(context.params), chosen_method)
-    map_options = options.terrain_options(
-        voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
+    chosen = context.params
+    config = options.run_config(
+        options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
+    map_told = map_options(chosen)
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.results import chosen_files
 
     wanted = chosen_files(None if files is None else files.split(","))
     with result_folder(output, force=force):
-        source = source_options.open_source(recording, context.params)
-        chosen = choose_detector(source, detector, contract=contract, enlarge=enlarge.value)
-        ground = read_map(source, terrain, **map_options)
+        source = source_options.open_source(recording, chosen)
+        detector = choose_detector(
+            source, chosen["detector"], contract=chosen["contract"], enlarge=chosen["enlarge"].value
+        )
+        ground = read_map(source, chosen["terrain"], **map_told)
         fuse_and_report(
             source,
             ground,
             config,
             output,
-            detector=chosen,
-            static_zones=static_zones or (),
+            detector=detector,
+            static_zones=chosen["static_zones"] or (),
             files=wanted,
             force=force,
             as_json=as_json,
@@ -247,6 +196,10 @@ def _heatmaps(detector: dict[str, Any]) -> str:
     return f"{detector['name']}{version} on the pictures{checksum}"
 
 
+_KNOBS = ("alpha", "decay", "memory_s", "prior", "b_threshold", "clamp_low", "clamp_high")
+"""Of the methods for comparison."""
+
+
 def _method(summary: dict[str, Any]) -> str:
     used = summary["parameters"]
     if summary["method"] == "or":
@@ -256,6 +209,9 @@ def _method(summary: dict[str, Any]) -> str:
             f"evidence, memory {used['memory_s']:g} s, prior {used['prior']:.4f}, "
             f"empty up to P = {used['cleared']:.2g}"
         )
+    if summary["method"] != "paper":
+        knobs = [f"{name} {used[name]:.4g}" for name in _KNOBS if name in used]
+        return ", ".join([summary["method"], *knobs])
     return (
         f"paper, alpha {used['alpha']:g}, lambda {used['decay']:g} per {used['decay_unit']}, prior "
         f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.cli import console, options
-from crowdfence.cli.options import DEFAULT, EVIDENCE, PAPER
+from crowdfence.cli import console, options, source_options
+from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
     from crowdfence.service.access import Access
+    from crowdfence.service.inputs import Inputs
+    from crowdfence.service.ros.link import RosLink
     from crowdfence.service.service import Service
     from crowdfence.service.settings import ServiceSettings
 
@@ -26,6 +28,13 @@ TokenFile = Annotated[
 ]
 
 
+class KeyChoice(str, Enum):
+    """How a fleet of ROS names its topics on Zenoh."""
+
+    rmw = "rmw"
+    bridge = "bridge"
+
+
 class ClockName(str, Enum):
     """What live views are compared with."""
 
@@ -33,13 +42,16 @@ class ClockName(str, Enum):
     views = "views"
 
 
+@takes(MapOptions, before="host")
+@takes(*FUSION, before="as_json")
 def serve(
     context: typer.Context,
     recording: Annotated[
-        Path | None,
-        typer.Argument(help="Recording to replay. Left out: live views, on the map of --terrain."),
+        list[Path] | None,
+        typer.Argument(
+            help="Recording to replay; several are one fleet. Left out: live views, on the map of --terrain."
+        ),
     ] = None,
-    terrain: options.TerrainPath = None,
     host: Annotated[
         str, typer.Option("--host", rich_help_panel=_SERVER, help="Address to listen on.")
     ] = "127.0.0.1",
@@ -56,6 +68,12 @@ def serve(
     json_logs: Annotated[
         bool, typer.Option("--json-logs", rich_help_panel=_SERVER, help="Log lines on stderr are JSON.")
     ] = False,
+    base_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--base-map", rich_help_panel=_SERVER, help="Map of the surroundings: a PMTiles or GeoTIFF file."
+        ),
+    ] = None,
     replay_speed: Annotated[
         float, typer.Option("--replay-speed", help="Recorded seconds per second; inf: as fast as it goes.")
     ] = 1.0,
@@ -80,54 +98,67 @@ def serve(
     silent_after_s: Annotated[
         float, typer.Option("--silent-after-s", rich_help_panel=_LIVE, help="Silence that is an alarm.")
     ] = 5.0,
+    mavlink: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--mavlink",
+            metavar="DRONE=udp:ADDRESS:PORT[:SYSTEM]",
+            rich_help_panel=_LIVE,
+            help="Telemetry that tells the poses of a drone whose views come without; may be repeated. "
+            "--mount, --heights, --geoid-m and --take-off say what it leaves open.",
+        ),
+    ] = None,
+    mavlink_key: Annotated[
+        Path | None,
+        typer.Option(
+            "--mavlink-key",
+            rich_help_panel=_LIVE,
+            help="File with the pass phrase of signed telemetry; needed on addresses of other machines.",
+        ),
+    ] = None,
+    zenoh: Annotated[
+        str | None,
+        typer.Option(
+            "--zenoh",
+            metavar="ENDPOINT",
+            rich_help_panel=_LIVE,
+            help="Zenoh router of a ROS 2 fleet, such as tcp/127.0.0.1:7447: zones and maps go there, and "
+            "what --topics names comes from there.",
+        ),
+    ] = None,
+    zenoh_config: Annotated[
+        Path | None,
+        typer.Option(
+            "--zenoh-config", rich_help_panel=_LIVE, help="Zenoh's own configuration, for TLS and the like."
+        ),
+    ] = None,
+    zenoh_keys: Annotated[
+        KeyChoice,
+        typer.Option(
+            "--zenoh-keys",
+            rich_help_panel=_LIVE,
+            help="rmw: the fleet runs rmw_zenoh; bridge: zenoh-bridge-ros2dds carries its topics.",
+        ),
+    ] = KeyChoice.rmw,
+    ros_domain: Annotated[
+        int, typer.Option("--ros-domain", rich_help_panel=_LIVE, help="ROS_DOMAIN_ID of the fleet, for rmw.")
+    ] = 0,
+    bridge_namespace: Annotated[
+        str, typer.Option("--bridge-namespace", rich_help_panel=_LIVE, help="That of the bridge.")
+    ] = "",
     keep_h: Annotated[
         float,
         typer.Option("--keep-h", rich_help_panel=_LIVE, help="Hours that history and pictures are kept."),
     ] = 24.0,
-    voxel_size_m: options.VoxelSizeM = None,
-    terrain_option: options.TerrainOption = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
-    detector: options.DetectorChoice = options.AUTO,
-    contract: options.ContractPath = None,
-    enlarge: options.EnlargeOption = options.EnlargeChoice.affordable,
-    method: options.Method = options.MethodName.evidence,
-    memory_s: options.MemoryS = EVIDENCE.memory_s,
-    sharp_gsd_m: options.SharpGsdM = EVIDENCE.sharp_gsd_m,
-    doubt: options.Doubt = EVIDENCE.doubt,
-    agreement: options.Agreement = EVIDENCE.agreement,
-    zone_log_odds: options.ZoneLogOdds = EVIDENCE.zone_log_odds,
-    clear_log_odds: options.ClearLogOdds = EVIDENCE.clear_log_odds,
-    prior: options.Prior = None,
-    alpha: options.Alpha = PAPER.alpha,
-    decay: options.Decay = PAPER.decay,
-    b_threshold: options.BThreshold = PAPER.b_threshold,
-    fleet_size: options.FleetSize = None,
-    max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
-    target_height_m: options.TargetHeightM = None,
-    coverage: options.CoverageOption = options.Coverage.full,
-    surface: options.SurfaceOption = options.Surface.planes,
-    tolerance_ms: options.ToleranceMs = DEFAULT.grouping.tolerance_ms,
-    threshold: options.Threshold = None,
-    off_threshold: options.OffThreshold = None,
-    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2,
-    max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2,
-    buffer: options.Buffer = None,
-    simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m,
-    max_vertices: options.MaxVertices = None,
-    lower_m: options.LowerM = DEFAULT.zones.lower_m,
-    upper_m: options.UpperM = DEFAULT.zones.upper_m,
-    restriction: options.RestrictionOption = options.RestrictionName.prohibited,
-    close_unseen: options.CloseUnseen = False,
-    static_zones: options.StaticZones = None,
-    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     as_json: options.Json = False,
 ) -> None:
     """Serve the map page, the zones and the crowd map, of live views or of a recording that is replayed."""
+    chosen = context.params
     config = options.run_config(
-        options.zone_parameters(context.params), options.method_config(context.params, method)
+        options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
     from crowdfence.service.access import Access
+    from crowdfence.service.base_map import BaseMap
     from crowdfence.service.logs import set_up_logs
     from crowdfence.service.server import Address
     from crowdfence.service.server import serve as serve_on
@@ -142,9 +173,13 @@ def serve(
         silent_after_s=silent_after_s,
         keep_s=keep_h * 3600.0,
     )
+    surroundings = BaseMap.open(base_map) if base_map is not None else None
     set_up_logs(as_json=json_logs)
-    opened = _replayed if recording is not None else _live
-    with opened(context.params, config, access, settings) as service:
+    opened = _replayed if recording else _live
+    with opened(chosen, config, access, settings) as service:
+        service.base_map = surroundings
+        if surroundings is not None and service.mission.georeference is None:
+            console.warn("the mission does not say where on Earth it lies: its page shows no base map")
         serve_on(service, address, lambda url: _ready(url, service, as_json))
 
 
@@ -161,10 +196,9 @@ def _replayed(
 ) -> Iterator[Service]:
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.service.opening import replayed
-    from crowdfence.sources import open_recording
 
-    recording = open_recording(chosen["recording"])
-    ground = read_map(recording, chosen["terrain"], **_map_options(chosen))
+    recording = source_options.open_source(chosen["recording"], chosen)
+    ground = read_map(recording, chosen["terrain"], **map_options(chosen))
     with replayed(
         recording,
         ground.terrain,
@@ -190,7 +224,8 @@ def _live(
 
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
-    ground = read_map_for_live_views(chosen["terrain"], **_map_options(chosen))
+    ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
+    inputs = _inputs(chosen)
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
         chosen["data"],
@@ -204,16 +239,56 @@ def _live(
         settings=settings,
         access=access,
         static_zones=_static(chosen, ground.terrain.georeference),
+        inputs=inputs,
     ) as service:
         yield service
 
 
-def _map_options(chosen: dict[str, Any]) -> dict[str, Any]:
-    return options.terrain_options(
-        chosen["voxel_size_m"],
-        chosen["terrain_option"],
-        origin=chosen["origin"],
-        assume_local=chosen["assume_local"],
+def _inputs(chosen: dict[str, Any]) -> Inputs:
+    """What is listened to besides HTTP. ValueError for what only recordings can use, and for telemetry that
+    cannot be laid on the clock."""
+    from crowdfence.service.inputs import Inputs
+    from crowdfence.service.mavlink_link import TelemetryAddress
+    from crowdfence.service.telemetry import TelemetryOptions
+    from crowdfence.sources.camera_mount import CameraMount
+    from crowdfence.sources.geographic_track import HeightOptions
+
+    told = source_options.given(chosen)
+    addresses = [TelemetryAddress.parse(text) for text in chosen["mavlink"] or ()]
+    if addresses and chosen["clock"] is ClockName.views:
+        raise ValueError("--mavlink is laid on the machine's clock: it does not go with --clock views")
+    ros = _ros(chosen)
+    usable = {"mount", "heights", "geoid_m", "take_off"} if addresses else set[str]()
+    if ros is not None:
+        usable |= {"topics", "mount"}
+    for name in told.keys() - usable:
+        raise ValueError(f"{name} says something about a recording; live views have none")
+    mount = told.get("mount")
+    heights = HeightOptions(told.get("heights"), told.get("geoid_m"), told.get("take_off"))
+    key = chosen["mavlink_key"]
+    return Inputs(
+        mavlink=addresses,
+        mavlink_key=None if key is None else key.read_text().strip(),
+        telemetry=TelemetryOptions(None if mount is None else CameraMount.parse(mount), heights),
+        ros=ros,
+    )
+
+
+def _ros(chosen: dict[str, Any]) -> RosLink | None:
+    from crowdfence.service.ros.keys import RosKeys
+    from crowdfence.service.ros.link import RosLink
+    from crowdfence.service.ros.topics import live_topics
+    from crowdfence.sources.camera_mount import CameraMount
+
+    if chosen["zenoh"] is None and chosen["zenoh_config"] is None:
+        return None
+    mount = chosen["mount"]
+    return RosLink(
+        endpoint=chosen["zenoh"] or "",
+        config=chosen["zenoh_config"],
+        keys=RosKeys(chosen["zenoh_keys"].value, chosen["ros_domain"], chosen["bridge_namespace"]),
+        topics=live_topics(chosen["topics"] or ()),
+        mount=None if mount is None else CameraMount.parse(mount),
     )
 
 

@@ -15,6 +15,13 @@ if TYPE_CHECKING:
 _PANEL = "Recordings of others"
 
 
+class BoxesChoice(str, Enum):
+    """What heatmaps made from boxes show."""
+
+    contact = "contact"
+    bodies = "bodies"
+
+
 class HeightChoice(str, Enum):
     """What recorded heights count from."""
 
@@ -117,6 +124,25 @@ FramesPerS = Annotated[
         help="Frames of a film to use per second. Default: 2.",
     ),
 ]
+Boxes = Annotated[
+    BoxesChoice | None,
+    typer.Option(
+        "--boxes",
+        rich_help_panel=_PANEL,
+        help="Of Wildtrack or MultiviewX: heatmaps show the ground that people stand on, or their whole "
+        "boxes. Default: contact.",
+    ),
+]
+
+AlignmentFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--alignment",
+        metavar="FILE",
+        rich_help_panel=_PANEL,
+        help="What the poses are constantly off, as `crowdfence align` found it.",
+    ),
+]
 
 NAMES = (
     "topics",
@@ -129,6 +155,8 @@ NAMES = (
     "take_off",
     "ground_start",
     "frames_per_s",
+    "boxes",
+    "alignment",
 )
 
 
@@ -139,6 +167,8 @@ def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
     told = {name: value for name, value in told.items() if value is not None and value not in ([], (), False)}
     if "heights" in told:
         told["heights"] = HeightChoice(told["heights"]).value
+    if "boxes" in told:
+        told["boxes"] = BoxesChoice(told["boxes"]).value
     if "take_off" in told:
         told["take_off"] = _place(told["take_off"])
     return told

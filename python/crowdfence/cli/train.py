@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from crowdfence.detector_training.frame_store import StoredMission
     from crowdfence.detector_training.plan import TrainingPlan
     from crowdfence.detector_training.trainer import Checkup, Trained
+
+WIDE_CROPS = 0.3
+"""Share of the crops of any scale with `--wide`."""
 
 
 def train(
@@ -46,8 +50,12 @@ def train(
     workers: Annotated[int, typer.Option("--workers", help="Processes that decode missions.")] = 2,
     initial: Annotated[
         Path | None,
-        typer.Option("--initial", help="Checkpoint of an earlier training to start from."),
+        typer.Option("--initial", help="Checkpoint, or model, of an earlier training to start from."),
     ] = None,
+    wide: Annotated[
+        bool,
+        typer.Option("--wide", help="Vary beyond what was rendered: clutter, cameras, sizes of people."),
+    ] = False,
     licence: Annotated[
         str | None, typer.Option("--licence", help="Licence of the weights, written into the model.")
     ] = None,
@@ -71,6 +79,10 @@ def train(
     plan = _plan(
         target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
     )
+    if wide:
+        plan = replace(plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS))
+    if initial is not None and initial.suffix == ".onnx":
+        plan = replace(plan, frozen_statistics=True)
     paths, held_out = options.recordings_in(data), options.recordings_in(validation)
     twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
     if twice:

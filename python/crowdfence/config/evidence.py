@@ -50,7 +50,7 @@ class EvidenceConfig:
     """Sharp looks that the prior stands against."""
     agreement: float = 0.5
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
-    zone_log_odds: float = 1.3
+    zone_log_odds: float = 1.6
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior; between the two it is looked at and not cleared."""
@@ -88,13 +88,13 @@ class EvidenceConfig:
             sharp_gsd_m=self.sharp_gsd_m,
             doubt=self.doubt,
             agreement=self.agreement,
-            threshold=_shifted(complete.prior, self.zone_log_odds),
-            cleared=_shifted(complete.prior, -self.clear_log_odds),
+            threshold=shifted(complete.prior, self.zone_log_odds),
+            cleared=shifted(complete.prior, -self.clear_log_odds),
             focal_px=complete.focal_px,
         )
 
 
-def _shifted(prior: float, log_odds: float) -> float:
+def shifted(prior: float, log_odds: float) -> float:
     """The probability that lies so far from the prior. One outside (0, 1) is left to the core to refuse."""
     if not 0.0 < prior < 1.0:
         return prior

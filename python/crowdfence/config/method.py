@@ -6,14 +6,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from crowdfence._core import Or, Paper, Rates, Terrain
+from crowdfence.config.comparison import (
+    LinearPoolConfig,
+    LogOddsConfig,
+    LogPoolConfig,
+    MovingAverageConfig,
+)
 from crowdfence.config.evidence import EvidenceConfig
+from crowdfence.config.rates import with_rates
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
-DEFAULT_TRUE_POSITIVE_RATE = 0.9
-DEFAULT_FALSE_POSITIVE_RATE = 0.02
-"""What a run uses where neither its configuration nor its detector says anything."""
 UNDECIDED_PRIOR = 0.5
 """Prior on a map that is fit for landing everywhere or nowhere: as likely crowd as not."""
 
@@ -58,11 +62,9 @@ class PaperConfig:
 
         ValueError when the contract states a rate that equation 1 cannot use.
         """
-        true_positive, false_positive = self.true_positive_rate, self.false_positive_rate
-        if true_positive is None:
-            true_positive = _stated(contract, "true_positive", DEFAULT_TRUE_POSITIVE_RATE)
-        if false_positive is None:
-            false_positive = _stated(contract, "false_positive", DEFAULT_FALSE_POSITIVE_RATE)
+        true_positive, false_positive = with_rates(
+            self.true_positive_rate, self.false_positive_rate, contract
+        )
         return replace(self, true_positive_rate=true_positive, false_positive_rate=false_positive)
 
     def with_terrain(self, terrain: Terrain) -> tuple[PaperConfig, tuple[str, ...]]:
@@ -120,22 +122,8 @@ class OrConfig:
         return Or(b_threshold=self.b_threshold)
 
 
-MethodConfig = EvidenceConfig | PaperConfig | OrConfig
-
-
-def _stated(
-    contract: Contract | None, name: Literal["true_positive", "false_positive"], default: float
-) -> float:
-    estimate = None if contract is None else (contract.rates or {}).get(name)
-    if estimate is None:
-        return default
-    rate = float(estimate["rate"])
-    if not 0.0 < rate < 1.0:
-        raise ValueError(
-            f"the detector states a {name}_rate of {rate:g}; equation 1 needs one strictly between 0 and 1: "
-            "give your own (--tpr, --fpr)"
-        )
-    return rate
+ComparisonConfig = LinearPoolConfig | LogPoolConfig | LogOddsConfig | MovingAverageConfig
+MethodConfig = EvidenceConfig | PaperConfig | OrConfig | ComparisonConfig
 
 
 def _landing_prior(terrain: Terrain) -> tuple[float, tuple[str, ...]]:

@@ -58,7 +58,7 @@ class Detector:
         *,
         threads: int = 1,
         output: Mapping[str, Any] | None = None,
-        enlarge: Enlarge = "affordable",
+        enlarge: Enlarge = "always",
     ) -> None:
         """Load an ONNX model (None: the shipped one).
 
@@ -76,6 +76,9 @@ class Detector:
         found = find_contract(session.face, output) if contract is None else _given(contract)
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
         self._set_up(model_shown, found, str(path), path)
+
+    def __repr__(self) -> str:
+        return f"Detector({self.contract.name!r}, stride {self.contract.output.stride})"
 
     @classmethod
     def from_callable(

@@ -39,6 +39,9 @@ class CropPlan:
     rotation_deg: float = 15.0
     on_crowd: float = 0.6
     """Share of the crops that are put around a crowd cell, where the frame has one."""
+    wide: float = 0.0
+    """Share of the crops whose scale lies anywhere in `wide_scale`."""
+    wide_scale: tuple[float, float] = (0.2, 3.0)
 
 
 class CropSampler:
@@ -63,7 +66,7 @@ class CropSampler:
         stored, plan = self._missions[mission], self._plan
         crowd, known = stored.crowd[frame], stored.known[frame]
         height, width = stored.images.shape[1:3]
-        scale = math.exp(rng.uniform(math.log(plan.scale[0]), math.log(plan.scale[1])))
+        scale = self._scale(rng)
         centre = self._centre(crowd, height, width, scale, rng)
         turn = math.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg))
         mirror = -1.0 if rng.random() < 0.5 else 1.0
@@ -72,6 +75,8 @@ class CropSampler:
         window = _window(frame_from_crop, plan.height, plan.width, height, width)
         image = torch.from_numpy(np.array(stored.images[frame][window])).to(device)
         image = image.permute(2, 0, 1)[None].float() / 255.0
+        if plan.wide:
+            image = _without_alias(image, scale)
         # Bilinear values would show the network softer pictures than those it will be used on.
         at = _cell_grid(frame_from_crop, plan, 1, window, device)
         image = _resampled(image, at, _span(window), "bicubic").clamp_(0.0, 1.0)
@@ -82,6 +87,12 @@ class CropSampler:
         cells = functional.avg_pool2d(_resampled(labels, at, (height, width)), LABELS_PER_CELL)
         half = cells.shape[1] // 2
         return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
+
+    def _scale(self, rng: np.random.Generator) -> float:
+        plan = self._plan
+        wide = plan.wide > 0.0 and rng.random() < plan.wide
+        low, high = plan.wide_scale if wide else plan.scale
+        return math.exp(rng.uniform(math.log(low), math.log(high)))
 
     def _centre(
         self, crowd: NDArray[np.uint8], height: int, width: int, scale: float, rng: np.random.Generator
@@ -117,6 +128,14 @@ def _window(
     right = int(np.clip(high[0], left + 2, width))
     bottom = int(np.clip(high[1], top + 2, height))
     return slice(top, bottom), slice(left, right)
+
+
+def _without_alias(image: Tensor, scale: float) -> Tensor:
+    """The frame with fewer pixels for a crop that shows things much smaller; its corners stay its corners."""
+    if scale <= 1.25:
+        return image
+    fewer = [max(2, round(side / scale)) for side in image.shape[2:]]
+    return functional.interpolate(image, fewer, mode="bilinear", align_corners=False, antialias=True)
 
 
 def _span(window: tuple[slice, slice]) -> tuple[int, int]:

@@ -29,6 +29,10 @@ class TrainingPlan:
     patience: int = 8
     """Validations without improvement before training stops; counted outside the calm steps."""
     seed: int = 0
+    wide: bool = False
+    """Beyond what was rendered: the clutter of `clutter`, the cameras of `photography`."""
+    frozen_statistics: bool = False
+    """Batch normalisation keeps the statistics that it starts with."""
     crops: CropPlan = field(default_factory=CropPlan)
 
     def __post_init__(self) -> None:

@@ -16,10 +16,13 @@ import torch
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector_training.augmentation import varied
 from crowdfence.detector_training.average import WeightAverage
+from crowdfence.detector_training.clutter import cluttered
 from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
 from crowdfence.detector_training.loss import crowd_loss
 from crowdfence.detector_training.network import CrowdNet
+from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx
+from crowdfence.detector_training.photography import photographed
 from crowdfence.detector_training.plan import TrainingPlan
 from crowdfence.detector_training.validation import ValidationScore, validate
 
@@ -64,8 +67,8 @@ def train(
 
     With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
-    machines give equal weights. `initial` is the checkpoint of another training, whose best weights this one
-    starts from.
+    machines give equal weights. `initial` is the checkpoint of another training, or the model that it wrote,
+    whose weights this one starts from.
 
     ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
     loss that is not finite.
@@ -120,7 +123,9 @@ def _batches(
     def made(step: int) -> Batch:
         rng = np.random.default_rng([plan.seed, step])
         batch = sampler.draw(plan.batch, rng, device)
-        return batch._replace(image=varied(batch.image, rng))
+        if not plan.wide:
+            return batch._replace(image=varied(batch.image, rng))
+        return batch._replace(image=photographed(varied(cluttered(batch, rng), rng), rng))
 
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(made, first) if first < plan.steps else None
@@ -152,7 +157,12 @@ class _Run:
         self.best_state: dict[str, Any] = {}
 
     def start_from(self, path: Path) -> None:
-        """The best weights of another training."""
+        """The best weights of another training, from its checkpoint or from the model that it wrote."""
+        if path.suffix == ".onnx":
+            weights = import_onnx(path, len(self._plan.targets), self._plan.width)
+            self.network.load_state_dict(weights)
+            self.average.network.load_state_dict(weights)
+            return
         state = torch.load(path, map_location=self._device, weights_only=True)
         for name in ("targets", "width"):
             if state["plan"][name] != getattr(self._plan, name):
@@ -185,6 +195,8 @@ class _Run:
     def advance(self, batch: Batch, step: int) -> torch.Tensor:
         """One step; returns the loss."""
         self.network.train()
+        if self._plan.frozen_statistics:
+            freeze_statistics(self.network)
         for group in self._optimiser.param_groups:
             group["lr"] = self._plan.learning_rate_at(step)
         image = batch.image.contiguous(memory_format=torch.channels_last)

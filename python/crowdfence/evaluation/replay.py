@@ -56,7 +56,7 @@ class Score:
 
 
 class Scores(NamedTuple):
-    """What a replay found: `rows, refused, crowd_mass = score(...)`."""
+    """What a replay found: `rows, refused, crowd_mass, swept = score(...)`."""
 
     rows: list[Score]
     """One per configuration, in their order."""
@@ -64,6 +64,8 @@ class Scores(NamedTuple):
     """Frames that took no part."""
     crowd_mass: dict[str, CrowdMass]
     """Where the crowd in the pictures of each drone went, under the first configuration."""
+    swept: list[Score]
+    """One per configuration of `swept`; of these the IoU alone was counted."""
 
 
 class CellCounter:
@@ -111,30 +113,31 @@ def score(
     truth: TruthKind = "projected",
     on_instant: OnInstant | None = None,
     with_measures: bool = False,
+    swept: Sequence[RunConfig] = (),
 ) -> Scores:
     """Replay the recording once, feeding every configuration the same views, and score each.
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
     the detector's contract. ValueError when they do not, or when the recording does not hold that truth.
-    `with_measures`: all that a report shows, which takes about as long again.
+    `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
+    configurations, the IoU alone is counted.
     """
     configs = [config.with_detector(heatmaps.contract) for config in configs]
-    first = configs[0]
-    if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in configs):
+    swept = [config.with_detector(heatmaps.contract) for config in swept]
+    first, alike = configs[0], [*configs, *swept]
+    if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in alike):
         raise ValueError("configurations that are scored together must project and group views alike")
     recording = on_ground(recording, terrain)
     crowds = _truth(truth, recording, terrain, first)
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)
-    judged = [
-        _Judged(
-            config,
-            FrameLoop(config.crowd_map(terrain, drones), config.zones),
-            Measures() if with_measures else None,
-        )
-        for config in configs
-    ]
+
+    def loop(config: RunConfig) -> FrameLoop:
+        return FrameLoop(config.crowd_map(terrain, drones), config.zones)
+
+    judged = [_Judged(config, loop(config), Measures() if with_measures else None) for config in configs]
+    beside = [_Judged(config, loop(config), None) for config in swept]
     tested = None if heatmaps.contract is None else heatmaps.contract.validity
     watch = CrowdWatch(recording, terrain, tested) if len(recording.people.stamps_ns) else None
     highest = np.zeros(terrain.voxel_count, np.float32)
@@ -145,12 +148,14 @@ def score(
             found = detect(instant)
             # Views are projected once; the other maps take the observations.
             update = judged[0].loop.integrate(found.views, instant.stamp_ns)
-            for one in judged[1:]:
+            for one in [*judged[1:], *beside]:
                 one.loop.integrate_observed(update.observations, instant.stamp_ns)
             for seen in update.observations:
                 highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
-            crowd = crowds.at(instant)
             for one in judged:
+                one.hold(instant.stamp_ns)
+            crowd = crowds.at(instant)
+            for one in [*judged, *beside]:
                 one.compare(crowd, highest, instant.stamp_ns)
             if watch is not None:
                 watch.saw(update.observations)
@@ -163,7 +168,8 @@ def score(
             if on_instant is not None:
                 on_instant(instant, found)
     rows = [one.score(safety=watch is not None) for one in judged]
-    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass)
+    others = [one.score(safety=False) for one in beside]
+    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others)
 
 
 def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:
@@ -197,9 +203,12 @@ class _Judged:
     def compare(self, crowd: NDArray[np.bool_], highest: NDArray[np.float32], stamp_ns: int) -> None:
         """Against the crowd voxels [V]; highest [V] mean value so far decides what `or` says at every
         knob."""
-        self._closed.step(stamp_ns)
         ids, probability = self.loop.crowd_map.seen_probability(stamp_ns)
         self._sweep.update(highest[ids] if self._sweeps_mean else probability, crowd[ids])
+
+    def hold(self, stamp_ns: int) -> None:
+        """Close and open ground, after every instant that may be watched."""
+        self._closed.step(stamp_ns)
 
     def watch(
         self,

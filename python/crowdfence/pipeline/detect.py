@@ -124,7 +124,7 @@ def choose_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
-    enlarge: Enlarge = "affordable",
+    enlarge: Enlarge = "always",
 ) -> Detector | None:
     """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
     combined. The name of the shipped model stands for its path.
@@ -165,20 +165,20 @@ def named_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
-    enlarge: Enlarge = "affordable",
+    enlarge: Enlarge = "always",
 ) -> Detector:
-    """The detector of one model, or the combination of several; `SHIPPED_MODEL` stands for the shipped one.
+    """The detector of one model, or the combination of several; shipped ones go by their names.
     ValueError for words that mean no model here."""
     from crowdfence.detector.detector import Detector
-    from crowdfence.detector.shipped import SHIPPED_MODEL
+    from crowdfence.detector.shipped import FILES, SHIPPED_MODEL, shipped_model
 
     if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
         raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
     if twice := [model for number, model in enumerate(models) if model in models[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
     detectors = [
-        Detector(None if model == SHIPPED_MODEL else model, contract, threads=threads, enlarge=enlarge)
-        for model in models
+        Detector(shipped_model(name) if name in FILES else model, contract, threads=threads, enlarge=enlarge)
+        for model, name in zip(models, map(str, models), strict=True)
     ]
     return detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
 

@@ -60,6 +60,12 @@ class Run:
     doubts: tuple[str, ...] = ()
     """What is doubtful about the map and what was taken from it, one sentence each."""
 
+    def __repr__(self) -> str:
+        closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
+        return (
+            f"Run({self.recording.name!r}, {self.crowd_map.method.name}, {len(self.rows)} instants, {closed})"
+        )
+
     @property
     def stamp_ns(self) -> int:
         """The last instant."""

@@ -5,6 +5,10 @@
 - `settings`          what a service is told
 - `mission`           the frame loop with what is published after each step
 - `replay` `live`     where the instants come from
+- `gate` `gathering`  which live views are taken, and how they become instants
+- `detecting`         pictures on their way through the detector
+- `poses`             poses of views that come without: `telemetry` by `mavlink_link`, or `ros/`
+- `ros/`              fleets of ROS 2 over Zenoh: pictures and poses in, zones and maps out
 - `view_message`      a view as JSON
 - `store`             SQLite: journal, snapshots, history, audit
 - `timeline` `media`  what was closed, what was believed and what was seen at earlier stamps

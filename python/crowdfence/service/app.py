@@ -15,7 +15,7 @@ from starlette.staticfiles import StaticFiles
 from crowdfence._core import __version__
 from crowdfence.service.access import COOKIE
 from crowdfence.service.guard import Guard, Rate
-from crowdfence.service.routes import alerts, drones, health, ingest, operator, scene, zones
+from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
 from crowdfence.service.routes.asking import user_or_none
 from crowdfence.service.service import Service
 
@@ -47,7 +47,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         lifespan=lifespan,
     )
     app.state.service = service
-    for module in (scene, zones, drones, alerts, operator, ingest):
+    for module in (scene, base_map, zones, drones, alerts, operator, ingest):
         app.include_router(module.router, prefix=API)
     app.include_router(health.router)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import ssl
 import time
 from collections.abc import Iterator
+from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit, urlunsplit
@@ -42,13 +44,24 @@ class Client:
     answer."""
 
     def __init__(
-        self, url: str = "http://127.0.0.1:8080", *, token: str | None = None, patience_s: float = 10.0
+        self,
+        url: str = "http://127.0.0.1:8080",
+        *,
+        token: str | None = None,
+        ca: str | PathLike[str] | None = None,
+        patience_s: float = 10.0,
     ) -> None:
-        """`patience_s`: how long a view is given again to a service that is busy or starts anew."""
+        """`ca`: PEM file of the authority, or of the service's own certificate, that is trusted besides those
+        of the system; `patience_s`: how long a view is given again to a service that is busy or starts
+        anew. OSError for a `ca` that cannot be read."""
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         self._url = url.rstrip("/")
         self._headers, self._patience_s = headers, patience_s
-        self._http = httpx.Client(base_url=f"{self._url}/api/v1", headers=headers, timeout=30.0)
+        self._trust = ssl.create_default_context()
+        if ca is not None:
+            self._trust.load_verify_locations(ca)
+        base_url = f"{self._url}/api/v1"
+        self._http = httpx.Client(base_url=base_url, headers=headers, timeout=30.0, verify=self._trust)
 
     def __enter__(self) -> Client:
         return self
@@ -146,7 +159,8 @@ class Client:
 
         scheme, host, path, _, _ = urlsplit(self._url)
         address = urlunsplit(("wss" if scheme == "https" else "ws", host, f"{path}/api/v1/stream", "", ""))
-        with connect(address, additional_headers=self._headers, max_size=None) as socket:
+        trust = self._trust if scheme == "https" else None
+        with connect(address, additional_headers=self._headers, max_size=None, ssl=trust) as socket:
             try:
                 for text in socket:
                     yield json.loads(text)

@@ -13,41 +13,41 @@ import queue
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 from typing import NamedTuple
 
 import numpy as np
 
 from crowdfence._core import CrowdfenceError, Observation, View
-from crowdfence.errors import FrameError
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.arrivals import Arrival, Content, stepped
 from crowdfence.service.clock import Clock
+from crowdfence.service.detecting import Detecting
 from crowdfence.service.fleet import Fleet, Sighting
-from crowdfence.service.guard import Rate
+from crowdfence.service.gate import Gate, Refused
+from crowdfence.service.gathering import Gathering
 from crowdfence.service.journal import Journal, Record, RecordKind
 from crowdfence.service.latency import Latency
 from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Write
 from crowdfence.service.view_message import CameraMessage, ViewMessage
-from crowdfence.sources.recording import Frame, RefusedFrame
-from crowdfence.sources.synchronize import InstantGrouper
 
 _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
 _MOST_DRONES = 1000
 _TICK_S = 0.1
-_FUTURE_OF_VIEWS_S = 3600.0
-"""With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+_DECIDED_WITHIN_S = 10.0
 
 
 class Accepted(NamedTuple):
@@ -55,14 +55,6 @@ class Accepted(NamedTuple):
 
     seq: int
     duplicate: bool
-
-
-class Refused(ValueError):
-    """A view that is not taken; nothing of it was kept."""
-
-    def __init__(self, status: int, reason: str, again_s: float = 0.0) -> None:
-        super().__init__(reason)
-        self.status, self.reason, self.again_s = status, reason, again_s
 
 
 class Live:
@@ -78,26 +70,26 @@ class Live:
         clock: Clock,
         settings: ServiceSettings,
         *,
+        poses: Poses | None = None,
         detector_threads: int = 1,
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
         self._alerts, self._clock, self._settings = alerts, clock, settings
-        self._tolerance_ns = int(mission.config.grouping.tolerance_ms * 1e6)
-        self._max_delay_ns = int(settings.max_delay_ms * 1e6)
-        self._grouper = InstantGrouper[Arrival](self._tolerance_ns, self._max_delay_ns)
-        self._grouper_ns = 0
-        self._waiting: dict[int, Arrival] = {}
-        """In the grouper, by place: in no instant yet."""
+        self._gathering = Gathering(
+            tolerance_ns=int(mission.config.grouping.tolerance_ms * 1e6),
+            max_delay_ns=int(settings.max_delay_ms * 1e6),
+        )
+        most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
+        self._gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
+        self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
+        """Of drones whose views come without."""
         self._applied = 0
         self._since_snapshot = 0
         self._last_ns: int | None = None
         self._records: queue.Queue[Record | Event | None] = queue.Queue()
-        self._on_the_way: Counter[str] = Counter()
-        self._counting = Lock()
-        self._rate = Rate(settings.views_per_s)
         self._done: dict[int, Future[str]] = {}
         self._recovering = False
-        self._detecting = ThreadPoolExecutor(detector_threads, thread_name_prefix="detector")
+        self.detecting = Detecting(mission.heatmaps, detector_threads)
         self._stopping = Event()
         self._applier = Thread(target=self._apply_all, name="live", daemon=True)
         self._ticker = Thread(target=self._tick_all, name="ticker", daemon=True)
@@ -111,8 +103,6 @@ class Live:
         self.publishing = Latency()
         """From the acknowledgement to the zones that follow from it."""
         self._acknowledged_s: dict[int, float] = {}
-        self.detecting_since: dict[int, float] = {}
-        """Pictures that the detector has not finished, and since when (seconds of a steady clock)."""
 
     # -- giving ------------------------------------------------------------------------------------------
 
@@ -120,15 +110,17 @@ class Live:
         """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused; ValueError for
         what is no view."""
         message = ViewMessage.model_validate_json(raw)
-        if (message.heatmap is None) == (message.image is None):
-            raise ValueError("a view has either a heatmap or an image")
+        message.check()
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
             raise Refused(422, "this service runs no detector (--detector): send heatmaps")
-        if message.image is None:
-            message.view()
-        else:
-            message.frame()
-        return self._give("view", message.drone, message.stamp_ns, raw, drones)
+        if message.world_from_camera is not None:
+            return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
+        return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
+
+    def _posed(self, message: ViewMessage) -> bytes:
+        """As it is journaled: with the pose, so that a restart needs no telemetry."""
+        pose = self.poses.pose_at(message.drone, message.stamp_ns, self._clock.now_ns())
+        return message.posed(pose).model_dump_json().encode()
 
     def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
         """The bytes of an observation (`Observation.to_bytes`). Refused; ValueError for what is none."""
@@ -138,17 +130,16 @@ class Live:
             raise Refused(
                 422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
             )
-        return self._give("observation", observation.drone, observation.stamp_ns, raw, drones)
+        return self._give("observation", observation.drone, observation.stamp_ns, lambda: raw, drones)
 
     def _give(
-        self, kind: RecordKind, drone: str, stamp_ns: int, raw: bytes, drones: Sequence[str]
+        self, kind: RecordKind, drone: str, stamp_ns: int, body: Callable[[], bytes], drones: Sequence[str]
     ) -> Accepted:
         if drones and drone not in drones:
             raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
         try:
-            self._check_stamp(drone, stamp_ns)
-            self._check_fleet(drone)
-            self._reserve(drone)
+            self._gate.enter(drone, stamp_ns)
+            raw = self._body(drone, body)
         except Refused:
             self.refused[drone if drone in self.accepted else "(unknown)"] += 1
             raise
@@ -170,49 +161,15 @@ class Live:
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
 
-    def _check_stamp(self, drone: str, stamp_ns: int) -> None:
-        now_ns = self._clock.now_ns()
-        by_views = self._clock.kind == "views"
-        if by_views and now_ns == 0:
-            return
-        ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
-        off_s = (stamp_ns - now_ns) / _SECOND_NS
-        if -self._settings.max_age_s <= off_s <= ahead_s:
-            self._alerts.clear("clock", now_ns, drone=drone)
-            return
-        side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
-        reason = (
-            f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
-        )
-        self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone)
-        raise Refused(422, reason)
+    def _body(self, drone: str, body: Callable[[], bytes]) -> bytes:
+        try:
+            return body()
+        except Refused:
+            self._gate.leave(drone)
+            raise
 
-    def _check_fleet(self, drone: str) -> None:
-        known = self._mission.drones
-        if drone in known or drone in self.accepted:
-            return
-        method = self._mission.loop.crowd_map.method
-        most = int(method.parameters.get("fleet_size", _MOST_DRONES))
-        if len({*known, *self.accepted}) >= most:
-            raise Refused(422, f"{drone} would be drone {most + 1}; this fleet has {most} at most")
-
-    def _reserve(self, drone: str) -> None:
-        """Backpressure: each drone has its own room, so that one that floods only stops itself."""
-        wait_s = self._rate.wait_s(drone)
-        if wait_s > 0.0:
-            raise Refused(
-                429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
-            )
-        with self._counting:
-            if self._on_the_way[drone] >= self._settings.waiting_per_drone:
-                raise Refused(429, f"{self._on_the_way[drone]} views of {drone} wait to be taken in", 1.0)
-            self._on_the_way[drone] += 1
-
-    def _release(self, drone: str) -> None:
-        with self._counting:
-            self._on_the_way[drone] -= 1
-            if self._on_the_way[drone] <= 0:
-                del self._on_the_way[drone]
+    def _known_drones(self) -> Iterable[str]:
+        return (*self._mission.drones, *self.accepted)
 
     @property
     def waiting(self) -> int:
@@ -222,7 +179,7 @@ class Live:
     def _journaled(self, record: Record, done: Future[int]) -> None:
         """In the thread that writes, so that records come in the order of their places."""
         if done.exception() is not None:
-            self._release(record.drone)
+            self._gate.leave(record.drone)
             return
         seq = done.result()
         self._acknowledged_s[seq] = time.monotonic()
@@ -252,7 +209,12 @@ class Live:
             future.result()
         except sqlite3.Error as error:
             raise Refused(507, f"the action cannot be kept: {error}", 5.0) from error
-        return done.result(timeout=30.0)
+        try:
+            return done.result(timeout=_DECIDED_WITHIN_S)
+        except FutureTimeout as error:
+            raise Refused(
+                503, "it is on disk and will be done, after the pictures that wait for the detector"
+            ) from error
 
     # -- applying ----------------------------------------------------------------------------------------
 
@@ -291,16 +253,14 @@ class Live:
 
     def finish(self) -> None:
         """No view follows: what waits becomes instants now. The journal says so."""
-        newest_ns = max((one.stamp_ns for one in self._waiting.values()), default=0)
-        end_ns = newest_ns + self._max_delay_ns + self._tolerance_ns + 1
-        self._tick(end_ns)
+        self._tick(self._gathering.end_ns)
         self.settled(30.0)
 
     def stop(self) -> None:
         self._stopping.set()
         self._records.put(None)
         self._applier.join()
-        self._detecting.shutdown(wait=False, cancel_futures=True)
+        self.detecting.stop()
 
     def _apply_all(self) -> None:
         while (record := self._records.get()) is not None:
@@ -309,7 +269,7 @@ class Live:
                 continue
             self._apply(record)
             if record.kind in ("view", "observation"):
-                self._release(record.drone)
+                self._gate.leave(record.drone)
             if self._since_snapshot >= self._settings.snapshot_every:
                 self._snapshot()
             self._mission.keep_belief()
@@ -317,51 +277,50 @@ class Live:
 
     def _apply(self, record: Record) -> None:
         """Never fails: a record that cannot be used is refused, and the next one follows."""
-        with self._mission.lock:
-            self._applied = record.seq
-            self._since_snapshot += 1
-            try:
-                if record.kind == "operator":
-                    self._act(record)
-                elif record.kind == "tick":
-                    self._advance(record.stamp_ns)
-                else:
-                    self._arrive(record)
-            except Exception as error:  # a mistake of ours: one record must not stop all that follow
-                _LOG.exception("record %s could not be applied", record.seq)
-                self._alerts.raise_(
-                    "refused_views",
-                    "alarm",
-                    f"record {record.seq} ({record.kind}) could not be applied: {error}",
-                    self._clock.now_ns(),
-                )
+        self._applied = record.seq
+        self._since_snapshot += 1
+        try:
+            if record.kind == "operator":
+                self._act(record)
+            elif record.kind == "tick":
+                self._take(self._gathering.advance(record.stamp_ns))
+            else:
+                self._arrive(record)
+        except Exception as error:  # a mistake of ours: one record must not stop all that follow
+            _LOG.exception("record %s could not be applied", record.seq)
+            self._alerts.raise_(
+                "refused_views",
+                "alarm",
+                f"record {record.seq} ({record.kind}) could not be applied: {error}",
+                self._clock.now_ns(),
+            )
 
     def _arrive(self, record: Record) -> None:
         arrival = self._arrival(record)
         self._clock.saw(record.stamp_ns)
-        self._waiting[arrival.seq] = arrival
-        grouped = self._grouper.push(arrival)
-        self._grouper_ns = max(self._grouper_ns, record.stamp_ns)
-        self._take(grouped.instants)
-        for late in grouped.late:
+        instants, too_late = self._gathering.push(arrival)
+        self._take(instants)
+        for late in too_late:
             self.late[late.drone] += 1
             stamp_ns = late.stamp_ns if self._last_ns is None else self._last_ns + 1
             self._step([late], max(stamp_ns, late.stamp_ns))
-
-    def _advance(self, stamp_ns: int) -> None:
-        self._grouper_ns = max(self._grouper_ns, stamp_ns)
-        self._take(self._grouper.advance(stamp_ns).instants)
 
     def _take(self, instants: Sequence[Sequence[Arrival]]) -> None:
         for group in instants:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
+        # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
         contents = [arrival.arrived() for arrival in group]
-        acknowledged_s = []
-        for arrival in group:
-            del self._waiting[arrival.seq]
-            acknowledged_s.append(self._acknowledged_s.pop(arrival.seq, None))
+        self._gathering.took(group)
+        acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
+        with self._mission.lock:
+            self._step_with(group, contents, stamp_ns)
+        for then_s in acknowledged_s:
+            if then_s is not None:
+                self.publishing.took(time.monotonic() - then_s)
+
+    def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
             step = stepped(self._mission.loop, contents, stamp_ns)
         except CrowdfenceError as error:
@@ -373,9 +332,6 @@ class Live:
         for arrival, content in zip(group, contents, strict=True):
             self._show(arrival, content)
         self._mission.stepped(step)
-        for then_s in acknowledged_s:
-            if then_s is not None:
-                self.publishing.took(time.monotonic() - then_s)
 
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
@@ -396,15 +352,16 @@ class Live:
         mission = self._mission
         action = OperatorAction(**json.loads(record.body))
         done = self._done.pop(record.seq, None)
-        zones = mission.found if mission.newest is None else mission.newest.zones
-        try:
-            zone = mission.operator_zones.do(action, zones)
-        except ValueError as error:  # somebody else was faster
-            if done is not None:
-                done.set_exception(error)
-            return
-        newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
-        mission.publish(max(action.stamp_ns, newest_ns))
+        with mission.lock:
+            zones = mission.found if mission.newest is None else mission.newest.zones
+            try:
+                zone = mission.operator_zones.do(action, zones)
+            except ValueError as error:  # somebody else was faster
+                if done is not None:
+                    done.set_exception(error)
+                return
+            newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
+            mission.publish(max(action.stamp_ns, newest_ns))
         if done is not None:
             done.set_result(zone)
 
@@ -415,20 +372,8 @@ class Live:
         if message.heatmap is not None:
             return Arrival(record.seq, record.drone, record.stamp_ns, message.view())
         frame = message.frame()
-        self.detecting_since[record.seq] = time.monotonic()
-        detected = self._detecting.submit(self._detect, frame, record.seq)
+        detected = self.detecting.submit(frame, record.seq)
         return Arrival(record.seq, record.drone, record.stamp_ns, detected, image=frame.encoded_image())
-
-    def _detect(self, frame: Frame, seq: int) -> Content:
-        try:
-            return frame.view(self._mission.heatmaps.heatmap_of(frame))
-        except FrameError as error:
-            return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
-        except Exception as error:
-            _LOG.exception("the detector failed")
-            return RefusedFrame(frame.drone, frame.stamp_ns, f"the detector failed: {error}")
-        finally:
-            self.detecting_since.pop(seq, None)
 
     def _show(self, arrival: Arrival, content: Content) -> None:
         if not isinstance(content, View):
@@ -452,9 +397,8 @@ class Live:
         ticked_ns = 0
         while not self._stopping.wait(_TICK_S):
             now_ns = self._clock.now_ns()
-            oldest_ns = min((one.stamp_ns for one in list(self._waiting.values())), default=None)
-            due = oldest_ns is not None and now_ns - oldest_ns > self._max_delay_ns + self._tolerance_ns
-            if due and now_ns - ticked_ns > self._max_delay_ns and not self._records.qsize():
+            again = now_ns - ticked_ns > self._settings.max_delay_ms * 1e6
+            if again and self._gathering.is_due(now_ns) and not self._records.qsize():
                 ticked_ns = now_ns
                 self._tick(now_ns)
 
@@ -478,7 +422,7 @@ class Live:
         self._journal.keep_snapshot(
             self._applied,
             body,
-            needed_from=min(self._waiting, default=self._applied + 1),
+            needed_from=self._gathering.first_waiting(self._applied + 1),
             forget_before_ns=forget_ns,
         )
         self._since_snapshot = 0
@@ -486,8 +430,7 @@ class Live:
     def to_bytes(self) -> bytes:
         """The state after the last record that was applied."""
         told = {
-            "grouper_ns": self._grouper_ns,
-            "waiting": sorted(self._waiting),
+            **self._gathering.to_json(),
             "last_ns": self._last_ns,
             "cameras": {
                 drone: [
@@ -514,16 +457,12 @@ class Live:
             where = CameraMessage(**camera).camera()
             self._fleet.saw(drone, Sighting(stamp_ns, where, np.array(pose), picture, True))
             self._clock.saw(stamp_ns)
-        # In the order of arrival they come to lie as they lay: nothing of them was complete then.
+        arrivals = []
         for record in waiting:
             assert record is not None
-            arrival = self._arrival(record)
-            self._waiting[arrival.seq] = arrival
-            self._grouper.push(arrival)
+            arrivals.append(self._arrival(record))
             self._clock.saw(record.stamp_ns)
-        if told["grouper_ns"]:
-            self._grouper.advance(told["grouper_ns"])
-            self._grouper_ns = told["grouper_ns"]
+        self._gathering.restore(told, arrivals)
 
 
 def _placed(record: Record, seq: int) -> Record:

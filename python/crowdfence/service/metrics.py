@@ -62,7 +62,7 @@ class _Figures(Collector):
         if live is None:
             return
         yield _gauge("crowdfence_queue", "views on disk that are not in the map yet", live.waiting)
-        yield _gauge("crowdfence_detecting", "pictures that the detector works on", len(live.detecting_since))
+        yield _gauge("crowdfence_detecting", "pictures that the detector works on", len(live.detecting))
         for name, text, counts in (
             ("accepted", "views that were acknowledged", live.accepted),
             ("refused", "views that were not taken", live.refused),

@@ -20,10 +20,12 @@ from crowdfence.service.access import Access
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
+from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Journal
 from crowdfence.service.live import Live
 from crowdfence.service.media import Media
 from crowdfence.service.mission import Mission
+from crowdfence.service.poses import Poses
 from crowdfence.service.replay import Replay
 from crowdfence.service.service import Service
 from crowdfence.service.settings import ServiceSettings
@@ -109,9 +111,11 @@ def live(
     access: Access | None = None,
     static_zones: Sequence[Zone] = (),
     clock: Clock | None = None,
+    inputs: Inputs | None = None,
 ) -> Iterator[Service]:
     """A mission whose state is in `folder`; it goes on where it ended there, however it ended. `drones` are
-    those that are expected. StoreError for a folder that cannot be used or belongs to another mission."""
+    those that are expected, `inputs` what is listened to besides HTTP. StoreError for a folder that cannot be
+    used or belongs to another mission; ValueError and OSError as for `Inputs`."""
     settings = settings or ServiceSettings()
     clock = clock or Clock(settings.clock)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
@@ -135,6 +139,8 @@ def live(
             access,
             static_zones,
         )
+        inputs = inputs or Inputs()
+        feeds = inputs.feeds(terrain, anchor)
         going = Live(
             service.mission,
             Journal(store),
@@ -143,6 +149,12 @@ def live(
             service.alerts,
             clock,
             settings,
+            poses=Poses(
+                feeds,
+                wait_s=settings.pose_wait_s,
+                stale_s=settings.pose_stale_s,
+                started_ns=clock.now_ns(),
+            ),
             detector_threads=detector_threads,
         )
         damaged = going.recover()
@@ -155,7 +167,8 @@ def live(
         going.start()
         watch.start()
         try:
-            yield service
+            with inputs.connected(service, feeds):
+                yield service
         finally:
             watch.stop()
             going.stop()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ipaddress
+import ssl
+import stat
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +39,7 @@ class Address:
 
     def check(self, *, has_tokens: bool) -> None:
         """OpenToAll for an address of other machines without tokens; ValueError for a certificate without its
-        key."""
+        key, and a key that anybody on this machine can read; OSError for files that are not there."""
         if not self.is_loopback and not has_tokens:
             raise OpenToAll(
                 f"--host {self.host} can be reached by other machines, and nobody would be asked who it is: "
@@ -45,10 +47,31 @@ class Address:
             )
         if (self.certificate is None) != (self.key is None):
             raise ValueError("TLS needs both --tls-certificate and --tls-key")
+        if self.certificate is not None and self.key is not None:
+            _check_pair(self.certificate, self.key)
 
     def url(self, port: int) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'http' if self.certificate is None else 'https'}://{host}:{port}/"
+
+
+def _check_pair(certificate: Path, key: Path) -> None:
+    """Before anybody is told the address."""
+    if key.stat().st_mode & stat.S_IRWXO:
+        raise ValueError(
+            f"--tls-key {key} can be read by every user of this machine, who could pass for the service: "
+            f"chmod 600 {key}"
+        )
+    certificate.stat()
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        # A key with a pass phrase would ask a terminal that a service may not have.
+        context.load_cert_chain(certificate, key, password="")
+    except ssl.SSLError as error:
+        raise ValueError(
+            f"--tls-certificate {certificate} and --tls-key {key} are no pair of PEM files, or the key has a "
+            f"pass phrase: {error.reason or error}"
+        ) from error
 
 
 def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -> None:

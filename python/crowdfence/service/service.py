@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from crowdfence._core import __version__
 from crowdfence.service.access import Access, User
 from crowdfence.service.alerts import Alerts
+from crowdfence.service.base_map import BaseMap
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.ground import GroundRaster
@@ -47,6 +48,7 @@ class Service:
     live: Live | None = None
     """None for a replay."""
     mode: Mode = "live"
+    base_map: BaseMap | None = None
     hub: Hub = field(default_factory=Hub)
     store_trouble: str | None = None
     """Why nothing can be written."""
@@ -134,6 +136,7 @@ class Service:
                 "rows": rows,
                 "columns": columns,
             },
+            "base_map": None if anchor is None or self.base_map is None else self.base_map.kind,
             "role": user.role,
             "user": user.name,
             "version": __version__,

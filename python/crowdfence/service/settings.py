@@ -27,6 +27,10 @@ class ServiceSettings:
     """Of one drone, on average."""
     silent_after_s: float = 5.0
     """No view from a drone for longer is an alarm."""
+    pose_wait_s: float = 1.0
+    """A view without a pose waits so long for the telemetry around its stamp."""
+    pose_stale_s: float = 2.0
+    """No telemetry of a drone that should have it for longer is an alarm."""
     near_m: float = 30.0
     """A drone this near a zone is a warning."""
     dismissed_for_s: float = 60.0
@@ -43,12 +47,13 @@ class ServiceSettings:
     """Of one user or address, on average."""
 
     def __post_init__(self) -> None:
-        for name in ("max_delay_ms", "max_age_s", "max_ahead_s", "near_m", "dismissed_for_s"):
+        for name in ("max_delay_ms", "max_age_s", "max_ahead_s", "pose_wait_s", "near_m", "dismissed_for_s"):
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and >= 0")
         for name in (
             "views_per_s",
             "silent_after_s",
+            "pose_stale_s",
             "keep_s",
             "keep_media_mb",
             "max_body_mb",

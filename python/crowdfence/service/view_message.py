@@ -100,29 +100,47 @@ class ViewMessage(BaseModel):
     stamp_ns: Annotated[int, Field(ge=0, lt=1 << 63)]
     """When the picture was exposed, nanoseconds since 1970."""
     camera: CameraMessage
-    world_from_camera: Annotated[
-        list[Annotated[list[float], Field(min_length=4, max_length=4)]], Field(min_length=4, max_length=4)
-    ]
-    """Rigid transform, camera axes (x right, y down, z forward) to local east-north-up metres."""
+    world_from_camera: (
+        Annotated[
+            list[Annotated[list[float], Field(min_length=4, max_length=4)]], Field(min_length=4, max_length=4)
+        ]
+        | None
+    ) = None
+    """Rigid transform, camera axes (x right, y down, z forward) to local east-north-up metres; left out by a
+    drone whose telemetry tells it."""
     heatmap: HeatmapMessage | None = None
     image: str | None = None
     """Base64 of a JPEG or PNG, which the service's detector looks at."""
+
+    def posed(self, world_from_camera: NDArray[np.float64]) -> ViewMessage:
+        """The same with this pose."""
+        return self.model_copy(update={"world_from_camera": world_from_camera.tolist()})
+
+    def check(self) -> None:
+        """ValueError for what can be no view, whatever its pose."""
+        if (self.heatmap is None) == (self.image is None):
+            raise ValueError("a view has either a heatmap or an image")
+        whole = self if self.world_from_camera is not None else self.posed(np.eye(4))
+        _ = whole.view() if self.image is None else whole.frame()
+
+    def _pose(self) -> NDArray[np.float64]:
+        if self.world_from_camera is None:
+            raise ValueError("there is no pose")
+        return np.array(self.world_from_camera)
 
     def view(self) -> View:
         """Of a message with a heatmap. ValueError for what the core refuses."""
         if self.heatmap is None:
             raise ValueError("there is no heatmap")
         heatmap = self.heatmap.heatmap()
-        return View(
-            self.drone, self.stamp_ns, self.camera.camera(), np.array(self.world_from_camera), heatmap
-        )
+        return View(self.drone, self.stamp_ns, self.camera.camera(), self._pose(), heatmap)
 
     def frame(self) -> Frame:
         """Of a message with an image. ValueError for a camera, a pose or text that cannot be."""
         if self.image is None:
             raise ValueError("there is no image")
         body, camera = _decoded(self.image), self.camera.camera()
-        pose = np.array(self.world_from_camera)
+        pose = self._pose()
         View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
         return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body))
 

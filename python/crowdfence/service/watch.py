@@ -55,6 +55,7 @@ class Watch:
         service = self._service
         if service.mode != "finished":
             self._silence()
+        self._poses()
         self._detector()
         self._drones_and_zones()
         self._clock()
@@ -87,12 +88,20 @@ class Watch:
             )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
 
+    def _poses(self) -> None:
+        live, now_ns = self._service.live, self._service.now_ns()
+        if live is None:
+            return
+        for drone in live.poses.feeds:
+            text = live.poses.trouble(drone, now_ns)
+            self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
+
     def _detector(self) -> None:
         live = self._service.live
         if live is None:
             return
-        oldest_s = min(list(live.detecting_since.values()), default=None)
-        stale = oldest_s is not None and time.monotonic() - oldest_s > _DETECTOR_STALE_S
+        oldest_s = live.detecting.oldest_s
+        stale = oldest_s is not None and oldest_s > _DETECTOR_STALE_S
         text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
         self._set(stale, "detector_stale", "alarm", text)
 

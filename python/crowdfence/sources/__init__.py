@@ -37,7 +37,8 @@ __all__ = [
 
 KINDS = (
     "mission file or other MCAP, rosbag2 folder, ROS 1 .bag, film with its flight log (DJI .SRT, PX4 .ulg, "
-    "MAVLink .tlog), folder of geotagged photographs, AirSim folder, folder with poses.csv"
+    "MAVLink .tlog), folder of geotagged photographs, AirSim folder, folder of Wildtrack or MultiviewX, "
+    "folder with poses.csv"
 )
 """What can be opened, for messages."""
 
@@ -48,6 +49,7 @@ def open_recording(
     max_pose_gap_s: float = 0.25,
     max_jump_s: float = 3600.0,
     ground_start: bool = False,
+    alignment: str | PathLike[str] | None = None,
     **options: Any,
 ) -> Recording:
     """Open a recording, whatever it is, or several as one fleet:
@@ -57,14 +59,16 @@ def open_recording(
     * a film with its flight log beside it (DJI subtitles, PX4 ULog, MAVLink telemetry; see `film.reader`),
     * a folder of geotagged photographs (see `photographs.reader`),
     * a folder with airsim_rec.txt, or the folder above it (AirSim, Cosys-AirSim; see `airsim.reader`),
+    * the folder of Wildtrack or MultiviewX, fixed cameras on flat ground (see `multi_camera.reader`),
     * a folder with poses.csv (plain heatmaps and poses; see `folder`).
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
     than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
     lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
-    first pose, so heights are moved by what the map says there. `options` are those of the kind:
+    first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
+    with what the poses are off. `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
-    `photographs.reader.PhotographOptions`.
+    `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
 
     OSError when the path cannot be read, ValueError when it holds no recording or one that cannot be used;
     TypeError for an unknown option, ValueError for an option of another kind of recording.
@@ -74,7 +78,9 @@ def open_recording(
         recording = _open_one(Path(path), limits, options)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
-    return _from_the_ground(recording) if ground_start else recording
+    if ground_start:
+        recording = _from_the_ground(recording)
+    return recording if alignment is None else _aligned(recording, alignment)
 
 
 def is_recording(path: Path) -> bool:
@@ -84,11 +90,12 @@ def is_recording(path: Path) -> bool:
     from crowdfence.sources.airsim.reader import find_airsim_folder
     from crowdfence.sources.folder import POSES_NAME
     from crowdfence.sources.mission.layout import MAGIC
+    from crowdfence.sources.multi_camera.layout import layout_of
     from crowdfence.sources.ros_bag.bag_file import is_bag
 
     if path.is_dir():
         own = find_airsim_folder(path) is not None or (path / POSES_NAME).is_file()
-        return own or is_bag(path)
+        return own or layout_of(path) is not None or is_bag(path)
     with path.open("rb") as file:
         return path.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC or is_bag(path)
 
@@ -170,6 +177,13 @@ def _film_beside(path: Path) -> str:
     return f"; it is the log of a film, which is named instead{f': {film}' if film else ''}"
 
 
+def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
+    from crowdfence.sources.alignment_file import read_alignment
+    from crowdfence.sources.pose_offset import without_offsets
+
+    return without_offsets(recording, read_alignment(alignment))
+
+
 def _from_the_ground(recording: Recording) -> Recording:
     contacts = {
         drone: GroundContact((float(x), float(y), float(z)), "its first pose", absolute=True)
@@ -185,6 +199,7 @@ def _open_folder(
 ) -> Recording:
     from crowdfence.sources.airsim.reader import AirSimOptions, find_airsim_folder, read_airsim
     from crowdfence.sources.folder import POSES_NAME, read_folder
+    from crowdfence.sources.multi_camera.layout import layout_of
     from crowdfence.sources.photographs.reader import photographs
     from crowdfence.sources.reader_options import reader_options, refuse_options
     from crowdfence.sources.ros_bag.bag_file import is_bag
@@ -195,13 +210,17 @@ def _open_folder(
     if (path / POSES_NAME).is_file():
         refuse_options(path, options)
         return read_folder(path, limits)
+    if layout_of(path) is not None:
+        from crowdfence.sources.multi_camera.reader import MultiCameraOptions, read_multi_camera
+
+        return read_multi_camera(path, reader_options(MultiCameraOptions, path, options))
     if is_bag(path):
         return _open_bag(path, limits, options)
     if photographs(path):
         return _open_photographs(path, limits, options, anchor)
     raise ValueError(
         f"{path} holds no recording: neither airsim_rec.txt (here or one folder below) nor poses.csv nor a "
-        "rosbag2 nor photographs (.jpg)"
+        "rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX"
     )
 
 

@@ -44,6 +44,11 @@ def on_ground(recording: Recording, terrain: Terrain) -> Recording:
     )
 
 
+def settled_track(drone: str, track: PoseTrack, contact: GroundContact, terrain: Terrain) -> PoseTrack:
+    """One drone's track with its heights settled on the map. ValueError as for `on_ground`."""
+    return _Lift.of(drone, contact, terrain).track(track)
+
+
 def require_settled(recording: Recording) -> None:
     """ValueError while heights wait for a map."""
     waiting: Mapping[str, GroundContact] = recording.ground_contacts

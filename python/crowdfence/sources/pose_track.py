@@ -33,6 +33,10 @@ class PoseTrack:
     positions: NDArray[np.float64]
     quaternions: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        span_ns = int(self.stamps_ns[-1] - self.stamps_ns[0]) if self.stamps_ns.size else 0
+        return f"PoseTrack({self.stamps_ns.size} poses in {span_ns / 1e9:.1f} s)"
+
     def __post_init__(self) -> None:
         stamps = np.array(self.stamps_ns, dtype=np.int64)
         positions = np.array(self.positions, dtype=np.float64)

@@ -35,6 +35,7 @@ def refuse_options(path: Path, given: Mapping[str, Any]) -> None:
 def _options_by_kind() -> dict[str, set[str]]:
     from crowdfence.sources.airsim.vehicle import AirSimOptions
     from crowdfence.sources.film.reader import FilmOptions
+    from crowdfence.sources.multi_camera.reader import MultiCameraOptions
     from crowdfence.sources.photographs.reader import PhotographOptions
     from crowdfence.sources.ros_bag.reader import BagOptions
 
@@ -43,6 +44,7 @@ def _options_by_kind() -> dict[str, set[str]]:
         "ROS bag": BagOptions,
         "film": FilmOptions,
         "folder of photographs": PhotographOptions,
+        "data set of fixed cameras": MultiCameraOptions,
     }
     return {what: {field.name for field in fields(kind)} for what, kind in kinds.items()}
 

@@ -68,6 +68,11 @@ class Frame:
     pixels: PixelSources = field(default_factory=PixelSources, repr=False)
     truth: FrameTruth = field(default_factory=FrameTruth, repr=False)
 
+    def __repr__(self) -> str:
+        east, north, up = self.world_from_camera[:3, 3]
+        size = f"{self.camera.width}x{self.camera.height}"
+        return f"Frame({self.drone} at {self.stamp_ns}, {size}, from ({east:.1f}, {north:.1f}, {up:.1f}) m)"
+
     def heatmap(self) -> Pixels:
         """Heatmap [h, w] as recorded. FrameError when there is none or it is damaged."""
         return self._read("heatmap", self.pixels.heatmap)
@@ -166,6 +171,9 @@ class Instant:
     """The newest stamp of the group."""
     frames: tuple[Frame, ...]
 
+    def __repr__(self) -> str:
+        return f"Instant({self.stamp_ns}, {', '.join(frame.drone for frame in self.frames)})"
+
     def views(
         self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap, *, executor: Executor | None = None
     ) -> InstantViews:
@@ -226,6 +234,12 @@ class Recording:
     """Everybody in the world over time, where a simulator or a survey recorded it."""
     ground_contacts: Mapping[str, GroundContact] = field(default_factory=dict)
     """Drones whose heights wait for the map."""
+
+    def __repr__(self) -> str:
+        first, last = self.span_ns or (0, 0)
+        refused = f", {len(self.refused)} refused" if self.refused else ""
+        frames = f"{len(self.frames)} frames in {(last - first) / 1e9:.1f} s{refused}"
+        return f"Recording({self.name!r}, drones {', '.join(self.drones) or 'none'}, {frames})"
 
     def frames_of(self, drone: str) -> list[Frame]:
         """The frames of one drone by stamp. ValueError for a drone that is not in the recording."""

@@ -45,10 +45,11 @@ class ProjectedLabels:
         self._map = TruthMap(terrain.voxel_count)
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
-        self._map.update(self._projected(instant))
+        self._map.update(self.projected(instant))
         return self._map.crowd
 
-    def _projected(self, instant: Instant) -> list[ProjectedTruth]:
+    def projected(self, instant: Instant) -> list[ProjectedTruth]:
+        """The labels of this instant alone, one per frame that has one."""
         return [
             project_truth(
                 crowd_mask(frame),

@@ -16,6 +16,7 @@ from crowdfence._core import CrowdColumns, CrowdMap
 
 _LATEST_NS = np.iinfo(np.int64).max // 2
 """Beyond it (the year 2116) an expiry is none."""
+_FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,9 +51,9 @@ def column_belief(
 
 def forgotten_probability(crowd_map: CrowdMap) -> float | None:
     """What crowd that nobody looks at comes down to, where a method forgets towards "not known" and not
-    towards "free": the prior of `evidence`. None for the others."""
+    towards "free": the prior. None for the others."""
     parameters = crowd_map.method.parameters
-    return float(parameters["prior"]) if crowd_map.method.name == "evidence" else None
+    return float(parameters["prior"]) if crowd_map.method.name in _FORGET_TO_PRIOR else None
 
 
 def forgotten_ns(

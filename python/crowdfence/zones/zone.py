@@ -75,6 +75,11 @@ class Zone:
     reason: Reason | None = None
     """Why it is closed at the instant of its zone set."""
 
+    def __repr__(self) -> str:
+        crowd = f"{self.area_m2:.0f} m2 of crowd, P up to {self.probability_max:.2f}"
+        what = crowd if self.kind == "crowd" else f"{self.kind}, {self.polygon.area:.0f} m2"
+        return f"Zone({self.id!r}, {what})"
+
 
 @dataclass(frozen=True, slots=True)
 class ZoneSet(Sequence[Zone]):

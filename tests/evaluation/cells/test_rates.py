@@ -68,23 +68,27 @@ def test_stride_need_not_be_whole() -> None:
     st.integers(1, 9),
 )
 def test_cells_against_exact_areas(mask: NDArray[np.bool_], rows: int, columns: int) -> None:
-    def overlap(cell: int, cells: int, pixel: int, pixels: int) -> Fraction:
-        low = max(Fraction(cell * pixels, cells), Fraction(pixel))
-        return max(Fraction(0), min(Fraction((cell + 1) * pixels, cells), Fraction(pixel + 1)) - low)
-
     height, width = mask.shape
     try:
         cells = crowd_cells(mask, (rows, columns))
     except ValueError as error:
         assert "proportion" in str(error)
         return
-    if abs(height * columns / width - rows) >= 1.0 or abs(width * rows / height - columns) >= 1.0:
-        return  # cells of a whole stride that reach beyond the image: 1 x 9 pixels as 1 x 5 cells of 2 x 2
-    area = Fraction(height * width, rows * columns)
+    size_y, size_x = Fraction(height, rows), Fraction(width, columns)
+    if abs(height / size_x - rows) >= 1 or abs(width / size_y - columns) >= 1:
+        # Cells of a whole stride reach beyond the image: 1 x 9 pixels are 1 x 5 cells of 2 x 2.
+        size_y = size_x = Fraction(
+            next(n for n in range(1, 10) if -(-height // n) == rows and -(-width // n) == columns)
+        )
+
+    def overlap(cell: int, size: Fraction, low: int, high: int) -> Fraction:
+        return max(Fraction(0), min((cell + 1) * size, Fraction(high)) - max(cell * size, Fraction(low)))
+
     for row in range(rows):
         for column in range(columns):
+            area = overlap(row, size_y, 0, height) * overlap(column, size_x, 0, width)
             covered = sum(
-                overlap(row, rows, y, height) * overlap(column, columns, x, width)
+                overlap(row, size_y, y, y + 1) * overlap(column, size_x, x, x + 1)
                 for y, x in np.argwhere(mask)
             )
             assert cells[row, column] == (2 * covered > area)

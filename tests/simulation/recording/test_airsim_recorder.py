@@ -19,6 +19,7 @@ from crowdfence.simulation.scene import build_scene
 from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.simulation.schedule import build_schedule
 from crowdfence.sources import open_recording
+from crowdfence.truth.at_exposure import crowd_definition
 from support.opengl import needs_opengl
 
 LABELS = FrameOptions(rgb=False)
@@ -74,6 +75,20 @@ def test_the_importer_gives_the_pixels_of_the_mission(recorded, mission):
         stem = f"{ours.drone}_{ours.stamp_ns}.png"
         instances = np.asarray(Image.open(recorded.path / "truth/instances" / f"instance_{stem}"))
         np.testing.assert_array_equal(instances, theirs.instances())
+
+
+def test_the_importer_gives_the_world_of_the_mission(recorded, mission):
+    airsim, native = open_recording(recorded.path), open_recording(mission)
+    assert list(airsim.people.stamps_ns) == list(native.people.stamps_ns) != []
+    for stamp_ns in airsim.people.stamps_ns:
+        ours, theirs = airsim.people.read(stamp_ns), native.people.read(stamp_ns)
+        for name in ("position", "person", "crowd"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+    for ours, theirs in zip(airsim.frames, native.frames, strict=True):
+        assert ours.exposure_ns() == theirs.exposure_ns()
+        true = [frame.true_pose().world_from_camera() for frame in (ours, theirs)]
+        np.testing.assert_allclose(*true, atol=1e-9)
+    assert crowd_definition(airsim.manifest) == crowd_definition(native.manifest)
 
 
 @pytest.fixture(scope="module")

@@ -71,7 +71,9 @@ export const pictureAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/picture`, { at });
 export const heatmapAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/heatmap`, { at });
-export const terrainColourAddress = () => address("/terrain/colour");
+export const baseMapAddress = () => address("/base-map");
+export const baseMapPictureAddress = ([west, south, east, north]: readonly number[], rows: number, columns: number) =>
+  address("/base-map/picture", Object.fromEntries(Object.entries({ west, south, east, north, rows, columns }).map(([name, value]) => [name, String(value)])));
 export const exportAddress = (format: string, at: At, more: Record<string, string> = {}) =>
   address("/export", { format, at, ...more });
 

@@ -19,8 +19,6 @@ export interface TerrainFrame {
   cell_size_m: number;
   rows: number;
   columns: number;
-  /** Whether there is a picture to lay on it. */
-  colour?: boolean;
 }
 
 export interface Scene {
@@ -34,6 +32,8 @@ export interface Scene {
   anchor: Anchor | null;
   bounds: [west: number, south: number, east: number, north: number];
   terrain: TerrainFrame;
+  /** What the operator's own map of the surroundings is, where there is one. */
+  base_map: "tiles" | "picture" | null;
   role: Role;
   user: string;
   version: string;

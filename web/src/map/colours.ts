@@ -44,7 +44,7 @@ export const PALETTES: Record<Theme, Palette> = {
     states: {
       [VoxelState.neverSeen]: [62, 68, 76],
       [VoxelState.occluded]: [44, 38, 36],
-      [VoxelState.empty]: [52, 168, 158],
+      [VoxelState.empty]: [104, 222, 206],
       [VoxelState.stale]: [92, 112, 128],
       [VoxelState.crowd]: [229, 72, 38],
       [VoxelState.notCleared]: [152, 128, 196],
@@ -52,7 +52,7 @@ export const PALETTES: Record<Theme, Palette> = {
     marks: {
       [VoxelState.neverSeen]: [34, 38, 45],
       [VoxelState.occluded]: [164, 154, 146],
-      [VoxelState.empty]: [52, 168, 158],
+      [VoxelState.empty]: [104, 222, 206],
       [VoxelState.stale]: [52, 168, 158],
       [VoxelState.crowd]: [229, 72, 38],
       [VoxelState.notCleared]: [92, 70, 140],
@@ -72,16 +72,16 @@ export const PALETTES: Record<Theme, Palette> = {
     skirt: [156, 162, 166],
     states: {
       [VoxelState.neverSeen]: [178, 182, 186],
-      [VoxelState.occluded]: [120, 122, 130],
-      [VoxelState.empty]: [92, 196, 184],
+      [VoxelState.occluded]: [70, 72, 80],
+      [VoxelState.empty]: [30, 150, 138],
       [VoxelState.stale]: [132, 162, 190],
       [VoxelState.crowd]: [229, 72, 38],
       [VoxelState.notCleared]: [198, 176, 232],
     },
     marks: {
       [VoxelState.neverSeen]: [130, 136, 142],
-      [VoxelState.occluded]: [52, 54, 60],
-      [VoxelState.empty]: [92, 196, 184],
+      [VoxelState.occluded]: [190, 192, 196],
+      [VoxelState.empty]: [30, 150, 138],
       [VoxelState.stale]: [70, 150, 146],
       [VoxelState.crowd]: [229, 72, 38],
       [VoxelState.notCleared]: [136, 104, 190],

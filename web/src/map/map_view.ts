@@ -3,11 +3,11 @@
 import { COORDINATE_SYSTEM, Deck, type Layer } from "@deck.gl/core";
 import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
 import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
-import { image, terrainColourAddress } from "../api/client";
 import type { Drone, Outline, Place, Zone } from "../api/contract";
 import type { State, Store } from "../state/store";
 import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Size, type Viewport } from "./camera";
 import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
+import { BaseMap } from "./base_map";
 import { curtainMesh } from "./curtain";
 import { drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
 import { boundsOf, contains, cornersOf, draped, type Bounds } from "./geometry";
@@ -16,7 +16,9 @@ import type { Heights } from "./heights";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
 
 const ABOVE_GROUND_M = 0.7;
-const WALL_M = 26;
+/** Of the longer side of the ground, within bounds: walls say where, not how high. */
+const WALL_SHARE = 0.08;
+const WALL_M = [6, 26] as const;
 /** Software rendering uploads a drape in some 50 ms. */
 const DRAPE_EVERY_MS = 250;
 const FLY_MS = 450;
@@ -26,6 +28,7 @@ interface Ground {
   shown: Heights;
   mesh: Mesh;
   skirt: Mesh;
+  floor_m: number;
   frame: DrapeFrame;
   bounds: Bounds;
 }
@@ -41,7 +44,7 @@ export class MapView {
   private size: Size;
   private ground: Ground | null = null;
   private base: { palette: Palette; seen: Uint8ClampedArray<ArrayBuffer>; unseen: Uint8ClampedArray<ArrayBuffer> } | null = null;
-  private colour: ImageBitmap | null = null;
+  private readonly surroundings: BaseMap;
   private texture: ImageBitmap | null = null;
   private drapeTimer: number | undefined;
   private drapedAt = -Infinity;
@@ -77,6 +80,10 @@ export class MapView {
         this.redraw();
       },
       onAfterRender: () => this.onFrame(this.viewport),
+    });
+    this.surroundings = new BaseMap(store, () => {
+      this.base = null;
+      this.drapeSoon();
     });
     this.ended.push(store.subscribe((state) => this.update(state)));
     this.ended.push(
@@ -237,7 +244,8 @@ export class MapView {
     }
     this.follow(state, before);
     const changed = (...names: (keyof State)[]) => names.some((name) => before[name] !== state[name]);
-    if (state.theme !== before.theme) this.base = null;
+    if (state.theme !== before.theme || state.layers.base !== before.layers.base) this.base = null;
+    if (this.ground && state.scene) this.surroundings.ask(state.scene, this.ground.bounds, this.ground.floor_m, state.theme, state.layers.base);
     if (changed("belief", "moment", "layers", "strength", "theme", "selection") || !this.texture) this.drapeSoon();
     if (changed("camera", "moment", "layers", "selection", "theme", "drawing")) this.redraw();
   }
@@ -256,23 +264,18 @@ export class MapView {
     const { rows, columns } = whole.frame;
     const shown = whole.thinned(Math.ceil(Math.max(rows, columns) / MOST_VERTICES));
     const [lowest, highest] = whole.range_m;
+    const floor_m = lowest - Math.max(0.15 * (highest - lowest), 8);
     this.ground = {
       whole,
       shown,
       mesh: terrainMesh(shown, whole),
-      skirt: skirtMesh(shown, lowest - Math.max(0.15 * (highest - lowest), 8)),
+      skirt: skirtMesh(shown, floor_m),
+      floor_m,
       frame: drapeFrame(whole),
       bounds: [whole.frame.west, whole.frame.north - rows * whole.frame.cell_size_m, whole.frame.west + columns * whole.frame.cell_size_m, whole.frame.north],
     };
     this.base = null;
     this.walls.clear();
-    this.drapeSoon();
-    if (whole.frame.colour) void this.takeColour();
-  }
-
-  private async takeColour(): Promise<void> {
-    this.colour = await image(terrainColourAddress());
-    this.base = null;
     this.drapeSoon();
   }
 
@@ -292,7 +295,7 @@ export class MapView {
     const state = this.store.state;
     const { width, height } = ground.frame;
     if (!this.base) {
-      const [seen, unseen] = groundPixels(ground.whole, ground.frame, palette, this.colourPixels(ground.frame));
+      const [seen, unseen] = groundPixels(ground.whole, ground.frame, palette, state.layers.base ? this.surroundings.pixels(ground.frame, palette) : null);
       this.base = { palette, seen, unseen };
     }
     const shown = state.layers.belief && state.belief;
@@ -315,13 +318,6 @@ export class MapView {
     this.texture = canvas.transferToImageBitmap();
     this.redraw();
     this.store.set({ drapes: state.drapes + 1 });
-  }
-
-  private colourPixels(frame: DrapeFrame): Uint8ClampedArray<ArrayBuffer> | null {
-    if (!this.colour) return null;
-    const context = new OffscreenCanvas(frame.width, frame.height).getContext("2d", { willReadFrequently: true })!;
-    context.drawImage(this.colour, 0, 0, frame.width, frame.height);
-    return context.getImageData(0, 0, frame.width, frame.height).data as Uint8ClampedArray<ArrayBuffer>;
   }
 
   private areas(state: State): Area[] {
@@ -366,7 +362,9 @@ export class MapView {
     const isChosen = (zone: Zone) => selection?.kind === "zone" && selection.id === zone.id;
     const lines = zones.flatMap((zone) => this.zoneLines(zone, ground.shown, isChosen(zone)));
     const meters = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN } as const;
+    const sheet = layers.base ? this.surroundings.sheet : null;
     const drawn: (Layer | null)[] = [
+      sheet && new SimpleMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
       layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), one.status === "ok" ? 210 : 110], () => 1.5) : null,
@@ -435,9 +433,14 @@ export class MapView {
     const known = this.walls.get(name);
     const same = known && known.zones.length === zones.length && known.zones.every((zone, k) => JSON.stringify(zone.polygon) === JSON.stringify(zones[k].polygon));
     if (same) return known.mesh;
-    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, WALL_M);
+    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, this.wall_m);
     this.walls.set(name, { zones, mesh: made });
     return made;
+  }
+
+  private get wall_m(): number {
+    const [west, south, east, north] = this.ground!.bounds;
+    return Math.min(Math.max(WALL_SHARE * Math.max(east - west, north - south), WALL_M[0]), WALL_M[1]);
   }
 
   private wallTexture(colour: Rgb): ImageData {

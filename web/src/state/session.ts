@@ -36,6 +36,8 @@ export function reasonOf(error: unknown): string {
 export async function start(): Promise<void> {
   const link = parseLink(location.hash);
   store.set({ ...readSettings(), selection: link.selection, camera: link.view });
+  // Where the panels would lie over the map, it begins without them: style.css has the same width.
+  if (window.matchMedia("(max-width: 860px)").matches) store.set({ sides: { left: false, right: false } });
   document.documentElement.dataset.theme = store.state.theme;
   try {
     await load();

@@ -10,6 +10,7 @@ import type { Clock } from "../text/stamp";
 import type { Units } from "../text/units";
 
 export interface Layers {
+  base: boolean;
   belief: boolean;
   age: boolean;
   zones: boolean;
@@ -82,6 +83,8 @@ export interface State {
   notices: Notice[];
   /** Counts what was drawn, so that tests can wait for it. */
   drapes: number;
+  /** Of the base map, once it is drawn. */
+  attribution: string | null;
 }
 
 export const EMPTY_STATE: State = {
@@ -100,6 +103,7 @@ export const EMPTY_STATE: State = {
   following_drone: null,
   camera: null,
   layers: {
+    base: true,
     belief: true,
     age: false,
     zones: true,
@@ -118,6 +122,7 @@ export const EMPTY_STATE: State = {
   clock: "utc",
   notices: [],
   drapes: 0,
+  attribution: null,
 };
 
 export class Store {

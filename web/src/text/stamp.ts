@@ -28,6 +28,14 @@ export function timeOfDay(stamp_ms: number, clock: Clock, digits = 1): string {
   return digits === 0 ? cut.slice(0, 8) : cut.slice(0, 9 + digits);
 }
 
+/** Stamps within a sentence, as the service writes them, on the clock asked for. */
+export function withTimes(text: string, clock: Clock): string {
+  return text.replace(/\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z/g, (stamp) => {
+    const stamp_ms = Date.parse(stamp.replace(/(\.\d{3})\d+Z$/, "$1Z"));
+    return Number.isNaN(stamp_ms) ? stamp : `${timeOfDay(stamp_ms, clock, 0)} ${clock === "utc" ? "UTC" : "local time"}`;
+  });
+}
+
 /** 2026-01-01 on the clock asked for. */
 export function dateOf(stamp_ms: number, clock: Clock): string {
   const shown = clock === "utc" ? stamp_ms : stamp_ms - new Date(stamp_ms).getTimezoneOffset() * 60_000;

@@ -1,6 +1,7 @@
 // Lengths, areas and places as text. Metres inside, always; feet only here.
 
 import type { Anchor } from "../api/contract";
+import { geodetic } from "../map/earth";
 
 export type Units = "metres" | "feet";
 
@@ -33,21 +34,6 @@ export function probability(value: number | null): string {
   return value.toFixed(value < 0.1 ? 3 : 2);
 }
 
-const EQUATOR_M = 6_378_137;
-const SQUARED_ECCENTRICITY = 6.694_379_990_14e-3;
-
-/** WGS84 degrees of a local place. Plane of the anchor: a millimetre off at 1 km, which is for display. */
-export function geographic(east: number, north: number, anchor: Anchor): [latitude: number, longitude: number] {
-  const latitude = (anchor.latitude_deg * Math.PI) / 180;
-  const squashed = 1 - SQUARED_ECCENTRICITY * Math.sin(latitude) ** 2;
-  const prime_m = EQUATOR_M / Math.sqrt(squashed);
-  const meridian_m = (EQUATOR_M * (1 - SQUARED_ECCENTRICITY)) / squashed ** 1.5;
-  return [
-    anchor.latitude_deg + (north / (meridian_m + anchor.height_m)) * (180 / Math.PI),
-    anchor.longitude_deg + (east / ((prime_m + anchor.height_m) * Math.cos(latitude))) * (180 / Math.PI),
-  ];
-}
-
 export function degrees(latitude: number, longitude: number): string {
   const north = `${Math.abs(latitude).toFixed(5)}° ${latitude < 0 ? "S" : "N"}`;
   return `${north} ${Math.abs(longitude).toFixed(5)}° ${longitude < 0 ? "W" : "E"}`;
@@ -55,6 +41,6 @@ export function degrees(latitude: number, longitude: number): string {
 
 /** Where it is, in words that lead there: degrees with an anchor, local metres without. */
 export function place(east: number, north: number, anchor: Anchor | null, units: Units): string {
-  if (anchor) return degrees(...geographic(east, north, anchor));
+  if (anchor) return degrees(...geodetic(east, north, 0, anchor));
   return `E ${length(east, units)}  N ${length(north, units)}`;
 }

@@ -3,7 +3,7 @@
 import type { Alert } from "../api/contract";
 import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
-import { duration, timeOfDay } from "../text/stamp";
+import { duration, timeOfDay, withTimes } from "../text/stamp";
 import { Icon } from "./icons";
 import { silence_s, useNow } from "./now";
 import { mayOperate } from "./operator";
@@ -53,11 +53,12 @@ export function Banner() {
 
 function AlertBanner({ alert, more }: { alert: Alert; more: number }) {
   const scene = useStore((state) => state.scene);
+  const clock = useStore((state) => state.clock);
   const operator = mayOperate(scene);
   return (
     <div class={`banner ${alert.level}`}>
       <Icon name="warning" />
-      <span>{alert.text}</span>
+      <span>{withTimes(alert.text, clock)}</span>
       {(alert.zone || alert.drone) && (
         <button onClick={() => select(alert.zone ? { kind: "zone", id: alert.zone } : { kind: "drone", id: alert.drone! })}>Show</button>
       )}

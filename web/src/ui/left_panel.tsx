@@ -137,9 +137,11 @@ const LAYER_WORDS: [keyof Layers, string][] = [
   ["footprints", "Footprints"],
   ["labels", "Labels"],
   ["pictures", "Pictures"],
+  ["base", "Base map"],
 ];
 
 const LAYER_MEANING: Record<keyof Layers, string> = {
+  base: "The map of the surroundings that the service was started with",
   belief: "What is known of the ground",
   age: "The ground coloured by how long ago it was looked at",
   zones: "Closed ground and the safety distance around crowd",
@@ -155,11 +157,12 @@ const LEGEND = [VoxelState.crowd, VoxelState.empty, VoxelState.notCleared, Voxel
 function LayerList() {
   const layers = useStore((state) => state.layers);
   const strength = useStore((state) => state.strength);
+  const surrounded = useStore((state) => Boolean(state.scene?.base_map));
   return (
     <section>
       <h2>Layers</h2>
       <div class="layers">
-        {LAYER_WORDS.map(([name, words]) => (
+        {LAYER_WORDS.filter(([name]) => name !== "base" || surrounded).map(([name, words]) => (
           <label key={name} title={LAYER_MEANING[name]}>
             <input type="checkbox" checked={layers[name]} disabled={name === "age" && !layers.belief} onChange={() => store.set({ layers: { ...layers, [name]: !layers[name] } })} data-layer={name} />
             {words}

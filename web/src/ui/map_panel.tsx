@@ -56,18 +56,28 @@ export function MapPanel() {
       {drawing && <DrawBar />}
       <div class="map-foot">
         <PointedAt pointed={drawing ? null : pointed} />
-        <ScaleBar pixel_m={pixel_m} />
+        <span class="map-corner">
+          <Attribution />
+          <ScaleBar pixel_m={pixel_m} />
+        </span>
         {pictures && <CameraStrip />}
       </div>
     </main>
   );
 }
 
+/** Whom the base map is from. */
+function Attribution() {
+  const attribution = useStore((state) => state.attribution);
+  const shown = useStore((state) => state.layers.base);
+  return attribution && shown ? <small class="attribution">{attribution}</small> : null;
+}
+
 const LABEL_HEIGHT = 23;
 const MARKER_PIXELS = 18;
 
-/** Where a label stands from its place, the first that covers no other label and no drone. */
-const NUDGES = [0, -12, 36, -24, -36, 48, -48];
+/** Where a label stands from its place, the first that covers no other label and no drone; right before left. */
+const NUDGES = [[0, 0], [0, -12], [0, 36], [0, -24], [60, 0], [-60, 0], [60, -24], [-60, -24], [60, 36], [-60, 36], [0, 48], [0, -48]];
 
 function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
   const taken = (store.state.moment?.drones ?? []).flatMap(({ position }) => {
@@ -83,11 +93,11 @@ function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
     if (!visible) continue;
     const half = 12 + 3.4 * (label.textContent?.length ?? 0);
     const above = label.classList.contains("drone-label") ? 24 : 18; // of its middle, over its place
-    const covers = (at: number) =>
-      taken.some((other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - at) < (other.tall + LABEL_HEIGHT) / 2);
-    const at = y - above + (NUDGES.find((nudge) => !covers(y - above + nudge)) ?? 0);
-    taken.push({ x, y: at, half, tall: LABEL_HEIGHT });
-    label.style.transform = `translate(${x.toFixed(1)}px, ${(at + above).toFixed(1)}px)`;
+    const free = ([right, down]: number[]) =>
+      !taken.some((other) => Math.abs(other.x - x - right) < other.half + half && Math.abs(other.y - y + above - down) < (other.tall + LABEL_HEIGHT) / 2);
+    const [right, down] = NUDGES.find(free) ?? NUDGES[0];
+    taken.push({ x: x + right, y: y - above + down, half, tall: LABEL_HEIGHT });
+    label.style.transform = `translate(${(x + right).toFixed(1)}px, ${(y + down).toFixed(1)}px)`;
   }
 }
 

@@ -5,7 +5,7 @@ import * as api from "../api/client";
 import type { Alert, AuditEntry } from "../api/contract";
 import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
 import { store, useStore } from "../state/store";
-import { dateOf, timeOfDay } from "../text/stamp";
+import { dateOf, timeOfDay, withTimes } from "../text/stamp";
 import { exportCommand, FORMATS } from "../text/exports";
 import { Icon } from "./icons";
 import { Legend } from "./left_panel";
@@ -67,7 +67,7 @@ function AlertRow({ alert }: { alert: Alert }) {
     <li class={`alert ${alert.level} ${alert.acknowledged_by ? "done" : ""}`} data-alert={alert.id}>
       <i />
       <div>
-        <p>{alert.text}</p>
+        <p>{withTimes(alert.text, clock)}</p>
         <small>
           <button class="link" onClick={() => seek(alert.raised_ms)} title="Show this moment">
             {timeOfDay(alert.raised_ms, clock)}

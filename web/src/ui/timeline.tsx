@@ -75,6 +75,7 @@ function Track({ points }: { points: readonly TimelinePoint[] }) {
   const alerts = useStore((state) => state.timeline.alerts);
   const moment = useStore((state) => state.moment);
   const all = useStore((state) => state.alerts);
+  const clock = useStore((state) => state.clock);
   const first = points[0].stamp_ms;
   const span = Math.max(points[points.length - 1].stamp_ms - first, 1);
   const top = Math.max(...points.map((point) => Math.max(point.closed_m2, point.crowd_m2)), 1);
@@ -105,6 +106,7 @@ function Track({ points }: { points: readonly TimelinePoint[] }) {
       aria-valuemin={0}
       aria-valuemax={Math.round(span / 1000)}
       aria-valuenow={Math.round(((moment?.stamp_ms ?? first) - first) / 1000)}
+      aria-valuetext={moment ? timeOfDay(moment.stamp_ms, clock) : ""}
       onPointerDown={down}
       onPointerMove={(event) => event.buttons === 1 && at(event)}
       data-test="track"

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
-//! method           u8 0 = paper, 1 = or, 2 = evidence, then its parameters as its file in `method/` says
+//! method           u8 0 = paper, 1 = or, 2 = evidence, 3 = linear-pool, 4 = log-pool, 5 = log-odds,
+//!                  6 = moving-average, then its parameters as its file in `method/` says
 //! projection       f64 max_range_m, target_height_m; u8 coverage and surface (0 rays, 1 full onto
 //!                  voxels, 2 rays, 3 full onto planes)
 //! max_gap_s        f64
@@ -31,7 +32,9 @@ use super::instants::Instant;
 use super::pages::{PAGE_LENGTH, Pages};
 use crate::back_projection::{Coverage, Projection};
 use crate::error::Result;
-use crate::method::{Evidence, Method, Or, Paper, Stored, each_method};
+use crate::method::{
+    Evidence, LinearPool, LogOdds, LogPool, Method, MovingAverage, Or, Paper, Stored, each_method,
+};
 use crate::sealed::{Kind, Reader, Writer};
 use crate::terrain::{Surface, Terrain, TerrainKey};
 
@@ -55,6 +58,10 @@ impl CrowdMap {
             Method::Paper(_) => 0,
             Method::Or(_) => 1,
             Method::Evidence(_) => 2,
+            Method::LinearPool(_) => 3,
+            Method::LogPool(_) => 4,
+            Method::LogOdds(_) => 5,
+            Method::MovingAverage(_) => 6,
         });
         each_method!(&self.beliefs, Beliefs, beliefs => beliefs.method.write(&mut payload));
         payload.f64(self.projection.max_range_m());
@@ -77,10 +84,14 @@ impl CrowdMap {
         let (version, mut reader) = KIND.open(data)?;
         let key = TerrainKey { fingerprint: reader.u64()?, voxel_count: reader.u64()? as usize };
         terrain.key().check_same(key, KIND.name)?;
-        let method = match reader.choice(&[0, 1, 2])? {
+        let method = match reader.choice(&[0, 1, 2, 3, 4, 5, 6])? {
             0 => Method::Paper(Paper::read(&mut reader, version)?),
+            1 => Method::Or(Or::read(&mut reader, version)?),
             2 => Method::Evidence(Evidence::read(&mut reader, version)?),
-            _ => Method::Or(Or::read(&mut reader, version)?),
+            3 => Method::LinearPool(LinearPool::read(&mut reader, version)?),
+            4 => Method::LogPool(LogPool::read(&mut reader, version)?),
+            5 => Method::LogOdds(LogOdds::read(&mut reader, version)?),
+            _ => Method::MovingAverage(MovingAverage::read(&mut reader, version)?),
         };
         let (max_range_m, target_height_m) = (reader.f64()?, reader.f64()?);
         let (coverage, surface) = reader.choice(&SEEN_HOW)?;

@@ -6,7 +6,10 @@ use proptest::prelude::*;
 use super::*;
 use crate::back_projection::Coverage;
 use crate::camera::{Camera, Distortion};
-use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Or, Paper};
+use crate::method::{
+    DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, LinearPool, LogOdds, LogPool,
+    MovingAverage, Or, Paper, three_step_calibration,
+};
 use crate::observation::{CrowdMass, SeenVoxels};
 use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::temporal_blend::TemporalBlend;
@@ -480,6 +483,18 @@ fn drones_may_come_and_go_within_the_fleet() {
     assert_eq!(map.instant_count(), 4);
 }
 
+/// Those that `evidence` is compared with.
+fn compared_methods() -> [Method; 4] {
+    let (rates, blend) = (Rates::new(0.9, 0.1).unwrap(), TemporalBlend::new(0.3, 0.02).unwrap());
+    let calibration = three_step_calibration;
+    [
+        Method::LinearPool(LinearPool::new(rates, 0.2, 0.5, blend).unwrap()),
+        Method::LogPool(LogPool::new(calibration(), blend, 0.4).unwrap()),
+        Method::LogOdds(LogOdds::new(rates, 0.2, 0.5, [-2.0, 3.5]).unwrap()),
+        Method::MovingAverage(MovingAverage::new(calibration(), 4.0, 0.4).unwrap()),
+    ]
+}
+
 #[test]
 fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
     let instants = |map: &mut CrowdMap, seconds: std::ops::Range<i64>| {
@@ -489,7 +504,8 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
         }
     };
     let or = Method::Or(Or::new(0.25).unwrap());
-    for method in [evidence(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or] {
+    let stored = [evidence(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
+    for method in stored.into_iter().chain(compared_methods()) {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
         let mut resumed = CrowdMap::from_bytes(&whole.to_bytes(), two_voxels()).unwrap();

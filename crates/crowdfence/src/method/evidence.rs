@@ -88,7 +88,7 @@ impl FusionMethod for Evidence {
     fn update(&self, before: Option<(LooksSum, f32)>, looks: &[(VoxelLook, f32)]) -> LooksSum {
         let mut sum = before.map_or(Self::NO_BELIEF, |(sum, fading)| sum.faded(fading));
         for (look, fading) in looks {
-            let gsd_m = self.gsd_m(look);
+            let gsd_m = look.gsd_m(self.settings.focal_px as f32);
             let weight = fading * self.sharpness(gsd_m);
             sum.evidence += weight * self.likelihood.log_ratio(gsd_m, look.tilt_deg, look.mean as f32);
             sum.weights[look.drone as usize % DRONE_WEIGHTS] += weight;
@@ -167,12 +167,6 @@ impl Evidence {
         let mean = fading * f64::from(sum.evidence) / (fading * weight + self.settings.doubt);
         let drones = weight * weight / sum.squared_weights();
         (mean * drones.powf(self.settings.agreement)).clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
-    }
-
-    /// Metres per pixel across the line of sight.
-    fn gsd_m(&self, look: &VoxelLook) -> f32 {
-        let focal_px = if look.focal_px > 0.0 { look.focal_px } else { self.settings.focal_px as f32 };
-        look.range_m / focal_px
     }
 
     fn sharpness(&self, gsd_m: f32) -> f32 {

@@ -37,7 +37,7 @@ _MOST_LOGIT = 16.0
 class SizedModel:
     """An ONNX model, shown pictures as `Contract.sizes` says. As safe between threads as the model."""
 
-    def __init__(self, model: OnnxModel, contract: Contract, enlarge: Enlarge = "affordable") -> None:
+    def __init__(self, model: OnnxModel, contract: Contract, enlarge: Enlarge = "always") -> None:
         self._model, self._output = model, contract.output
         self._sizes = contract.sizes or PictureSizes()
         self._enlarge: Enlarge = enlarge

@@ -175,19 +175,26 @@ def crowd_cells(mask: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np
                 f"mask {list(mask.shape)} and heatmap {[rows, columns]} differ in proportion: "
                 f"stride {stride_y:g} down but {stride_x:g} across"
             )
-        mask = padded
-    crowd = (mask != 0).astype(np.int64)
-    covered = _binned(_binned(crowd, rows).T, columns).T
-    return 2 * covered > mask.size
+        crowd, inside = (_per_cell(part, rows, columns) for part in padded)
+        return 2 * crowd > inside
+    return 2 * _per_cell((mask != 0).astype(np.int64), rows, columns) > mask.size
 
 
-def _padded_to_whole_cells(mask: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic] | None:
-    """The mask with its border repeated, where cells of a whole stride cover it and reach beyond."""
-    for stride in {-(-mask.shape[0] // rows), -(-mask.shape[1] // columns)}:
+def _padded_to_whole_cells(
+    mask: NDArray[np.generic], rows: int, columns: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """The pixels of crowd and those of the image, where cells of a whole stride cover it and reach beyond."""
+    for stride in sorted((-(-mask.shape[0] // rows), -(-mask.shape[1] // columns))):
         if (-(-mask.shape[0] // stride), -(-mask.shape[1] // stride)) == (rows, columns):
             beyond = (rows * stride - mask.shape[0], columns * stride - mask.shape[1])
-            return np.pad(mask, [(0, pixels) for pixels in beyond], mode="edge")
+            padding = [(0, pixels) for pixels in beyond]
+            crowd, inside = (mask != 0).astype(np.int64), np.ones(mask.shape, np.int64)
+            return np.pad(crowd, padding), np.pad(inside, padding)
     return None
+
+
+def _per_cell(pixels: NDArray[np.int64], rows: int, columns: int) -> NDArray[np.int64]:
+    return _binned(_binned(pixels, rows).T, columns).T
 
 
 def wilson_estimate(count: int, total: int, confidence: float = 0.95) -> RateEstimate:

@@ -15,6 +15,7 @@ from crowdfence.evaluation.report.plots import DRAWN, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
 
 if TYPE_CHECKING:
+    from crowdfence.evaluation.knobs import Turned
     from crowdfence.evaluation.replay import Score
     from crowdfence.sources.recording import Recording
 
@@ -36,12 +37,14 @@ def write_report(
     names: list[str],
     scores: list[Score],
     summary: Mapping[str, Any],
+    knobs: Sequence[Sequence[Turned]] = (),
 ) -> None:
     """Write the report of a recording into a folder, which is whole or absent; an older report is replaced.
 
     against  what the truth is, in words
     names    of the methods, one per score
     summary  goes into scores.json as it is
+    knobs    of each method, where they were turned; else nothing
 
     The scores hold measures and safety. FileExistsError where the folder holds anything else, OSError where
     it cannot be written.
@@ -49,10 +52,16 @@ def write_report(
     with whole_folder(folder, contents=CONTENTS, force=True) as beside:
         write_plots(beside, names, scores)
         (beside / "scores.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
-        (beside / "index.html").write_text(_page(name, against, names, scores), encoding="utf-8")
+        (beside / "index.html").write_text(_page(name, against, names, scores, knobs), encoding="utf-8")
 
 
-def _page(name: str, against: str, names: list[str], scores: list[Score]) -> str:
+def _page(
+    name: str,
+    against: str,
+    names: list[str],
+    scores: list[Score],
+    knobs: Sequence[Sequence[Turned]],
+) -> str:
     pictures = "".join(f'<img src="{file}" alt="">' for file in DRAWN)
     parts = [
         f"<h1>{escape(name)}</h1>",
@@ -85,12 +94,36 @@ def _page(name: str, against: str, names: list[str], scores: list[Score]) -> str
             "probability, for <code>or</code> by the highest value so far. The calibration error is "
             "that of 15 equal bins."
         ),
+        *_knobs(names, knobs),
     ]
     return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
 
 
 def _paragraph(text: str) -> str:
     return f"<p>{text}</p>"
+
+
+def _knobs(names: list[str], knobs: Sequence[Sequence[Turned]]) -> list[str]:
+    """Nothing where no knob was turned."""
+    if not knobs:
+        return []
+    rows = [["method", "knob", "best value", "mean IoU there", "values tried"]]
+    for name, ones in zip(names, knobs, strict=True):
+        for one in ones:
+            value, iou = one.best
+            tried = [f"{_setting(each)}:&nbsp;{_number(worth, '{:.3f}')}" for each, worth in one.values]
+            rows.append([name, one.knob, _setting(value), _number(iou, "{:.3f}"), ", ".join(tried)])
+    return [
+        _table("Knobs", rows),
+        _paragraph(
+            "One knob turned at a time, the others as above; mean IoU at the threshold that is best on "
+            "this very recording. <code>or</code> has no other knob than the one in the table above."
+        ),
+    ]
+
+
+def _setting(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _people(names: list[str], scores: list[Score]) -> Rows:

@@ -9,7 +9,8 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import JSONResponse
 from pydantic import ValidationError
 
-from crowdfence.service.live import Accepted, Live, Refused
+from crowdfence.service.gate import Refused
+from crowdfence.service.live import Accepted, Live
 from crowdfence.service.routes.asking import ERRORS, Giver, TheService
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import ViewMessage
@@ -21,6 +22,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "it was there already"},
     409: {"description": "this service replays a recording"},
     413: {"description": "too large"},
+    503: {"description": "its drone's telemetry has not come yet"},
     507: {"description": "it cannot be kept: the disk is full"},
 }
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
 from crowdfence.service.access import User
-from crowdfence.service.live import Refused
+from crowdfence.service.gate import Refused
 from crowdfence.service.operator_zones import MOST_CORNERS, Action, RefusedAction
 from crowdfence.service.routes.asking import ERRORS, Decider, TheService
 from crowdfence.service.routes.zones import ZoneId
@@ -18,6 +18,7 @@ router = APIRouter(tags=["operator"], responses=ERRORS)
 _OTHERS: dict[int | str, dict[str, Any]] = {
     404: {"description": "there is no such zone"},
     409: {"description": "not possible with this zone"},
+    503: {"description": "it is kept, and done once the detector has answered"},
     507: {"description": "the disk is full"},
 }
 ReasonText = Annotated[str, Field(min_length=3, max_length=500, pattern=r"\S")]

@@ -6,6 +6,7 @@
     heatmaps/heatmap_<vehicle>_<stamp_ns>.png|npy   what the detector said
     telemetry/<vehicle>.csv                         optional: camera or gimbal at telemetry rate
     truth/regions/region_<vehicle>_<stamp_ns>.png   optional: crowd numbers
+    truth/world.csv, people.npz, cameras.csv        optional: who stood where, and the cameras as they were
     terrain/terrain.bt, terrain/dem.tif             optional: a map
 
 The table holds neither the gimbal nor the camera's pose, and its stamps are milliseconds, perhaps of
@@ -16,11 +17,13 @@ The camera's pose is composed at every telemetry row and then interpolated, so t
 holds exactly these poses, gives the same views bit for bit.
 """
 
+from functools import partial
 from pathlib import Path
 
 from crowdfence.sources.airsim.settings import AirSimSettings
 from crowdfence.sources.airsim.table import TABLE_NAME, TableRow, read_table
 from crowdfence.sources.airsim.vehicle import AirSimOptions, Vehicle, VehicleReader, first_file
+from crowdfence.sources.airsim.world_truth import read_cameras, read_people, read_simulation
 from crowdfence.sources.place_camera import Limits, place_cameras
 from crowdfence.sources.recording import Recording, RefusedFrame
 from crowdfence.sources.terrain_hint import find_terrain
@@ -41,7 +44,10 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         raise ValueError(
             f"{folder / TABLE_NAME} has no usable line: {faulty[0][1] if faulty else 'only a header'}"
         )
-    reader = VehicleReader(folder, settings, options, fleet=len(by_vehicle))
+    people, doubts = read_people(folder)
+    cameras = read_cameras(folder)
+    truth_of = partial(cameras.of, has_world=bool(len(people.stamps_ns)))
+    reader = VehicleReader(folder, settings, options, len(by_vehicle), truth_of)
     found = {vehicle: reader.read(vehicle, rows) for vehicle, rows in sorted(by_vehicle.items())}
     _check_one_clock(found)
     frames, refused = place_cameras(
@@ -56,15 +62,17 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         georeference=settings.georeference(),
         terrain=find_terrain(folder),
         refused=(*(RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty), *refused),
-        warnings=tuple(reader.warnings),
+        warnings=(*reader.warnings, *doubts, *cameras.warnings),
         manifest={
             "kind": "airsim",
             "path": str(folder),
             "settings": str(settings.path) if settings.path else None,
             "cameras": {vehicle: item.camera for vehicle, item in found.items()},
             "clock": {vehicle: item.clock for vehicle, item in found.items()},
+            **read_simulation(folder),
         },
         pose_tracks={vehicle: item.track for vehicle, item in found.items()},
+        people=people,
     )
 
 

@@ -23,6 +23,7 @@ from crowdfence.sources.airsim.truth_pictures import (
 from crowdfence.sources.pictures.decoding import Size, read_heatmap, read_regions, read_silhouettes
 from crowdfence.sources.place_camera import UnplacedFrame
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.recorded_truth import FrameTruth
 from crowdfence.sources.recording import PixelSources
 
 SAME_CLOCK_MS = 100
@@ -83,6 +84,8 @@ class VehicleReader:
     settings: AirSimSettings
     options: AirSimOptions
     fleet: int
+    truth_of: Callable[[str, int], FrameTruth]
+    """What is known of the picture of a vehicle with a stamp."""
     warnings: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -110,7 +113,13 @@ class VehicleReader:
         intrinsics = self.settings.intrinsics(vehicle, camera)
         truth_types = self._matching_truth(vehicle, camera, moments)
         frames = [
-            UnplacedFrame(m.stamp_ns, intrinsics, self._pixels(vehicle, m, intrinsics, truth_types), m.fault)
+            UnplacedFrame(
+                m.stamp_ns,
+                intrinsics,
+                self._pixels(vehicle, m, intrinsics, truth_types),
+                m.fault,
+                self.truth_of(vehicle, m.anchor.stamp_ns),
+            )
             for m in moments
         ]
         return Vehicle(frames, track, camera, clock)

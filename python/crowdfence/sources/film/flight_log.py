@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.sources.camera_mount import CameraMount
-from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.geographic_track import GeographicPoses, HeightsAbove
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +53,14 @@ class FlightLog:
                 "north:-90,0 for straight down with north on top"
             )
         return self.camera_ned
+
+    def poses(self, mount: CameraMount | None) -> GeographicPoses:
+        """The camera over time, stamped from the log's time 0. ValueError as for `attitudes`."""
+        return GeographicPoses(
+            stamps_ns=[round(float(time_s) * 1e9) for time_s in self.time_s],
+            latitude_deg=self.latitude_deg,
+            longitude_deg=self.longitude_deg,
+            heights_m=self.heights_m,
+            attitudes_ned=self.attitudes(mount),
+            take_off=self.take_off,
+        )

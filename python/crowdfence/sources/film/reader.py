@@ -26,7 +26,6 @@ from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.picture_reader import FilmPictures
 from crowdfence.sources.geographic_track import (
-    GeographicPoses,
     HeightOptions,
     HeightsAbove,
     LocalTrack,
@@ -143,14 +142,7 @@ def _read_log(path: Path) -> FlightLog:
 
 
 def _local_track(log: FlightLog, options: FilmOptions, anchor: Georeference | None) -> LocalTrack:
-    poses = GeographicPoses(
-        stamps_ns=[round(float(time_s) * 1e9) for time_s in log.time_s],
-        latitude_deg=log.latitude_deg,
-        longitude_deg=log.longitude_deg,
-        heights_m=log.heights_m,
-        attitudes_ned=log.attitudes(options.mount),
-        take_off=log.take_off,
-    )
+    poses = log.poses(options.mount)
     return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
 
 

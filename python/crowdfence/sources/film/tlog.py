@@ -8,6 +8,7 @@ the delay of a radio does not shake them.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,15 @@ from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.merged_rows import Turns, headings, merged
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
 
-_KINDS = [
+KINDS = (
     "GLOBAL_POSITION_INT",
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
     "GIMBAL_DEVICE_ATTITUDE_STATUS",
     "MOUNT_ORIENTATION",
     "HOME_POSITION",
-]
+)
+"""Messages that say where a drone and its camera are."""
 _YAW_OF_EARTH = 16 | 64
 """GIMBAL_DEVICE_FLAGS YAW_LOCK and YAW_IN_EARTH_FRAME."""
 _LATEST_S = 2**31
@@ -36,7 +38,15 @@ def read_tlog(path: Path) -> FlightLog:
     places = messages["GLOBAL_POSITION_INT"]
     if len(places) < 2:
         raise ValueError(f"{path} holds no positions (GLOBAL_POSITION_INT): no MAVLink log, or a damaged one")
-    first_ms, arrived_s = places[0].time_boot_ms, places[0]._timestamp
+    arrived_s = places[0]._timestamp
+    start_ns = round(arrived_s * 1e6) * 1000 if 0 < arrived_s < _LATEST_S else None
+    return log_of_messages(messages, places[0].time_boot_ms, start_ns)
+
+
+def log_of_messages(messages: Mapping[str, Sequence[Any]], first_ms: int, start_ns: int | None) -> FlightLog:
+    """Decoded messages by kind (`KINDS`) as a log that begins `first_ms` after the autopilot, at the stamp
+    `start_ns`. ValueError when there is no position or no attitude."""
+    places = messages["GLOBAL_POSITION_INT"]
     position = {
         "time_s": [(one.time_boot_ms - first_ms) / 1e3 for one in places],
         "latitude": [one.lat / 1e7 for one in places],
@@ -45,7 +55,7 @@ def read_tlog(path: Path) -> FlightLog:
         "take-off": [one.relative_alt / 1e3 for one in places],
     }
 
-    def time_s(found: list[Any]) -> list[float]:
+    def time_s(found: Sequence[Any]) -> list[float]:
         return [(one.time_boot_ms - first_ms) / 1e3 for one in found]
 
     turns = messages["ATTITUDE_QUATERNION"]
@@ -59,7 +69,7 @@ def read_tlog(path: Path) -> FlightLog:
         {"sea": "sea", "take-off": "take-off"},
         body,
         _camera(messages, time_s, body),
-        start_ns=round(arrived_s * 1e6) * 1000 if 0 < arrived_s < _LATEST_S else None,
+        start_ns=start_ns,
         take_off=(homes[-1].latitude / 1e7, homes[-1].longitude / 1e7) if homes else None,
         remarks=[],
     )
@@ -69,11 +79,11 @@ def _messages(path: Path) -> dict[str, list[Any]]:
     """Messages of the first autopilot by kind."""
     from pymavlink import mavutil
 
-    found: dict[str, list[Any]] = {kind: [] for kind in _KINDS}
+    found: dict[str, list[Any]] = {kind: [] for kind in KINDS}
     system: int | None = None
     try:
         log = mavutil.mavlink_connection(str(path), robust_parsing=True)
-        while (message := log.recv_match(type=_KINDS)) is not None:
+        while (message := log.recv_match(type=list(KINDS))) is not None:
             kind, sender = message.get_type(), message.get_srcSystem()
             if system is None and kind == "GLOBAL_POSITION_INT":
                 system = sender
@@ -85,7 +95,7 @@ def _messages(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def _camera(messages: dict[str, list[Any]], time_s: Any, body: Turns | None) -> Turns | None:
+def _camera(messages: Mapping[str, Sequence[Any]], time_s: Any, body: Turns | None) -> Turns | None:
     gimbal = messages["GIMBAL_DEVICE_ATTITUDE_STATUS"]
     if gimbal:
         turns = np.array([one.q for one in gimbal], np.float64)

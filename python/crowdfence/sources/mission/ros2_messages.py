@@ -15,6 +15,9 @@ _POINT = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z")
 _VECTOR3 = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
 _QUATERNION = ("geometry_msgs/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1")
 _POSE = ("geometry_msgs/Pose", "Point position\nQuaternion orientation")
+_COVARIANT_POSE = ("geometry_msgs/PoseWithCovariance", "Pose pose\nfloat64[36] covariance")
+_COVARIANT_TWIST = ("geometry_msgs/TwistWithCovariance", "Twist twist\nfloat64[36] covariance")
+_TWIST = ("geometry_msgs/Twist", "Vector3 linear\nVector3 angular")
 _TRANSFORM = ("geometry_msgs/Transform", "Vector3 translation\nQuaternion rotation")
 _TRANSFORM_STAMPED = (
     "geometry_msgs/TransformStamped",
@@ -121,6 +124,8 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
@@ -133,6 +138,28 @@ DEFINITIONS = {
     CAMERA_INFO: _definition(_CAMERA_INFO, _REGION, _HEADER, _TIME),
     POSE_STAMPED: _definition(
         "std_msgs/Header header\nPose pose", _POSE, _POINT, _QUATERNION, _HEADER, _TIME
+    ),
+    POSE_WITH_COVARIANCE: _definition(
+        "std_msgs/Header header\nPoseWithCovariance pose",
+        _COVARIANT_POSE,
+        _POSE,
+        _POINT,
+        _QUATERNION,
+        _HEADER,
+        _TIME,
+    ),
+    ODOMETRY: _definition(
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+        "geometry_msgs/TwistWithCovariance twist",
+        _COVARIANT_POSE,
+        _COVARIANT_TWIST,
+        _TWIST,
+        _VECTOR3,
+        _POSE,
+        _POINT,
+        _QUATERNION,
+        _HEADER,
+        _TIME,
     ),
     TF_MESSAGE: _definition(
         "geometry_msgs/TransformStamped[] transforms",

@@ -54,7 +54,8 @@ def heatmap_pixels(message: Any) -> NDArray[Any]:
 def _rows(message: Any, pixel_bytes: int) -> NDArray[np.uint8]:
     """[H, W, bytes of a pixel]; what fills up the rows is left out."""
     height, width, step = int(message.height), int(message.width), int(message.step)
-    data = np.asarray(message.data, np.uint8)
+    # Decoders give bytes or arrays.
+    data = np.frombuffer(message.data, np.uint8)
     if not (0 < width <= LARGEST[0] and 0 < height <= LARGEST[1]):
         raise ValueError(f"an image of {width}x{height} pixels")
     if step < width * pixel_bytes or data.size < height * step:

@@ -13,10 +13,7 @@ use crate::sealed::{Reader, Writer};
 impl Stored for Evidence {
     fn write(&self, payload: &mut Writer) {
         self.settings.named().into_iter().for_each(|(_, number)| payload.f64(number));
-        for column in self.likelihood.columns() {
-            payload.u32(column.len() as u32);
-            column.iter().for_each(|&number| payload.f32(number));
-        }
+        self.likelihood.write(payload);
     }
 
     fn read(reader: &mut Reader<'_>, _version: u32) -> Result<Evidence> {
@@ -30,10 +27,7 @@ impl Stored for Evidence {
             cleared: reader.f64()?,
             focal_px: reader.f64()?,
         };
-        let (gsd_m, tilt_deg, mean, log_ratio) =
-            (column(reader)?, column(reader)?, column(reader)?, column(reader)?);
-        let likelihood = LikelihoodRatio::new(gsd_m, tilt_deg, mean, log_ratio)?;
-        Evidence::new(Arc::new(likelihood), settings)
+        Evidence::new(Arc::new(LikelihoodRatio::read(reader)?), settings)
     }
 
     fn write_belief(sum: LooksSum, payload: &mut Writer) {
@@ -51,6 +45,22 @@ impl Stored for Evidence {
         };
         let sums: Option<Vec<LooksSum>> = numbers.chunks_exact(1 + DRONE_WEIGHTS).map(belief).collect();
         sums.ok_or_else(|| reader.damaged("a sum of looks that none add up to"))
+    }
+}
+
+impl LikelihoodRatio {
+    /// The borders and the table, each a u32 count and f32 numbers.
+    pub(in crate::method) fn write(&self, payload: &mut Writer) {
+        for column in self.columns() {
+            payload.u32(column.len() as u32);
+            column.iter().for_each(|&number| payload.f32(number));
+        }
+    }
+
+    pub(in crate::method) fn read(reader: &mut Reader<'_>) -> Result<LikelihoodRatio> {
+        let (gsd_m, tilt_deg, mean, log_ratio) =
+            (column(reader)?, column(reader)?, column(reader)?, column(reader)?);
+        LikelihoodRatio::new(gsd_m, tilt_deg, mean, log_ratio)
     }
 }
 

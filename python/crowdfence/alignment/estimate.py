@@ -1,0 +1,249 @@
+"""A recording and its map -> what its poses are off, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.alignment.frame_pairs import MOST_FRAMES, chosen_frames, frame_pairs
+from crowdfence.alignment.ground_matches import GroundMatches, SeenGround, match_ground, working_picture
+from crowdfence.alignment.offset_fit import QUANTITIES, UNITS, Disagreement, Fit, fit_offsets
+from crowdfence.errors import FrameError
+from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.pose_offset import PoseOffset
+from crowdfence.sources.recording import Frame, Recording
+
+SURE_ENOUGH = {"pitch": 0.35, "yaw": 0.35, "roll": 0.35, "time": 0.05}
+"""An offset counts as told up to this standard deviation, in degrees and seconds. Places are never told: what
+stands on the ground and is not on the map pulls at them more than the spread of the matches shows."""
+FEWEST_MATCHES = 100
+"""Per drone."""
+FEWEST_FRAMES = 6
+
+_REACH_PX = 40.0
+_FEWEST_OF_A_PAIR, _MOST_OF_A_PAIR = 5, 15
+_LONGEST_ROW_S = 0.3
+"""Telemetry with rows further apart does not say where a camera was a tenth of a second later."""
+_WORSE, _NOISE_PX = 1.05, 0.5
+"""Left-out stretches may disagree so much more than before, where little or nothing was wrong."""
+_ALIKE = 0.8
+
+Progress = Callable[[int], None]
+"""Called with the number of steps done since the last call; there are `step_count` of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One quantity of one drone."""
+
+    quantity: str
+    """pitch, yaw, roll, time, east, north or up: see `PoseOffset`."""
+    unit: str
+    value: float
+    error: float
+    """Standard deviation."""
+    told: bool
+    """Whether it is sure enough to be used."""
+    why_not: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DroneAlignment:
+    """What was found of one drone."""
+
+    drone: str
+    matches: int
+    before_px: float
+    """Median disagreement of its pictures with others, in pixels of a picture 640 wide."""
+    after_px: float
+    """The same by offsets that were estimated from other stretches of time."""
+    estimates: tuple[Estimate, ...]
+    why_not: str = ""
+    """Why nothing can be told of it at all."""
+
+    @property
+    def offset(self) -> PoseOffset:
+        """What was told; everything else is 0."""
+        told = {one.quantity: one.value for one in self.estimates if one.told}
+        return PoseOffset(
+            told.get("pitch", 0.0), told.get("yaw", 0.0), told.get("roll", 0.0), told.get("time", 0.0)
+        )
+
+    @property
+    def told(self) -> bool:
+        return any(one.told for one in self.estimates)
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """What was found of a recording."""
+
+    drones: tuple[DroneAlignment, ...]
+    pictures: int
+    pairs: int
+
+    @property
+    def told(self) -> bool:
+        """Whether anything can be told of any drone."""
+        return any(drone.told for drone in self.drones)
+
+    def offsets(self) -> dict[str, PoseOffset]:
+        """Per drone, for `sources.pose_offset.without_offsets`."""
+        return {drone.drone: drone.offset for drone in self.drones if drone.told}
+
+
+def align(
+    recording: Recording,
+    terrain: Terrain,
+    *,
+    most_frames: int = MOST_FRAMES,
+    progress: Progress | None = None,
+) -> Alignment:
+    """Estimate a constant offset of attitude and time for every drone.
+
+    Pictures that share ground, of one drone from different places or of several drones, are put on the map by
+    their poses; constant offsets are looked for that make them agree, a constant error of the place beside
+    them. `most_frames` pictures of each drone are used. Nothing is guessed: `Estimate.told` says what the
+    pictures say, and `Alignment.told` is False where they say nothing at all.
+
+    ValueError for a recording without pictures.
+    """
+    settled = on_ground(recording, terrain)
+    frames, greys = _pictures(chosen_frames(settled, most_frames), progress or (lambda done: None))
+    if not frames:
+        raise ValueError(f"{recording.name} has no pictures that can be read; alignment compares pictures")
+    names = sorted({frame.drone for frame in frames})
+    seen = [
+        SeenGround(frame, terrain, frame.world_from_camera, grey)
+        for frame, grey in zip(frames, greys, strict=True)
+    ]
+    matches = _matches(seen)
+    counts = _counts(names, frames, matches)
+    reasons = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in names}
+    if all(reasons.values()):
+        nothing = [DroneAlignment(name, counts[name], np.nan, np.nan, (), reasons[name]) for name in names]
+        return Alignment(tuple(nothing), len(frames), len(matches))
+    tracks = [settled.tracks()[name] for name in names]
+    free = np.ones((len(names), 7), bool)
+    for number, (name, track) in enumerate(zip(names, tracks, strict=True)):
+        rows_s = np.diff(track.stamps_ns) / 1e9
+        free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
+        free[number] &= not reasons[name]
+    fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), len(names), free)
+    drones = [_drone(name, k, counts[name], fit, free[k], reasons[name]) for k, name in enumerate(names)]
+    return Alignment(tuple(drones), len(frames), len(matches))
+
+
+def step_count(recording: Recording, most_frames: int = MOST_FRAMES) -> int:
+    """How many steps `align` tells its `progress` of."""
+    return len(chosen_frames(recording, most_frames))
+
+
+def _pictures(frames: Sequence[Frame], progress: Progress) -> tuple[list[Frame], list[NDArray[np.uint8]]]:
+    read = []
+    for frame in frames:
+        progress(1)
+        try:
+            read.append((frame, working_picture(frame)))
+        except FrameError:
+            continue  # a damaged picture; `run` and `inspect` say which
+    return [frame for frame, _ in read], [grey for _, grey in read]
+
+
+def _matches(seen: Sequence[SeenGround]) -> list[GroundMatches]:
+    found = [match_ground(seen[a], seen[b], (a, b), _REACH_PX) for a, b in frame_pairs(seen)]
+    return [pair.thinned(_MOST_OF_A_PAIR) for pair in found if len(pair) >= _FEWEST_OF_A_PAIR]
+
+
+def _counts(
+    names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
+) -> dict[str, int]:
+    counts = dict.fromkeys(names, 0)
+    for pair in matches:
+        for name in {frames[pair.first].drone, frames[pair.second].drone}:
+            counts[name] += len(pair)
+    return counts
+
+
+def _too_little(frames: Sequence[Frame], matches: int) -> str:
+    if len(frames) < FEWEST_FRAMES:
+        return f"{len(frames)} pictures, {FEWEST_FRAMES} are needed"
+    if matches < FEWEST_MATCHES:
+        return (
+            f"{matches} places could be found again in another picture, {FEWEST_MATCHES} are needed: the "
+            "ground has too little to recognise, or the pictures share too little of it"
+        )
+    return ""
+
+
+def _drone(
+    name: str, number: int, matches: int, fit: Fit, free: NDArray[np.bool_], why_not: str
+) -> DroneAlignment:
+    mine = (fit.drones == number).any(axis=1)
+    before, after = (
+        float(np.nanmedian(px[mine])) if np.isfinite(px[mine]).any() else np.nan
+        for px in (fit.before_px, fit.after_px)
+    )
+    if not why_not and not after <= _WORSE * before + _NOISE_PX:
+        why_not = (
+            f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
+            f"{after:.2f} after)"
+        )
+    if why_not:
+        return DroneAlignment(name, matches, before, after, (), why_not)
+    estimates = []
+    for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
+        value, error = float(fit.values[number, q]), float(fit.error[number, q])
+        told = bool(free[q]) and error <= SURE_ENOUGH.get(quantity, 0.0)
+        reason = "" if told else _untold(quantity, number, q, bool(free[q]), fit)
+        estimates.append(Estimate(quantity, unit, value if free[q] else 0.0, error, told, reason))
+    return DroneAlignment(name, matches, before, after, tuple(estimates))
+
+
+def _untold(quantity: str, number: int, q: int, free: bool, fit: Fit) -> str:
+    if not free:
+        return f"the telemetry's rows are more than {_LONGEST_ROW_S:g} s apart"
+    if quantity not in SURE_ENOUGH:
+        return "estimated beside the others, not used"
+    sigma = np.sqrt(np.diag(fit.covariance))
+    alike = fit.covariance[7 * number + q] / sigma / sigma[7 * number + q]
+    others = [other for k, other in enumerate(QUANTITIES) if k != q and abs(alike[7 * number + k]) > _ALIKE]
+    if others:
+        return f"this flight cannot tell it from {' and '.join(others)}"
+    return "this flight does not show it well enough"
+
+
+def told_in_json(alignment: Alignment) -> dict[str, Any]:
+    """All that was found, ready for JSON."""
+    return {
+        "pictures": alignment.pictures,
+        "pairs": alignment.pairs,
+        "drones": {
+            one.drone: {
+                "matches": one.matches,
+                "before_px": _number(one.before_px),
+                "after_px": _number(one.after_px),
+                "why_not": one.why_not,
+                "estimates": {
+                    e.quantity: {
+                        "value": e.value,
+                        "error": e.error,
+                        "unit": e.unit,
+                        "told": e.told,
+                        "why_not": e.why_not,
+                    }
+                    for e in one.estimates
+                },
+            }
+            for one in alignment.drones
+        },
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,281 @@
+"""Offsets of all drones that put shared ground on the same place of the map, by robust least squares.
+
+A point of the ground in one picture is put on the map and looked for in the other picture. What it is off
+there is explained by offsets of both poses that are the same all the time, and by noise of each frame's pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.sparse import csr_matrix
+from scipy.spatial.transform import Rotation, Slerp
+
+from crowdfence._core import Terrain
+from crowdfence.alignment.ground_matches import GroundMatches, ground_points, rays_of
+from crowdfence.sources.pose_track import PoseTrack
+from crowdfence.sources.recording import Frame
+
+QUANTITIES = ("pitch", "yaw", "roll", "time", "east", "north", "up")
+UNITS = ("deg", "deg", "deg", "s", "m", "m", "m")
+PRIOR = np.array([2.0, 2.0, 2.0, 0.3, 1.0, 1.0, 1.0])
+"""How large offsets usually are, in those units: what the pictures do not tell stays near 0."""
+
+JITTER = np.array([0.15, 0.15, 0.15, 0.1, 0.1, 0.1])
+"""Noise of each frame's pose: pitch, yaw, roll, east, north, up."""
+
+_OF_FRAME = [0, 1, 2, 4, 5, 6]
+"""Quantities that each frame has besides its drone."""
+_DIFFERENCE = np.array([0.3, 0.3, 0.3, 0.05, 0.3, 0.3, 0.3])
+"""Steps of the derivatives, wide enough to look past the facets of the surface."""
+_PIXEL = 0.7
+"""Error of a matched corner, in pixels of a picture 640 wide."""
+_HEIGHT_M = 0.3
+"""Error of the map's heights, and of what stands on them."""
+_OUTLIER = 2.0
+"""Cauchy's scale, in standard deviations."""
+_POINTS_A_PAIR = 15.0
+"""What the matches of two frames weigh at most: their errors are largely common."""
+_STEPS = 8
+_ROW_S, _SMOOTH_S = 0.02, 0.1
+
+COMMON = np.array([0.15, 0.15, 0.15, 0.01, 0.5, 0.5, 0.5])
+"""What is the same all over a flight, and so in no spread of its matches: heights of trees and of the map,
+angles that are not quite constant. From benchmarks/alignment."""
+SLICES = 10
+"""Stretches of time that are left out in turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Offsets of D drones, in the order of QUANTITIES."""
+
+    values: NDArray[np.float64]
+    """[D, 7]"""
+    covariance: NDArray[np.float64]
+    """[7 D, 7 D] by the Jacobian and the prior."""
+    left_out: NDArray[np.float64]
+    """[D, 7] standard deviation when stretches of time are left out in turn."""
+    before_px: NDArray[np.float64]
+    """Disagreement of each match without offsets, in pixels of a picture 640 wide."""
+    after_px: NDArray[np.float64]
+    """The same by offsets that were estimated from other stretches of time."""
+    drones: NDArray[np.int64]
+    """[M, 2] numbers of the drones of each match."""
+
+    @property
+    def error(self) -> NDArray[np.float64]:
+        """Standard deviations [D, 7]: the larger of what both say, and what neither can show."""
+        jacobian = np.sqrt(np.diag(self.covariance)).reshape(self.values.shape)
+        return np.asarray(np.hypot(np.maximum(jacobian, self.left_out), COMMON))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothTrack:
+    """A camera's way without the noise of single rows: what their times differ by would be all noise."""
+
+    start_ns: int
+    times_s: NDArray[np.float64]
+    turns: Slerp
+    positions: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, track: PoseTrack) -> SmoothTrack:
+        start = int(track.stamps_ns[0])
+        rows_s = (track.stamps_ns - start) / 1e9
+        times = np.arange(0.0, rows_s[-1] + _ROW_S, _ROW_S)
+        at = np.minimum(times, rows_s[-1])
+        turns = Slerp(rows_s, Rotation.from_quat(track.quaternions[:, [1, 2, 3, 0]]))(at).as_quat()
+        ahead = np.sign(np.sum(turns[1:] * turns[:-1], axis=1))
+        turns[1:] *= np.cumprod(np.where(ahead == 0, 1.0, ahead))[:, None]
+        positions = np.stack([np.interp(at, rows_s, track.positions[:, axis]) for axis in range(3)], axis=1)
+        turns, positions = (
+            gaussian_filter1d(values, _SMOOTH_S / _ROW_S, axis=0, mode="nearest")
+            for values in (turns, positions)
+        )
+        return cls(start, times, Slerp(times, Rotation.from_quat(turns)), positions)
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Rotation, NDArray[np.float64]]:
+        """Attitudes and positions [N, 3]; nothing is extrapolated."""
+        at = np.clip((stamps_ns - self.start_ns) / 1e9, 0.0, self.times_s[-1])
+        flown = [np.interp(at, self.times_s, self.positions[:, axis]) for axis in range(3)]
+        return self.turns(at), np.stack(flown, axis=1)
+
+
+class Disagreement:
+    """Matches of frames, as a function of the drones' offsets [D, 7]."""
+
+    def __init__(
+        self,
+        frames: Sequence[Frame],
+        tracks: Sequence[PoseTrack],
+        matches: Sequence[GroundMatches],
+        terrain: Terrain,
+    ) -> None:
+        """`tracks` of the drones in the order of their names."""
+        names = sorted({frame.drone for frame in frames})
+        self.terrain, self.frames, self.tracks = terrain, frames, tracks
+        self.drone = np.array([names.index(frame.drone) for frame in frames])
+        self.first = np.concatenate([np.full(len(m), m.first) for m in matches])
+        self.second = np.concatenate([np.full(len(m), m.second) for m in matches])
+        self.seen = np.concatenate([m.pixels_second for m in matches])
+        self.rays = np.concatenate([rays_of(frames[m.first].camera, m.pixels_first) for m in matches])
+        self.weight = np.concatenate(
+            [np.full(len(m), min(1.0, _POINTS_A_PAIR / max(1, len(m)))) for m in matches]
+        )
+        self.cameras = list(dict.fromkeys(frame.camera for frame in frames))
+        self.camera = np.array([self.cameras.index(frame.camera) for frame in frames])
+        self.stamps_ns = np.array([frame.stamp_ns for frame in frames])
+        self.slice = _slices(self.stamps_ns)
+        self.smooth = [SmoothTrack.of(track) for track in tracks]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def poses(self, offsets: NDArray[np.float64], jitter: NDArray[np.float64]) -> NDArray[np.float64]:
+        """world_from_camera of every frame [F, 4, 4] by offsets [D, 7] of the drones and noise [F, 6] of the
+        frames; nothing is extrapolated beyond the tracks."""
+        poses = np.tile(np.eye(4), (len(self.frames), 1, 1))
+        for drone, offset in enumerate(offsets):
+            mine = self.drone == drone
+            at = self.stamps_ns[mine] + round(offset[3] * 1e9)
+            turn, flown = self.smooth[drone].at(at)
+            turn = turn * Rotation.from_rotvec(np.radians(offset[:3] + jitter[mine, :3]))
+            poses[mine, :3, :3] = turn.as_matrix()
+            poses[mine, :3, 3] = flown + offset[4:] + jitter[mine, 3:]
+        return poses
+
+    def points(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Ground that the matches show in their first frames [M, 3]."""
+        return ground_points(self.terrain, poses[self.first], self.rays)
+
+    def pixels(self, points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far points [M, 3] lie from where the second frames show them [M, 2], in pixels of a picture 640
+        wide; NaN where they cannot be compared."""
+        pose = poses[self.second]
+        local = np.einsum("mji,mj->mi", pose[:, :3, :3], points - pose[:, :3, 3])
+        off = np.full((len(self), 2), np.nan)
+        for number, camera in enumerate(self.cameras):
+            mine = (self.camera[self.second] == number) & np.isfinite(local).all(axis=1)
+            off[mine] = (camera.project(local[mine]) - self.seen[mine]) * (640.0 / camera.width)
+        return off
+
+    def linear(self, offsets: NDArray[np.float64], jitter: NDArray[np.float64]) -> Linear:
+        """Around offsets [D, 7] and noise [F, 6], by differences."""
+        poses = self.poses(offsets, jitter)
+        points = self.points(poses)
+        off = self.pixels(points, poses)
+        by_first, by_second = np.zeros((2, len(self), 2, 7))
+        for q, step in enumerate(_DIFFERENCE):
+            ends = []
+            for sign in (-1.0, 1.0):
+                moved = offsets.copy()
+                moved[:, q] += sign * step
+                other = self.poses(moved, jitter)
+                ends.append((self.pixels(self.points(other), poses), self.pixels(points, other)))
+            by_first[..., q] = (ends[1][0] - ends[0][0]) / (2 * step)
+            by_second[..., q] = (ends[1][1] - ends[0][1]) / (2 * step)
+        ray = points - poses[self.first][:, :3, 3]
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        lower = points + ray * (_HEIGHT_M / np.maximum(np.abs(ray[:, 2:]), 0.1))
+        by_height = np.linalg.norm(self.pixels(lower, poses) - off, axis=1)
+        variance = _PIXEL**2 + by_height**2
+        weight = self.weight / variance / (1.0 + (off**2).sum(axis=1) / variance / _OUTLIER**2)
+        usable = np.isfinite(weight) & np.isfinite(by_first + by_second).all(axis=(1, 2))
+        weight[~usable], off[~usable] = 0.0, np.nan
+        return Linear(
+            off,
+            self._rows(np.nan_to_num(by_first), np.nan_to_num(by_second), offsets.size),
+            weight,
+            self.slice[np.stack([self.first, self.second], axis=1)],
+        )
+
+    def _rows(self, by_first: NDArray[np.float64], by_second: NDArray[np.float64], drones: int) -> csr_matrix:
+        """Sparse [2 M, 7 D + 6 F]: the drones' quantities, then the frames'."""
+        columns, values = [], []
+        for frame, by in ((self.first, by_first), (self.second, by_second)):
+            own = 7 * self.drone[frame][:, None] + np.arange(7)
+            jitter = drones + 6 * frame[:, None] + np.arange(6)
+            columns.append(np.repeat(np.hstack([own, jitter]), 2, axis=0))
+            values.append(np.concatenate([by, by[..., _OF_FRAME]], axis=2).reshape(-1, 13))
+        column, value = np.hstack(columns), np.hstack(values)
+        row = np.repeat(np.arange(len(column)), column.shape[1])
+        shape = (len(column), drones + 6 * len(self.frames))
+        return csr_matrix((value.ravel(), (row, column.ravel())), shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linear:
+    """The weighted problem around some offsets."""
+
+    off: NDArray[np.float64]
+    """[M, 2]"""
+    rows: csr_matrix
+    """[2 M, P]"""
+    weight: NDArray[np.float64]
+    """[M]"""
+    slices: NDArray[np.int64]
+    """[M, 2] stretches of time of both frames."""
+
+    def step(
+        self, state: NDArray[np.float64], prior: NDArray[np.float64], without: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The change of the state [P] that is best, and the covariance; `prior` [P] is the weight of 0.
+        `without` leaves a stretch of time out."""
+        weight = self.weight
+        if without is not None:
+            weight = np.where((self.slices == without).any(axis=1), 0.0, weight)
+        both = np.repeat(weight, 2)
+        weighted = self.rows.multiply(both[:, None]).T.tocsr()
+        normal = (weighted @ self.rows).toarray() + np.diag(prior)
+        gradient = weighted @ np.nan_to_num(self.off).ravel() + prior * state
+        covariance = np.linalg.inv(normal)
+        return -covariance @ gradient, covariance
+
+
+def fit_offsets(disagreement: Disagreement, drones: int, free: NDArray[np.bool_]) -> Fit:
+    """The offsets of `drones` drones that explain the disagreement best; those not `free` [D, 7] stay 0."""
+    count = len(disagreement.frames)
+    fixed = np.where(free, PRIOR**-2.0, 1e12).ravel()
+    prior = np.concatenate([fixed, np.tile(JITTER**-2.0, count)])
+    state = np.zeros(len(prior))
+
+    def split(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return state[: 7 * drones].reshape(drones, 7), state[7 * drones :].reshape(count, 6)
+
+    for _ in range(_STEPS):
+        linear = disagreement.linear(*split(state))
+        step, covariance = linear.step(state, prior)
+        state = state + step
+        if np.abs(step[: 7 * drones].reshape(drones, 7) / PRIOR).max() < 1e-2:
+            break
+    linear = disagreement.linear(*split(state))
+    _, covariance = linear.step(state, prior)
+    others = np.array([(state + linear.step(state, prior, k)[0])[: 7 * drones] for k in range(SLICES)])
+    spread = np.sqrt((SLICES - 1) / SLICES * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
+    zero = np.zeros((count, 6))
+    poses = disagreement.poses(np.zeros((drones, 7)), zero)
+    before = np.linalg.norm(disagreement.pixels(disagreement.points(poses), poses), axis=1)
+    after = np.full(len(before), np.nan)
+    for k, other in enumerate(others):
+        poses = disagreement.poses(other.reshape(drones, 7), zero)
+        mine = (linear.slices == k).any(axis=1)
+        after[mine] = np.linalg.norm(disagreement.pixels(disagreement.points(poses), poses), axis=1)[mine]
+    return Fit(
+        split(state)[0],
+        covariance[: 7 * drones, : 7 * drones],
+        spread.reshape(drones, 7),
+        before,
+        after,
+        disagreement.drone[np.stack([disagreement.first, disagreement.second], axis=1)],
+    )
+
+
+def _slices(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stretches of equal numbers of frames, by time."""
+    order = np.argsort(np.argsort(stamps_ns, kind="stable"), kind="stable")
+    return np.asarray(order * SLICES // len(stamps_ns))

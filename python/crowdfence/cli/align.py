@@ -1,0 +1,85 @@
+"""`crowdfence align`: what the poses of a flight are constantly off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdfence.atomic_file import writable_file
+from crowdfence.cli import console, options, source_options
+from crowdfence.cli.exit_codes import GATE_NOT_MET
+from crowdfence.cli.option_sets import MapOptions, SourceOptions, map_options, takes
+from crowdfence.cli.wording import counted
+
+if TYPE_CHECKING:
+    from crowdfence.alignment import Alignment, DroneAlignment
+
+
+@takes(MapOptions, SourceOptions, before="frames")
+def align(
+    context: typer.Context,
+    recording: options.RecordingPaths,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Alignment to write (.json), for --alignment.")
+    ],
+    frames: Annotated[
+        int, typer.Option("--frames", min=6, help="Pictures of each drone to compare at most.")
+    ] = 24,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Find out what a flight's camera angles and clock are constantly off, from its pictures and the map.
+
+    Nothing is guessed: what the pictures cannot tell is said and left alone. Where they tell nothing, no file
+    is written and the exit code is 3.
+    """
+    from crowdfence.alignment.estimate import align as estimate
+    from crowdfence.alignment.estimate import step_count, told_in_json
+    from crowdfence.pipeline import open_terrain
+    from crowdfence.sources.alignment_file import write_alignment
+
+    if output.exists() and not force:
+        raise FileExistsError(f"{output} exists; --force replaces it")
+    with writable_file(output):
+        source = source_options.open_source(recording, context.params)
+        ground = open_terrain(source, context.params["terrain"], **map_options(context.params))
+        with console.progress("reading", step_count(source, frames), "pictures") as advance:
+            found = estimate(source, ground, most_frames=frames, progress=advance)
+        if found.told:
+            write_alignment(output, found.offsets(), told_in_json(found))
+    if as_json:
+        console.print_json({"file": str(output) if found.told else None, **told_in_json(found)})
+    else:
+        _report(found, output)
+    if not found.told:
+        console.fail("the pictures cannot tell what the poses are off; nothing was written")
+        raise typer.Exit(GATE_NOT_MET)
+
+
+def _report(found: Alignment, output: Path) -> None:
+    from rich.table import Table
+
+    out = console.stdout()
+    for drone in found.drones:
+        if drone.why_not:
+            out.print(f"[bold]{drone.drone}[/]: cannot tell: {drone.why_not}", soft_wrap=True)
+            continue
+        table = Table("", "off by", "+-", "", box=None, title=_title(drone), title_justify="left")
+        for one in drone.estimates:
+            verdict = "put right" if one.told else f"left alone: {one.why_not}"
+            digits = 3 if one.unit == "s" else 2
+            table.add_row(
+                one.quantity, f"{one.value:+.{digits}f} {one.unit}", f"{one.error:.{digits}f}", verdict
+            )
+        out.print(table)
+    if found.told:
+        out.print(f"\nalignment in [bold]{output}[/]; use it with --alignment {output}", soft_wrap=True)
+
+
+def _title(drone: DroneAlignment) -> str:
+    return (
+        f"{drone.drone}: {counted(drone.matches, 'place')} in several pictures, apart by "
+        f"{drone.before_px:.2f} px before, {drone.after_px:.2f} px after"
+    )

@@ -1,0 +1,212 @@
+"""The methods that `evidence` is compared with, on the same engine; none of them is safe to fly by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from crowdfence._core import LikelihoodRatio, LinearPool, LogOdds, LogPool, MovingAverage, Rates, Terrain
+from crowdfence.config.evidence import EvidenceConfig, shifted
+from crowdfence.config.rates import with_rates
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
+
+
+@dataclass(frozen=True, slots=True)
+class LinearPoolConfig:
+    """Method `linear-pool`: the paper's equations with the drones that see a place alone, weights that sum
+    to 1, and forgetting towards the prior. The core checks the values when it takes them."""
+
+    name: ClassVar[Literal["linear-pool"]] = "linear-pool"
+
+    true_positive_rate: float | None = None
+    """P(B = 1 | A = 1) of the detector, inside (0, 1); None: what the detector states, or 0.9."""
+    false_positive_rate: float | None = None
+    """P(B = 1 | A = 0), inside (0, 1) and below the other; None: what the detector states, or 0.02."""
+    prior: float | None = None
+    """P(A = 1), inside (0, 1); None: the share in the detector's calibration, as `evidence` has it."""
+    b_threshold: float = 0.5
+    """A view calls a voxel crowd when its mean heatmap value is above this."""
+    alpha: float = 0.1
+    """Weight of the newest instant, in (0, 1]."""
+    decay: float = 0.0005
+    """lambda per second, >= 0."""
+
+    @property
+    def rates_given(self) -> bool:
+        """Whether the detector's own rates are overruled."""
+        return self.true_positive_rate is not None and self.false_positive_rate is not None
+
+    def with_detector(self, contract: Contract | None) -> LinearPoolConfig:
+        """The same with rates and prior: the given ones, else those of the contract, else the defaults.
+        ValueError when the contract states a rate that cannot be used."""
+        true_positive, false_positive = with_rates(
+            self.true_positive_rate, self.false_positive_rate, contract
+        )
+        prior = EvidenceConfig(prior=self.prior).with_detector(contract).prior
+        return replace(
+            self, true_positive_rate=true_positive, false_positive_rate=false_positive, prior=prior
+        )
+
+    def with_terrain(self, terrain: Terrain) -> tuple[LinearPoolConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> LinearPool:
+        """The method. What is left to the detector has its default. ValueError for values out of bounds."""
+        complete = self.with_detector(None)
+        assert complete.true_positive_rate is not None and complete.false_positive_rate is not None
+        assert complete.prior is not None
+        return LinearPool(
+            Rates(complete.true_positive_rate, complete.false_positive_rate),
+            complete.prior,
+            alpha=self.alpha,
+            decay=self.decay,
+            b_threshold=self.b_threshold,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LogPoolConfig:
+    """Method `log-pool`: the mean of the drones' log likelihood ratios, blended as in equation 3."""
+
+    name: ClassVar[Literal["log-pool"]] = "log-pool"
+    b_threshold: ClassVar[float] = 0.5
+    """As of `evidence`."""
+
+    likelihood: LikelihoodRatio | None = None
+    """How strongly a look speaks for crowd; None: as `evidence` has it."""
+    prior: float | None = None
+    """P(A = 1) where nobody has looked, inside (0, 1); None: as `evidence` has it."""
+    focal_px: float | None = None
+    """Focal length of the calibration's cameras; None: the detector's."""
+    alpha: float = 0.1
+    """Weight of the newest instant, in (0, 1]."""
+    decay: float = 0.0005
+    """lambda per second, >= 0."""
+    zone_log_odds: float = 1.3
+    """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+
+    @property
+    def rates_given(self) -> bool:
+        """Whether the detector's own calibration is overruled."""
+        return self.likelihood is not None
+
+    def with_detector(self, contract: Contract | None) -> LogPoolConfig:
+        """The same with likelihood, prior and focal length, as `EvidenceConfig.with_detector`."""
+        filled = EvidenceConfig(self.likelihood, self.prior, self.focal_px).with_detector(contract)
+        return replace(self, likelihood=filled.likelihood, prior=filled.prior, focal_px=filled.focal_px)
+
+    def with_terrain(self, terrain: Terrain) -> tuple[LogPoolConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> LogPool:
+        """The method. What is left to the detector has its default. ValueError for values out of bounds."""
+        complete = self.with_detector(None)
+        assert complete.likelihood and complete.prior is not None and complete.focal_px is not None
+        return LogPool(
+            complete.likelihood,
+            prior=complete.prior,
+            alpha=self.alpha,
+            decay=self.decay,
+            threshold=shifted(complete.prior, self.zone_log_odds),
+            focal_px=complete.focal_px,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LogOddsConfig:
+    """Method `log-odds`: every look adds to the log odds, between two clamps, as in OctoMap, whose prior and
+    clamps are the defaults."""
+
+    name: ClassVar[Literal["log-odds"]] = "log-odds"
+
+    true_positive_rate: float | None = None
+    """P(B = 1 | A = 1) of the detector, inside (0, 1); None: what the detector states, or 0.9."""
+    false_positive_rate: float | None = None
+    """P(B = 1 | A = 0), inside (0, 1) and below the other; None: what the detector states, or 0.02."""
+    prior: float | None = None
+    """P(A = 1), inside (0, 1); None: 0.5."""
+    b_threshold: float = 0.5
+    """A view calls a voxel crowd when its mean heatmap value is above this."""
+    clamp_low: float = -2.0
+    """Lowest log odds, below 0."""
+    clamp_high: float = 3.5
+    """Highest log odds, above 0."""
+
+    @property
+    def rates_given(self) -> bool:
+        """Whether the detector's own rates are overruled."""
+        return self.true_positive_rate is not None and self.false_positive_rate is not None
+
+    def with_detector(self, contract: Contract | None) -> LogOddsConfig:
+        """The same with rates: the given ones, else those of the contract, else the defaults. ValueError
+        when the contract states a rate that cannot be used."""
+        true_positive, false_positive = with_rates(
+            self.true_positive_rate, self.false_positive_rate, contract
+        )
+        return replace(self, true_positive_rate=true_positive, false_positive_rate=false_positive)
+
+    def with_terrain(self, terrain: Terrain) -> tuple[LogOddsConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> LogOdds:
+        """The method. What is left to the detector has its default. ValueError for values out of bounds."""
+        complete = self.with_detector(None)
+        assert complete.true_positive_rate is not None and complete.false_positive_rate is not None
+        return LogOdds(
+            Rates(complete.true_positive_rate, complete.false_positive_rate),
+            0.5 if self.prior is None else self.prior,
+            b_threshold=self.b_threshold,
+            clamp_low=self.clamp_low,
+            clamp_high=self.clamp_high,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MovingAverageConfig:
+    """Method `moving-average`: the mean of the calibrated scores of all looks, which fade with their age."""
+
+    name: ClassVar[Literal["moving-average"]] = "moving-average"
+    b_threshold: ClassVar[float] = 0.5
+    """As of `evidence`."""
+
+    likelihood: LikelihoodRatio | None = None
+    """How strongly a look speaks for crowd; None: as `evidence` has it."""
+    prior: float | None = None
+    """P(A = 1) where nobody has looked, inside (0, 1); None: as `evidence` has it."""
+    focal_px: float | None = None
+    """Focal length of the calibration's cameras; None: the detector's."""
+    memory_s: float = 5.0
+    """After so many seconds a look weighs 1 / e of what it did."""
+    zone_log_odds: float = 1.3
+    """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+
+    @property
+    def rates_given(self) -> bool:
+        """Whether the detector's own calibration is overruled."""
+        return self.likelihood is not None
+
+    def with_detector(self, contract: Contract | None) -> MovingAverageConfig:
+        """The same with likelihood, prior and focal length, as `EvidenceConfig.with_detector`."""
+        filled = EvidenceConfig(self.likelihood, self.prior, self.focal_px).with_detector(contract)
+        return replace(self, likelihood=filled.likelihood, prior=filled.prior, focal_px=filled.focal_px)
+
+    def with_terrain(self, terrain: Terrain) -> tuple[MovingAverageConfig, tuple[str, ...]]:
+        """The same: nothing is left to the terrain."""
+        return self, ()
+
+    def fusion_method(self, terrain: Terrain, drones: int) -> MovingAverage:
+        """The method. What is left to the detector has its default. ValueError for values out of bounds."""
+        complete = self.with_detector(None)
+        assert complete.likelihood and complete.prior is not None and complete.focal_px is not None
+        return MovingAverage(
+            complete.likelihood,
+            prior=complete.prior,
+            memory_s=self.memory_s,
+            threshold=shifted(complete.prior, self.zone_log_odds),
+            focal_px=complete.focal_px,
+        )

@@ -1,0 +1,93 @@
+"""Which live views are taken: whose clock is right, whose fleet it is, and how many at once.
+
+Each drone has its own room, so that one that floods only stops itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from threading import Lock
+
+from crowdfence.service.alerts import Alerts
+from crowdfence.service.clock import Clock
+from crowdfence.service.guard import Rate
+from crowdfence.service.settings import ServiceSettings
+
+_SECOND_NS = 1_000_000_000
+_FUTURE_OF_VIEWS_S = 3600.0
+"""With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+
+
+class Refused(ValueError):
+    """A view that is not taken; nothing of it was kept."""
+
+    def __init__(self, status: int, reason: str, again_s: float = 0.0) -> None:
+        super().__init__(reason)
+        self.status, self.reason, self.again_s = status, reason, again_s
+
+
+class Gate:
+    """`enter` before a view is journaled, `leave` once it is in the map or was not kept."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        alerts: Alerts,
+        settings: ServiceSettings,
+        *,
+        fleet: Callable[[], Iterable[str]],
+        most_drones: int,
+    ) -> None:
+        """`fleet`: the drones that are known so far."""
+        self._clock, self._alerts, self._settings = clock, alerts, settings
+        self._fleet, self._most_drones = fleet, most_drones
+        self._rate = Rate(settings.views_per_s)
+        self._on_the_way: Counter[str] = Counter()
+        self._counting = Lock()
+
+    def enter(self, drone: str, stamp_ns: int) -> None:
+        """Refused."""
+        self._check_stamp(drone, stamp_ns)
+        self._check_fleet(drone)
+        self._reserve(drone)
+
+    def leave(self, drone: str) -> None:
+        with self._counting:
+            self._on_the_way[drone] -= 1
+            if self._on_the_way[drone] <= 0:
+                del self._on_the_way[drone]
+
+    def _check_stamp(self, drone: str, stamp_ns: int) -> None:
+        now_ns = self._clock.now_ns()
+        by_views = self._clock.kind == "views"
+        if by_views and now_ns == 0:
+            return
+        ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
+        off_s = (stamp_ns - now_ns) / _SECOND_NS
+        if -self._settings.max_age_s <= off_s <= ahead_s:
+            self._alerts.clear("clock", now_ns, drone=drone)
+            return
+        side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
+        reason = (
+            f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
+        )
+        self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone)
+        raise Refused(422, reason)
+
+    def _check_fleet(self, drone: str) -> None:
+        known = set(self._fleet())
+        if drone not in known and len(known) >= self._most_drones:
+            raise Refused(
+                422, f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
+            )
+
+    def _reserve(self, drone: str) -> None:
+        wait_s = self._rate.wait_s(drone)
+        if wait_s > 0.0:
+            raise Refused(
+                429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
+            )
+        with self._counting:
+            if self._on_the_way[drone] >= self._settings.waiting_per_drone:
+                raise Refused(429, f"{self._on_the_way[drone]} views of {drone} wait to be taken in", 1.0)
+            self._on_the_way[drone] += 1

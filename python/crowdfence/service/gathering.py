@@ -1,0 +1,65 @@
+"""Arrivals on their way into instants: what waits for the views of other drones, and for how long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from crowdfence.service.arrivals import Arrival
+from crowdfence.sources.synchronize import InstantGrouper
+
+
+class Gathering:
+    """Not safe for several threads, apart from `is_due`."""
+
+    def __init__(self, *, tolerance_ns: int, max_delay_ns: int) -> None:
+        self._patience_ns = tolerance_ns + max_delay_ns
+        self._grouper = InstantGrouper[Arrival](tolerance_ns, max_delay_ns)
+        self._newest_ns = 0
+        self._waiting: dict[int, Arrival] = {}
+        """By their place in the journal."""
+
+    def push(self, arrival: Arrival) -> tuple[list[list[Arrival]], list[Arrival]]:
+        """The instants that it completes, and what came too late for its own."""
+        self._waiting[arrival.seq] = arrival
+        grouped = self._grouper.push(arrival)
+        self._newest_ns = max(self._newest_ns, arrival.stamp_ns)
+        return [list(group) for group in grouped.instants], list(grouped.late)
+
+    def advance(self, stamp_ns: int) -> list[list[Arrival]]:
+        """The instants that are complete once it is this late."""
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        return [list(group) for group in self._grouper.advance(stamp_ns).instants]
+
+    def took(self, group: Sequence[Arrival]) -> None:
+        """They wait no more."""
+        for arrival in group:
+            del self._waiting[arrival.seq]
+
+    @property
+    def end_ns(self) -> int:
+        """Once it is so late, nothing waits."""
+        newest_ns = max((one.stamp_ns for one in self._waiting.values()), default=0)
+        return newest_ns + self._patience_ns + 1
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether something has waited longer than views may come late."""
+        oldest_ns = min((one.stamp_ns for one in list(self._waiting.values())), default=None)
+        return oldest_ns is not None and now_ns - oldest_ns > self._patience_ns
+
+    def first_waiting(self, default: int) -> int:
+        """The first place in the journal that is still needed."""
+        return min(self._waiting, default=default)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"grouper_ns": self._newest_ns, "waiting": sorted(self._waiting)}
+
+    def restore(self, told: dict[str, Any], waiting: Sequence[Arrival]) -> None:
+        """`waiting` are the arrivals that `to_json` told of. In the order of arrival they come to lie as they
+        lay: nothing of them was complete then."""
+        for arrival in waiting:
+            self._waiting[arrival.seq] = arrival
+            self._grouper.push(arrival)
+        if told["grouper_ns"]:
+            self._grouper.advance(told["grouper_ns"])
+            self._newest_ns = told["grouper_ns"]

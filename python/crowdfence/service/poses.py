@@ -1,0 +1,86 @@
+"""Where cameras are whose views come without a pose: from an autopilot's telemetry, or from ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from threading import Condition
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.iso_time import iso_utc
+from crowdfence.service.gate import Refused
+
+_SETTLED_NS = 300_000_000
+"""Poses that are this much newer than a view and do not tell its pose never will."""
+_SECOND_NS = 1_000_000_000
+
+
+class PoseFeed(Protocol):
+    """The poses of one drone's camera as they come."""
+
+    changed: Condition
+    """Notified after every pose; held by whoever reads or writes."""
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Up to when poses are known."""
+
+    def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
+        """`world_from_camera` [4, 4]. ValueError where the poses do not say it."""
+
+
+class Poses:
+    """The feeds of a fleet by drone."""
+
+    def __init__(
+        self, feeds: Mapping[str, PoseFeed], *, wait_s: float, stale_s: float, started_ns: int
+    ) -> None:
+        """A view waits `wait_s` for poses around its stamp; a feed that has told nothing for `stale_s` is
+        stale."""
+        self.feeds = dict(feeds)
+        self._wait_s, self._stale_s, self._started_ns = wait_s, stale_s, started_ns
+        self._gaps: dict[str, tuple[int, str]] = {}
+        """The last view of each drone that got no pose: when, and why."""
+
+    def pose_at(self, drone: str, stamp_ns: int, now_ns: int) -> NDArray[np.float64]:
+        """Wait for it. Refused: 422 for a drone without a feed and a gap in the poses, 503 while they are
+        late."""
+        feed = self.feeds.get(drone)
+        if feed is None:
+            raise Refused(422, f"a view of {drone} needs world_from_camera: nobody else tells its pose")
+        give_up_s = time.monotonic() + self._wait_s
+        with feed.changed:
+            while True:
+                newest_ns, reason = feed.newest_ns, "no pose has come yet"
+                if newest_ns is not None and newest_ns >= stamp_ns:
+                    try:
+                        return feed.pose_at(stamp_ns)
+                    except ValueError as error:
+                        reason = str(error)
+                    if newest_ns >= stamp_ns + _SETTLED_NS:
+                        raise self._gap(drone, 422, reason, now_ns)
+                elif newest_ns is not None:
+                    reason = f"the newest pose is {(stamp_ns - newest_ns) / 1e9:.2f} s older than the view"
+                left_s = give_up_s - time.monotonic()
+                if left_s <= 0.0:
+                    raise self._gap(drone, 503, reason, now_ns)
+                feed.changed.wait(left_s)
+
+    def _gap(self, drone: str, status: int, reason: str, now_ns: int) -> Refused:
+        said = f"the pose of {drone} is not known at its view: {reason}"
+        self._gaps[drone] = now_ns, said
+        return Refused(status, said, 1.0 if status == 503 else 0.0)
+
+    def trouble(self, drone: str, now_ns: int) -> str | None:
+        """What is wrong with a drone's poses now; None: nothing."""
+        newest_ns = self.feeds[drone].newest_ns
+        last_ns = self._started_ns if newest_ns is None else newest_ns
+        if now_ns - last_ns > self._stale_s * _SECOND_NS:
+            last = "none came so far" if newest_ns is None else f"the last is of {iso_utc(newest_ns)}"
+            said = f"no pose of {drone} for more than {self._stale_s:g} s, {last}"
+            return f"{said}: its views are refused, zones stay"
+        gap_ns, said = self._gaps.get(drone, (0, ""))
+        return said if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None

@@ -1,0 +1,131 @@
+"""A fleet of ROS 2 on one Zenoh session (extra `zenoh`, EPL-2.0 OR Apache-2.0)."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crowdfence.service.poses import PoseFeed
+from crowdfence.service.ros.intake import Intake
+from crowdfence.service.ros.keys import RosKeys
+from crowdfence.service.ros.poses import RosPoses
+from crowdfence.service.ros.publisher import RosPublisher
+from crowdfence.service.ros.topics import ROLES, message_type
+from crowdfence.service.service import Service
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics
+
+TF_STATIC = "/tf_static"
+
+
+@dataclass(frozen=True, slots=True)
+class RosLink:
+    """Where the fleet is and what it publishes."""
+
+    endpoint: str = ""
+    """Of a Zenoh router or peer, such as tcp/127.0.0.1:7447; empty: as the configuration says."""
+    config: Path | None = None
+    """Zenoh's own configuration (JSON5), for TLS and access control."""
+    keys: RosKeys = field(default_factory=RosKeys)
+    topics: Sequence[DroneTopics] = ()
+    mount: CameraMount | None = None
+
+    def feeds(self) -> dict[str, PoseFeed]:
+        """Of the drones whose poses are published."""
+        found: dict[str, PoseFeed] = {}
+        for one in self.topics:
+            if one.camera_pose:
+                found[one.drone] = RosPoses("camera_pose", None)
+            elif one.pose:
+                found[one.drone] = RosPoses("pose", self.mount)
+            elif one.tf:
+                found[one.drone] = RosPoses("tf", None)
+        return found
+
+    @contextmanager
+    def connected(self, service: Service, feeds: Mapping[str, PoseFeed]) -> Iterator[None]:
+        """While the block runs. OSError where nobody answers at the endpoint; ModuleNotFoundError without
+        Zenoh."""
+        with ExitStack() as opened:
+            session = self._session()
+            opened.callback(session.close)
+            put = _Put(session, self.keys)
+            publisher = RosPublisher(service.mission, put)
+            publisher.start()
+            opened.callback(publisher.stop)
+            for one in self.topics:
+                feed = feeds.get(one.drone)
+                assert service.live is not None
+                intake = Intake(
+                    one.drone,
+                    service.live,
+                    service.alerts,
+                    service.clock,
+                    feed if isinstance(feed, RosPoses) else None,
+                )
+                intake.start()
+                opened.callback(intake.stop)
+                for subscriber in self._subscribers(session, one, intake):
+                    opened.callback(subscriber.undeclare)
+            yield
+
+    def _session(self) -> Any:
+        import zenoh
+
+        try:
+            config = zenoh.Config() if self.config is None else zenoh.Config.from_file(str(self.config))
+            if self.endpoint:
+                config.insert_json5("mode", '"client"')
+                config.insert_json5("connect/endpoints", json.dumps([self.endpoint]))
+                config.insert_json5("scouting/multicast/enabled", "false")
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            where = self.endpoint or self.config
+            raise OSError(f"no Zenoh session with {where}: {str(error).splitlines()[0]}") from error
+
+    def _subscribers(self, session: Any, one: DroneTopics, intake: Intake) -> Iterator[Any]:
+        for role in ROLES:
+            topic = getattr(one, role)
+            if topic is None:
+                continue
+            yield self._subscribed(session, topic, role, intake, fixed=topic.endswith("_static"))
+            if role == "tf":
+                yield self._subscribed(session, TF_STATIC, role, intake, fixed=True)
+        if one.pose and not one.tf and self.mount is None:
+            yield self._subscribed(session, TF_STATIC, "tf", intake, fixed=True)
+
+    def _subscribed(self, session: Any, topic: str, role: str, intake: Intake, *, fixed: bool) -> Any:
+        def heard(sample: Any) -> None:
+            kind = self.keys.type_of(str(sample.key_expr)) or message_type(role, topic)
+            intake.take(role, kind, sample.payload.to_bytes(), fixed=fixed)
+
+        return session.declare_subscriber(self.keys.subscribed(topic), heard)
+
+
+class _Put:
+    """Publishes under the keys of a fleet, with what rmw_zenoh wants beside a message: its number, its time
+    and who sent it."""
+
+    def __init__(self, session: Any, keys: RosKeys) -> None:
+        self._session, self._keys = session, keys
+        self._number = 0
+        self._sender = bytes.fromhex(str(session.info.zid()).rjust(32, "0"))
+
+    def __call__(self, topic: str, kind: str, data: bytes) -> None:
+        from zenoh.ext import Int64, z_serialize
+
+        self._number += 1
+        parts: tuple[Callable[[], Any] | Any, ...] = (
+            "sequence_number",
+            Int64(self._number),
+            "source_timestamp",
+            Int64(time.time_ns()),
+            "source_gid",
+            self._sender,
+        )
+        self._session.put(self._keys.published(topic, kind), data, attachment=z_serialize(parts))

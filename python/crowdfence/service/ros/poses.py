@@ -1,0 +1,131 @@
+"""Poses of a camera from what a fleet of ROS publishes: PoseStamped, Odometry, tf.
+
+Worlds are the mission's local east-north-up frame (`map`), bodies forward-left-up, cameras as in REP 104.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from threading import Condition
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.mission.ros2_messages import time_ns
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, TransformTree, composed
+
+PoseRole = Literal["camera_pose", "pose", "tf"]
+
+_KEPT_NS = 70_000_000_000
+"""As long as a view may be late, and a little more."""
+_AROUND_NS = 2_500_000_000
+
+
+class RosPoses:
+    """A pose feed (`service.poses.PoseFeed`)."""
+
+    def __init__(self, role: PoseRole, mount: CameraMount | None, *, max_gap_s: float = 1.0) -> None:
+        """`role` says whose the poses are: the camera's, or the body's, with the camera on it by the mount or
+        by tf; or that tf says it all."""
+        self._role, self._mount, self._max_gap_s = role, mount, max_gap_s
+        self._rows: deque[tuple[int, list[float], list[float]]] = deque()
+        self._moving: dict[str, deque[Any]] = {}
+        self._fixed: dict[str, Any] = {}
+        self.camera_frame = ""
+        """The optical frame, as the pictures name it."""
+        self._body_frame = BODY_FRAME
+        self.changed = Condition()
+
+    def posed(self, message: Any) -> None:
+        """A decoded PoseStamped, PoseWithCovarianceStamped or Odometry."""
+        pose = getattr(message.pose, "pose", message.pose)
+        at, turn = pose.position, pose.orientation
+        stamp_ns = time_ns(message.header.stamp)
+        with self.changed:
+            self._body_frame = getattr(message, "child_frame_id", "").lstrip("/") or self._body_frame
+            if self._rows and stamp_ns <= self._rows[-1][0]:
+                return
+            self._rows.append((stamp_ns, [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]))
+            while self._rows[0][0] < stamp_ns - _KEPT_NS:
+                self._rows.popleft()
+            self.changed.notify_all()
+
+    def transformed(self, message: Any, *, fixed: bool) -> None:
+        """A decoded TFMessage; `fixed`: of /tf_static."""
+        with self.changed:
+            for transform in message.transforms:
+                child = transform.child_frame_id.lstrip("/")
+                if fixed:
+                    self._fixed[child] = transform
+                    continue
+                kept = self._moving.setdefault(child, deque())
+                stamp_ns = time_ns(transform.header.stamp)
+                if kept and stamp_ns <= time_ns(kept[-1].header.stamp):
+                    continue
+                kept.append(transform)
+                while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
+                    kept.popleft()
+            self.changed.notify_all()
+
+    @property
+    def newest_ns(self) -> int | None:
+        if self._role == "tf":
+            newest = [time_ns(self._moving[frame][-1].header.stamp) for frame in self._moving_chain()]
+            return min(newest, default=None)
+        return self._rows[-1][0] if self._rows else None
+
+    def _moving_chain(self) -> list[str]:
+        """Frames that move between the camera and the world."""
+        chain: list[str] = []
+        frame, seen = self.camera_frame, set[str]()
+        while frame not in seen and (frame in self._moving or frame in self._fixed):
+            seen.add(frame)
+            if frame in self._moving:
+                chain.append(frame)
+                frame = self._moving[frame][-1].header.frame_id.lstrip("/")
+            else:
+                frame = self._fixed[frame].header.frame_id.lstrip("/")
+        return chain
+
+    def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
+        return self._track(stamp_ns).at(stamp_ns, self._max_gap_s)
+
+    def _track(self, stamp_ns: int) -> PoseTrack:
+        if self._role == "tf":
+            tree = self._tree(stamp_ns)
+            path = tree.path(self.camera_frame)
+            if not path:
+                raise ValueError(f"no tf leads to {self.camera_frame or '(no frame)'}")
+            return composed(tree.segments(path), self._max_gap_s)
+        rows = [row for row in self._rows if abs(row[0] - stamp_ns) <= _AROUND_NS]
+        stamps, positions, quaternions = zip(*rows, strict=True) if rows else ((), (), ())
+        given, _ = track_from_rows(stamps, np.array(positions), np.array(quaternions))
+        return given if self._role == "camera_pose" else self._on_body(given, stamp_ns)
+
+    def _on_body(self, body: PoseTrack, stamp_ns: int) -> PoseTrack:
+        if self._mount is not None:
+            attitudes = self._mount.camera_quaternions_ned(body_quaternions_ned(body.quaternions))
+            return PoseTrack(body.stamps_ns, body.positions, optical_quaternions_enu(attitudes))
+        tree = self._tree(stamp_ns)
+        path = tree.path(self.camera_frame, above=self._body_frame)
+        if not path:
+            raise ValueError(
+                f"no tf leads from {self._body_frame} to {self.camera_frame or '(no frame)'}: say how the "
+                "camera hangs with --mount, such as level:-60"
+            )
+        segments: list[Segment] = [body, *tree.segments(path)]
+        return composed(segments, self._max_gap_s)
+
+    def _tree(self, stamp_ns: int) -> TransformTree:
+        tree = TransformTree()
+        for transform in self._fixed.values():
+            tree.add(transform, fixed=True)
+        for kept in self._moving.values():
+            for transform in kept:
+                if abs(time_ns(transform.header.stamp) - stamp_ns) <= _AROUND_NS:
+                    tree.add(transform, fixed=False)
+        return tree

@@ -1,0 +1,53 @@
+"""Which topics of a fleet are whose camera, intrinsics and pose: `--topics`, in its words for bags."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics
+
+ROLES = ("camera", "info", "heatmap", "camera_pose", "pose", "tf")
+"""Positions on Earth come by telemetry (`--mavlink`)."""
+
+
+def live_topics(texts: Sequence[str]) -> list[DroneTopics]:
+    """From ROLE=TOPIC,... for one drone each. ValueError for what is no role, a drone without pictures or
+    intrinsics, and a name twice."""
+    drones = [_of_drone(text) for text in texts]
+    names = [one.drone for one in drones]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"--topics: two drones are called {min(twice)!r}; name them with drone=NAME,...")
+    return drones
+
+
+def message_type(role: str, topic: str) -> str:
+    """Of a topic whose key does not say it: by its role and name."""
+    match role:
+        case "camera":
+            packed = topic.endswith("/compressed")
+            return ros2_messages.COMPRESSED_IMAGE if packed else ros2_messages.IMAGE
+        case "heatmap":
+            return ros2_messages.IMAGE
+        case "info":
+            return ros2_messages.CAMERA_INFO
+        case "tf":
+            return ros2_messages.TF_MESSAGE
+        case _:
+            return ros2_messages.ODOMETRY if "odom" in topic.lower() else ros2_messages.POSE_STAMPED
+
+
+def _of_drone(text: str) -> DroneTopics:
+    named: dict[str, str] = {}
+    for part in text.split(","):
+        role, equals, topic = part.strip().partition("=")
+        if not (equals and topic) or role not in (*ROLES, "drone"):
+            raise ValueError(
+                f"--topics {text!r}: {part!r} must be ROLE=TOPIC, roles: drone, {', '.join(ROLES)}"
+            )
+        named[role] = topic
+    pictures = named.get("camera") or named.get("heatmap") or ""
+    drone = named.pop("drone", "") or pictures.strip("/").partition("/")[0]
+    if not (drone and ("camera" in named or "heatmap" in named) and "info" in named):
+        raise ValueError(f"--topics {text!r}: a drone needs camera= or heatmap=, and info=")
+    return DroneTopics(drone, **named)

@@ -1,0 +1,147 @@
+"""An autopilot's telemetry as poses of its camera: what a .tlog of the flight would say, as it comes."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass, field
+from threading import Condition
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Terrain
+from crowdfence.georeference import Georeference
+from crowdfence.service.boot_clock import BootClock
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.film.tlog import KINDS, log_of_messages
+from crowdfence.sources.geographic_track import HeightOptions, local_track
+from crowdfence.sources.ground_contact import settled_track
+
+_KEPT_MS = 70_000
+"""As long as a view may be late, and a little more."""
+_AROUND_MS = 2500
+"""Messages this far from a view say where it was taken."""
+_MS_NS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryOptions:
+    """What telemetry does not say about itself."""
+
+    mount: CameraMount | None = None
+    """How the camera hangs, where no gimbal tells it."""
+    heights: HeightOptions = field(default_factory=HeightOptions)
+    max_gap_s: float = 1.0
+    """Longest pause of positions or attitudes that is bridged."""
+
+
+class Telemetry:
+    """A pose feed (`poses.PoseFeed`). ValueError for a mission without a place on Earth."""
+
+    def __init__(
+        self, drone: str, terrain: Terrain, anchor: Georeference | None, options: TelemetryOptions
+    ) -> None:
+        if anchor is None:
+            raise ValueError(
+                f"the telemetry of {drone} says where on Earth it is, but the mission has no place there: "
+                "give a map that has one, and --origin"
+            )
+        self._drone, self._terrain, self._anchor, self._options = drone, terrain, anchor, options
+        self._messages: dict[str, deque[Any]] = {kind: deque() for kind in KINDS}
+        self.changed = Condition()
+        self.clock = BootClock()
+
+    def heard(self, message: Any, now_ns: int) -> None:
+        """A decoded message of the drone's autopilot or gimbal, at this moment of the service's clock."""
+        with self.changed:
+            kind = message.get_type()
+            if kind == "SYSTEM_TIME":
+                self.clock.told(message.time_unix_usec * 1000, message.time_boot_ms)
+            if kind == "HOME_POSITION":
+                self._messages[kind].append(message)
+                while len(self._messages[kind]) > 1:
+                    self._messages[kind].popleft()
+            elif kind in self._messages:
+                self._keep(self._messages[kind], message, now_ns)
+            self.changed.notify_all()
+
+    def answered(self, sent_ns: int, boot_ns: int, now_ns: int) -> None:
+        """An answer to TIMESYNC."""
+        with self.changed:
+            self.clock.answered(sent_ns, boot_ns, now_ns)
+            self.changed.notify_all()
+
+    @property
+    def knows_home(self) -> bool:
+        return bool(self._messages["HOME_POSITION"])
+
+    def _keep(self, kept: deque[Any], message: Any, now_ns: int) -> None:
+        boot_ms = message.time_boot_ms
+        if self.clock.arrived(boot_ms, now_ns):
+            for others in self._messages.values():
+                others.clear()
+        if kept and boot_ms <= kept[-1].time_boot_ms:
+            return  # repeated, or overtaken on its way
+        kept.append(message)
+        while kept[0].time_boot_ms < boot_ms - _KEPT_MS:
+            kept.popleft()
+
+    @property
+    def newest_ns(self) -> int | None:
+        offset_ns = self.clock.offset_ns
+        newest = [self._messages[kind][-1].time_boot_ms for kind in self._telling() if self._messages[kind]]
+        if offset_ns is None or len(newest) < len(self._telling()):
+            return None
+        return int(min(newest)) * _MS_NS + offset_ns
+
+    def _telling(self) -> tuple[str, ...]:
+        """The kinds of messages that a pose is made of."""
+        camera = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION")
+        body = ("ATTITUDE_QUATERNION", "ATTITUDE")
+        mount = self._options.mount
+        if mount is not None and not mount.needs_body:
+            return ("GLOBAL_POSITION_INT",)
+        wanted = camera if mount is None else body
+        return ("GLOBAL_POSITION_INT", next((kind for kind in wanted if self._messages[kind]), wanted[0]))
+
+    def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
+        offset_ns = self.clock.offset_ns
+        if offset_ns is None:
+            raise ValueError("no telemetry has come yet")
+        at_ms = (stamp_ns - offset_ns) // _MS_NS
+        self._check_gaps(at_ms)
+        around = {kind: self._around(kind, at_ms) for kind in KINDS}
+        first_ms = around["GLOBAL_POSITION_INT"][0].time_boot_ms
+        log = log_of_messages(around, first_ms, None)
+        heights = self._options.heights
+        placed = local_track(log.poses(self._options.mount), heights, self._anchor)
+        track = placed.track.shifted(first_ms * _MS_NS + offset_ns)
+        if placed.contact is not None:
+            if placed.contact.place is not None and heights.take_off is None and log.take_off is None:
+                raise ValueError(
+                    "its heights count from the take-off, which it has not told (HOME_POSITION): say it with "
+                    "--take-off LAT,LON, or use those above the sea (--heights sea)"
+                )
+            track = settled_track(self._drone, track, placed.contact, self._terrain)
+        return track.at(stamp_ns, self._options.max_gap_s)
+
+    def _around(self, kind: str, at_ms: int) -> list[Any]:
+        kept = self._messages[kind]
+        if kind == "HOME_POSITION":
+            return list(kept)
+        return [one for one in kept if abs(one.time_boot_ms - at_ms) <= _AROUND_MS]
+
+    def _check_gaps(self, at_ms: int) -> None:
+        most_ms = self._options.max_gap_s * 1e3
+        for kind in self._telling():
+            times = [one.time_boot_ms for one in self._messages[kind]]
+            after = bisect_right(times, at_ms)
+            if after == 0:
+                raise ValueError(f"{kind} does not reach back to it")
+            if after < len(times) and times[after] - times[after - 1] > most_ms:
+                pause_s = (times[after] - times[after - 1]) / 1e3
+                raise ValueError(
+                    f"{kind} has a gap of {pause_s:.2f} s there, at most {most_ms / 1e3:g} s are bridged"
+                )

@@ -1,0 +1,1 @@
+"""Fixed cameras around a square: the data sets Wildtrack and MultiviewX, as recordings on flat ground."""

@@ -1,0 +1,102 @@
+"""Constant errors of a drone's poses, and recordings without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.sources.place_camera import Limits
+from crowdfence.sources.pose_track import PoseGapError, PoseTrack
+from crowdfence.sources.recording import Frame, Recording, RefusedFrame
+from crowdfence.sources.rotation import multiply
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOffset:
+    """What one drone's recorded camera poses need to be right, all the time the same.
+
+    The camera was where the telemetry says `time_s` later, moved by `position_m`, and turned about its own
+    axes there: up, to the right, and clockwise as seen from behind it. ValueError for values that are not
+    finite.
+    """
+
+    pitch_deg: float = 0.0
+    """About the camera's x axis: looks higher."""
+    yaw_deg: float = 0.0
+    """About the camera's y axis: looks further to the right."""
+    roll_deg: float = 0.0
+    """About the camera's z axis: its right side sinks."""
+    time_s: float = 0.0
+    """The picture belongs to telemetry so much later than its stamp."""
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """East, north, up."""
+
+    def __post_init__(self) -> None:
+        values = (self.pitch_deg, self.yaw_deg, self.roll_deg, self.time_s, *self.position_m)
+        if len(values) != 7 or not np.isfinite(values).all():
+            raise ValueError(f"a pose offset needs finite angles, time and three metres, got {values}")
+
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """Quaternion [4] (w, x, y, z), recorded from true camera axes: to be multiplied from the right."""
+        vector = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg])
+        angle = float(np.linalg.norm(vector))
+        return np.array([np.cos(angle / 2), *(np.sinc(angle / 2 / np.pi) / 2 * vector)])
+
+    def track(self, track: PoseTrack) -> PoseTrack:
+        """The poses as they were, on the clock of the pictures."""
+        if len(track) == 0:
+            return track
+        return PoseTrack(
+            track.stamps_ns - np.int64(round(self.time_s * 1e9)),
+            track.positions + np.array(self.position_m),
+            multiply(track.quaternions, self.turn),
+        )
+
+
+def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> Recording:
+    """The recording with every drone's poses put right; drones that are not named stay as they are.
+
+    A frame that its time offset moves out of the telemetry is refused. ValueError for a drone that the
+    recording has not.
+    """
+    unknown = sorted(set(offsets) - set(recording.drones))
+    if unknown:
+        raise ValueError(
+            f"the alignment is of another recording: {recording.name} has no drone {unknown[0]!r}, it holds "
+            f"{', '.join(recording.drones) or 'none'}"
+        )
+    tracks = recording.tracks()
+    limits = {drone: _widest_gap_s(recording, drone) for drone in offsets}
+    tracks.update(
+        {drone: offset.track(tracks[drone]) for drone, offset in offsets.items() if drone in tracks}
+    )
+    frames: list[Frame] = []
+    refused = list(recording.refused)
+    for frame in recording.frames:
+        if frame.drone not in offsets:
+            frames.append(frame)
+            continue
+        try:
+            pose = tracks[frame.drone].at(frame.stamp_ns, limits[frame.drone])
+        except PoseGapError as error:
+            refused.append(RefusedFrame(frame.drone, frame.stamp_ns, f"moved by its time offset: {error}"))
+            continue
+        frames.append(replace(frame, world_from_camera=pose))
+    return replace(recording, frames=tuple(frames), refused=tuple(refused), pose_tracks=tracks)
+
+
+def _widest_gap_s(recording: Recording, drone: str) -> float:
+    """What the reader bridged for this drone: the widest gap around any frame that it took."""
+    stamps = recording.tracks()[drone].stamps_ns if drone in recording.tracks() else np.zeros(0, np.int64)
+    widest = Limits().max_pose_gap_s
+    if len(stamps) < 2:
+        return widest
+    at = np.array([frame.stamp_ns for frame in recording.frames if frame.drone == drone], np.int64)
+    after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
+    between = (stamps[after] != at) & (stamps[after - 1] != at)
+    gaps = (stamps[after] - stamps[after - 1])[between] / 1e9
+    return max(widest, float(gaps.max(initial=0.0)))

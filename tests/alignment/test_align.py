@@ -1,0 +1,118 @@
+"""Known errors of poses are found again, and what a flight cannot show is not guessed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdfence import open_recording
+from crowdfence.alignment import DroneAlignment, align
+from support.command_line import crowdfence
+from support.painted_flights import circling, hovering, level, paint, passing, write_flight, write_level
+
+TURNED_DEG, LATE_S = (0.4, -0.3, 0.25), 0.1
+
+
+@pytest.fixture(scope="module")
+def wrong_flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("circle") / "flight"
+    return write_flight(folder, circling, paint(), turned_deg=TURNED_DEG, late_s=LATE_S)
+
+
+def only(folder: Path) -> DroneAlignment:
+    (drone,) = align(open_recording(folder), level()).drones
+    return drone
+
+
+@pytest.fixture(scope="module")
+def found(wrong_flight: Path) -> DroneAlignment:
+    return only(wrong_flight)
+
+
+def test_a_known_error_is_found_again(found: DroneAlignment) -> None:
+    true = dict(zip(("pitch", "yaw", "roll", "time"), (*TURNED_DEG, LATE_S), strict=True))
+    for one in found.estimates[:4]:
+        assert one.told, one
+        assert abs(one.value - true[one.quantity]) < max(4 * one.error, 0.02), one
+    offset = found.offset
+    left = np.array([offset.pitch_deg, offset.yaw_deg, offset.roll_deg]) - TURNED_DEG
+    assert np.linalg.norm(left) < 0.5 * np.linalg.norm(TURNED_DEG)
+    assert abs(offset.time_s - LATE_S) < 0.2 * LATE_S
+
+
+def test_pictures_agree_better_by_offsets_that_they_had_no_part_in(found: DroneAlignment) -> None:
+    assert found.after_px < 0.5 * found.before_px
+
+
+def test_places_are_left_alone(found: DroneAlignment) -> None:
+    assert [one.told for one in found.estimates[4:]] == [False] * 3
+    assert found.offset.position_m == (0.0, 0.0, 0.0)
+
+
+def test_nothing_is_found_where_nothing_is_wrong(tmp_path: Path) -> None:
+    right = only(write_flight(tmp_path / "flight", circling, paint()))
+    for one in right.estimates[:4]:
+        assert abs(one.value) < (0.02 if one.unit == "s" else 0.1), one
+
+
+def test_a_hover_tells_nothing(tmp_path: Path) -> None:
+    """The same picture again and again agrees with itself, whatever the pose."""
+    hover = only(write_flight(tmp_path / "flight", hovering, paint(), turned_deg=TURNED_DEG))
+    assert hover.matches > 100 and not hover.told
+    assert all(one.why_not for one in hover.estimates)
+
+
+def test_a_straight_line_does_not_tell_the_time(tmp_path: Path) -> None:
+    """At a steady speed over level ground, a late clock and a place further on make the same pictures."""
+    straight = only(write_flight(tmp_path / "flight", passing, paint(), late_s=LATE_S, frames=12))
+    time = next(one for one in straight.estimates if one.quantity == "time")
+    assert not time.told and time.why_not and straight.offset.time_s == 0.0
+
+
+def test_ground_without_features_is_refused(tmp_path: Path) -> None:
+    grey = np.full_like(paint(), 128.0)
+    bare = write_flight(tmp_path / "flight", circling, grey, turned_deg=TURNED_DEG, frames=8)
+    ground = write_level(tmp_path / "level.tif")
+    output = tmp_path / "offsets.json"
+    done = crowdfence("align", bare, "-t", ground, "-o", output)
+    assert done.returncode == 3 and not output.exists()
+    assert "uav1: cannot tell: 0 places could be found again" in done.stdout
+    assert "nothing was written" in done.stderr
+
+
+def test_what_was_found_is_used_by_every_command(wrong_flight: Path, tmp_path: Path) -> None:
+    ground = write_level(tmp_path / "level.tif")
+    output = tmp_path / "offsets.json"
+    done = crowdfence("align", wrong_flight, "-t", ground, "-o", output, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)["drones"]["uav1"]["estimates"]
+    assert told["time"]["told"] and told["time"]["value"] == pytest.approx(LATE_S, abs=0.03)
+    righted = tmp_path / "righted.mcap"
+    done = crowdfence("convert", wrong_flight, "--alignment", output, "-o", righted)
+    assert done.returncode == 0, done.stderr
+    off_deg = []
+    for frame in open_recording(righted).frames:
+        _, true = circling(
+            (frame.stamp_ns - open_recording(wrong_flight).frames[0].stamp_ns) / 1e9 + 1 + LATE_S
+        )
+        forward = true.apply(turned([0.0, 0.0, 1.0]))
+        off_deg.append(np.degrees(np.arccos(np.clip(forward @ frame.world_from_camera[:3, 2], -1, 1))))
+    # Uncorrected: 0.5 degrees of attitude, and 2.4 degrees that it turns in a tenth of a second.
+    assert np.median(off_deg) < 0.3
+
+
+def turned(axis: list[float]) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(np.radians(TURNED_DEG)).apply(axis)
+
+
+def test_an_alignment_that_is_there_is_not_replaced(wrong_flight: Path, tmp_path: Path) -> None:
+    output = tmp_path / "offsets.json"
+    output.write_text("mine")
+    done = crowdfence("align", wrong_flight, "-o", output)
+    assert done.returncode == 1 and "--force" in done.stderr
+    assert output.read_text() == "mine"

@@ -1,0 +1,108 @@
+"""A model in eight bits against itself in floating point, and what of it stays in floating point."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from crowdfence import Detector, open_recording
+from crowdfence.calibration.quantization import quantize_model
+from crowdfence.errors import DetectorError
+from support.command_line import crowdfence
+from support.onnx_models import contract, write_map_model
+from support.small_recordings import flight, write_airsim
+
+CHANNELS = 8
+
+
+def write_convolutions(path: Path) -> Path:
+    """Three convolutions: the cells of 4 x 4 pixels, 8 channels on 8, and the logits."""
+    rng = np.random.default_rng(3)
+    weights = {
+        "first": rng.normal(0, 0.3, (CHANNELS, 3, 4, 4)),
+        "middle": rng.normal(0, 0.5, (CHANNELS, CHANNELS, 1, 1)),
+        "last": rng.normal(0, 0.5, (1, CHANNELS, 1, 1)),
+    }
+    constants = {**weights, "full": np.array(255.0)}
+    nodes = [
+        helper.make_node("Cast", ["image"], ["float"], name="cast", to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["float"], ["planes"], name="planes", perm=[0, 3, 1, 2]),
+        helper.make_node("Div", ["planes", "full"], ["scaled"], name="scale"),
+        helper.make_node("Conv", ["scaled", "first"], ["a"], name="conv_first", strides=[4, 4]),
+        helper.make_node("Relu", ["a"], ["b"], name="relu_first"),
+        helper.make_node("Conv", ["b", "middle"], ["c"], name="conv_middle"),
+        helper.make_node("Relu", ["c"], ["d"], name="relu_middle"),
+        helper.make_node("Conv", ["d", "last"], ["logits"], name="conv_last"),
+        helper.make_node("Sigmoid", ["logits"], ["heatmap"], name="sigmoid"),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "convolutions",
+        [helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", "H", "W", 3])],
+        [helper.make_tensor_value_info("heatmap", TensorProto.FLOAT, ["N", 1, "h", "w"])],
+        [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save_model(model, str(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_airsim(tmp_path_factory.mktemp("flight") / "flight", flight(6))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_convolutions(tmp_path_factory.mktemp("model") / "float.onnx")
+
+
+def test_eight_bits_stay_within_their_steps(model: Path, recording: Path, tmp_path: Path) -> None:
+    """The logits may differ by what rounding to the steps can add up to: half a step of every input of the
+    middle layer times its weights, half a step of every weight times its input, and the same of the last."""
+    before = Detector(model, contract())
+    result = quantize_model(before, model, [recording], tmp_path / "int8.onnx", pictures=4)
+    after = Detector(tmp_path / "int8.onnx")
+    image = open_recording(recording).frames[0].image()
+    weights = onnx.load(model).graph.initializer
+    first, middle, last = (numpy_helper.to_array(of_layer).astype(float) for of_layer in weights[:3])
+    cells = image[:24, :32].reshape(6, 4, 8, 4, 3).transpose(0, 2, 4, 1, 3) / 255.0
+    b = np.maximum(np.einsum("yxcij,ocij->yxo", cells, first), 0.0)
+    d = np.maximum(b @ middle[..., 0, 0].T, 0.0)
+    step_b, step_d = b.max() / 255.0, d.max() / 255.0
+    step_w = np.abs(middle).max(axis=(1, 2, 3)) / 63.0
+    error_c = 2 * step_b * np.abs(middle[..., 0, 0]).sum(axis=1) + 0.5 * step_w * b.sum(axis=-1).max()
+    error = ((error_c + 2 * step_d) * np.abs(last[0, :, 0, 0])).sum()
+    logits = [np.log(p) - np.log1p(-p) for p in (before(image), after(image))]
+    assert 0 < np.abs(logits[0] - logits[1]).max() <= error
+    assert result.pictures == 4 and result.mean_difference <= error
+
+
+def test_first_and_last_layer_stay_in_floating_point(model: Path, recording: Path, tmp_path: Path) -> None:
+    output = tmp_path / "int8.onnx"
+    quantize_model(Detector(model, contract()), model, [recording], output, pictures=4)
+    kinds = {t.name: t.data_type for t in onnx.load(output).graph.initializer if t.dims and len(t.dims) == 4}
+    assert kinds["first"] == kinds["last"] == TensorProto.FLOAT
+    assert [kind for name, kind in kinds.items() if "middle" in name] == [TensorProto.INT8]
+    written = Detector(output).contract
+    assert written.output.stride == 4 and (written.about or {})["arithmetic"] == "int8"
+
+
+def test_by_command(model: Path, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(json.dumps(contract()))
+    output = tmp_path / "int8.onnx"
+    told = crowdfence(
+        "model", "quantize", model, "--contract", tmp_path / "c.json", "--data", recording, "-o", output
+    )
+    assert "in eight bits" in told.stdout and output.is_file()
+    assert "arithmetic" in crowdfence("model", "check", output).stdout
+
+
+def test_what_cannot_be_quantized(recording: Path, tmp_path: Path) -> None:
+    flat = write_map_model(tmp_path / "flat.onnx", contract())
+    with pytest.raises(DetectorError, match="no convolutions"):
+        quantize_model(Detector(flat), flat, [recording], tmp_path / "int8.onnx", pictures=2)
+    assert not (tmp_path / "int8.onnx").exists()

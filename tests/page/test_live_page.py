@@ -1,0 +1,218 @@
+"""The page while a fleet flies: a live service, drones that give views as they take them, and a base map.
+
+The tests go through one flight, in their order.
+"""
+
+import io
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+from playwright.sync_api import Browser, BrowserContext
+
+from crowdfence import Camera, Client, Georeference, View
+from crowdfence.service.client import ServiceError
+from support.map_page import Console, Server, free_port, open_console
+from support.small_service import SIDE_M, heatmap, pose
+from support.tile_archive import Box, write_pictures
+
+ANCHOR = Georeference(46.5, 8.0, 1200.0)
+EVERY_S = 1.0
+CAMERA = Camera.pinhole(320, 240, 240.0, 240.0, 160.0, 120.0)
+"""The field of view of `support.small_service`, in finer pixels: one drone alone is sure of what it sees."""
+MAGENTA = (20.0, 20.0, 40.0, 40.0)
+"""West, south, east, north in local metres: what the base map shows there."""
+
+
+class Fleet(threading.Thread):
+    """Two drones that hover, side by side, and give a view a second, also to a service that is
+    away for a while."""
+
+    def __init__(self, server: Server) -> None:
+        super().__init__(daemon=True)
+        self.server = server
+        self.flying = {"uav1", "uav2"}
+        self.crowd = False
+        self.landed = threading.Event()
+
+    def run(self) -> None:
+        with Client(self.server.url, token=self.server.token["operator"]) as client:
+            while not self.landed.wait(EVERY_S):
+                for drone in sorted(self.flying):
+                    there = self.crowd & (heatmap(drone, 0.0) > 0.5)
+                    values = np.where(there, 0.9, 0.02).astype(np.float32)
+                    taken = View(drone, time.time_ns(), CAMERA, pose(drone, 0.0), values)
+                    try:
+                        client.give(taken)
+                    except (httpx.TransportError, ServiceError):  # the next view is as good
+                        continue
+
+
+def degrees(box: Box) -> Box:
+    """Of a box in local metres."""
+    west, south, east, north = box
+    latitude, longitude, _ = ANCHOR.geodetic_from_local([[west, south, 0.0], [east, north, 0.0]])
+    return float(longitude[0]), float(latitude[0]), float(longitude[1]), float(latitude[1])
+
+
+def write_plain(path: Path) -> None:
+    """Level ground at the height of the anchor, the anchor in its south-west corner."""
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    transform = rasterio.transform.from_origin(0.0, SIDE_M, 1.0, 1.0)
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(path, "w", width=SIDE_M, height=SIDE_M, **profile) as raster:
+        raster.write(np.full((SIDE_M, SIDE_M), 1200.0, np.float32), 1)
+
+
+def write_base_map(path: Path) -> None:
+    """Grey, and magenta in one box."""
+    west, south, east, north = degrees(MAGENTA)
+
+    def colour(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+        inside = (latitude > south) & (latitude < north) & (longitude > west) & (longitude < east)
+        return np.where(inside[..., None], (240, 20, 240), (120, 120, 120)).astype(np.uint8)
+
+    write_pictures(path, degrees((-200.0, -200.0, 260.0, 260.0)), 18, colour)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("field")
+    write_plain(folder / "dem.tif")
+    write_base_map(folder / "base.pmtiles")
+    server = Server(folder / "tokens.json", free_port())
+    server.mission = ["--terrain", str(folder / "dem.tif"), "--origin", "46.5,8.0,1200"]
+    server.mission += ["--data", str(folder / "live"), "--name", "meadow", "--silent-after-s", "3"]
+    server.mission += ["--drone", "uav1", "--drone", "uav2", "--buffer", "fixed:distance_m=3"]
+    server.mission += ["--base-map", str(folder / "base.pmtiles")]
+    server.admit("operator")
+    server.start()
+    yield server
+    server.kill()
+
+
+@pytest.fixture(scope="module")
+def fleet(server: Server) -> Iterator[Fleet]:
+    fleet = Fleet(server)
+    fleet.start()
+    yield fleet
+    fleet.landed.set()
+    fleet.join()
+
+
+@pytest.fixture(scope="module")
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    context = browser.new_context(
+        viewport={"width": 1280, "height": 720}, color_scheme="light", reduced_motion="reduce"
+    )
+    yield context
+    context.close()
+
+
+@pytest.fixture(scope="module")
+def console(context: BrowserContext, server: Server, fleet: Fleet) -> Console:
+    return open_console(context, server, "operator")
+
+
+def keep(console: Console, name: str) -> None:
+    """`make page-picture` takes it into the documentation."""
+    if "CROWDFENCE_PICTURE" in os.environ:
+        picture = Image.open(io.BytesIO(console.page.screenshot())).convert("RGB")
+        file = Path(os.environ["CROWDFENCE_PICTURE"]).with_name(name)
+        picture.quantize(256, kmeans=3, dither=Image.Dither.NONE).save(file, optimize=True)
+
+
+def test_views_arrive_as_they_are_taken(console: Console) -> None:
+    assert console.state("mode") == "live"
+    assert console.find("mode").inner_text() == "LIVE"
+    first = int(console.state("moment.stamp_ns"))
+    console.wait("moment.stamp_ns", lambda stamp: int(stamp) > first + 1_000_000_000)
+    assert console.find("drones").inner_text() == "2/2"
+    assert console.state("moment.zones.zones") == []
+    console.page.get_by_text("No zone is closed.").wait_for()
+
+
+def test_a_crowd_that_gathers_becomes_a_zone(console: Console, fleet: Fleet, server: Server) -> None:
+    fleet.crowd = True
+    zones = console.wait("moment.zones.zones")
+    console.choose(zones[0]["id"])
+    console.find("why").get_by_text("A drone saw crowd in it").wait_for()
+    assert "uav" in console.find("zone-card").locator("tbody").inner_text()
+    told = [alert for alert in server.ask("/alerts")["alerts"] if alert["kind"] == "new_zone"]
+    assert {alert["zone"] for alert in told} >= {zones[0]["id"]}
+
+
+def test_the_base_map_lies_where_its_coordinates_say(console: Console) -> None:
+    """Straight down on places inside and outside of what it shows in magenta."""
+    console.wait("attribution")
+    console.page.get_by_text("Somebody").wait_for()
+    for layer in ("belief", "zones", "walls", "tracks", "footprints", "labels"):
+        console.page.locator(f'[data-layer="{layer}"]').click()
+
+    def magenta(east: float, north: float) -> bool:
+        console.page.evaluate(f"location.hash = '#view={east},{north},0,4,90,0'")
+        console.wait("camera.target", lambda target: target[:2] == [east, north])
+        console.page.wait_for_timeout(1500)
+        picture = Image.open(io.BytesIO(console.find("map").screenshot())).convert("RGB")
+        middle = np.asarray(picture).astype(int)
+        middle = middle[middle.shape[0] // 2 - 12 :, middle.shape[1] // 2 - 12 :][:24, :24].reshape(-1, 3)
+        red, green, blue = middle.mean(axis=0)
+        return bool(red > green + 15 and blue > green + 15)
+
+    # Inside and outside of two of its corners, a metre and a half from both sides.
+    west, south, east, north = MAGENTA
+    assert magenta(west + 1.5, south + 1.5) and not magenta(west - 1.5, south - 1.5)
+    assert magenta(east - 1.5, north - 1.5) and not magenta(east + 1.5, north + 1.5)
+    console.page.locator('[data-layer="base"]').click()
+    assert not magenta(30.0, 30.0)
+    for layer in ("base", "belief", "zones", "walls", "tracks", "footprints", "labels"):
+        console.page.locator(f'[data-layer="{layer}"]').click()
+    console.page.keyboard.press("Home")
+    assert console.complaints == []
+    assert console.hosts == {console.server.url.removeprefix("http://")}
+
+
+def test_a_drone_that_falls_silent_is_an_alarm(console: Console, fleet: Fleet, server: Server) -> None:
+    closed = {zone["id"] for zone in console.state("moment.zones.zones")}
+    fleet.flying = {"uav1"}
+    silent = console.wait("alerts", lambda alerts: open_alerts(alerts, "drone_silent"))
+    alert = open_alerts(silent, "drone_silent")[0]
+    assert (alert["drone"], alert["level"]) == ("uav2", "alarm")
+    console.page.locator(".drone-row .stale", has_text="uav2").get_by_text("silent").wait_for()
+    assert console.find("drones").inner_text() == "1/2"
+    # What somebody else acknowledges leaves this page too, and the banner is for what is left.
+    for other in server.ask("/alerts")["alerts"]:
+        if other["kind"] != "drone_silent":
+            server.ask(f"/alerts/{other['id']}/acknowledge", body={})
+    banner = console.page.locator(".banner.alarm", has_text="no view from uav2")
+    banner.wait_for()
+    keep(console, "page-live.png")
+    assert closed <= {zone["id"] for zone in console.state("moment.zones.zones")}, "silence opens nothing"
+    fleet.flying = {"uav1", "uav2"}
+    banner.wait_for(state="detached")
+
+
+def open_alerts(alerts: list[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
+    return [one for one in alerts if one["kind"] == kind and one["cleared_ms"] is None]
+
+
+def test_it_goes_on_after_the_server_was_killed(console: Console, server: Server) -> None:
+    before = {zone["id"] for zone in console.state("moment.zones.zones")}
+    server.kill()
+    console.wait("connected", lambda connected: connected is False)
+    console.find("offline").wait_for()
+    stopped = int(console.state("moment.stamp_ns"))
+    server.start()
+    console.wait("connected")
+    console.wait("moment.stamp_ns", lambda stamp: int(stamp) > stopped + 1_000_000_000)
+    console.find("offline").wait_for(state="hidden")
+    assert before <= {zone["id"] for zone in console.state("moment.zones.zones")}
+    assert console.find("mode").inner_text() == "LIVE"

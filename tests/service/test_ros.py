@@ -1,0 +1,423 @@
+"""A fleet of ROS 2 over Zenoh on loopback: messages by rosbags in, zones and maps out, read by rosbags."""
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import zenoh
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+from zenoh.ext import Int64, z_deserialize
+
+from crowdfence import View, run
+from crowdfence.georeference import Georeference
+from crowdfence.service.inputs import Inputs
+from crowdfence.service.opening import live
+from crowdfence.service.ros.keys import TYPE_HASHES, RosKeys
+from crowdfence.service.ros.link import RosLink
+from crowdfence.service.ros.poses import RosPoses
+from crowdfence.service.ros.topics import live_topics
+from crowdfence.service.service import Service
+from crowdfence.sources.camera_mount import CameraMount
+from support.small_service import (
+    CONFIG,
+    DRONES,
+    SECOND_NS,
+    SETTINGS,
+    START_NS,
+    plain,
+    recording,
+    views,
+)
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+T = STORE.types
+FRAME = "uav/camera_optical"
+ANCHOR = Georeference(46.5, 8.0, 1200.0)
+
+
+def header(stamp_ns: int, frame: str) -> Any:
+    sec, nanosec = divmod(stamp_ns, SECOND_NS)
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](sec, nanosec), frame)
+
+
+def heatmap_message(view: View) -> Any:
+    """32FC1, with rows that are longer than their pixels."""
+    values = np.asarray(view.heatmap, np.float32)
+    rows, columns = values.shape
+    padded = np.zeros((rows, columns + 3), "<f4")
+    padded[:, :columns] = values
+    data = padded.view(np.uint8).reshape(-1)
+    return T["sensor_msgs/msg/Image"](
+        header(view.stamp_ns, FRAME), rows, columns, "32FC1", 0, (columns + 3) * 4, data
+    )
+
+
+def info_message(view: View) -> Any:
+    """Pixel centres at whole numbers, as ROS counts them."""
+    camera = view.camera
+    k = [camera.fx, 0.0, camera.cx - 0.5, 0.0, camera.fy, camera.cy - 0.5, 0.0, 0.0, 1.0]
+    p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
+    roi = T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    return T["sensor_msgs/msg/CameraInfo"](
+        header(view.stamp_ns, FRAME),
+        camera.height,
+        camera.width,
+        "plumb_bob",
+        np.zeros(5),
+        np.array(k),
+        np.eye(3).reshape(-1),
+        np.array(p),
+        0,
+        0,
+        roi,
+    )
+
+
+def turned(pose: np.ndarray) -> Any:
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return T["geometry_msgs/msg/Quaternion"](x, y, z, w)
+
+
+def pose_message(stamp_ns: int, pose: np.ndarray) -> Any:
+    place = T["geometry_msgs/msg/Point"](*pose[:3, 3])
+    return T["geometry_msgs/msg/PoseStamped"](
+        header(stamp_ns, "map"), T["geometry_msgs/msg/Pose"](place, turned(pose))
+    )
+
+
+def odometry_message(stamp_ns: int, pose: np.ndarray, child: str) -> Any:
+    place = T["geometry_msgs/msg/Point"](*pose[:3, 3])
+    with_covariance = T["geometry_msgs/msg/PoseWithCovariance"](
+        T["geometry_msgs/msg/Pose"](place, turned(pose)), np.zeros(36)
+    )
+    nothing = T["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    twist = T["geometry_msgs/msg/TwistWithCovariance"](
+        T["geometry_msgs/msg/Twist"](nothing, nothing), np.zeros(36)
+    )
+    return T["nav_msgs/msg/Odometry"](header(stamp_ns, "map"), child, with_covariance, twist)
+
+
+def tf_message(stamp_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:
+    place = T["geometry_msgs/msg/Vector3"](*pose[:3, 3])
+    transform = T["geometry_msgs/msg/TransformStamped"](
+        header(stamp_ns, parent), child, T["geometry_msgs/msg/Transform"](place, turned(pose))
+    )
+    return T["tf2_msgs/msg/TFMessage"]([transform])
+
+
+class Router:
+    """A Zenoh router, and a node of somebody else that publishes as rmw_zenoh does, or as a bridge."""
+
+    def __init__(self, kind: str) -> None:
+        with socket.socket() as one:
+            one.bind(("127.0.0.1", 0))
+            port = one.getsockname()[1]
+        self.endpoint, self.kind = f"tcp/127.0.0.1:{port}", kind
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("listen/endpoints", f'["{self.endpoint}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self.session = zenoh.open(config)
+
+    def publish(self, topic: str, message: Any) -> None:
+        name = message.__msgtype__
+        package, _, short = name.split("/")
+        key = f"7{topic}/{package}::msg::dds_::{short}_/{STORE.hash_rihs01(name)}"
+        if self.kind == "bridge":
+            key = f"fleet{topic}"
+        self.session.put(key, bytes(STORE.serialize_cdr(message, name)))
+
+    def key_of(self, topic: str, name: str) -> str:
+        package, _, short = name.split("/")
+        rmw = f"7{topic}/{package}::msg::dds_::{short}_/{STORE.hash_rihs01(name)}"
+        return rmw if self.kind == "rmw" else f"fleet{topic}"
+
+
+KEYS = {"rmw": RosKeys("rmw", domain=7), "bridge": RosKeys("bridge", namespace="fleet")}
+
+
+@contextmanager
+def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Router, Service]]:
+    router = Router(kind)
+    link = RosLink(endpoint=router.endpoint, keys=KEYS[kind], topics=live_topics(topics))
+    settings = replace(SETTINGS, pose_wait_s=20.0)
+    try:
+        with live(
+            folder,
+            plain(),
+            CONFIG,
+            name="plain",
+            georeference=ANCHOR,
+            settings=settings,
+            inputs=Inputs(ros=link),
+        ) as service:
+            yield router, service
+    finally:
+        router.session.close()
+
+
+def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
+    give_up_s = time.monotonic() + seconds
+    while not true():
+        if time.monotonic() > give_up_s:
+            raise TimeoutError("it never became true")
+        time.sleep(0.02)
+
+
+def again(publish: Callable[[], None], true: Callable[[], Any]) -> None:
+    """Publish until it is true: what is published before a router knows of a subscriber is lost."""
+    for _ in range(100):
+        publish()
+        for _ in range(50):
+            if true():
+                return
+            time.sleep(0.02)
+    raise TimeoutError("it never became true")
+
+
+@pytest.mark.parametrize("kind", ["rmw", "bridge"])
+def test_a_fleet_of_ros_gives_the_zones_of_the_same_recording(tmp_path: Path, kind: str) -> None:
+    """Heatmaps, intrinsics and camera poses as CDR in; zones and grids as CDR out."""
+    topics = [f"heatmap=/{drone}/heatmap,info=/{drone}/info,camera_pose=/{drone}/pose" for drone in DRONES]
+    flown = views(6)
+    with fleet(tmp_path, kind, topics) as (router, service):
+        heard: dict[str, list[Any]] = {"zones": [], "belief": [], "closed": []}
+        types = {"zones": "visualization_msgs/msg/MarkerArray"}
+        for name, samples in heard.items():
+            message_type = types.get(name, "nav_msgs/msg/OccupancyGrid")
+            key = router.key_of(f"/crowdfence/{name}", message_type)
+            router.session.declare_subscriber(key, lambda sample, samples=samples: samples.append(sample))
+        live_service = service.live
+        assert live_service is not None
+        for number, view in enumerate(flown):
+            # The pose comes after its picture, as it does where a filter makes it.
+            def publish(view: View = view) -> None:
+                router.publish(f"/{view.drone}/info", info_message(view))
+                router.publish(f"/{view.drone}/heatmap", heatmap_message(view))
+                router.publish(f"/{view.drone}/pose", pose_message(view.stamp_ns, view.world_from_camera))
+
+            again(publish, lambda wanted=number + 1: sum(live_service.accepted.values()) == wanted)
+        live_service.finish()
+        moment = service.mission.newest
+        assert moment is not None
+        same = run(recording(flown), plain(), CONFIG).zones
+        assert len(moment.zones) == len(same) > 0
+        for ours, theirs in zip(moment.zones, same, strict=True):
+            # Quaternions carry a rotation to 1e-16.
+            assert ours.polygon.symmetric_difference(theirs.polygon).area < 1e-6
+        until(lambda: heard["closed"] and _stamp(heard["closed"][-1]) == moment.stamp_ns)
+        until(lambda: heard["belief"] and _stamp(heard["belief"][-1]) == moment.stamp_ns)
+        until(lambda: heard["zones"] and _marked(heard["zones"][-1], moment.stamp_ns))
+        markers = STORE.deserialize_cdr(
+            heard["zones"][-1].payload.to_bytes(), "visualization_msgs/msg/MarkerArray"
+        ).markers
+        fills = [one for one in markers if one.ns == "crowd ground"]
+        corners = np.array([[p.x, p.y] for one in fills for p in one.points]).reshape(-1, 3, 2)
+        drawn = shapely.union_all([shapely.Polygon(corner) for corner in corners])
+        closed = shapely.union_all([zone.polygon for zone in moment.zones.closed])
+        assert drawn.symmetric_difference(closed).area < 1e-3 * closed.area
+        grid = STORE.deserialize_cdr(heard["closed"][-1].payload.to_bytes(), "nav_msgs/msg/OccupancyGrid")
+        cells = np.array(grid.data).reshape(grid.info.height, grid.info.width)
+        at = grid.info.origin.position
+        for zone in moment.zones.closed:
+            inside = zone.polygon.representative_point()
+            row, column = (
+                int((inside.y - at.y) / grid.info.resolution),
+                int((inside.x - at.x) / grid.info.resolution),
+            )
+            assert cells[row, column] == 100
+        assert {-1, 100} <= set(cells.ravel().tolist()) <= {-1, 0, 100}
+        belief = STORE.deserialize_cdr(heard["belief"][-1].payload.to_bytes(), "nav_msgs/msg/OccupancyGrid")
+        likeliest = service.mission.loop.crowd_map.probability(moment.stamp_ns).max()
+        assert max(belief.data) == np.ceil(100 * likeliest) and belief.header.frame_id == "map"
+        # What rmw_zenoh wants beside a message, in its order.
+        parts = tuple[str, Int64, str, Int64, str, bytes]
+        told = z_deserialize(parts, heard["zones"][-1].attachment)
+        assert told[::2] == ("sequence_number", "source_timestamp", "source_gid")
+        assert told[1] > 0 and abs(told[3] - time.time_ns()) < 600 * SECOND_NS and len(told[5]) == 16
+
+
+def _stamp(sample: Any) -> int:
+    message = STORE.deserialize_cdr(sample.payload.to_bytes(), "nav_msgs/msg/OccupancyGrid")
+    return int(message.header.stamp.sec) * SECOND_NS + int(message.header.stamp.nanosec)
+
+
+def _marked(sample: Any, stamp_ns: int) -> bool:
+    message = STORE.deserialize_cdr(sample.payload.to_bytes(), "visualization_msgs/msg/MarkerArray")
+    stamp = message.markers[0].header.stamp
+    return bool(stamp.sec * SECOND_NS + stamp.nanosec == stamp_ns)
+
+
+def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path: Path) -> None:
+    topics = ["drone=uav1,heatmap=/uav1/heatmap,info=/uav1/info,camera_pose=/uav1/pose"]
+    with fleet(tmp_path, "rmw", topics) as (router, service):
+        heard: list[Any] = []
+        key = router.key_of("/crowdfence/zones", "visualization_msgs/msg/MarkerArray")
+        router.session.declare_subscriber(key, heard.append)
+        live_service = service.live
+        assert live_service is not None
+        for number, view in enumerate(views(3, ("uav1",))):
+
+            def publish(view: View = view) -> None:
+                router.publish("/uav1/info", info_message(view))
+                router.publish("/uav1/pose", pose_message(view.stamp_ns, view.world_from_camera))
+                router.publish("/uav1/heatmap", heatmap_message(view))
+
+            again(publish, lambda wanted=number + 1: live_service.accepted["uav1"] == wanted)
+        live_service.finish()
+        until(lambda: heard)
+        before = len(heard)
+        until(lambda: len(heard) > before + 1)  # nothing new: said again
+        key = router.key_of("/uav1/heatmap", "sensor_msgs/msg/Image")
+        router.session.put(key, b"\x00\x01\x00\x00short")
+        until(lambda: service.alerts.active("refused_views", "uav1"))
+        assert live_service.works and live_service.refused["uav1"] == 1 and live_service.accepted["uav1"] == 3
+
+
+def test_no_router_is_said_at_the_start(tmp_path: Path) -> None:
+    link = RosLink(endpoint="tcp/127.0.0.1:9")
+    started = live(tmp_path, plain(), CONFIG, name="plain", settings=SETTINGS, inputs=Inputs(ros=link))
+    with pytest.raises(OSError, match="tcp/127.0.0.1:9"), started:
+        pass
+
+
+def test_the_hashes_of_types_are_those_of_another_implementation() -> None:
+    assert {name: STORE.hash_rihs01(name) for name in TYPE_HASHES} == TYPE_HASHES
+
+
+def test_keys_are_those_of_rmw_zenoh_and_of_the_bridge() -> None:
+    rmw, bridge = KEYS["rmw"], KEYS["bridge"]
+    assert rmw.subscribed("/uav1/odom") == "7/uav1/odom/*/*"
+    assert rmw.published("/tf_static", "tf2_msgs/msg/TFMessage").startswith(
+        "7/tf_static/tf2_msgs::msg::dds_::TFMessage_/RIHS01_"
+    )
+    assert rmw.type_of("7/uav1/odom/nav_msgs::msg::dds_::Odometry_/RIHS01_0") == "nav_msgs/msg/Odometry"
+    assert bridge.subscribed("/uav1/odom") == "fleet/uav1/odom" and bridge.type_of("fleet/uav1/odom") is None
+    with pytest.raises(ValueError, match="233"):
+        RosKeys(domain=233)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("camera=/a", "info="),
+        ("info=/a,drone=x", "camera= or heatmap="),
+        ("camera=/a,info=/b,fix=/c", "roles: drone, camera"),
+        ("camera", "ROLE=TOPIC"),
+    ],
+)
+def test_topics_that_cannot_be_used_are_refused(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        live_topics([text])
+
+
+def test_two_drones_need_two_names() -> None:
+    with pytest.raises(ValueError, match="two drones"):
+        live_topics(["camera=/a/1,info=/b", "camera=/a/2,info=/b"])
+
+
+# --- poses, message by message ---
+
+
+def decoded(message: Any) -> Any:
+    """Through the wire: written by rosbags, read by the service."""
+    from crowdfence.sources.mission import ros2_messages
+
+    name = message.__msgtype__
+    return ros2_messages.decode(name, bytes(STORE.serialize_cdr(message, name)))
+
+
+def straight_down(east: float) -> np.ndarray:
+    """A camera 20 m up that looks down, the top of its picture north."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = (east, 3.0, 20.0)
+    return pose
+
+
+def level_body(east: float) -> np.ndarray:
+    """Forward (north), left (west), up."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    pose[:3, 3] = (east, 3.0, 20.0)
+    return pose
+
+
+def halfway(feed: RosPoses) -> np.ndarray:
+    assert feed.newest_ns == START_NS + SECOND_NS // 2
+    return feed.pose_at(START_NS + SECOND_NS // 4)
+
+
+def test_camera_poses_are_taken_as_they_are() -> None:
+    feed = RosPoses("camera_pose", None)
+    for number, east in enumerate((10.0, 12.0)):
+        feed.posed(decoded(pose_message(START_NS + number * SECOND_NS // 2, straight_down(east))))
+    assert np.allclose(halfway(feed), straight_down(11.0))
+
+
+def test_a_body_with_a_mount_carries_its_camera() -> None:
+    """Straight down from a drone that flies north: the top of the picture is north."""
+    feed = RosPoses("pose", CameraMount("level", -90.0))
+    for number, east in enumerate((10.0, 12.0)):
+        message = odometry_message(START_NS + number * SECOND_NS // 2, level_body(east), "base_link")
+        feed.posed(decoded(message))
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_a_body_with_tf_carries_its_camera() -> None:
+    body_from_camera = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    feed = RosPoses("pose", None)
+    feed.camera_frame = FRAME
+    feed.transformed(decoded(tf_message(0, "uav/base", FRAME, body_from_camera)), fixed=True)
+    for number, east in enumerate((10.0, 12.0)):
+        message = odometry_message(START_NS + number * SECOND_NS // 2, level_body(east), "uav/base")
+        feed.posed(decoded(message))
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_tf_alone_carries_a_camera() -> None:
+    body_from_camera = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    assert feed.newest_ns is None
+    feed.transformed(decoded(tf_message(0, "uav/base", FRAME, body_from_camera)), fixed=True)
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        feed.transformed(decoded(tf_message(stamp_ns, "map", "uav/base", level_body(east))), fixed=False)
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_gaps_and_frames_without_a_way_are_refused() -> None:
+    feed = RosPoses("camera_pose", None)
+    with pytest.raises(ValueError, match="no pose"):
+        feed.pose_at(START_NS)
+    for seconds in (0, 2):
+        feed.posed(decoded(pose_message(START_NS + seconds * SECOND_NS, straight_down(10.0))))
+    with pytest.raises(ValueError, match="gap of 2"):
+        feed.pose_at(START_NS + SECOND_NS)
+    body = RosPoses("pose", None)
+    body.posed(decoded(odometry_message(START_NS, level_body(1.0), "base_link")))
+    with pytest.raises(ValueError, match="--mount"):
+        body.pose_at(START_NS)
+    assert RosPoses("tf", None).newest_ns is None
+
+
+def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:
+    feed = RosPoses("camera_pose", None)
+    message = decoded(pose_message(START_NS, straight_down(1.0)))
+    for number in range(2000):
+        stamp_ns = START_NS + number * SECOND_NS // 10
+        sec, nanosec = divmod(stamp_ns, SECOND_NS)
+        stamped = SimpleNamespace(
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec)), pose=message.pose
+        )
+        feed.posed(stamped)
+    assert len(feed._rows) <= 701

@@ -1,0 +1,375 @@
+"""Views without poses: the poses come from an autopilot, played by pymavlink over loopback."""
+
+import hashlib
+import socket
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+from starlette.testclient import TestClient
+
+from crowdfence.config import EvidenceConfig, GroupingConfig, ProjectionConfig, RunConfig, ZoneConfig
+from crowdfence.service.boot_clock import BootClock
+from crowdfence.service.clock import Clock
+from crowdfence.service.inputs import Inputs
+from crowdfence.service.mavlink_link import TelemetryAddress
+from crowdfence.service.opening import live
+from crowdfence.service.service import Service
+from crowdfence.service.telemetry import Telemetry, TelemetryOptions
+from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
+from crowdfence.service.watch import Watch
+from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.geographic_track import HeightOptions
+from support.foreign_recordings import Row, frames, ground, mission, rows
+from support.small_service import SETTINGS, asked
+
+BOOT_MS = 60_000
+"""The autopilot's own time at the first row."""
+GEOID_M = 48.0
+SECOND_NS = 1_000_000_000
+CONFIG = RunConfig(
+    EvidenceConfig(), ProjectionConfig(max_range_m=300.0), GroupingConfig(), ZoneConfig(min_area_m2=3.0)
+)
+
+
+def boot_ms(row: Row) -> int:
+    return BOOT_MS + (row.stamp_ns - rows()[0].stamp_ns) // 1_000_000
+
+
+def boot_stamp_ns() -> int:
+    """When the autopilot started."""
+    return rows()[0].stamp_ns - BOOT_MS * 1_000_000
+
+
+def position(row: Row) -> Any:
+    latitude, longitude, height = row.geodetic
+    above = row.position[2] - rows()[0].position[2]
+    place = [
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        round((height - GEOID_M) * 1e3),
+        round(above * 1e3),
+    ]
+    return mavlink.MAVLink_global_position_int_message(boot_ms(row), *place, 0, 0, 0, 65535)
+
+
+def gimbal(row: Row) -> Any:
+    """The camera's attitude against the Earth."""
+    x, y, z, w = row.forward_right_down_ned.as_quat()
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, boot_ms(row), 16 | 64, [w, x, y, z], 0.0, 0.0, 0.0, 0
+    )
+
+
+def attitude(row: Row) -> Any:
+    """The drone's own, level and heading as the camera does."""
+    yaw = np.radians(row.yaw_pitch_roll_deg[0])
+    turn = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+    return mavlink.MAVLink_attitude_quaternion_message(boot_ms(row), *turn, 0.0, 0.0, 0.0)
+
+
+def system_time(row: Row) -> Any:
+    return mavlink.MAVLink_system_time_message(row.stamp_ns // 1000, boot_ms(row))
+
+
+def home(row: Row) -> Any:
+    latitude, longitude, _ = row.geodetic
+    place = [round(latitude * 1e7), round(longitude * 1e7), 0]
+    return mavlink.MAVLink_home_position_message(*place, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+
+
+class Vehicle:
+    """A sender that is not ours."""
+
+    def __init__(self, port: int, system: int = 1, phrase: str | None = None) -> None:
+        self.link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=system)
+        if phrase is not None:
+            self.link.setup_signing(hashlib.sha256(phrase.encode()).digest())
+
+    def say(self, messages: Sequence[Any]) -> None:
+        for number, message in enumerate(messages):
+            self.link.mav.send(message)
+            if number % 20 == 19:
+                time.sleep(0.01)  # loopback drops what the receiver has no room for
+
+
+def view(number: int) -> ViewMessage:
+    """A recorded frame without its pose."""
+    frame = frames()[number]
+    return ViewMessage(
+        drone="uav1",
+        stamp_ns=frame.stamp_ns,
+        camera=CameraMessage.of(frame.camera),
+        heatmap=HeatmapMessage.of(np.zeros((12, 16), np.uint8)),
+    )
+
+
+def port_of() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+class Now:
+    """A clock that a test sets."""
+
+    def __init__(self, now_ns: int) -> None:
+        self.ns = now_ns
+
+    def clock(self) -> Clock:
+        return Clock("system", system=lambda: self.ns, steady=lambda: self.ns)
+
+
+@contextmanager
+def listening(
+    folder: Path, now: Now, port: int, options: TelemetryOptions, *, wait_s: float = 5.0, **how: Any
+) -> Iterator[tuple[Service, TestClient]]:
+    inputs = Inputs(mavlink=[TelemetryAddress("uav1", "127.0.0.1", port)], telemetry=options, **how)
+    told = replace(SETTINGS, clock="system", pose_wait_s=wait_s)
+    place = mission().georeference
+    with (
+        live(
+            folder,
+            ground(),
+            CONFIG,
+            name="alps",
+            georeference=place,
+            clock=now.clock(),
+            settings=told,
+            inputs=inputs,
+        ) as service,
+        asked(service) as http,
+    ):
+        yield service, http
+
+
+SEA = TelemetryOptions(heights=HeightOptions("sea", GEOID_M))
+
+
+def give(http: TestClient, message: ViewMessage) -> Any:
+    return http.post("/api/v1/views", content=message.model_dump_json(exclude_none=True).encode())
+
+
+def test_the_pose_of_a_view_is_that_of_the_recorded_camera(tmp_path: Path) -> None:
+    """Positions at 10 Hz, the gimbal at 50 Hz, the time of day from SYSTEM_TIME."""
+    now, port = Now(frames()[-1].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, http):
+        messages = [position(rows()[0]), system_time(rows()[0])]
+        for number, row in enumerate(rows()):
+            messages += [gimbal(row), *([position(row)] if number % 5 == 0 else [])]
+        Vehicle(port).say(messages)
+        for number, frame in enumerate(frames()):
+            answer = give(http, view(number))
+            assert answer.status_code == 202, answer.text
+            found = kept_pose(service, frame.stamp_ns)
+            apart_m = np.linalg.norm(found[:3, 3] - frame.world_from_camera[:3, 3])
+            assert apart_m < 0.1  # 1e-7 degrees, millimetres, straight lines over 0.1 s
+            turned = found[:3, :3].T @ frame.world_from_camera[:3, :3]
+            assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1.0))) < 0.1
+
+
+def test_a_mount_stands_in_for_a_gimbal_and_the_map_for_heights_above_the_take_off(tmp_path: Path) -> None:
+    """The drone took off where the first row is: its height there is the ground's, so that the camera lies
+    as far below its place as the first row is above the ground."""
+    row = rows()[0]
+    pitch_deg = float(row.yaw_pitch_roll_deg[1])
+    mount = TelemetryOptions(mount=CameraMount("level", pitch_deg))
+    now, port = Now(frames()[-1].stamp_ns), port_of()
+    with listening(tmp_path, now, port, mount) as (service, http):
+        messages = [position(row), system_time(row), home(row)]
+        messages += [make(one) for one in rows()[::2] for make in (position, attitude)]
+        Vehicle(port).say(messages)
+        frame = frames()[0]
+        assert give(http, view(0)).status_code == 202
+        found = kept_pose(service, frame.stamp_ns)
+        ground_m = float(service.raster.height_at(row.position[None, :2])[0])
+        lifted = frame.world_from_camera[:3, 3] - [0.0, 0.0, row.position[2] - ground_m]
+        assert np.abs(found[:2, 3] - lifted[:2]).max() < 0.1
+        assert abs(found[2, 3] - lifted[2]) < 1.0  # the raster is a cell's highest ground
+        assert abs(np.degrees(np.arcsin(found[2, 2])) - pitch_deg) < 0.01
+
+
+def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: Path) -> None:
+    now, port = Now(frames()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA, wait_s=0.05) as (service, http):
+        early = give(http, view(0))
+        assert early.status_code == 503 and "no pose has come" in early.json()["detail"]
+        assert early.headers["Retry-After"] == "1"
+        stranger = give(http, view(0).model_copy(update={"drone": "uav7"}))
+        assert stranger.status_code == 422 and "world_from_camera" in stranger.json()["detail"]
+        # A gap of 3 s around the view.
+        stamp_ns = now.ns = frames()[3].stamp_ns
+        kept = [row for row in rows() if abs(row.stamp_ns - stamp_ns) > 1.5e9]
+        messages = [position(rows()[0]), system_time(rows()[0])]
+        messages += [make(row) for row in kept for make in (position, gimbal)]
+        Vehicle(port).say(messages)
+        until(lambda: newest_ns(service) > stamp_ns + SECOND_NS)
+        answer = give(http, view(3))
+        assert answer.status_code == 422 and "a gap of 3.0" in answer.json()["detail"], answer.text
+        watch = Watch(service)
+        watch.look()
+        assert active(service) == {"uav1"}
+        # Nothing of it is in the map, and no place in the queue is taken for good.
+        assert service.live is not None and service.live.waiting == 0
+        assert sum(service.live.refused.values()) == 3 and not service.live.accepted
+
+
+def test_stale_telemetry_is_an_alarm_that_is_shown_published_and_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    now, port = Now(rows()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, http):
+        watch = Watch(service)
+        watch.look()
+        assert not active(service)
+        now.ns += 3 * SECOND_NS  # nothing ever came
+        watch.look()
+        assert active(service) == {"uav1"}
+        vehicle = Vehicle(port)
+        vehicle.say([position(rows()[0]), system_time(rows()[0])])
+        last = next(row for row in rows() if row.stamp_ns >= now.ns)
+        flown = [row for row in rows() if row.stamp_ns <= last.stamp_ns]
+        vehicle.say([make(row) for row in flown for make in (position, gimbal)])
+        until(lambda: abs(newest_ns(service) - last.stamp_ns) < 2_000_000)
+        watch.look()
+        assert not active(service)
+        now.ns += 3 * SECOND_NS
+        with http.websocket_connect("/api/v1/stream") as socket_:
+            assert socket_.receive_json()["type"] == "hello"
+            watch.look()
+            told = socket_.receive_json()
+        alert = told["alert"]
+        assert (told["type"], alert["kind"], alert["level"]) == ("alert", "pose_gap", "alarm")
+        assert alert["drone"] == "uav1" and "zones stay" in alert["text"]
+        shown = [one for one in http.get("/api/v1/alerts").json()["alerts"] if one["kind"] == "pose_gap"]
+        assert [one["cleared_ns"] is None for one in shown] == [True, False]
+        assert 'crowdfence_alerts_active{kind="pose_gap",level="alarm"} 1.0' in http.get("/metrics").text
+        logged = [one for one in caplog.records if getattr(one, "kind", "") == "pose_gap"]
+        assert len(logged) == 2 and all(one.levelname == "ERROR" for one in logged)
+
+
+def test_the_autopilot_is_asked_for_the_time_and_for_its_home(tmp_path: Path) -> None:
+    """Its answer to TIMESYNC sets the time, although it thinks that it is 1970."""
+    now, port = Now(rows()[200].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        vehicle = Vehicle(port)
+        vehicle.say([position(rows()[200]), gimbal(rows()[200])])
+        asked_for = vehicle.link.recv_match(type="TIMESYNC", blocking=True, timeout=20)
+        assert asked_for is not None and asked_for.tc1 == 0
+        # 7 s after its start by its own clock, whatever the day.
+        vehicle.link.mav.timesync_send(7 * SECOND_NS, asked_for.ts1)
+        feed = service.live.poses.feeds["uav1"]  # type: ignore[union-attr]
+        assert isinstance(feed, Telemetry)
+        until(lambda: feed.clock.source == "timesync")
+        assert feed.clock.offset_ns == now.ns - 7 * SECOND_NS  # the test's clock stands still
+        request = vehicle.link.recv_match(type="COMMAND_LONG", blocking=True, timeout=20)
+        assert (request.command, request.param1) == (512, 242)
+
+
+@pytest.mark.parametrize(("phrase", "taken"), [("kept secret", True), ("guessed", False), (None, False)])
+def test_with_a_key_only_signed_telemetry_counts(tmp_path: Path, phrase: str | None, taken: bool) -> None:
+    now, port = Now(rows()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA, mavlink_key="kept secret") as (service, _):
+        Vehicle(port, phrase=phrase).say([position(rows()[0]), gimbal(rows()[0])])
+        feed = service.live.poses.feeds["uav1"]  # type: ignore[union-attr]
+        if taken:
+            until(lambda: feed.newest_ns is not None)
+        else:
+            time.sleep(0.3)
+            assert feed.newest_ns is None
+
+
+def test_other_machines_tell_no_poses_without_a_key() -> None:
+    for host in ("0.0.0.0", "192.168.1.4", "::"):
+        with pytest.raises(ValueError, match="mavlink-key"):
+            TelemetryAddress("uav1", host, 14550).check(has_key=False)
+        TelemetryAddress("uav1", host, 14550).check(has_key=True)
+    TelemetryAddress("uav1", "127.0.0.1", 14550).check(has_key=False)
+
+
+def test_addresses_are_read_and_wrong_ones_refused() -> None:
+    assert TelemetryAddress.parse("uav1=udp:127.0.0.1:14550") == TelemetryAddress("uav1", "127.0.0.1", 14550)
+    assert TelemetryAddress.parse("a=udp:127.0.0.1:14550:7").system == 7
+    wrong = ("udp:127.0.0.1:1", "a=tcp:127.0.0.1:1", "a=udp:here:1", "a=udp:127.0.0.1")
+    for text in (*wrong, "a=udp:127.0.0.1:1:0"):
+        with pytest.raises(ValueError, match="such as uav1=udp"):
+            TelemetryAddress.parse(text)
+
+
+def test_a_mission_without_a_place_on_earth_takes_no_telemetry() -> None:
+    with pytest.raises(ValueError, match="--origin"):
+        Telemetry("uav1", ground(), None, SEA)
+
+
+# --- whose clock ---
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    start_ns=st.integers(10**18, 2 * 10**18),
+    ways_ns=st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=24),
+)
+def test_timesync_is_no_further_off_than_half_the_shortest_way(
+    start_ns: int, ways_ns: list[tuple[int, int]]
+) -> None:
+    clock = BootClock()
+    for number, (there, back) in enumerate(ways_ns):
+        sent_ns = start_ns + (number + 1) * SECOND_NS
+        clock.answered(sent_ns, sent_ns + there - start_ns, sent_ns + there + back)
+    assert clock.source == "timesync" and clock.offset_ns is not None
+    recent = ways_ns[-16:]
+    assert abs(clock.offset_ns - start_ns) <= min(there + back for there, back in recent) / 2 + 1
+
+
+def test_the_better_source_of_time_counts() -> None:
+    clock = BootClock()
+    assert clock.offset_ns is None
+    for boot, late_ns in ((1000, 80_000_000), (1100, 30_000_000), (1200, 200_000_000)):
+        clock.arrived(boot, 5 * SECOND_NS + boot * 1_000_000 + late_ns)
+    assert (clock.source, clock.offset_ns) == ("arrival", 5 * SECOND_NS + 30_000_000)
+    clock.told(0, 1300)  # no satellites yet
+    assert clock.source == "arrival"
+    clock.told(8 * SECOND_NS + 1_300_000_000, 1300)
+    assert (clock.source, clock.offset_ns) == ("system_time", 8 * SECOND_NS)
+    clock.answered(10 * SECOND_NS, 4 * SECOND_NS, 10 * SECOND_NS + 2_000_000)
+    assert (clock.source, clock.offset_ns) == ("timesync", 6 * SECOND_NS + 1_000_000)
+    clock.answered(10 * SECOND_NS, 4 * SECOND_NS, 12 * SECOND_NS)  # two seconds on its way: says nothing
+    assert clock.offset_ns == 6 * SECOND_NS + 1_000_000
+    assert clock.arrived(1250, 11 * SECOND_NS) is False
+    clock.arrived(90_000, 100 * SECOND_NS)
+    assert clock.arrived(200, 101 * SECOND_NS)  # the autopilot started anew
+    assert (clock.source, clock.offset_ns) == ("arrival", 101 * SECOND_NS - 200_000_000)
+
+
+def kept_pose(service: Service, stamp_ns: int) -> np.ndarray:
+    """As it is on disk, so that a restart needs no telemetry."""
+    ((body,),) = service.store.rows(
+        "SELECT body FROM journal WHERE kind = 'view' AND stamp_ns = ?", (stamp_ns,)
+    )
+    return np.array(ViewMessage.model_validate_json(body).world_from_camera)
+
+
+def newest_ns(service: Service) -> int:
+    assert service.live is not None
+    return service.live.poses.feeds["uav1"].newest_ns or 0
+
+
+def active(service: Service) -> set[str | None]:
+    return {one.drone for one in service.alerts.all() if one.kind == "pose_gap" and one.cleared_ns is None}
+
+
+def until(true: Any) -> None:
+    for _ in range(2000):
+        if true():
+            return
+        time.sleep(0.01)
+    raise TimeoutError("it never became true")

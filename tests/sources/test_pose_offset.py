@@ -1,0 +1,120 @@
+"""Constant errors of poses: taken out as they were put in, and read from a file that says what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from crowdfence import open_recording
+from crowdfence.sources.alignment_file import read_alignment, write_alignment
+from crowdfence.sources.pose_offset import PoseOffset, without_offsets
+from crowdfence.sources.pose_track import PoseTrack
+from crowdfence.sources.recording import Recording
+from support.small_recordings import flight, write_folder
+
+LEVEL_NORTH = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
+"""Right is east, down is down, forward is north."""
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> Recording:
+    return open_recording(write_folder(tmp_path / "flight", flight()))
+
+
+def standing() -> PoseTrack:
+    stamps = np.arange(5) * 100_000_000
+    positions = np.column_stack([np.arange(5.0), np.zeros(5), np.full(5, 20.0)])
+    return PoseTrack(stamps, positions, np.tile(LEVEL_NORTH, (5, 1)))
+
+
+@pytest.mark.parametrize(
+    ("offset", "column", "points"),
+    [
+        (PoseOffset(pitch_deg=90.0), 2, [0, 0, 1]),  # forward, which was north, is up
+        (PoseOffset(yaw_deg=90.0), 2, [1, 0, 0]),  # forward is east
+        (PoseOffset(roll_deg=90.0), 0, [0, 0, -1]),  # the right side, which was east, is down
+    ],
+)
+def test_angles_turn_the_camera_as_their_names_say(
+    offset: PoseOffset, column: int, points: list[float]
+) -> None:
+    pose = offset.track(standing()).at(200_000_000, 0.25)
+    np.testing.assert_allclose(pose[:3, column], points, atol=1e-12)
+    np.testing.assert_allclose(pose[:3, 3], [2, 0, 20])
+
+
+def test_a_picture_belongs_to_later_telemetry() -> None:
+    """The way is 10 m/s eastwards, so 0.1 s later is a metre further."""
+    pose = PoseOffset(time_s=0.1, position_m=(0.0, 0.5, -2.0)).track(standing()).at(200_000_000, 0.25)
+    np.testing.assert_allclose(pose[:3, 3], [3.0, 0.5, 18.0])
+
+
+@given(st.tuples(*[st.floats(-20, 20)] * 3), st.floats(-0.1, 0.1), st.tuples(*[st.floats(-5, 5)] * 3))
+@settings(max_examples=40, deadline=None)
+def test_the_opposite_offset_takes_it_back(
+    angles: tuple[float, float, float], time_s: float, place: tuple[float, float, float]
+) -> None:
+    there = PoseOffset(*angles, time_s, place)
+    back = PoseOffset(*(-a for a in angles), -time_s, tuple(-p for p in place))  # type: ignore[arg-type]
+    track = standing()
+    again = back.track(there.track(track))
+    np.testing.assert_array_equal(again.stamps_ns, track.stamps_ns)
+    np.testing.assert_allclose(again.positions, track.positions, atol=1e-12)
+    np.testing.assert_allclose(again.quaternions, track.quaternions, atol=1e-12)
+
+
+def test_other_drones_stay_as_they_are(flown: Recording) -> None:
+    drone, other = flown.drones[:2]
+    righted = without_offsets(flown, {drone: PoseOffset(yaw_deg=1.0)})
+    for before, after in zip(flown.frames_of(other), righted.frames_of(other), strict=True):
+        assert np.array_equal(before.world_from_camera, after.world_from_camera)
+    for before, after in zip(flown.frames_of(drone), righted.frames_of(drone), strict=True):
+        turn = before.world_from_camera[:3, :3].T @ after.world_from_camera[:3, :3]
+        assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_frames_that_leave_the_telemetry_are_refused(flown: Recording) -> None:
+    drone = flown.drones[0]
+    righted = without_offsets(flown, {drone: PoseOffset(time_s=1e4)})
+    assert righted.frames_of(drone) == []
+    lost = [one for one in righted.refused if one.drone == drone]
+    assert len(lost) == len(flown.frames_of(drone)) and "moved by its time offset" in lost[0].reason
+
+
+def test_a_drone_of_another_recording_is_named(flown: Recording) -> None:
+    with pytest.raises(ValueError, match="another recording: .* has no drone 'uav9', it holds uav1"):
+        without_offsets(flown, {"uav9": PoseOffset()})
+
+
+def test_the_file_gives_back_what_was_written(flown: Recording, tmp_path: Path) -> None:
+    offsets = {flown.drones[0]: PoseOffset(0.1, -0.2, 0.3, 0.05, (1.0, 2.0, -3.0))}
+    path = tmp_path / "offsets.json"
+    write_alignment(path, offsets, {"pictures": 3})
+    assert read_alignment(path) == offsets
+    righted = open_recording(write_folder(tmp_path / "again", flight()), alignment=path)
+    expected = without_offsets(flown, offsets)
+    for a, b in zip(righted.frames, expected.frames, strict=True):
+        assert np.array_equal(a.world_from_camera, b.world_from_camera)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is no alignment"),
+        ('{"drones": {}}', "`crowdfence align` writes one"),
+        ('{"kind": "crowdfence alignment", "drones": []}', "names with their offsets"),
+        ('{"kind": "crowdfence alignment", "drones": {"a": {"pitch": 1}}}', "a must have pitch_deg"),
+        ('{"kind": "crowdfence alignment", "drones": {"a": {"pitch_deg": "1"}}}', "a has '1' where"),
+        ('{"kind": "crowdfence alignment", "drones": {"a": {"position_m": [1, 2]}}}', "east, north and up"),
+        ('{"kind": "crowdfence alignment", "drones": {"a": {"time_s": NaN}}}', "finite"),
+    ],
+)
+def test_a_file_that_is_none_says_why(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "offsets.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=said):
+        read_alignment(path)
