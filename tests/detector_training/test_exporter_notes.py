@@ -1,9 +1,12 @@
 """A shipped model says what it is, and nothing of the machine that made it."""
 
+import re
+
 import onnx
+import pytest
 from onnx import TensorProto, helper
 
-from crowdfence.detector.shipped import shipped_model
+from crowdfence.detector.shipped import FILES, shipped_model
 from crowdfence.detector_training.exporter_notes import forget_exporter_notes
 
 
@@ -21,6 +24,7 @@ def test_notes_go_and_the_contract_stays() -> None:
     onnx.checker.check_model(model)
 
 
-def test_the_shipped_model_names_no_folder() -> None:
-    data = shipped_model().read_bytes()
-    assert b"stack_trace" not in data and b".py" not in data
+@pytest.mark.parametrize("name", FILES)
+def test_no_shipped_model_names_a_folder(name: str) -> None:
+    data = shipped_model(name).read_bytes()
+    assert b"stack_trace" not in data and not re.search(rb"\.py\W", data)

@@ -5,7 +5,7 @@ import { boundsOf, cornersOf } from "../map/geometry";
 import { select } from "../state/session";
 import { store, useStore, type Layers } from "../state/store";
 import { closureOf } from "../text/closure";
-import { ago } from "../text/stamp";
+import { ago, duration } from "../text/stamp";
 import { area, length, probability } from "../text/units";
 import { STATE_MEANING, STATE_WORDS } from "../text/words";
 import { Icon } from "./icons";
@@ -74,8 +74,6 @@ function ZoneRow({ zone }: { zone: Zone }) {
   );
 }
 
-const STATUS_WORDS = { ok: "sees", stale: "silent", never: "no view yet" } as const;
-
 function Fleet() {
   const now = useNow();
   const moment = useStore((state) => state.moment);
@@ -105,7 +103,7 @@ function Fleet() {
                 </svg>
                 <span class="row-main">
                   <span>{drone.drone}</span>
-                  <small>{drone.status === "ok" ? ago(drone.stamp_ms, now) : `${STATUS_WORDS[drone.status]}, ${ago(drone.stamp_ms, now)}`}</small>
+                  <small>{drone.stamp_ms === null ? "no view yet" : drone.status === "stale" ? `silent ${duration((now - drone.stamp_ms) / 1000)}` : ago(drone.stamp_ms, now)}</small>
                 </span>
                 <span class="row-figures">
                   <b>{Number.isFinite(over) ? length(over, units) : "–"}</b>
