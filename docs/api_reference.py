@@ -32,6 +32,7 @@ GROUPS = {
     "Instant by instant": [
         *("Camera", "View", "FrameLoop", "Step", "CrowdMap", "Update", "CrowdColumns", "VoxelKnowledge"),
         *("VoxelState", "Evidence", "Paper", "Or", "Rates", "LikelihoodRatio"),
+        *("LinearPool", "LogPool", "LogOdds", "MovingAverage"),
     ],
     "The steps by themselves": ["project", "Observation", "CrowdMass", "pool", "blend", "landing_prior"],
     "Zones and planners": [
