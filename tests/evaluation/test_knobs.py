@@ -22,8 +22,8 @@ from crowdfence.evaluation.knobs import KNOBS, Turned, turned, turns
 from crowdfence.evaluation.replay import score
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
-from support.small_data_sets import DataSet, write_data_set
 
+DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race.mcap"
 # What a detector says of itself, and thresholds, which are swept anyway.
 NO_KNOBS = {
     "likelihood",
@@ -63,14 +63,10 @@ def test_the_best_value_of_a_knob() -> None:
     assert Turned("alpha", [(0.1, float("nan")), (0.3, 0.0)]).best == (0.3, 0.0)
 
 
-def test_a_turn_scores_like_the_method_itself(tmp_path: Path) -> None:
+def test_a_turn_scores_like_the_method_itself() -> None:
     """Beside another method or alone, an IoU is the same; own values stand among those that were tried."""
-    places = [[(4.0 + 0.1 * step, 6.0), (4.8, 6.2), (4.4, 6.9)] for step in range(3)]
-    eyes = [(0.5, 1.0, 2.6), (9.0, 2.0, 2.6)]
-    recording = open_recording(
-        write_data_set(tmp_path / "data", DataSet(True, eyes, (4.5, 6.5, 0.8), places))
-    )
-    terrain = open_terrain(recording, voxel_size_m=0.5)
+    recording = open_recording(DEMO)
+    terrain = open_terrain(recording)
     own = LogPoolConfig(alpha=0.2)
     asked = [turn for turn in turns(own) if turn.knob == "alpha"][:2]
     rows, _, _, swept = score(
