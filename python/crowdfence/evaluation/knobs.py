@@ -98,6 +98,7 @@ def turned(own: Score, swept: Sequence[tuple[Turn, Score]]) -> list[Turned]:
         here = getattr(own.config.method, knob)
         found = {one.value: score.sweep.best()[1].mean for one, score in swept if one.knob == knob}
         found[here] = own.sweep.best()[1].mean
-        order = [*tried, *(value for value in found if value not in tried)]
+        order = [value for value in tried if value in found]
+        order += [value for value in found if value not in tried]
         result.append(Turned(knob, [(value, found[value]) for value in order]))
     return result
