@@ -1,8 +1,6 @@
 """The methods on missions that nothing was tuned to: `python compare.py MISSION.mcap...`; see README.md.
 
-Every method has what `tune.py` found for it on the training missions: its parameters, its threshold for zones
-and the one for the IoU. `paper` stands there as
-published and tuned, `or` with the knob that closes little for its people and with the one of its best IoU.
+What each of them is told stands in `tuned.py`.
 """
 
 from __future__ import annotations
@@ -15,27 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from judge import FINE, Judged, judged
 from seen import Mission, seen
+from tuned import PUBLISHED, TUNED, Tuned
 
-from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig
 from crowdfence.evaluation.safety import BUFFERS_M
 from crowdfence.voxel_state import VoxelState
 
-
-class Contender(NamedTuple):
-    name: str
-    method: MethodConfig
-    zone_threshold: float | None
-    """None: the method's own."""
-    iou_threshold: float
-
-
-CONTENDERS = (
-    Contender("evidence", EvidenceConfig(), None, 0.39),
-    Contender("paper, as published", PaperConfig(), None, 0.06),
-    Contender("paper, tuned", PaperConfig(prior=0.015), 0.02, 0.044),
-    Contender("or, tuned for people", OrConfig(b_threshold=0.8), None, 0.5),
-    Contender("or, tuned for mIoU", OrConfig(b_threshold=0.9), None, 0.5),
-)
+CONTENDERS = (TUNED[0], PUBLISHED, *TUNED[1:])
 AT = BUFFERS_M.index(5.0)
 
 
@@ -62,7 +45,7 @@ COLUMNS = (
 )
 
 
-def row(mission: Mission, contender: Contender) -> Row:
+def row(mission: Mission, contender: Tuned) -> Row:
     own = contender.method.with_detector(mission.contract).fusion_method(mission.terrain, mission.drones)
     threshold = own.default_threshold if contender.zone_threshold is None else contender.zone_threshold
     result = judged(mission, contender.method, np.array([threshold]), every=2)

@@ -1,7 +1,7 @@
 """What few misses cost, and mean IoU, of all methods on missions that nothing was tuned to:
 `python over_blocked.py MISSION.mcap...`; see README.md.
 
-Parameters and the threshold of the IoU are those that `tune_pools.py` found on the training missions.
+Parameters and the threshold of the IoU are those of `tuned.py`.
 Over-blocked is the ground closed for nothing, times the crowds' own, at the threshold that misses 5 or 1 % of
 the people in range on this very mission: what the method can do, not what one threshold for all does.
 """
@@ -18,7 +18,7 @@ from curves import Contender, Curve, curves
 from heatmaps import model_sha
 from judge import FINE
 from seen import seen
-from tuned import TUNED
+from tuned import POOLS, TUNED
 
 MISSED = (0.05, 0.01)
 
@@ -30,6 +30,7 @@ class Row(NamedTuple):
     at_1: float
 
 
+CONTENDERS = (*TUNED, *POOLS)
 COLUMNS = ("mIoU", "best mIoU", "over-blocked at 5 %", "at 1 %")
 
 
@@ -47,18 +48,20 @@ def main() -> None:
     arguments = parser.parse_args()
     print(f"model {model_sha()}\n\n| mission | method |", " | ".join(COLUMNS), "|")
     print("|---|---|" + "---|" * len(COLUMNS))
-    rows: dict[str, list[Row]] = {one.name: [] for one in TUNED}
+    rows: dict[str, list[Row]] = {one.name: [] for one in CONTENDERS}
     for path in arguments.missions:
         mission = seen(path)
-        found = curves(mission, [Contender(one.name, one.method) for one in TUNED], every=arguments.every)
-        for one, curve in zip(TUNED, found, strict=True):
+        found = curves(
+            mission, [Contender(one.name, one.method) for one in CONTENDERS], every=arguments.every
+        )
+        for one, curve in zip(CONTENDERS, found, strict=True):
             rows[one.name].append(row(curve, one.iou_threshold))
             print(f"| {mission.name} | {one.name} |", _cells(rows[one.name][-1]), "|", flush=True)
     for name, own in rows.items():
         spread = [f"{np.nanmean(some):.3f} ± {np.nanstd(some):.3f}" for some in zip(*own, strict=True)]
         print(f"| **mean of {len(own)}** | **{name}** |", " | ".join(spread), "|")
-    first = np.array(rows[TUNED[0].name])
-    print(f"\n| {TUNED[0].name} against | mIoU | won | best mIoU | over-blocked at 5 %, ratio |")
+    first = np.array(rows[CONTENDERS[0].name])
+    print(f"\n| {CONTENDERS[0].name} against | mIoU | won | best mIoU | over-blocked at 5 %, ratio |")
     print("|---|---|---|---|---|")
     for name, own in list(rows.items())[1:]:
         apart = first - np.array(own)

@@ -30,7 +30,7 @@ from crowdfence.truth.frame_labels import label_functions
 
 POSITION_M, ATTITUDE_DEG, CLOCK_S, LOST = 0.5, 0.5, 0.1, 0.2
 FLAT_DEG = 15.0
-SHOWN = ("evidence", "paper, tuned", "or")
+SHOWN = ("evidence", "paper, tuned for people", "or, tuned for mIoU")
 Change = Callable[[cf.Recording], cf.Recording]
 
 

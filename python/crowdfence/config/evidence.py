@@ -48,9 +48,9 @@ class EvidenceConfig:
     fewer pixels on the same ground."""
     doubt: float = 0.2
     """Sharp looks that the prior stands against."""
-    agreement: float = 0.5
+    agreement: float = 0.1
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
-    zone_log_odds: float = 1.6
+    zone_log_odds: float = 1.35
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior; between the two it is looked at and not cleared."""
