@@ -410,7 +410,7 @@ class EverythingRead:
                 if newest[place] > self._stepped_ns:
                     self._below[place] = self._below.get(place, 0) + 1 if is_below else 0
                 opens = newest[place] > self._stepped_ns and self._below.get(place, 0) >= self._looks
-                # A look that came late is no newer one; it opens what it finds less likely than what nobody knows.
+                # A look that came late is no newer one; it opens what it finds below the prior.
                 opens |= self._looks == 1 and largest[place] < min(prior * (1.0 - 1e-9), self._off)
             if not opens:
                 now.add(place)
