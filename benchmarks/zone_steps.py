@@ -2,8 +2,8 @@
 before.
 
 One crowd stands in view; `zones` is a step of the engine with all its figures, `core` the part of it that
-asks the map for columns of crowd, `everything` what it was before: every voxel that was ever seen is read.
-Processor time.
+asks the map for columns of crowd. `everything` asks for them at a threshold that nobody asked for before,
+so that every voxel that was ever seen is read, as it was at every instant. Processor time.
 """
 
 import time
@@ -23,6 +23,7 @@ VIEW_M = 60.0
 CROWD_M = 20.0
 REPEATS = 15
 SECOND_NS = 1_000_000_000
+START_NS = 1_767_225_600 * SECOND_NS
 
 
 def main() -> None:
@@ -44,17 +45,20 @@ def _print_row(side_m: float) -> None:
     place_m = terrain.voxel_centers(everywhere)[:, :2] - side_m / 2
     view = np.flatnonzero((np.abs(place_m) < VIEW_M / 2).all(axis=1))
     crowd = np.hypot(*place_m[view].T) < CROWD_M / 2
-    _look(crowd_map, "high", 0, everywhere, np.zeros(len(everywhere)))
-    engine.step(0)
+    _look(crowd_map, "high", START_NS, everywhere, np.zeros(len(everywhere)))
+    engine.step(START_NS)
     times: dict[str, list[float]] = {"zones": [], "core": [], "everything": []}
     columns = 0
     for number in range(1, REPEATS + 1):
-        stamp_ns = number * SECOND_NS
+        stamp_ns = START_NS + number * SECOND_NS
         seen = _look(crowd_map, "low", stamp_ns, view, np.where(crowd, 0.95, 0.0))
         times["zones"].append(_seconds(lambda: engine.step(stamp_ns, [seen])))  # noqa: B023
         _look(crowd_map, "other", stamp_ns + 1, view, np.where(crowd, 0.95, 0.0))
         times["core"].append(_seconds(lambda: crowd_map.crowd_columns(stamp_ns + 1)))  # noqa: B023
-        times["everything"].append(_seconds(lambda: crowd_map.seen_probability(stamp_ns + 1)))  # noqa: B023
+        other = threshold * (1.0 + 1e-9 * number)
+        times["everything"].append(
+            _seconds(lambda: crowd_map.crowd_columns(stamp_ns + 1, threshold=other))  # noqa: B023
+        )
         columns = len(crowd_map.crowd_columns(stamp_ns + 1))
     figures = " | ".join(f"{min(one) * 1e3:.2f} ms" for one in times.values())
     print(f"| {side_m:g} m | {terrain.voxel_count} | {len(view)} | {columns} | {figures} |", flush=True)

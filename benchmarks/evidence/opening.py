@@ -36,7 +36,7 @@ class Rule(NamedTuple):
 RULES = (
     *(Rule(closes, closes) for closes in (0.7, 1.0, 1.3, 1.6)),
     *(Rule(closes, opens) for closes in (1.3, 2.0) for opens in (0.0, -0.5, -1.0, -2.5)),
-    *(Rule(1.3, opens, 2) for opens in (1.3, 0.0)),
+    *(Rule(closes, opens, 2) for closes, opens in ((1.3, 1.3), (1.3, 0.0), (1.6, 1.6))),
 )
 
 

@@ -17,6 +17,7 @@ HISTORY = "zone_history.jsonl"
 MARGIN_M = 60.0
 STALE_AFTER_S = 30.0
 """Of a run that does not say it."""
+_LATEST_NS = 2**63 - 1
 
 
 def open_history(run: str | PathLike[str]) -> ZoneHistory:
@@ -62,21 +63,28 @@ def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:
 
 def stamp_of(text: str, history: ZoneHistory) -> int:
     """Nanoseconds of "last", "first", a number of seconds after the first instant ("+2.5"), nanoseconds, or
-    ISO 8601 (UTC unless it says otherwise). ValueError for anything else."""
+    ISO 8601 (UTC unless it says otherwise). ValueError for anything else, and beyond the year 2262."""
     if text in ("first", "last"):
         return history.stamps_ns[0 if text == "first" else -1]
     try:
-        if text.startswith("+"):
-            return history.stamps_ns[0] + round(float(text) * 1e9)
-        if text.lstrip("-").isdigit():
-            return int(text)
-        whole, _, digits = text.removesuffix("Z").partition(".")
-        moment = datetime.fromisoformat(whole)
-        if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=timezone.utc)
-        fraction_ns = int(digits.ljust(9, "0")[:9]) if digits else 0
-        return round(moment.timestamp()) * 1_000_000_000 + fraction_ns
-    except ValueError:
+        stamp_ns = _told_ns(text, history.stamps_ns[0])
+    except (ValueError, OverflowError):
         raise ValueError(
             f"{text!r} is no stamp; give last, first, +SECONDS, nanoseconds, or 2026-01-01T12:00:00.5Z"
         ) from None
+    if abs(stamp_ns) > _LATEST_NS:
+        raise ValueError(f"{text!r} is beyond the year 2262, where stamps in nanoseconds end")
+    return stamp_ns
+
+
+def _told_ns(text: str, first_ns: int) -> int:
+    if text.startswith("+"):
+        return first_ns + round(float(text) * 1e9)
+    if text.lstrip("-").isdigit():
+        return int(text)
+    whole, _, digits = text.removesuffix("Z").partition(".")
+    moment = datetime.fromisoformat(whole)
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=timezone.utc)
+    fraction_ns = int(digits.ljust(9, "0")[:9]) if digits else 0
+    return round(moment.timestamp()) * 1_000_000_000 + fraction_ns

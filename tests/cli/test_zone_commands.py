@@ -131,6 +131,9 @@ def test_local_runs_are_written_as_local_metres_only(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["--at", "yesterday"], "'yesterday' is no stamp; give last, first"),
+        (["--at", "+1e308"], "'+1e308' is no stamp"),
+        (["--at", "9" * 20], "beyond the year 2262"),
+        (["--at", "9999-01-01T00:00:00Z"], "beyond the year 2262"),
         (["--at", "-5"], "is before the first instant, 2026-01-01T00:00:00"),
         (["-f", "ed318"], "needs three letters of ISO 3166"),
         (["--plan", "nowhere.plan", "-f", "qgc"], "nowhere.plan"),

@@ -95,6 +95,14 @@ def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
             '{"type": "Polygon", "coordinates": []}',
             "zone 'feature 1' has no outline of at least three corners",
         ),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"type": "Polygon", "coordinates": [[[8, 1' + "0" * 400 + "]]]}", "too large"),
+        # Nothing to send would take the last fence away.
+        ('{"type": "Point", "coordinates": [8, 47]}', "feature 1: a Point closes no ground"),
+        (
+            '{"features": [{"properties": {"identifier": "A", "variant": "COMMON"}, "geometry": null}]}',
+            "it is ED-318: give it as --static-zones",
+        ),
         (
             '{"type": "Polygon", "coordinates": [[[8, 99], [8, 47], [9, 48], [8, 99]]]}',
             "a corner is no longitude and latitude: 8, 99",

@@ -194,7 +194,33 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
         (ed269(horizontalProjection={"type": "Circle", "center": [8, 46], "radius": 0}), "circle of 0 m"),
         (ed318({"type": "LineString", "coordinates": SQUARE}), "LineString, which closes no ground"),
         ("{", "Expecting property name"),
-        ("[]", "object has no attribute"),
+        ("[]", "it is neither KML nor a JSON object with zones"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"type": "FeatureCollection", "features": [' * 5_000, "nested too deeply"),
+        ({"type": "Polygon", "coordinates": [SQUARE[0]]}, "subscriptable"),
+        ({"type": "Polygon", "coordinates": [[SQUARE]]}, "a corner is no longitude and latitude"),
+        # Twelve numbers that would make six corners.
+        (
+            {"type": "Polygon", "coordinates": [[[8], [46], [9], [46], [9], [47], [8], [47], [8], [46]]]},
+            "a corner is no longitude and latitude",
+        ),
+        ({"type": "Polygon", "coordinates": [[[8.0, 46.5], [1e308, 46.5], *SQUARE]]}, "longitude of 1e+308"),
+        ({"type": "Polygon", "coordinates": [[[8.0, 10**400], *SQUARE]]}, "too large"),
+        ({"type": "Polygon", "coordinates": [[[8.0, float("nan")], *SQUARE]]}, "has no outline"),
+        ({"type": "Polygon", "coordinates": [[[-60, 0], [80, 0], [80, 80], [-60, 0]]]}, "60 degrees away"),
+        (
+            ed269(
+                uomDimensions="KM", horizontalProjection={"type": "Circle", "center": [8, 46.5], "radius": 3}
+            ),
+            "a length in 'KM'",
+        ),
+        (ed269(horizontalProjection={"type": "Circle", "center": [8, 95], "radius": 1}), "beyond 89 degrees"),
+        (
+            ed269(horizontalProjection={"type": "Circle", "center": [8, 46], "radius": 1e308}),
+            "circle of 1e+308",
+        ),
+        (ed269(horizontalProjection={"type": "Circle", "center": [8], "radius": 9}), "values to unpack"),
+        ("<gpx><trk/></gpx>", "it is no KML: it begins with 'gpx'"),
         ("<kml><Placemark><Polygon/></Placemark></kml>", "has no outline"),
         ("<kml>", "it is no XML"),
         ('<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "declares entities"),
@@ -205,6 +231,36 @@ def test_what_cannot_be_used_is_one_line_with_the_file(tmp_path: Path, content: 
     with pytest.raises(StaticZoneError, match=r"zones: ") as refused:
         opened(tmp_path, content)
     assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_path: Path) -> None:
+    """As the overseas territories of a national file, one of them at our antipode, which the local plane
+    would put beside us."""
+    square = np.array(SQUARE)
+    beside, overseas, antipode = (square + shift for shift in ([0.5, 0.0], [-60.0, -42.0], [-180.0, -93.0]))
+    features = [
+        {
+            "type": "Feature",
+            "id": name,
+            "properties": {},
+            "geometry": {"type": "Polygon", "coordinates": [ring.tolist()]},
+        }
+        for name, ring in (("here", square), ("near", beside), ("far", overseas), ("below", antipode))
+    ]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    read = open_static_zones(path, ANCHOR)
+    assert [zone.id for zone in read.zones] == ["here", "near"]
+    assert read.left_out == tuple(f"{name}: lies more than 20 degrees away" for name in ("far", "below"))
+    path.write_text('{"type": "FeatureCollection", "features": []}')
+    assert open_static_zones(path, ANCHOR).left_out == ("it holds no zone",)
+
+
+def test_a_mark_of_the_byte_order_before_a_kml_is_no_part_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "zones.kml"
+    text = KML.format(corners=" ".join(f"{x},{y},500" for x, y in SQUARE))
+    path.write_text(text, encoding="utf-8-sig")
+    assert [zone.id for zone in open_static_zones(path, ANCHOR).zones] == ["Flights"]
 
 
 def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:

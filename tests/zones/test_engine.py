@@ -381,11 +381,12 @@ def test_ten_thousand_zones_at_once() -> None:
 class EverythingRead:
     """Which columns are closed, from every voxel of the map at every instant."""
 
-    def __init__(self, crowd_map: CrowdMap, threshold: float, off_threshold: float) -> None:
-        self._map, self._threshold, self._off = crowd_map, threshold, off_threshold
+    def __init__(self, crowd_map: CrowdMap, threshold: float, off_threshold: float, looks: int) -> None:
+        self._map, self._threshold, self._off, self._looks = crowd_map, threshold, off_threshold, looks
         ids = np.arange(crowd_map.terrain.voxel_count)
         self._places = [tuple(place) for place in crowd_map.terrain.voxel_indices(ids)[:, :2].tolist()]
         self.closed: set[tuple[int, ...]] = set()
+        self._below: dict[tuple[int, ...], int] = {}
         self._stepped_ns = -1
 
     def step(self, stamp_ns: int) -> None:
@@ -402,13 +403,18 @@ class EverythingRead:
                 newest[place] = max(seen_ns, newest.get(place, -1))
         now = {place for place, value in largest.items() if value >= self._threshold}
         for place in self.closed & largest.keys():
-            unlooked = newest[place] <= self._stepped_ns
-            if prior is not None and unlooked:
-                held = largest[place] >= min(prior * (1.0 - 1e-9), self._off)
+            is_below = largest[place] < self._off
+            if prior is None:
+                opens = is_below
             else:
-                held = largest[place] >= self._off
-            if held:
+                if newest[place] > self._stepped_ns:
+                    self._below[place] = self._below.get(place, 0) + 1 if is_below else 0
+                opens = newest[place] > self._stepped_ns and self._below.get(place, 0) >= self._looks
+                # A look that came late is no newer one; it opens what it finds below the prior.
+                opens |= self._looks == 1 and largest[place] < min(prior * (1.0 - 1e-9), self._off)
+            if not opens:
                 now.add(place)
+        self._below = {place: self._below.get(place, 0) for place in now}
         self.closed, self._stepped_ns = now, stamp_ns
 
 
@@ -417,8 +423,9 @@ class EverythingRead:
     seed=st.integers(0, 2**32 - 1),
     name=st.sampled_from(["evidence", "paper", "or"]),
     low=st.sampled_from([1.0, 0.6, 0.1]),
+    looks=st.sampled_from([1, 2, 3]),
 )
-def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: float) -> None:
+def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: float, looks: int) -> None:
     """Over any history: looks anywhere, late ones too, times without a look, ground that is forgotten. At
     each instant an engine on a map that was read from bytes, which knows nothing of what was read before,
     makes the same zones, and every column is judged as a scan of all voxels judges it."""
@@ -433,8 +440,9 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
     }[name]
     crowd_map = CrowdMap(terrain, method)
     threshold = method.default_threshold
-    rules = ZoneConfig(off_threshold=low * threshold, min_area_m2=2.0, buffer_m=1.0).rules(threshold)
-    engine, slow = ZoneEngine(crowd_map, rules), EverythingRead(crowd_map, threshold, low * threshold)
+    config = ZoneConfig(off_threshold=low * threshold, opening_looks=looks, min_area_m2=2.0, buffer_m=1.0)
+    rules = config.rules(threshold)
+    engine, slow = ZoneEngine(crowd_map, rules), EverythingRead(crowd_map, threshold, low * threshold, looks)
     centres = terrain.voxel_centers(np.arange(terrain.voxel_count))[:, :2]
     stamp_ns = newest_ns = 1000 * SECOND_NS
     ever = 0

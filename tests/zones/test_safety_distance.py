@@ -58,6 +58,10 @@ def test_rules_as_text_are_added() -> None:
     [
         ("magic", "buffer 'magic' is none of fixed, one-to-one"),
         ("fixed", "buffer 'fixed' needs distance_m="),
+        ("fixed:distance_m=1,distance_m=2", "says distance_m= twice"),
+        ("fixed:distance_m=1e308", "is 1e+308 m; it must be at most 100000 m"),
+        ("contingency:speed_mps=1e308", "is inf m"),
+        ("glide:height_m=1e300,ratio=1e300", "is inf m"),
         ("fixed:distance_m", "'distance_m' is none of distance_m="),
         ("fixed:metres=3", "'metres=3' is none of distance_m="),
         ("fixed:distance_m=far", "'far' is not a number"),

@@ -364,6 +364,14 @@ OffThreshold = Annotated[
         help="Ground leaves its zone below this probability. Default: the threshold.",
     ),
 ]
+OpeningLooks = Annotated[
+    int,
+    typer.Option(
+        "--opening-looks",
+        rich_help_panel=_ZONES,
+        help="Looks in a row that must find ground below the threshold before it opens.",
+    ),
+]
 MaxHoleM2 = Annotated[
     float,
     typer.Option(

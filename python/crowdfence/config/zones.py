@@ -19,6 +19,9 @@ class ZoneConfig:
     """Probability from which ground is crowd, in (0, 1]; None: the method's own."""
     off_threshold: float | None = None
     """Ground stays in its zone down to this probability, in (0, threshold]; None: `threshold`."""
+    opening_looks: int = 1
+    """So many looks in a row must find ground below `off_threshold` before it leaves its zone, >= 1; methods
+    that forget crowd by themselves open it without."""
     min_area_m2: float = 0.0
     """Smaller regions are dropped from the zones, and counted; finite and >= 0."""
     max_hole_m2: float = 0.0
@@ -52,6 +55,7 @@ class ZoneConfig:
         return ZoneRules(
             threshold=threshold,
             off_threshold=threshold if self.off_threshold is None else self.off_threshold,
+            opening_looks=self.opening_looks,
             min_area_m2=self.min_area_m2,
             max_hole_m2=self.max_hole_m2,
             buffer_m=self.buffer_m,

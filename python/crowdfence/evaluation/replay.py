@@ -194,7 +194,7 @@ class _Judged:
         self.config, self.loop, self.measures = config, loop, measures
         self.safety = Safety()
         rules = config.zones.rules(loop.threshold)
-        self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold)
+        self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self._sweeps_mean = isinstance(config.method, OrConfig)
         self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
         knobs = MEANS if self._sweeps_mean else THRESHOLDS

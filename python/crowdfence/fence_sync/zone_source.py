@@ -18,6 +18,7 @@ from crowdfence.result_folder import HISTORY, open_history, stamp_of
 from crowdfence.static_zones import StaticZoneError
 from crowdfence.static_zones.given_zone import local_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
+from crowdfence.static_zones.uas_zones import is_ed318
 from crowdfence.zones import MAX_ID_LENGTH, Zone
 
 if TYPE_CHECKING:
@@ -86,7 +87,12 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
     StaticZoneError names what is wrong."""
     try:
         document = json.loads(path.read_bytes())
-        given = list(geojson_zones(document, []))
+        if is_ed318(document):
+            raise ValueError("it is ED-318: give it as --static-zones, beside zones of ours")
+        left_out: list[str] = []
+        given = list(geojson_zones(document, left_out))
+        if left_out:
+            raise ValueError(left_out[0])
         corners = np.vstack([np.empty((0, 2)), *(ring for one in given for ring in one.rings)])
         # Beyond the antimeridian some go on counting.
         wrong = ~(np.isfinite(corners) & (np.abs(corners) <= (360.0, 90.0))).all(axis=1)
@@ -97,7 +103,7 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
         ends = {name: end for feature in document.get("features", ()) for name, end in _end(feature)}
         zones = []
         for one in given:
-            (zone,) = local_zones([one], anchor, set())
+            (zone,) = local_zones([one], anchor, set(), [])
             low_m, high_m = _heights(zone.polygon)
             until_ns = ends.get(one.name)
             zones.append(
@@ -109,7 +115,9 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
                     upper_m=high_m,
                 )
             )
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+    except RecursionError as error:
+        raise StaticZoneError(f"{path}: it is nested too deeply") from error
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise StaticZoneError(f"{path}: {what}") from error
     return PlacedZones(tuple(zones), anchor)

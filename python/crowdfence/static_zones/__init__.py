@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
@@ -33,19 +34,25 @@ def open_static_zones(
         raise StaticZoneError(f"{path}: the recording has no place on Earth, so zones cannot be placed in it")
     left_out: list[str] = []
     try:
-        if data.lstrip().startswith(b"<"):
+        if data.removeprefix(BOM_UTF8).lstrip().startswith(b"<"):
             given = list(kml_zones(data, left_out))
         else:
             document = json.loads(data)
             given = list(_reader(document)(document, left_out))
-        zones = local_zones(given, georeference, set() if taken is None else taken)
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+        zones = local_zones(given, georeference, set() if taken is None else taken, left_out)
+    except RecursionError as error:
+        raise StaticZoneError(f"{path}: it is nested too deeply") from error
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise StaticZoneError(f"{path}: {what}") from error
+    if not zones and not left_out:
+        left_out.append("it holds no zone")
     return StaticZones(tuple(zones), tuple(left_out))
 
 
 def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:
+    if not isinstance(document, dict):
+        raise ValueError("it is neither KML nor a JSON object with zones")
     if is_ed318(document):
         return ed318_zones
     return ed269_zones if is_ed269(document) else geojson_zones

@@ -18,15 +18,23 @@ from crowdfence.zones.zone_id import zone_id
 if TYPE_CHECKING:
     from shapely import Polygon
 
-FOOT_M = 0.3048
+_METRES_PER = {None: 1.0, "m": 1.0, "M": 1.0, "ft": 0.3048, "FT": 0.3048}
+"""By the unit's name; a file that gives none means metres."""
 NO_CEILING_M = 99_999.0
 """What the formats write for "unlimited"."""
 _MAX_EDGE_DEG = 1e-3
 """Longer edges are straight in longitude and latitude only: between such corners they bow by 0.3 mm."""
 _CIRCLE_CORNERS = 64
+_MAX_RADIUS_M = 2e6
 _HIGHER_GROUND = 1.001
 """A circle on the ellipsoid is so much wider 6 km above it."""
 _MAX_LATITUDE_DEG = 89.0
+_MAX_LONGITUDE_DEG = 540.0
+"""Files that go on beyond the antimeridian write 181; what is farther round is no longitude."""
+_FAR_DEG = 20.0
+"""No mission comes to a zone so far away."""
+_MAX_REACH_DEG = 60.0
+"""The local plane holds what is nearer than a quarter of the Earth's circumference."""
 _NEVER_NS = -1
 
 
@@ -53,14 +61,19 @@ class StaticZones:
     """What is in the file and closes nothing, and why."""
 
 
-def local_zones(given: Iterable[GivenZone], georeference: Georeference, taken: set[str]) -> list[Zone]:
+def local_zones(
+    given: Iterable[GivenZone], georeference: Georeference, taken: set[str], left_out: list[str]
+) -> list[Zone]:
     """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
-    a number; `taken` receives the ids. ValueError for an outline that is empty, crosses itself or is not
-    finite."""
+    a number; `taken` receives the ids, `left_out` what is too far away. ValueError for an outline that is
+    empty, crosses itself, is not finite or reaches round the Earth."""
     zones = []
     numbers = count(1)
     for one in given:
         polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
+        if polygon is None:
+            left_out.append(f"{one.name}: lies more than {_FAR_DEG:g} degrees away")
+            continue
         name = _free_id(one.name, taken, numbers)
         taken.add(name)
         zones.append(_zone(name, polygon, one))
@@ -94,32 +107,60 @@ def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
     return next(free for free in (zone_id(number, "S") for number in numbers) if free not in taken)
 
 
-def _polygon(given: GivenZone, georeference: Georeference) -> Polygon:
+def ring_of(corners: Sequence[Sequence[float | str]]) -> NDArray[np.float64]:
+    """Longitude and latitude [C, 2] of corners that may have a height too; ValueError for any other."""
+    ring = np.array([corner[:2] for corner in corners], dtype=np.float64)
+    if len(ring) and (ring.ndim != 2 or ring.shape[1] != 2):
+        raise ValueError("a corner is no longitude and latitude")
+    return ring.reshape(-1, 2)
+
+
+def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | None:
+    """None where it is far away."""
     import shapely
 
     if not given.rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in given.rings):
         raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
-    if abs(given.rings[0][:, 1]).max() > _MAX_LATITUDE_DEG:
-        raise ValueError(f"zone {given.name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
+    _check_places(given.name, given.rings[0])
     unwrapped = [_beside(ring, georeference) for ring in given.rings]
     shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
     if not shape.is_valid or shape.is_empty:
         raise ValueError(f"zone {given.name!r}: {shapely.is_valid_reason(shape)}")
+    anchor = np.array([georeference.longitude_deg, georeference.latitude_deg])
+    if shape.distance(shapely.Point(anchor)) > _FAR_DEG:
+        return None
+    if abs(unwrapped[0] - anchor).max() > _MAX_REACH_DEG:
+        raise ValueError(
+            f"zone {given.name!r} reaches {_MAX_REACH_DEG:g} degrees away: no local plane holds it"
+        )
     dense = shapely.segmentize(shape, _MAX_EDGE_DEG)
     return shapely.transform(dense, lambda corners: _local(corners, georeference))
 
 
-def _circle(given: GivenZone, georeference: Georeference) -> Polygon:
-    """Around the circle, not in it."""
+def _circle(given: GivenZone, georeference: Georeference) -> Polygon | None:
+    """Around the circle, not in it; None where it is far away."""
     import shapely
 
     assert given.centre is not None
-    if not (0.0 < given.radius_m < np.inf and np.isfinite(given.centre).all()):
+    centre = ring_of([given.centre])
+    if not (0.0 < given.radius_m < _MAX_RADIUS_M and np.isfinite(centre).all()):
         raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
-    middle = _local(np.array([given.centre]), georeference)[0]
+    _check_places(given.name, centre)
+    away_deg = _beside(centre, georeference)[0] - (georeference.longitude_deg, georeference.latitude_deg)
+    if np.hypot(*away_deg) > _FAR_DEG:
+        return None
+    middle = _local(centre, georeference)[0]
     angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
     reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
     return shapely.Polygon(middle + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def _check_places(name: str, corners: NDArray[np.float64]) -> None:
+    longitude_deg, latitude_deg = abs(corners).max(axis=0)
+    if latitude_deg > _MAX_LATITUDE_DEG:
+        raise ValueError(f"zone {name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
+    if longitude_deg > _MAX_LONGITUDE_DEG:
+        raise ValueError(f"zone {name!r} has a longitude of {longitude_deg:g} degrees")
 
 
 def _beside(ring: NDArray[np.float64], georeference: Georeference) -> NDArray[np.float64]:
@@ -135,10 +176,13 @@ def _local(corners: NDArray[np.float64], georeference: Georeference) -> NDArray[
 
 
 def metres(value: float | str | None, unit: str | None, missing: float) -> float:
-    """A limit in metres from text or a number in "m", "M", "ft", "FT"; `missing` where there is none."""
+    """A limit in metres from text or a number in "m", "M", "ft", "FT"; `missing` where there is none.
+    ValueError for any other unit."""
     if value is None:
         return missing
-    return float(value) * (FOOT_M if (unit or "m").lower() == "ft" else 1.0)
+    if unit not in _METRES_PER:
+        raise ValueError(f"a length in {unit!r}; what is read is {', '.join(map(repr, _METRES_PER))}")
+    return float(value) * _METRES_PER[unit]
 
 
 def band_between(lower_m: float, upper_m: float, lower_datum: str, upper_datum: str) -> AltitudeBand:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as xml
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, ring_of
 from crowdfence.zones import AltitudeBand
 
 
@@ -21,6 +21,8 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
         root = xml.fromstring(data)
     except xml.ParseError as error:
         raise ValueError(f"it is no XML: {error}") from error
+    if _tag(root) != "kml":
+        raise ValueError(f"it is no KML: it begins with {_tag(root)!r}")
     for place in root.iter():
         if _tag(place) != "Placemark":
             continue
@@ -42,8 +44,7 @@ def _rings_of(polygon: Any, boundary: str, name: str) -> list[NDArray[np.float64
         if _tag(element) == boundary:
             text = next((e.text or "" for e in element.iter() if _tag(e) == "coordinates"), "")
             try:
-                corners = [[float(number) for number in corner.split(",")[:2]] for corner in text.split()]
-                rings.append(np.array(corners, dtype=np.float64).reshape(-1, 2))
+                rings.append(ring_of([corner.split(",") for corner in text.split()]))
             except ValueError as error:
                 raise ValueError(f"zone {name!r} has a corner that cannot be read: {error}") from error
     return rings

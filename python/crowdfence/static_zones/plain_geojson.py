@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, ring_of
 
 
 def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
@@ -35,5 +33,4 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
             properties.get("datum", "AGL"),
         )
         for rings in [polygons] if geometry["type"] == "Polygon" else polygons:
-            corners = [np.array([corner[:2] for corner in ring], dtype=np.float64) for ring in rings]
-            yield GivenZone(name, [ring.reshape(-1, 2) for ring in corners], band)
+            yield GivenZone(name, [ring_of(ring) for ring in rings], band)

@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, metres
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, metres, ring_of
 
 OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 """What does not keep anybody out by itself."""
@@ -34,7 +32,7 @@ def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
     """ValueError or KeyError where something is missing."""
     for feature in document["features"]:
         properties = feature["properties"]
-        name = properties["identifier"]
+        name = str(properties["identifier"])
         if properties["type"] in OPEN_TYPES:
             left_out.append(f"{name}: {properties['type']} keeps nobody out")
         else:
@@ -59,10 +57,10 @@ def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
         radius_m = float(geometry["extent"]["radius"])
         yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
     elif geometry["type"] == "Polygon":
-        yield GivenZone(name, _rings(geometry["coordinates"]), band)
+        yield GivenZone(name, [ring_of(ring) for ring in geometry["coordinates"]], band)
     elif geometry["type"] == "MultiPolygon":
         for rings in geometry["coordinates"]:
-            yield GivenZone(name, _rings(rings), band)
+            yield GivenZone(name, [ring_of(ring) for ring in rings], band)
     else:
         raise ValueError(f"zone {name!r} has a {geometry['type']}, which closes no ground")
 
@@ -70,7 +68,7 @@ def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
 def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
     """ValueError or KeyError where something is missing."""
     for zone in document["UASZoneList"] if "UASZoneList" in document else document["features"]:
-        name = zone["identifier"]
+        name = str(zone["identifier"])
         if zone["restriction"] in OPEN_TYPES:
             left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
             continue
@@ -88,10 +86,4 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
                 radius_m = metres(projection["radius"], unit, 0.0)
                 yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
             else:
-                yield GivenZone(name, _rings(projection["coordinates"]), band)
-
-
-def _rings(coordinates: Any) -> list[Any]:
-    return [
-        np.array([corner[:2] for corner in ring], dtype=np.float64).reshape(-1, 2) for ring in coordinates
-    ]
+                yield GivenZone(name, [ring_of(ring) for ring in projection["coordinates"]], band)

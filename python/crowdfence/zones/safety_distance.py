@@ -16,6 +16,8 @@ LEAST_WIND_MPS = 3.0
 """Wind that a descent under a parachute is reckoned with at least (as for `parachute`)."""
 SIGMAS_95 = math.sqrt(-2.0 * math.log(0.05))
 """95 % of errors that are normal and alike in both directions lie within 2.45 sigma (Rayleigh)."""
+MOST_M = 100_000.0
+"""Around a crowd; what is longer is a slip of the pen."""
 
 _STS01_HEIGHTS_M = (30.0, 60.0, 90.0, 120.0)
 _STS01_LIGHT_M = (10.0, 15.0, 20.0, 25.0)
@@ -144,9 +146,16 @@ RULES: dict[str, Callable[..., float]] = {
 def safety_distance_m(rules: Sequence[str]) -> float:
     """Sum of rules as text: ["ballistic:speed_mps=10,height_m=60", "motion:speed_mps=1.5,latency_s=2"].
 
-    ValueError for a rule that does not exist, a value that is missing, unknown or out of bounds.
+    ValueError for a rule that does not exist, a value that is missing, unknown, given twice or out of bounds,
+    and for more than `MOST_M`.
     """
-    return math.fsum(_distance_m(rule) for rule in rules)
+    try:
+        distance_m = math.fsum(_distance_m(rule) for rule in rules)
+    except (OverflowError, ZeroDivisionError):
+        distance_m = math.inf
+    if not distance_m <= MOST_M:
+        raise ValueError(f"buffer {', '.join(rules)} is {distance_m:g} m; it must be at most {MOST_M:g} m")
+    return distance_m
 
 
 def _distance_m(rule: str) -> float:
@@ -159,6 +168,8 @@ def _distance_m(rule: str) -> float:
         key, equals, value = pair.partition("=")
         if not equals or key not in inspect.signature(formula).parameters:
             raise ValueError(f"buffer {rule!r}: {pair!r} is none of {_parameters(formula)}")
+        if key in values:
+            raise ValueError(f"buffer {rule!r} says {key}= twice")
         values[key] = _number(rule, value)
     missing = [
         key
