@@ -30,7 +30,7 @@ def align(
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
-    """Find out what a flight's camera angles and clock are constantly off, from its pictures and the map.
+    """Find out what a flight's poses and clock are constantly off, from its pictures and the map.
 
     Nothing is guessed: what the pictures cannot tell is said and left alone. Where they tell nothing, no file
     is written and the exit code is 3.
