@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from crowdfence import open_recording
 from crowdfence.alignment import DroneAlignment, align
@@ -84,6 +85,22 @@ def test_places_are_told_against_each_other(tmp_path: Path) -> None:
         assert np.abs(np.subtract(one.offset.position_m, true)).max() < 0.15, one.estimates
 
 
+def test_drones_over_other_ground_do_not_tell_their_places(tmp_path: Path) -> None:
+    def far(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = circling(t_s)
+        return np.array([eye[0] - 38.0, eye[1] - 38.0, eye[2]]), turn
+
+    def near(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = circling(t_s)
+        return np.array([eye[0] + 38.0, eye[1] + 38.0, eye[2]]), turn
+
+    folder = write_fleet(tmp_path / "flight", {"uav1": Flown(far), "uav2": Flown(near)}, paint(), frames=14)
+    for one in align(open_recording(folder), level()).drones:
+        east, north, up = one.estimates[4:]
+        assert not east.told and not north.told and up.told, one.estimates
+        assert "other drones" in east.why_not
+
+
 def test_what_stands_on_the_ground_does_not_lift_it(tmp_path: Path) -> None:
     """A market's parasols at 1.5 m, which no map knows, hide a quarter of the ground: the drone is not put
     lower for it, nor turned."""
@@ -139,8 +156,6 @@ def test_what_was_found_is_used_by_every_command(wrong_flight: Path, tmp_path: P
 
 
 def turned(axis: list[float]) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
     return Rotation.from_rotvec(np.radians(TURNED_DEG)).apply(axis)
 
 

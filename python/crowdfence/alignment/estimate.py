@@ -134,10 +134,12 @@ def align(
     for number, (name, track) in enumerate(zip(names, tracks, strict=True)):
         rows_s = np.diff(track.stamps_ns) / 1e9
         free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
-        free[number, 4:6] = _shared(name, frames, matches) >= FEWEST_SHARED
         free[number] &= not reasons[name]
     fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), len(names), free)
-    drones = [_drone(name, k, counts[name], fit, free[k], reasons[name]) for k, name in enumerate(names)]
+    shown = free.copy()
+    for number, name in enumerate(names):
+        shown[number, 4:6] &= _shared(name, frames, matches) >= FEWEST_SHARED
+    drones = [_drone(name, k, counts[name], fit, shown[k], reasons[name]) for k, name in enumerate(names)]
     return Alignment(tuple(drones), len(frames), len(matches))
 
 
@@ -190,7 +192,7 @@ def _too_little(frames: Sequence[Frame], matches: int) -> str:
 
 
 def _drone(
-    name: str, number: int, matches: int, fit: Fit, free: NDArray[np.bool_], why_not: str
+    name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.bool_], why_not: str
 ) -> DroneAlignment:
     mine = (fit.drones == number).any(axis=1)
     before, after = (
@@ -206,17 +208,17 @@ def _drone(
         return DroneAlignment(name, matches, before, after, (), why_not)
     estimates = []
     for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
-        value, error = float(fit.values[number, q]), float(fit.error[number, q] if free[q] else PRIOR[q])
-        told = bool(free[q]) and error <= SURE_ENOUGH[quantity]
-        reason = "" if told else _untold(quantity, number, q, bool(free[q]), fit)
-        estimates.append(Estimate(quantity, unit, value if free[q] else 0.0, error, told, reason))
+        value, error = float(fit.values[number, q]), float(fit.error[number, q] if shown[q] else PRIOR[q])
+        told = bool(shown[q]) and error <= SURE_ENOUGH[quantity]
+        reason = "" if told else _untold(quantity, number, q, bool(shown[q]), fit)
+        estimates.append(Estimate(quantity, unit, value if shown[q] else 0.0, error, told, reason))
     return DroneAlignment(name, matches, before, after, tuple(estimates))
 
 
-def _untold(quantity: str, number: int, q: int, free: bool, fit: Fit) -> str:
-    if not free and quantity == "time":
+def _untold(quantity: str, number: int, q: int, shown: bool, fit: Fit) -> str:
+    if not shown and quantity == "time":
         return f"the telemetry's rows are more than {_LONGEST_ROW_S:g} s apart"
-    if not free:
+    if not shown:
         return "only other drones' pictures of the same ground can tell"
     sigma = np.sqrt(np.diag(fit.covariance))
     alike = fit.covariance[7 * number + q] / sigma / sigma[7 * number + q]
