@@ -4,14 +4,15 @@
     python benchmarks/alignment/recover.py race-4001.mcap ...
 
 Every drone's poses are turned by 0.5 degrees about an axis of its own, shifted by 100 ms to one side, and
-moved by 1 m to some side, on top of what the scenario's own trouble did to them. The error that is left is
-what was put right held against the true camera: what was left alone counts with all of its error.
+moved by 1 m to some side, on top of what the scenario's own trouble did to them. What is left is held against
+the true camera: what was left alone counts with all of its error.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Recording, Terrain, open_recording, open_terrain
-from crowdfence.alignment import Alignment, align
-from crowdfence.detector.ground_sampling import ground_sampling
+from crowdfence.alignment import align
+from crowdfence.alignment.ground_matches import ground_points, rays_of
 from crowdfence.sources.pose_offset import PoseOffset, without_offsets
+from crowdfence.sources.recording import Frame
 
 ANGLE_DEG, TIME_S, PLACE_M = 0.5, 0.1, 1.0
+ROWS, COLUMNS = 6, 8
+REACH_M, LOST_M = 150.0, 10.0
+"""Ground that is looked at, and what a pixel counts that meets none, or ground further off than that."""
 
 
 def disturbance(drones: tuple[str, ...], seed: int) -> dict[str, PoseOffset]:
@@ -36,64 +41,127 @@ def disturbance(drones: tuple[str, ...], seed: int) -> dict[str, PoseOffset]:
     return offsets
 
 
-def attitude_off_deg(recording: Recording, drone: str, time_s: float) -> NDArray[np.float64]:
-    """Mean turn [3] from the recorded to the true camera, with the drone's clock put right by `time_s`."""
+def true_offset(recording: Recording, drone: str, time_s: float) -> NDArray[np.float64]:
+    """Mean offset [7] of the recorded from the true camera, the drone's clock being `time_s` off."""
     track = recording.tracks()[drone].shifted(-round(time_s * 1e9))
-    turns = []
-    for frame in recording.frames_of(drone):
-        if track.stamps_ns[0] <= frame.stamp_ns <= track.stamps_ns[-1]:
-            recorded = Rotation.from_matrix(track.at(frame.stamp_ns, 1.0)[:3, :3])
-            w, x, y, z = frame.true_pose().quaternion
-            turns.append((recorded.inv() * Rotation.from_quat([x, y, z, w])).as_rotvec(degrees=True))
-    return np.mean(turns, axis=0)
-
-
-def middle_off_m(recording: Recording, drone: str, terrain: Terrain) -> float:
-    """Median distance on the ground between where the middle of a picture is put and where it is."""
     off = []
     for frame in recording.frames_of(drone):
-        middles = []
-        for pose in (frame.world_from_camera, frame.true_pose().world_from_camera()):
-            seen = ground_sampling(frame.camera, pose, terrain, max_range_m=200, rows=1, columns=1)
-            middles.append(pose[:3, 3] + pose[:3, 2] * seen.distance_m[0, 0])
-        off.append(float(np.linalg.norm(middles[0] - middles[1])))
-    return float(np.nanmedian(off))
+        if track.stamps_ns[0] <= frame.stamp_ns <= track.stamps_ns[-1]:
+            recorded, true = track.at(frame.stamp_ns, 1.0), frame.true_pose().world_from_camera()
+            turn = Rotation.from_matrix(recorded[:3, :3].T @ true[:3, :3]).as_rotvec(degrees=True)
+            off.append([*turn, time_s, *(true[:3, 3] - recorded[:3, 3])])
+    return np.mean(off, axis=0)
 
 
-def rows(path: Path, seed: int) -> tuple[list[str], list[NDArray[np.float64]]]:
-    """A line per drone, and (attitude, time) before and after of each."""
+def without_shared(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Offsets [D, 7] less the east and north that all drones have in common."""
+    left = offsets.copy()
+    left[:, 4:6] -= left[:, 4:6].mean(axis=0)
+    return left
+
+
+def ground(frame: Frame, pose: NDArray[np.float64], terrain: Terrain) -> NDArray[np.float64]:
+    """Where `ROWS` x `COLUMNS` pixels lie on the ground [N, 3]."""
+    camera = frame.camera
+    x, y = np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5)
+    pixels = np.stack([x * camera.width / COLUMNS, y * camera.height / ROWS], axis=-1).reshape(-1, 2)
+    rays = rays_of(camera, pixels)
+    points = np.full((len(rays), 3), np.nan)
+    usable = np.isfinite(rays).all(axis=1)
+    points[usable] = ground_points(terrain, pose, rays[usable])
+    return points
+
+
+def ground_off_m(recording: Recording, drone: str, terrain: Terrain) -> float:
+    """Mean horizontal distance between where pixels are put on the ground and where they are."""
+    off = []
+    for frame in recording.frames_of(drone):
+        true = frame.true_pose().world_from_camera()
+        there = ground(frame, true, terrain)
+        near = np.linalg.norm(there - true[:3, 3], axis=1) < REACH_M
+        here = ground(frame, frame.world_from_camera, terrain)
+        metres = np.linalg.norm((here - there)[near, :2], axis=1)
+        off.append(np.minimum(np.nan_to_num(metres, nan=LOST_M), LOST_M))
+    return float(np.concatenate(off).mean())
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One drone."""
+
+    name: str
+    before: NDArray[np.float64]
+    """[7]"""
+    after: NDArray[np.float64]
+    """[7]"""
+    ground_m: tuple[float, float, float]
+    """Before, after, and with all taken out that pictures can show."""
+    worst: float
+    """Largest error of what was told, in stated standard deviations; places against the other drones."""
+    untold: str
+    cpu_s: float
+
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """Attitude, time, place and ground [4], before and after [2]."""
+        ends = (self.before, self.after)
+        return np.array(
+            [
+                [np.linalg.norm(end[:3]) for end in ends],
+                [1e3 * abs(end[3]) for end in ends],
+                [np.linalg.norm(end[4:]) for end in ends],
+                self.ground_m[:2],
+            ]
+        )
+
+    def line(self) -> str:
+        attitude, late, place, ground_m = (
+            f"{a:.{n}f} -> {b:.{n}f}" for (a, b), n in zip(self.sizes, (2, 0, 2, 2), strict=True)
+        )
+        cells = (self.name, attitude, late, place, ground_m, f"{self.ground_m[2]:.2f}", f"{self.worst:.1f}")
+        return f"| {' | '.join((*cells, self.untold or '-', f'{self.cpu_s:.0f}'))} |"
+
+
+def recovered(path: Path, seed: int) -> list[Recovered]:
     recorded = open_recording(path)
     terrain = open_terrain(recorded)
     given = disturbance(recorded.drones, seed)
     flown = without_offsets(recorded, given)
+    true = np.array([true_offset(flown, drone, -given[drone].time_s) for drone in sorted(recorded.drones)])
     started = time.process_time()
-    found: Alignment = align(flown, terrain)
+    found = align(flown, terrain)
     cpu_s = time.process_time() - started
-    righted = without_offsets(flown, found.offsets())
-    lines, errors = [], []
-    for one in found.drones:
-        late = -given[one.drone].time_s
-        true = attitude_off_deg(flown, one.drone, late)
+    best = {
+        drone: PoseOffset(*row[:4], tuple(row[4:]))
+        for drone, row in zip(sorted(recorded.drones), without_shared(true), strict=True)
+    }
+    # What the relief says of the east and north of all is no error against the other drones.
+    moved = np.zeros(7)
+    moved[4:6] = np.mean([one.offset.position_m[:2] for one in found.drones], axis=0)
+    stages = (flown, without_offsets(flown, found.offsets()), without_offsets(flown, best))
+    results = []
+    for one, row, shown in zip(found.drones, true, without_shared(true), strict=True):
         offset = one.offset
-        left = true - [offset.pitch_deg, offset.yaw_deg, offset.roll_deg]
-        error = np.array(
-            [np.linalg.norm(true), np.linalg.norm(left), 1e3 * abs(late), 1e3 * abs(late - offset.time_s)]
+        told = np.array(
+            [offset.pitch_deg, offset.yaw_deg, offset.roll_deg, offset.time_s, *offset.position_m]
         )
-        ground = [middle_off_m(which, one.drone, terrain) for which in (flown, righted)]
-        untold = ", ".join(e.quantity for e in one.estimates[:4] if not e.told) or one.why_not or "-"
-        sure = [abs(e.value - t) / e.error for e, t in zip(one.estimates, [*true, late], strict=False)]
-        cells = [
-            f"{path.stem} {one.drone}",
-            f"{error[0]:.2f} -> {error[1]:.2f}",
-            f"{error[2]:.0f} -> {error[3]:.0f}",
-            f"{ground[0]:.2f} -> {ground[1]:.2f}",
-            f"{max(sure, default=0.0):.1f}",
-            untold,
-            f"{cpu_s:.0f}",
+        sure = [
+            abs(e.value - shift - t) / e.error
+            for e, shift, t in zip(one.estimates, moved, shown, strict=False)
+            if e.told
         ]
-        lines.append(f"| {' | '.join(cells)} |")
-        errors.append(error)
-    return lines, errors
+        results.append(
+            Recovered(
+                f"{path.stem} {one.drone}",
+                row,
+                row - told,
+                tuple(ground_off_m(stage, one.drone, terrain) for stage in stages),
+                max(sure, default=0.0),
+                ", ".join(e.quantity for e in one.estimates if not e.told) or one.why_not,
+                cpu_s,
+            )
+        )
+    return results
 
 
 def main() -> None:
@@ -101,16 +169,19 @@ def main() -> None:
     parser.add_argument("missions", nargs="+", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    print("| drone | attitude, deg | time, ms | ground, m | worst error over stated | left alone | CPU s |")
-    print("|---|---|---|---|---|---|---|")
-    everything = []
+    print(
+        "| drone | attitude, deg | time, ms | place, m | ground, m | at best | worst error over stated "
+        "| left alone | CPU s |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    sizes = []
     for path in arguments.missions:
-        lines, errors = rows(path, arguments.seed)
-        print("\n".join(lines), flush=True)
-        everything += errors
-    attitude, attitude_left, late, late_left = np.sum(everything, axis=0)
-    back, back_late = 1 - attitude_left / attitude, 1 - late_left / late
-    print(f"\nbrought back: {back:.0%} of the attitude, {back_late:.0%} of the time")
+        for one in recovered(path, arguments.seed):
+            print(one.line(), flush=True)
+            sizes.append(one.sizes)
+    before, after = np.sum(sizes, axis=0).T
+    back = dict(zip(("attitude", "time", "place", "ground"), 1 - after / before, strict=True))
+    print("\nbrought back: " + ", ".join(f"{share:.0%} of the {what}" for what, share in back.items()))
 
 
 if __name__ == "__main__":

@@ -7,11 +7,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from crowdfence import open_recording
 from crowdfence.alignment import DroneAlignment, align
 from support.command_line import crowdfence
-from support.painted_flights import circling, hovering, level, paint, passing, write_flight, write_level
+from support.painted_flights import (
+    Flown,
+    circling,
+    hovering,
+    level,
+    opposite,
+    paint,
+    passing,
+    write_fleet,
+    write_flight,
+    write_level,
+)
 
 TURNED_DEG, LATE_S = (0.4, -0.3, 0.25), 0.1
 
@@ -47,15 +59,54 @@ def test_pictures_agree_better_by_offsets_that_they_had_no_part_in(found: DroneA
     assert found.after_px < 0.5 * found.before_px
 
 
-def test_places_are_left_alone(found: DroneAlignment) -> None:
-    assert [one.told for one in found.estimates[4:]] == [False] * 3
-    assert found.offset.position_m == (0.0, 0.0, 0.0)
+def test_a_lone_drone_cannot_tell_east_and_north(found: DroneAlignment) -> None:
+    """Level ground looks the same from a place beside; only its height shows."""
+    east, north, up = found.estimates[4:]
+    assert not east.told and not north.told and "other drones" in east.why_not
+    assert up.told and abs(up.value) < 0.2
+    assert found.offset.position_m == (0.0, 0.0, up.value)
 
 
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path: Path) -> None:
     right = only(write_flight(tmp_path / "flight", circling, paint()))
     for one in right.estimates[:4]:
         assert abs(one.value) < (0.02 if one.unit == "s" else 0.1), one
+
+
+def test_places_are_told_against_each_other(tmp_path: Path) -> None:
+    """Two drones over the same level ground, 1.2 m apart from what they say: half of it each, since what both
+    are off shows nowhere. What one is too high shows in how large it sees the ground."""
+    east_m, up_m = 1.2, 0.8
+    drones = {"uav1": Flown(circling), "uav2": Flown(opposite, moved_m=(east_m, 0.0, up_m))}
+    folder = write_fleet(tmp_path / "flight", drones, paint(), frames=14)
+    first, second = align(open_recording(folder), level()).drones
+    for one, true in ((first, (-east_m / 2, 0.0, 0.0)), (second, (east_m / 2, 0.0, up_m))):
+        assert all(e.told for e in one.estimates), one.estimates
+        assert np.abs(np.subtract(one.offset.position_m, true)).max() < 0.15, one.estimates
+
+
+def test_drones_over_other_ground_do_not_tell_their_places(tmp_path: Path) -> None:
+    def far(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = circling(t_s)
+        return np.array([eye[0] - 38.0, eye[1] - 38.0, eye[2]]), turn
+
+    def near(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = circling(t_s)
+        return np.array([eye[0] + 38.0, eye[1] + 38.0, eye[2]]), turn
+
+    folder = write_fleet(tmp_path / "flight", {"uav1": Flown(far), "uav2": Flown(near)}, paint(), frames=14)
+    for one in align(open_recording(folder), level()).drones:
+        east, north, up = one.estimates[4:]
+        assert not east.told and not north.told and up.told, one.estimates
+        assert "other drones" in east.why_not
+
+
+def test_what_stands_on_the_ground_does_not_lift_it(tmp_path: Path) -> None:
+    """A market's parasols at 1.5 m, which no map knows, hide a quarter of the ground: the drone is not put
+    lower for it, nor turned."""
+    one = only(write_flight(tmp_path / "flight", circling, paint(), parasols_m=1.5))
+    assert one.told and abs(one.offset.position_m[2]) < 0.3, one.estimates
+    assert np.abs([one.offset.pitch_deg, one.offset.yaw_deg, one.offset.roll_deg]).max() < 0.15
 
 
 def test_a_hover_tells_nothing(tmp_path: Path) -> None:
@@ -105,8 +156,6 @@ def test_what_was_found_is_used_by_every_command(wrong_flight: Path, tmp_path: P
 
 
 def turned(axis: list[float]) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
     return Rotation.from_rotvec(np.radians(TURNED_DEG)).apply(axis)
 
 

@@ -249,7 +249,7 @@ def test_what_was_chosen_of_the_map_is_said_and_coarse_voxels_are_warned_of(tmp_
 
 
 @pytest.mark.parametrize("columns", [80, 120])
-def test_help_has_no_types_beside_switches_and_fits(
+def test_help_has_no_types_beside_switches_nor_of_python_and_fits(
     columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -259,6 +259,7 @@ def test_help_has_no_types_beside_switches_and_fits(
         shown = capsys.readouterr().out
         assert left.value.code == 0 and f"{command} [OPTIONS]".strip() in " ".join(shown.split())
         assert "<bool>" not in shown and "BOOLEAN" not in shown, command
+        assert "list[" not in shown and "Path]" not in shown, command
         assert max(map(len, shown.splitlines())) <= columns, command
 
 

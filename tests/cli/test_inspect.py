@@ -419,6 +419,8 @@ def test_what_cannot_be_inspected_is_one_line(tmp_path: Path, recording: Path) -
     assert "nowhere.bt: No such file" in error_line(tmp_path / "nowhere.bt")
     (tmp_path / "notes.txt").write_text("hello")
     assert "notes.txt is none of" in error_line(tmp_path / "notes.txt")
+    (tmp_path / "film.SRT").write_text("1\n")
+    assert "it is the log of a film, which is named instead" in error_line(tmp_path / "film.SRT")
     (tmp_path / "empty").mkdir()
     assert "holds no recording" in error_line(tmp_path / "empty")
     (tmp_path / "short.crowdmap").write_bytes(b"CROWDMAP")

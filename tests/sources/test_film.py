@@ -384,6 +384,10 @@ def test_what_is_missing_is_said_with_the_way_out(tmp_path: Path) -> None:
         open_recording(log)
     with pytest.raises(ValueError, match=r"no heights above sea are recorded: there are take-off"):
         open_recording(film, calibration=frames()[0].camera, heights="sea")
+    # As a Mavic 2 writes it: no --heights can help.
+    log.write_text("1\n2017.08.05 14:11:51,393,525\n[latitude : -20.2533] [longtitude : 149.0251]\n\n")
+    with pytest.raises(ValueError, match=r"no heights, without which .*poses\.csv"):
+        open_recording(film, calibration=frames()[0].camera, mount="north:-90,0")
     write_subtitles(tmp_path / "a.SRT", start_ns, mini)
     with pytest.raises(ValueError, match=r"need the geoid.*--geoid-m.*--heights take-off"):
         open_recording(film, heights="sea")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -35,15 +36,39 @@ def paint(seed: int = 3) -> NDArray[np.float64]:
     return 128 + 90 * np.clip(sum(blotches), -1.2, 1.2)
 
 
-def photograph(ground: NDArray[np.float64], eye: NDArray[np.float64], turn: Rotation) -> NDArray[np.uint8]:
-    """What a camera at `eye` sees, [HEIGHT, WIDTH, 3]."""
+@dataclass(frozen=True)
+class Flown:
+    """How a drone flew, and what its telemetry is off: the camera is turned by `turned_deg` about its own
+    axes and moved by `moved_m` against what is logged, a picture belongs to what is logged `late_s` later."""
+
+    way: Way
+    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    late_s: float = 0.0
+    moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def photograph(
+    ground: NDArray[np.float64], eye: NDArray[np.float64], turn: Rotation, parasols_m: float = 0.0
+) -> NDArray[np.uint8]:
+    """What a camera at `eye` sees, [HEIGHT, WIDTH, 3]; parasols so high hide a quarter of the ground."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
     rays = turn.apply(np.stack([x, y, np.full_like(x, FOCAL)], axis=-1).reshape(-1, 3))
+    grey, _ = _painted(ground, eye, rays)
+    if parasols_m:
+        cloth, (east, north) = _painted(paint(seed=4), eye - [0.0, 0.0, parasols_m], rays)
+        grey = np.where((east % 8.0 < 4.0) & (north % 8.0 < 4.0), cloth, grey)
+    return np.repeat(grey.reshape(HEIGHT, WIDTH, 1), 3, axis=2).astype(np.uint8)
+
+
+def _painted(
+    ground: NDArray[np.float64], eye: NDArray[np.float64], rays: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Grey of the plane z = 0 on each ray, and where that is [2, N]."""
     with np.errstate(divide="ignore"):
         reach = np.where(rays[:, 2] < -1e-6, -eye[2] / rays[:, 2], np.nan)
-    place = (eye[:2] + reach[:, None] * rays[:, :2] + SIDE_M / 2) / CELL_M - 0.5
-    grey = map_coordinates(ground, np.nan_to_num(place, nan=-1.0).T, order=1, cval=128.0)
-    return np.repeat(grey.reshape(HEIGHT, WIDTH, 1), 3, axis=2).astype(np.uint8)
+    at = (eye[:2] + reach[:, None] * rays[:, :2]).T
+    place = np.nan_to_num((at + SIDE_M / 2) / CELL_M - 0.5, nan=-1.0)
+    return map_coordinates(ground, place, order=1, cval=128.0), at
 
 
 def looking(azimuth_deg: float, tilt_deg: float) -> Rotation:
@@ -63,6 +88,11 @@ def circling(t_s: float) -> tuple[NDArray[np.float64], Rotation]:
     return eye, looking(angle + 180 + 15 * np.sin(0.9 * t_s), 55 + 8 * np.cos(0.5 * t_s))
 
 
+def opposite(t_s: float) -> tuple[NDArray[np.float64], Rotation]:
+    """The same from across."""
+    return circling(t_s + 7.5)
+
+
 def hovering(t_s: float) -> tuple[NDArray[np.float64], Rotation]:
     return np.array([0.0, 0.0, 20.0]), looking(90.0, 60.0)
 
@@ -80,22 +110,35 @@ def write_flight(
     turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
     late_s: float = 0.0,
     frames: int = 18,
+    parasols_m: float = 0.0,
 ) -> Path:
-    """A folder of `frames` pictures, 0.8 s apart, whose telemetry is wrong: the camera is turned by
-    `turned_deg` about its own axes against what is logged, and a picture belongs to what is logged `late_s`
-    later."""
+    """`write_fleet` of one drone."""
+    flown = {"uav1": Flown(way, turned_deg, late_s)}
+    return write_fleet(folder, flown, ground, frames=frames, parasols_m=parasols_m)
+
+
+def write_fleet(
+    folder: Path,
+    drones: Mapping[str, Flown],
+    ground: NDArray[np.float64],
+    *,
+    frames: int = 18,
+    parasols_m: float = 0.0,
+) -> Path:
+    """A folder of `frames` pictures of each drone, 0.8 s apart, whose telemetry is wrong."""
     (folder / "images").mkdir(parents=True)
-    off = Rotation.from_rotvec(np.radians(turned_deg))
-    for k in range(frames):
-        t_s = 1.0 + 0.8 * k
-        eye, logged = way(t_s + late_s)
-        picture = photograph(ground, eye, logged * off)
-        Image.fromarray(picture).save(folder / "images" / f"uav1_{EPOCH_NS + round(1e9 * t_s)}.png")
     rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
-    for t_s in np.arange(0.0, 0.8 * frames + 2.0, 0.05):
-        eye, logged = way(t_s)
-        x, y, z, w = logged.as_quat()
-        rows.append(f"uav1,{EPOCH_NS + round(1e9 * t_s)},{eye[0]},{eye[1]},{eye[2]},{w},{x},{y},{z}")
+    for name, flown in drones.items():
+        off = Rotation.from_rotvec(np.radians(flown.turned_deg))
+        for k in range(frames):
+            t_s = 1.0 + 0.8 * k
+            eye, logged = flown.way(t_s + flown.late_s)
+            picture = photograph(ground, eye + flown.moved_m, logged * off, parasols_m)
+            Image.fromarray(picture).save(folder / "images" / f"{name}_{EPOCH_NS + round(1e9 * t_s)}.png")
+        for t_s in np.arange(0.0, 0.8 * frames + 2.0, 0.05):
+            eye, logged = flown.way(t_s)
+            x, y, z, w = logged.as_quat()
+            rows.append(f"{name},{EPOCH_NS + round(1e9 * t_s)},{eye[0]},{eye[1]},{eye[2]},{w},{x},{y},{z}")
     (folder / "poses.csv").write_text("\n".join(rows) + "\n")
     camera = {
         "width": WIDTH,

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.alignment.frame_pairs import MOST_FRAMES, chosen_frames, frame_pairs
 from crowdfence.alignment.ground_matches import GroundMatches, SeenGround, match_ground, working_picture
-from crowdfence.alignment.offset_fit import QUANTITIES, UNITS, Disagreement, Fit, fit_offsets
+from crowdfence.alignment.offset_fit import PRIOR, QUANTITIES, UNITS, Disagreement, Fit, fit_offsets
 from crowdfence.errors import FrameError
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.pose_offset import PoseOffset
 from crowdfence.sources.recording import Frame, Recording
 
-SURE_ENOUGH = {"pitch": 0.35, "yaw": 0.35, "roll": 0.35, "time": 0.05}
-"""An offset counts as told up to this standard deviation, in degrees and seconds. Places are never told: what
-stands on the ground and is not on the map pulls at them more than the spread of the matches shows."""
+SURE_ENOUGH = {"pitch": 0.35, "yaw": 0.35, "roll": 0.35, "time": 0.05, "east": 0.5, "north": 0.5, "up": 0.5}
+"""An offset counts as told up to this standard deviation, in degrees, seconds and metres."""
+FEWEST_SHARED = 50
+"""Matches with other drones from which a drone's east and north are told: against theirs, on the mean."""
 FEWEST_MATCHES = 100
 """Per drone."""
 FEWEST_FRAMES = 6
@@ -70,9 +71,8 @@ class DroneAlignment:
     def offset(self) -> PoseOffset:
         """What was told; everything else is 0."""
         told = {one.quantity: one.value for one in self.estimates if one.told}
-        return PoseOffset(
-            told.get("pitch", 0.0), told.get("yaw", 0.0), told.get("roll", 0.0), told.get("time", 0.0)
-        )
+        pitch, yaw, roll, time_s, *position = (told.get(quantity, 0.0) for quantity in QUANTITIES)
+        return PoseOffset(pitch, yaw, roll, time_s, (position[0], position[1], position[2]))
 
     @property
     def told(self) -> bool:
@@ -104,12 +104,13 @@ def align(
     most_frames: int = MOST_FRAMES,
     progress: Progress | None = None,
 ) -> Alignment:
-    """Estimate a constant offset of attitude and time for every drone.
+    """Estimate a constant offset of attitude, time and place for every drone.
 
     Pictures that share ground, of one drone from different places or of several drones, are put on the map by
-    their poses; constant offsets are looked for that make them agree, a constant error of the place beside
-    them. `most_frames` pictures of each drone are used. Nothing is guessed: `Estimate.told` says what the
-    pictures say, and `Alignment.told` is False where they say nothing at all.
+    their poses; constant offsets are looked for that make them agree. East and north are those of the drones
+    against each other: what they all are off, no picture shows. `most_frames` pictures of each drone are
+    used. Nothing is guessed: `Estimate.told` says what the pictures say, and `Alignment.told` is False where
+    they say nothing at all.
 
     ValueError for a recording without pictures.
     """
@@ -135,7 +136,10 @@ def align(
         free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
         free[number] &= not reasons[name]
     fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), len(names), free)
-    drones = [_drone(name, k, counts[name], fit, free[k], reasons[name]) for k, name in enumerate(names)]
+    shown = free.copy()
+    for number, name in enumerate(names):
+        shown[number, 4:6] &= _shared(name, frames, matches) >= FEWEST_SHARED
+    drones = [_drone(name, k, counts[name], fit, shown[k], reasons[name]) for k, name in enumerate(names)]
     return Alignment(tuple(drones), len(frames), len(matches))
 
 
@@ -170,6 +174,12 @@ def _counts(
     return counts
 
 
+def _shared(name: str, frames: Sequence[Frame], matches: Sequence[GroundMatches]) -> int:
+    """Matches of a drone with others."""
+    ends = ((pair, {frames[pair.first].drone, frames[pair.second].drone}) for pair in matches)
+    return sum(len(pair) for pair, drones in ends if name in drones and len(drones) > 1)
+
+
 def _too_little(frames: Sequence[Frame], matches: int) -> str:
     if len(frames) < FEWEST_FRAMES:
         return f"{len(frames)} pictures, {FEWEST_FRAMES} are needed"
@@ -182,7 +192,7 @@ def _too_little(frames: Sequence[Frame], matches: int) -> str:
 
 
 def _drone(
-    name: str, number: int, matches: int, fit: Fit, free: NDArray[np.bool_], why_not: str
+    name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.bool_], why_not: str
 ) -> DroneAlignment:
     mine = (fit.drones == number).any(axis=1)
     before, after = (
@@ -198,18 +208,18 @@ def _drone(
         return DroneAlignment(name, matches, before, after, (), why_not)
     estimates = []
     for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
-        value, error = float(fit.values[number, q]), float(fit.error[number, q])
-        told = bool(free[q]) and error <= SURE_ENOUGH.get(quantity, 0.0)
-        reason = "" if told else _untold(quantity, number, q, bool(free[q]), fit)
-        estimates.append(Estimate(quantity, unit, value if free[q] else 0.0, error, told, reason))
+        value, error = float(fit.values[number, q]), float(fit.error[number, q] if shown[q] else PRIOR[q])
+        told = bool(shown[q]) and error <= SURE_ENOUGH[quantity]
+        reason = "" if told else _untold(quantity, number, q, bool(shown[q]), fit)
+        estimates.append(Estimate(quantity, unit, value if shown[q] else 0.0, error, told, reason))
     return DroneAlignment(name, matches, before, after, tuple(estimates))
 
 
-def _untold(quantity: str, number: int, q: int, free: bool, fit: Fit) -> str:
-    if not free:
+def _untold(quantity: str, number: int, q: int, shown: bool, fit: Fit) -> str:
+    if not shown and quantity == "time":
         return f"the telemetry's rows are more than {_LONGEST_ROW_S:g} s apart"
-    if quantity not in SURE_ENOUGH:
-        return "estimated beside the others, not used"
+    if not shown:
+        return "only other drones' pictures of the same ground can tell"
     sigma = np.sqrt(np.diag(fit.covariance))
     alike = fit.covariance[7 * number + q] / sigma / sigma[7 * number + q]
     others = [other for k, other in enumerate(QUANTITIES) if k != q and abs(alike[7 * number + k]) > _ALIKE]

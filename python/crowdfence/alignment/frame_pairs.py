@@ -9,8 +9,9 @@ from crowdfence.sources.recording import Frame, Recording
 
 MOST_FRAMES = 24
 """Per drone."""
-_NEXT, _OTHERS = 2, 3
-"""Pairs that every frame begins: with those that follow it, and with others that share ground."""
+_NEXT, _ELSEWHERE, _ACROSS = 2, 3, 3
+"""Pairs that every frame begins: with those that follow it, with others from all over the flight that share
+ground, and with those of other drones that share most of it."""
 _LEAST_SHARED = 0.25
 _LEAST_SHARED_OTHERS = 0.15
 
@@ -26,18 +27,18 @@ def chosen_frames(recording: Recording, most: int = MOST_FRAMES) -> list[Frame]:
 
 
 def frame_pairs(seen: Sequence[SeenGround]) -> list[tuple[int, int]]:
-    """Numbers of frames to compare: the next ones of the same drone, and others from all over the flight."""
-    pairs: list[tuple[int, int]] = []
+    """Numbers of frames to compare: the next ones of the same drone, others from all over the flight, and
+    those of other drones, without which nothing says where the drones are against each other."""
+    pairs: dict[tuple[int, int], None] = {}
     for first, ground in enumerate(seen):
-        same = [n for n in range(first + 1, len(seen)) if seen[n].frame.drone == ground.frame.drone][:_NEXT]
-        close = [n for n in same if shared_ground(ground, seen[n]) > _LEAST_SHARED]
-        others = [
-            n
-            for n in range(len(seen))
-            if n != first and n not in same and shared_ground(ground, seen[n]) > _LEAST_SHARED_OTHERS
-        ]
-        pairs += [(first, n) for n in (*close, *_spread(others, _OTHERS))]
-    return pairs
+        shared = {n: shared_ground(ground, other) for n, other in enumerate(seen) if n != first}
+        mine = [n for n in shared if seen[n].frame.drone == ground.frame.drone]
+        following = [n for n in mine if n > first][:_NEXT]
+        close = [n for n in following if shared[n] > _LEAST_SHARED]
+        others = [n for n in shared if n not in following and shared[n] > _LEAST_SHARED_OTHERS]
+        across = sorted((n for n in others if n not in mine), key=lambda n: -shared[n])[:_ACROSS]
+        pairs |= dict.fromkeys((first, n) for n in (*close, *_spread(others, _ELSEWHERE), *across))
+    return list(pairs)
 
 
 def _spread(numbers: Sequence[int], most: int) -> list[int]:

@@ -23,8 +23,9 @@ _WIDTH = 640
 """Pictures are looked at in this width; more shows the same."""
 _STEP = 4
 """Rays are cast to every fourth pixel and what they meet is interpolated."""
-_MOST_CORNERS = 80
-_APART_PX = 16
+_TILE_PX, _RIM_PX = 32, 8
+_FAINTEST = 1e-5
+"""Least eigenvalue of a corner."""
 _WINDOW_PX = 21
 _LEVELS = 3
 _THERE_AND_BACK_PX = 0.5
@@ -82,12 +83,20 @@ class SeenGround:
 
     @cached_property
     def corners(self) -> NDArray[np.float32]:
-        """[N, 2] working pixels where the picture can be recognised."""
+        """[N, 2] working pixels where the picture can be recognised, one in each tile: the strongest of a
+        whole picture are all on people, trees and roofs, which are not on the map."""
         seen = _full(np.isfinite(self.points[..., 0]).astype(np.float32), self.grey.shape) > 0.99
-        found = cv2.goodFeaturesToTrack(
-            self.grey, _MOST_CORNERS, 0.01, _APART_PX, mask=seen.astype(np.uint8) * 255, blockSize=5
-        )
-        return np.zeros((0, 2), np.float32) if found is None else np.float32(found).reshape(-1, 2)
+        strength = np.where(seen, cv2.cornerMinEigenVal(self.grey, 5), 0.0)
+        height, width = strength.shape
+        found = []
+        for top in range(_RIM_PX, height - _RIM_PX, _TILE_PX):
+            for left in range(_RIM_PX, width - _RIM_PX, _TILE_PX):
+                bottom, right = min(top + _TILE_PX, height - _RIM_PX), min(left + _TILE_PX, width - _RIM_PX)
+                tile = strength[top:bottom, left:right]
+                row, column = np.unravel_index(tile.argmax(), tile.shape)
+                if tile[row, column] > _FAINTEST:
+                    found.append((left + column, top + row))
+        return np.array(found, np.float32).reshape(-1, 2)
 
     def sees(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Working pixels [N, 2] of world points [N, 3], and which of them nothing hides."""

@@ -2,6 +2,11 @@
 
 A point of the ground in one picture is put on the map and looked for in the other picture. What it is off
 there is explained by offsets of both poses that are the same all the time, and by noise of each frame's pose.
+
+What stands on the ground and is not on the map (people, bushes, trees) moves a point along its epipolar line
+and never across it. So the part across holds every point to the precision of a corner and tells angles, clock
+and the drones' places among each other, whatever the map; the part along tells heights, where the ground is
+the lowest of what is seen.
 """
 
 from __future__ import annotations
@@ -32,18 +37,25 @@ _OF_FRAME = [0, 1, 2, 4, 5, 6]
 """Quantities that each frame has besides its drone."""
 _DIFFERENCE = np.array([0.3, 0.3, 0.3, 0.05, 0.3, 0.3, 0.3])
 """Steps of the derivatives, wide enough to look past the facets of the surface."""
-_PIXEL = 0.7
-"""Error of a matched corner, in pixels of a picture 640 wide."""
-_HEIGHT_M = 0.3
-"""Error of the map's heights, and of what stands on them."""
-_OUTLIER = 2.0
-"""Cauchy's scale, in standard deviations."""
+_PIXEL = 0.4
+"""Error of a matched corner, in pixels of a picture 640 wide; Cauchy's scale of what is off across."""
+_HEIGHTS_M = (1.0, 0.6, 0.3, 0.15)
+"""Error of the map's heights, step by step: at first the offsets blur them."""
+_GROUND = 0.15
+"""Share of the matches that lie on the ground of the map; corners are mostly on what stands there."""
+_TALL_M, _LOWER, _ANYWHERE = 3.0, 0.001, 0.005
+"""Mean height of the others, and the density per metre of those that seem to lie lower, or anywhere."""
+_SHARED_M = 0.05
+"""East and north that all drones have in common, as good as held at 0: nothing but the relief shows them, and
+what stands on it pulls harder."""
 _POINTS_A_PAIR = 15.0
 """What the matches of two frames weigh at most: their errors are largely common."""
-_STEPS = 8
+_STEPS = 7
+_RISE_M = 0.3
+"""Step of the derivative by height."""
 _ROW_S, _SMOOTH_S = 0.02, 0.1
 
-COMMON = np.array([0.15, 0.15, 0.15, 0.01, 0.5, 0.5, 0.5])
+COMMON = np.array([0.1, 0.1, 0.1, 0.005, 0.15, 0.15, 0.2])
 """What is the same all over a flight, and so in no spread of its matches: heights of trees and of the map,
 angles that are not quite constant. From benchmarks/alignment."""
 SLICES = 10
@@ -164,8 +176,8 @@ class Disagreement:
             off[mine] = (camera.project(local[mine]) - self.seen[mine]) * (640.0 / camera.width)
         return off
 
-    def linear(self, offsets: NDArray[np.float64], jitter: NDArray[np.float64]) -> Linear:
-        """Around offsets [D, 7] and noise [F, 6], by differences."""
+    def linear(self, offsets: NDArray[np.float64], jitter: NDArray[np.float64], height_m: float) -> Linear:
+        """Around offsets [D, 7] and noise [F, 6], by differences; the map's heights are `height_m` off."""
         poses = self.poses(offsets, jitter)
         points = self.points(poses)
         off = self.pixels(points, poses)
@@ -179,20 +191,33 @@ class Disagreement:
                 ends.append((self.pixels(self.points(other), poses), self.pixels(points, other)))
             by_first[..., q] = (ends[1][0] - ends[0][0]) / (2 * step)
             by_second[..., q] = (ends[1][1] - ends[0][1]) / (2 * step)
-        ray = points - poses[self.first][:, :3, 3]
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        lower = points + ray * (_HEIGHT_M / np.maximum(np.abs(ray[:, 2:]), 0.1))
-        by_height = np.linalg.norm(self.pixels(lower, poses) - off, axis=1)
-        variance = _PIXEL**2 + by_height**2
-        weight = self.weight / variance / (1.0 + (off**2).sum(axis=1) / variance / _OUTLIER**2)
-        usable = np.isfinite(weight) & np.isfinite(by_first + by_second).all(axis=(1, 2))
-        weight[~usable], off[~usable] = 0.0, np.nan
+        along, across = self._epipolar(points, poses, off)
+        sigma = np.stack([np.hypot(_PIXEL, along * height_m), np.full(len(self), _PIXEL)], axis=1)
+        turn = np.stack([across[:, ::-1] * [1.0, -1.0], across], axis=1) / sigma[..., None]
+        off, by_first, by_second = (
+            np.einsum("mij,mj...->mi...", turn, part) for part in (off, by_first, by_second)
+        )
+        weight = self.weight[:, None] * _trust(off, sigma, along)
+        usable = np.isfinite(weight).all(axis=1) & np.isfinite(by_first + by_second).all(axis=(1, 2))
+        weight[~usable] = 0.0
         return Linear(
-            off,
+            np.nan_to_num(off),
             self._rows(np.nan_to_num(by_first), np.nan_to_num(by_second), offsets.size),
             weight,
             self.slice[np.stack([self.first, self.second], axis=1)],
         )
+
+    def _epipolar(
+        self, points: NDArray[np.float64], poses: NDArray[np.float64], off: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How far points [M, 3] would move in the second frames [M], were they a metre higher on their rays,
+        and the unit vectors [M, 2] across."""
+        ray = points - poses[self.first][:, :3, 3]
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        higher = points - ray * (_RISE_M / np.maximum(np.abs(ray[:, 2:]), 0.1))
+        moved = (self.pixels(higher, poses) - off) / _RISE_M
+        along = np.maximum(np.linalg.norm(moved, axis=1), 1e-6)
+        return along, np.stack([-moved[:, 1], moved[:, 0]], axis=1) / along[:, None]
 
     def _rows(self, by_first: NDArray[np.float64], by_second: NDArray[np.float64], drones: int) -> csr_matrix:
         """Sparse [2 M, 7 D + 6 F]: the drones' quantities, then the frames'."""
@@ -213,26 +238,25 @@ class Linear:
     """The weighted problem around some offsets."""
 
     off: NDArray[np.float64]
-    """[M, 2]"""
+    """[M, 2] along and across the epipolar lines, in standard deviations."""
     rows: csr_matrix
     """[2 M, P]"""
     weight: NDArray[np.float64]
-    """[M]"""
+    """[M, 2]"""
     slices: NDArray[np.int64]
     """[M, 2] stretches of time of both frames."""
 
     def step(
         self, state: NDArray[np.float64], prior: NDArray[np.float64], without: int | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The change of the state [P] that is best, and the covariance; `prior` [P] is the weight of 0.
+        """The change of the state [P] that is best, and the covariance; `prior` [P, P] is the weight of 0.
         `without` leaves a stretch of time out."""
         weight = self.weight
         if without is not None:
-            weight = np.where((self.slices == without).any(axis=1), 0.0, weight)
-        both = np.repeat(weight, 2)
-        weighted = self.rows.multiply(both[:, None]).T.tocsr()
-        normal = (weighted @ self.rows).toarray() + np.diag(prior)
-        gradient = weighted @ np.nan_to_num(self.off).ravel() + prior * state
+            weight = np.where((self.slices == without).any(axis=1)[:, None], 0.0, weight)
+        weighted = self.rows.multiply(weight.reshape(-1, 1)).T.tocsr()
+        normal = (weighted @ self.rows).toarray() + prior
+        gradient = weighted @ self.off.ravel() + prior @ state
         covariance = np.linalg.inv(normal)
         return -covariance @ gradient, covariance
 
@@ -240,20 +264,19 @@ class Linear:
 def fit_offsets(disagreement: Disagreement, drones: int, free: NDArray[np.bool_]) -> Fit:
     """The offsets of `drones` drones that explain the disagreement best; those not `free` [D, 7] stay 0."""
     count = len(disagreement.frames)
-    fixed = np.where(free, PRIOR**-2.0, 1e12).ravel()
-    prior = np.concatenate([fixed, np.tile(JITTER**-2.0, count)])
+    prior = _prior(free, count)
     state = np.zeros(len(prior))
 
     def split(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return state[: 7 * drones].reshape(drones, 7), state[7 * drones :].reshape(count, 6)
 
-    for _ in range(_STEPS):
-        linear = disagreement.linear(*split(state))
-        step, covariance = linear.step(state, prior)
+    for number in range(_STEPS):
+        height_m = _HEIGHTS_M[min(number, len(_HEIGHTS_M) - 1)]
+        step, _ = disagreement.linear(*split(state), height_m).step(state, prior)
         state = state + step
-        if np.abs(step[: 7 * drones].reshape(drones, 7) / PRIOR).max() < 1e-2:
+        if number >= len(_HEIGHTS_M) and np.abs(step[: 7 * drones].reshape(drones, 7) / PRIOR).max() < 1e-2:
             break
-    linear = disagreement.linear(*split(state))
+    linear = disagreement.linear(*split(state), _HEIGHTS_M[-1])
     _, covariance = linear.step(state, prior)
     others = np.array([(state + linear.step(state, prior, k)[0])[: 7 * drones] for k in range(SLICES)])
     spread = np.sqrt((SLICES - 1) / SLICES * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
@@ -273,6 +296,31 @@ def fit_offsets(disagreement: Disagreement, drones: int, free: NDArray[np.bool_]
         after,
         disagreement.drone[np.stack([disagreement.first, disagreement.second], axis=1)],
     )
+
+
+def _trust(
+    off: NDArray[np.float64], sigma: NDArray[np.float64], along: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far matches [M, 2] are believed along and across: what moved is off across, what stands on the
+    ground along, on the side of heights above the map."""
+    across = 1.0 / (1.0 + off[:, 1] ** 2)
+    spread_m = sigma[:, 0] / along
+    above_m = -off[:, 0] * spread_m
+    ground = _GROUND * np.exp(-0.5 * off[:, 0] ** 2) / (spread_m * np.sqrt(2 * np.pi))
+    taller = np.exp(-np.maximum(above_m, 0.0) / _TALL_M) / _TALL_M
+    others = (1.0 - _GROUND) * np.where(above_m > 0, np.maximum(taller, _ANYWHERE), _LOWER)
+    return np.stack([across * ground / (ground + others), across], axis=1)
+
+
+def _prior(free: NDArray[np.bool_], frames: int) -> NDArray[np.float64]:
+    """Weight of 0 [P, P] for offsets, `free` [D, 7] or not, and for the noise of frames."""
+    fixed = np.where(free, PRIOR**-2.0, 1e12).ravel()
+    prior = np.diag(np.concatenate([fixed, np.tile(JITTER**-2.0, frames)]))
+    for quantity in (QUANTITIES.index("east"), QUANTITIES.index("north")):
+        together = 7 * np.flatnonzero(free[:, quantity]) + quantity
+        if len(together):
+            prior[np.ix_(together, together)] += (len(together) * _SHARED_M) ** -2.0
+    return prior
 
 
 def _slices(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:

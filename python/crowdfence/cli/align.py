@@ -14,7 +14,7 @@ from crowdfence.cli.option_sets import MapOptions, SourceOptions, map_options, t
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
-    from crowdfence.alignment import Alignment, DroneAlignment
+    from crowdfence.alignment import Alignment, DroneAlignment, Estimate
 
 
 @takes(MapOptions, SourceOptions, before="frames")
@@ -30,7 +30,7 @@ def align(
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
-    """Find out what a flight's camera angles and clock are constantly off, from its pictures and the map.
+    """Find out what a flight's poses and clock are constantly off, from its pictures and the map.
 
     Nothing is guessed: what the pictures cannot tell is said and left alone. Where they tell nothing, no file
     is written and the exit code is 3.
@@ -66,9 +66,10 @@ def _report(found: Alignment, output: Path) -> None:
         if drone.why_not:
             out.print(f"[bold]{drone.drone}[/]: cannot tell: {drone.why_not}", soft_wrap=True)
             continue
-        table = Table("", "off by", "+-", "", box=None, title=_title(drone), title_justify="left")
+        out.print(_title(drone), soft_wrap=True)
+        table = Table("", "off by", "+-", "", box=None)
         for one in drone.estimates:
-            verdict = "put right" if one.told else f"left alone: {one.why_not}"
+            verdict = _verdict(one)
             digits = 3 if one.unit == "s" else 2
             table.add_row(
                 one.quantity, f"{one.value:+.{digits}f} {one.unit}", f"{one.error:.{digits}f}", verdict
@@ -78,8 +79,14 @@ def _report(found: Alignment, output: Path) -> None:
         out.print(f"\nalignment in [bold]{output}[/]; use it with --alignment {output}", soft_wrap=True)
 
 
+def _verdict(one: Estimate) -> str:
+    if not one.told:
+        return f"left alone: {one.why_not}"
+    return "put right" + (" against the other drones" if one.quantity in ("east", "north") else "")
+
+
 def _title(drone: DroneAlignment) -> str:
     return (
-        f"{drone.drone}: {counted(drone.matches, 'place')} in several pictures, apart by "
+        f"[bold]{drone.drone}[/]: {counted(drone.matches, 'place')} in several pictures, apart by "
         f"{drone.before_px:.2f} px before, {drone.after_px:.2f} px after"
     )

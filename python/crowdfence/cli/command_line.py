@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import typer
@@ -54,6 +56,8 @@ def _tidy(command: Any) -> None:
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
+            elif hasattr(parameter, "display_type") and "display_type" not in vars(parameter):
+                parameter.display_type = partial(_shown_type, parameter.display_type)
         return sorted(parameters, key=place)
 
     command.get_params = get_params
@@ -61,6 +65,13 @@ def _tidy(command: Any) -> None:
         # The lines of a docstring are not those of the terminal.
         paragraphs = inspect.cleandoc(command.help).split("\n\n")
         command.help = "\n\n".join(" ".join(part.split()) for part in paragraphs)
+
+
+def _shown_type(given: Any, context: Any) -> str:
+    """What a value is, without words of Python: <list[Path]> is <path>..."""
+    shown = str(given(context))
+    several = re.fullmatch(r"<list\[(.*)\]>", shown)
+    return f"<{several[1].lower()}>..." if several else shown
 
 
 def place(parameter: Any) -> int:

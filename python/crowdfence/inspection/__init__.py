@@ -56,6 +56,7 @@ def _kind(path: Path) -> str:
     from crowdfence.inspection.crowd_map import MAGIC as CROWD_MAP_MAGIC
     from crowdfence.maps import SUFFIXES
     from crowdfence.sources import KINDS, is_flight, is_recording
+    from crowdfence.sources.film.reader import LOG_SUFFIXES
 
     path.stat()  # FileNotFoundError and PermissionError name the file
     if path.is_dir():
@@ -67,8 +68,8 @@ def _kind(path: Path) -> str:
         head = file.read(8)
     if suffix == ".crowdmap" or head == CROWD_MAP_MAGIC:
         return "crowd map"
-    if is_recording(path) or is_flight(path):
-        return "recording"
+    if is_recording(path) or is_flight(path) or suffix in LOG_SUFFIXES:
+        return "recording"  # of the log alone the reader says which film to name
     raise ValueError(
         f"{path} is none of: a map ({' '.join(SUFFIXES)}), a recording ({KINDS}), a saved crowd map "
         "(.crowdmap)"

@@ -70,10 +70,15 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
     """`anchor` None: the first position. ValueError when the file has no such heights, or heights above the
     sea meet a PROJ without a geoid."""
     above = options.heights or next((one for one in poses.preferred_heights if one in poses.heights_m), None)
+    if not poses.heights_m:
+        raise ValueError(
+            "positions are recorded and no heights, without which no camera can be placed: with heights of "
+            "your own it can be opened as a folder with poses.csv (docs/own-recording.md)"
+        )
     if above is None or above not in poses.heights_m:
         raise ValueError(
-            f"no heights above {above or 'anything'} are recorded: there are "
-            f"{', '.join(poses.heights_m) or 'none'} (--heights)"
+            f"no heights above {above or 'anything known'} are recorded: there are "
+            f"{', '.join(poses.heights_m)} (--heights)"
         )
     height_m = poses.heights_m[above]
     columns = np.stack([poses.latitude_deg, poses.longitude_deg, height_m])
