@@ -59,8 +59,12 @@ def view(listeners: int, port: int, seconds: float) -> list[list[float]]:
     """How old every step was, in seconds, when each of the listeners had it."""
     from websockets.asyncio.client import connect
 
+    connected: list[int] = []
+
     async def listen(ages_s: list[float]) -> None:
-        async with connect(f"ws://127.0.0.1:{port}/api/v1/stream", max_size=None, open_timeout=60) as one:
+        address = f"ws://127.0.0.1:{port}/api/v1/stream"
+        async with connect(address, max_size=None, open_timeout=120) as one:
+            connected.append(1)
             async for text in one:
                 step = json.loads(text)
                 if step["type"] == "step" and step["stamp_ns"] is not None:
@@ -69,6 +73,8 @@ def view(listeners: int, port: int, seconds: float) -> list[list[float]]:
     async def listen_all() -> list[list[float]]:
         ages_s: list[list[float]] = [[] for _ in range(listeners)]
         tasks = [asyncio.create_task(listen(one)) for one in ages_s]
+        while len(connected) < listeners:
+            await asyncio.sleep(0.1)
         await asyncio.wait(tasks, timeout=seconds)
         for task in tasks:
             task.cancel()

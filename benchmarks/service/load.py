@@ -114,7 +114,7 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
         def use(port: int) -> Told:
             nonlocal watching
             if viewers:
-                watching = started("view", viewers, port, seconds + 10.0)
+                watching = started("view", viewers, port, seconds + 20.0)
                 while service.hub.listeners < viewers:
                     time.sleep(0.1)
             told = bombarded("http", port, drones, rate_hz, seconds)
