@@ -62,8 +62,8 @@ class Poses:
         if offset.time_s != 0.0:
             raise Refused(
                 422,
-                f"pictures of {drone} are {offset.time_s:+.3f} s off its poses (--alignment), and one pose does "
-                "not say where the camera was then: correct its stamps, or give telemetry",
+                f"pictures of {drone} are {offset.time_s:+.3f} s off its poses (--alignment), and one pose "
+                "does not say where the camera was then: correct its stamps, or give telemetry",
             )
         return offset.pose(world_from_camera)
 
