@@ -211,6 +211,35 @@ def test_a_viewer_sees_everything_and_changes_nothing(browser: Browser, server: 
     context.close()
 
 
+def test_an_upright_tablet_begins_with_the_map_and_lays_one_panel_over_it(
+    browser: Browser, server: Server
+) -> None:
+    context = browser.new_context(viewport={"width": 768, "height": 1024}, reduced_motion="reduce")
+    tablet = open_console(context, server, "viewer")
+    tablet.wait("moment.zones.zones")
+
+    def across(name: str) -> tuple[float, float]:
+        box = tablet.find(name).bounding_box()
+        return box["x"], box["x"] + box["width"]
+
+    assert across("map") == (0, 768)
+    assert len(np.unique(pixels(tablet).reshape(-1, 3) // 32, axis=0)) > 30, "the map is drawn"
+    assert tablet.find("zones").is_visible() and not tablet.find("inspector").is_visible()
+    tablet.page.keyboard.press("j")
+    tablet.find("zone-card").wait_for()
+    assert across("map") == (0, 768) and across("inspector") == (448, 768)
+    tablet.page.keyboard.press("[")
+    tablet.page.locator("[data-zone]").first.wait_for()
+    assert not tablet.find("inspector").is_visible()
+    tablet.page.locator("[data-zone]").first.click()
+    tablet.find("zone-card").wait_for()
+    assert tablet.page.locator("[data-zone]").count() == 0
+    tablet.page.get_by_label("Close", exact=True).click()
+    tablet.find("inspector").wait_for(state="detached")
+    assert across("timeline") == (0, 768) and tablet.complaints == []
+    context.close()
+
+
 def test_it_comes_back_when_the_server_does(console: Console, server: Server) -> None:
     console.find("follow").click()
     server.kill()
