@@ -61,8 +61,7 @@ def test_the_map_shows_ground_crowd_and_what_was_not_cleared(console: Console) -
     assert share(shown, "not cleared") > 0.02
     drawn = console.state("drapes")
     toggle(console, "belief")
-    console.wait("drapes", lambda drapes: drapes > drawn)
-    console.page.wait_for_timeout(600)
+    console.drawn(drawn)
     hidden = pixels(console)
     assert share(hidden, "empty") < share(shown, "empty") / 4, "teal without the layer that says so"
     assert share(hidden, "not cleared") < share(shown, "not cleared") / 4
