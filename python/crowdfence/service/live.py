@@ -29,7 +29,7 @@ from crowdfence.service.alerts import Alerts
 from crowdfence.service.arrivals import Arrival, Content, stepped
 from crowdfence.service.clock import Clock
 from crowdfence.service.detecting import Detecting
-from crowdfence.service.fleet import Fleet, Sighting
+from crowdfence.service.fleet import Fleet
 from crowdfence.service.gate import Gate, Refused
 from crowdfence.service.gathering import Gathering
 from crowdfence.service.journal import Journal, Record, RecordKind
@@ -41,6 +41,7 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Write
+from crowdfence.service.track import Sighting
 from crowdfence.service.view_message import CameraMessage, ViewMessage
 
 _LOG = logging.getLogger(__name__)

@@ -14,10 +14,10 @@ import numpy as np
 
 from crowdfence.iso_time import iso_utc
 from crowdfence.service.alerts import AlertKind, Level
-from crowdfence.service.fleet import Sighting
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
+from crowdfence.service.track import Sighting
 from crowdfence.zones import Zone
 
 _EVERY_S = 1.0
