@@ -13,6 +13,7 @@ from threading import Event, Thread
 import numpy as np
 
 from crowdfence.iso_time import iso_utc
+from crowdfence.service import alerts as alert_log
 from crowdfence.service.alerts import AlertKind, Level
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
@@ -191,6 +192,7 @@ class Watch:
 
         def write(connection: sqlite3.Connection) -> None:
             forget_before(connection, oldest_ns)
+            alert_log.forget_before(connection, oldest_ns)
             for table in ("media", "beliefs"):
                 trim(connection, table, room)
             connection.execute("DELETE FROM damaged WHERE received_ns < ?", (oldest_ns,))
