@@ -4,8 +4,8 @@ python clients.py       a pickled (name, arguments) on stdin, a pickled answer o
 """
 
 import asyncio
-import json
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -14,6 +14,7 @@ from typing import Any
 
 STAMP, DRONE = 1_234_567_890_123_456_789, "thedrone"
 """What bodies hold until they are sent."""
+STEP = re.compile(r'{"type": "step", "stamp_ns": "(\d+)"')
 
 
 @dataclass
@@ -66,9 +67,9 @@ def view(listeners: int, port: int, seconds: float) -> list[list[float]]:
         async with connect(address, max_size=None, open_timeout=120) as one:
             connected.append(1)
             async for text in one:
-                step = json.loads(text)
-                if step["type"] == "step" and step["stamp_ns"] is not None:
-                    ages_s.append((time.time_ns() - int(step["stamp_ns"])) / 1e9)
+                stamp = STEP.match(text)  # reading all of it would measure this client
+                if stamp is not None:
+                    ages_s.append((time.time_ns() - int(stamp[1])) / 1e9)
 
     async def listen_all() -> list[list[float]]:
         ages_s: list[list[float]] = [[] for _ in range(listeners)]

@@ -112,11 +112,12 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
         spent_s = time.process_time()
 
         def use(port: int) -> Told:
-            nonlocal watching
+            nonlocal watching, spent_s
             if viewers:
                 watching = started("view", viewers, port, seconds + 20.0)
                 while service.hub.listeners < viewers:
                     time.sleep(0.1)
+                spent_s = time.process_time()  # of views and steps, not of handshakes
             told = bombarded("http", port, drones, rate_hz, seconds)
             if watching is not None:
                 ages_s.extend(result(watching))

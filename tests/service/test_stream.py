@@ -79,6 +79,7 @@ def test_a_listener_that_never_reads_holds_up_nobody_and_is_cut_off(
 ) -> None:
     monkeypatch.setattr(stream, "SEND_WITHIN_S", 0.3)
     monkeypatch.setattr(stream, "STEPS_PER_S", 1000.0)
+    monkeypatch.setattr(stream, "MESSAGES_PER_S", 1e6)
     with running(tmp_path) as service, on_the_network(service) as address:
         host, _, port = address.partition(":")
         deaf = socket.create_connection((host, int(port)))
@@ -99,6 +100,11 @@ def test_a_listener_that_never_reads_holds_up_nobody_and_is_cut_off(
                 time.sleep(0.02)
             assert (service.hub.cut_off, service.hub.listeners) == (1, 1)
         deaf.close()
+
+
+def test_many_listeners_leave_time_for_the_drones() -> None:
+    """Ten steps a second to 15, then 150 a second to all together."""
+    assert [stream.pause_s(listeners) for listeners in (1, 15, 30, 150)] == [0.1, 0.1, 0.2, 1.0]
 
 
 def test_the_body_of_an_answer_does_not_wait_for_the_acknowledgement_of_its_head() -> None:

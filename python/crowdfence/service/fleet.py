@@ -84,7 +84,7 @@ class Fleet:
         return told
 
     def _footprint(self, drone: str, sighting: Sighting) -> list[list[float]]:
-        """Closed ring on the terrain; kept for the newest that was asked for."""
+        """Closed ring on the terrain, to the centimetre; kept for the newest that was asked for."""
         known = self._footprints.get(drone)
         if known is not None and known[0] == sighting.stamp_ns:
             return known[1]
@@ -96,7 +96,7 @@ class Fleet:
             outline = np.concatenate([outline, outline[:1]])
             heights = self._raster.height_at(outline)
             lowest = float(np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
-            ring = np.column_stack([outline, np.nan_to_num(heights, nan=lowest)]).tolist()
+            ring = np.column_stack([outline, np.nan_to_num(heights, nan=lowest)]).round(2).tolist()
         self._footprints[drone] = (sighting.stamp_ns, ring)
         return ring
 
