@@ -1,9 +1,10 @@
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import { formatLink, parseLink } from "../src/state/deep_link";
 import { EMPTY_STATE, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
 import { byUrgency, isOpen, marks } from "../src/state/alerts";
 import { thinned } from "../src/state/thinning";
+import { behind_s, now_ms } from "../src/ui/now";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -40,6 +41,21 @@ describe("a long time line", () => {
     }
     expect(points[0]).toBe(0);
     expect(points.slice(-10)).toEqual([990, 991, 992, 993, 994, 995, 996, 997, 998, 999]);
+  });
+});
+
+describe("now", () => {
+  it("is the time of the service while views arrive, so that what comes late does not look new", () => {
+    vi.spyOn(performance, "now").mockReturnValue(700);
+    const moment = { stamp_ms: 10_000, lag_s: 7, arrived: 500 } as unknown as (typeof EMPTY_STATE)["moment"];
+    const live = { ...EMPTY_STATE, moment, mode: "live" as const, time: { ...EMPTY_STATE.time, following: true } };
+    expect(now_ms(live)).toBe(10_000 + 7_000 + 200);
+    expect(behind_s(live)).toBe(7);
+    const past = { ...live, time: { ...live.time, following: false } };
+    expect(now_ms(past)).toBe(10_000);
+    expect(behind_s(past)).toBe(0);
+    expect(now_ms({ ...live, mode: "replay" })).toBe(10_000);
+    vi.restoreAllMocks();
   });
 });
 
