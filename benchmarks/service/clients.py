@@ -4,8 +4,8 @@ python clients.py       a pickled (name, arguments) on stdin, a pickled answer o
 """
 
 import asyncio
-import json
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -14,6 +14,7 @@ from typing import Any
 
 STAMP, DRONE = 1_234_567_890_123_456_789, "thedrone"
 """What bodies hold until they are sent."""
+STEP = re.compile(r'{"type": "step", "stamp_ns": "(\d+)"')
 
 
 @dataclass
@@ -59,16 +60,22 @@ def view(listeners: int, port: int, seconds: float) -> list[list[float]]:
     """How old every step was, in seconds, when each of the listeners had it."""
     from websockets.asyncio.client import connect
 
+    connected: list[int] = []
+
     async def listen(ages_s: list[float]) -> None:
-        async with connect(f"ws://127.0.0.1:{port}/api/v1/stream", max_size=None, open_timeout=60) as one:
+        address = f"ws://127.0.0.1:{port}/api/v1/stream"
+        async with connect(address, max_size=None, open_timeout=120) as one:
+            connected.append(1)
             async for text in one:
-                step = json.loads(text)
-                if step["type"] == "step" and step["stamp_ns"] is not None:
-                    ages_s.append((time.time_ns() - int(step["stamp_ns"])) / 1e9)
+                stamp = STEP.match(text)  # reading all of it would measure this client
+                if stamp is not None:
+                    ages_s.append((time.time_ns() - int(stamp[1])) / 1e9)
 
     async def listen_all() -> list[list[float]]:
         ages_s: list[list[float]] = [[] for _ in range(listeners)]
         tasks = [asyncio.create_task(listen(one)) for one in ages_s]
+        while len(connected) < listeners:
+            await asyncio.sleep(0.1)
         await asyncio.wait(tasks, timeout=seconds)
         for task in tasks:
             task.cancel()

@@ -4,7 +4,7 @@
 
 Three drones give five views a second over a plain; the clock is that of the views. History is kept for ten
 minutes, in shorter runs for a sixth of them. In the second half neither the resident memory nor the files may
-grow by more than a fifth.
+grow by more than a fifth; the slopes of both are told.
 """
 
 import argparse
@@ -15,6 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
+import numpy as np
 
 from crowdfence.service.watch import Watch
 from support.small_service import SETTINGS, message, running, settle, view
@@ -56,10 +58,21 @@ def main(seconds: float) -> int:
                     flush=True,
                 )
     settled = [one for one in figures if one[0] * 60 >= seconds / 2] or figures[-1:]
+    for column, what in ((1, "memory"), (2, "disk")):
+        middle = np.median([one[column] for one in settled])
+        print(f"second half: {what} {middle:.1f} MB, {_slope(settled, column):+.2f} MB an hour")
     first, last = settled[0], figures[-1]
     bounded = last[1] <= GROWTH * first[1] and last[2] <= GROWTH * first[2]
     print("bounded" if bounded else "GROWS")
     return 0 if bounded else 3
+
+
+def _slope(figures: list[tuple[float, float, float]], column: int) -> float:
+    """Of the straight line through them, an hour of flight."""
+    minutes = np.array([one[0] for one in figures])
+    if len(minutes) < 2:
+        return 0.0
+    return 60.0 * float(np.polyfit(minutes, [one[column] for one in figures], 1)[0])
 
 
 def _at(drone: str, number: int):

@@ -160,7 +160,7 @@ def test_the_base_map_lies_where_its_coordinates_say(console: Console) -> None:
     def magenta(east: float, north: float) -> bool:
         console.page.evaluate(f"location.hash = '#view={east},{north},0,4,90,0'")
         console.wait("camera.target", lambda target: target[:2] == [east, north])
-        console.page.wait_for_timeout(1500)
+        console.drawn(console.state("drapes") + 1)  # a fleet that flies has the ground painted every second
         picture = Image.open(io.BytesIO(console.find("map").screenshot())).convert("RGB")
         middle = np.asarray(picture).astype(int)
         middle = middle[middle.shape[0] // 2 - 12 :, middle.shape[1] // 2 - 12 :][:24, :24].reshape(-1, 3)

@@ -61,8 +61,7 @@ def test_the_map_shows_ground_crowd_and_what_was_not_cleared(console: Console) -
     assert share(shown, "not cleared") > 0.02
     drawn = console.state("drapes")
     toggle(console, "belief")
-    console.wait("drapes", lambda drapes: drapes > drawn)
-    console.page.wait_for_timeout(600)
+    console.drawn(drawn)
     hidden = pixels(console)
     assert share(hidden, "empty") < share(shown, "empty") / 4, "teal without the layer that says so"
     assert share(hidden, "not cleared") < share(shown, "not cleared") / 4
@@ -208,6 +207,35 @@ def test_a_viewer_sees_everything_and_changes_nothing(browser: Browser, server: 
     assert answer == 403
     with pytest.raises(urllib.error.HTTPError, match="403"):
         server.ask("/audit", role="viewer")
+    context.close()
+
+
+def test_an_upright_tablet_begins_with_the_map_and_lays_one_panel_over_it(
+    browser: Browser, server: Server
+) -> None:
+    context = browser.new_context(viewport={"width": 768, "height": 1024}, reduced_motion="reduce")
+    tablet = open_console(context, server, "viewer")
+    tablet.wait("moment.zones.zones")
+
+    def across(name: str) -> tuple[float, float]:
+        box = tablet.find(name).bounding_box()
+        return box["x"], box["x"] + box["width"]
+
+    assert across("map") == (0, 768)
+    assert len(np.unique(pixels(tablet).reshape(-1, 3) // 32, axis=0)) > 30, "the map is drawn"
+    assert tablet.find("zones").is_visible() and not tablet.find("inspector").is_visible()
+    tablet.page.keyboard.press("j")
+    tablet.find("zone-card").wait_for()
+    assert across("map") == (0, 768) and across("inspector") == (448, 768)
+    tablet.page.keyboard.press("[")
+    tablet.page.locator("[data-zone]").first.wait_for()
+    assert not tablet.find("inspector").is_visible()
+    tablet.page.locator("[data-zone]").first.click()
+    tablet.find("zone-card").wait_for()
+    assert tablet.page.locator("[data-zone]").count() == 0
+    tablet.page.get_by_label("Close", exact=True).click()
+    tablet.find("inspector").wait_for(state="detached")
+    assert across("timeline") == (0, 768) and tablet.complaints == []
     context.close()
 
 

@@ -1,4 +1,5 @@
-"""A fleet of ROS 2 over Zenoh on loopback: messages by rosbags in, zones and maps out, read by rosbags."""
+"""A fleet of ROS 2 over Zenoh on loopback: its node and the service meet at a router and nowhere else;
+messages are written by rosbags, and zones and maps read by rosbags."""
 
 import socket
 import time
@@ -114,27 +115,25 @@ def tf_message(stamp_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:
     return T["tf2_msgs/msg/TFMessage"]([transform])
 
 
-class Router:
-    """A Zenoh router, and a node of somebody else that publishes as rmw_zenoh does, or as a bridge."""
+@contextmanager
+def session(mode: str, endpoints: str, endpoint: str) -> Iterator[zenoh.Session]:
+    config = zenoh.Config()
+    config.insert_json5("mode", f'"{mode}"')
+    config.insert_json5(endpoints, f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as opened:
+        yield opened
 
-    def __init__(self, kind: str) -> None:
-        with socket.socket() as one:
-            one.bind(("127.0.0.1", 0))
-            port = one.getsockname()[1]
-        self.endpoint, self.kind = f"tcp/127.0.0.1:{port}", kind
-        config = zenoh.Config()
-        config.insert_json5("mode", '"router"')
-        config.insert_json5("listen/endpoints", f'["{self.endpoint}"]')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        self.session = zenoh.open(config)
+
+class Node:
+    """Of somebody else; publishes as rmw_zenoh does, or as a bridge."""
+
+    def __init__(self, kind: str, session: zenoh.Session) -> None:
+        self.kind, self.session = kind, session
 
     def publish(self, topic: str, message: Any) -> None:
         name = message.__msgtype__
-        package, _, short = name.split("/")
-        key = f"7{topic}/{package}::msg::dds_::{short}_/{STORE.hash_rihs01(name)}"
-        if self.kind == "bridge":
-            key = f"fleet{topic}"
-        self.session.put(key, bytes(STORE.serialize_cdr(message, name)))
+        self.session.put(self.key_of(topic, name), bytes(STORE.serialize_cdr(message, name)))
 
     def key_of(self, topic: str, name: str) -> str:
         package, _, short = name.split("/")
@@ -146,12 +145,17 @@ KEYS = {"rmw": RosKeys("rmw", domain=7), "bridge": RosKeys("bridge", namespace="
 
 
 @contextmanager
-def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Router, Service]]:
-    router = Router(kind)
-    link = RosLink(endpoint=router.endpoint, keys=KEYS[kind], topics=live_topics(topics))
+def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Node, Service]]:
+    """A router, and on it a node and the service; nobody scouts: the router alone brings them together."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{one.getsockname()[1]}"
+    link = RosLink(endpoint=endpoint, keys=KEYS[kind], topics=live_topics(topics))
     settings = replace(SETTINGS, pose_wait_s=20.0)
-    try:
-        with live(
+    with (
+        session("router", "listen/endpoints", endpoint) as router,
+        session("client", "connect/endpoints", endpoint) as node,
+        live(
             folder,
             plain(),
             CONFIG,
@@ -159,10 +163,11 @@ def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Router, 
             georeference=ANCHOR,
             settings=settings,
             inputs=Inputs(ros=link),
-        ) as service:
-            yield router, service
-    finally:
-        router.session.close()
+        ) as service,
+    ):
+        assert [str(one) for one in node.info.routers_zid()] == [str(router.info.zid())]
+        assert not node.info.peers_zid()
+        yield Node(kind, node), service
 
 
 def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
@@ -189,21 +194,21 @@ def test_a_fleet_of_ros_gives_the_zones_of_the_same_recording(tmp_path: Path, ki
     """Heatmaps, intrinsics and camera poses as CDR in; zones and grids as CDR out."""
     topics = [f"heatmap=/{drone}/heatmap,info=/{drone}/info,camera_pose=/{drone}/pose" for drone in DRONES]
     flown = views(6)
-    with fleet(tmp_path, kind, topics) as (router, service):
+    with fleet(tmp_path, kind, topics) as (node, service):
         heard: dict[str, list[Any]] = {"zones": [], "belief": [], "closed": []}
         types = {"zones": "visualization_msgs/msg/MarkerArray"}
         for name, samples in heard.items():
             message_type = types.get(name, "nav_msgs/msg/OccupancyGrid")
-            key = router.key_of(f"/crowdfence/{name}", message_type)
-            router.session.declare_subscriber(key, lambda sample, samples=samples: samples.append(sample))
+            key = node.key_of(f"/crowdfence/{name}", message_type)
+            node.session.declare_subscriber(key, lambda sample, samples=samples: samples.append(sample))
         live_service = service.live
         assert live_service is not None
         for number, view in enumerate(flown):
             # The pose comes after its picture, as it does where a filter makes it.
             def publish(view: View = view) -> None:
-                router.publish(f"/{view.drone}/info", info_message(view))
-                router.publish(f"/{view.drone}/heatmap", heatmap_message(view))
-                router.publish(f"/{view.drone}/pose", pose_message(view.stamp_ns, view.world_from_camera))
+                node.publish(f"/{view.drone}/info", info_message(view))
+                node.publish(f"/{view.drone}/heatmap", heatmap_message(view))
+                node.publish(f"/{view.drone}/pose", pose_message(view.stamp_ns, view.world_from_camera))
 
             again(publish, lambda wanted=number + 1: sum(live_service.accepted.values()) == wanted)
         live_service.finish()
@@ -259,26 +264,26 @@ def _marked(sample: Any, stamp_ns: int) -> bool:
 
 def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path: Path) -> None:
     topics = ["drone=uav1,heatmap=/uav1/heatmap,info=/uav1/info,camera_pose=/uav1/pose"]
-    with fleet(tmp_path, "rmw", topics) as (router, service):
+    with fleet(tmp_path, "rmw", topics) as (node, service):
         heard: list[Any] = []
-        key = router.key_of("/crowdfence/zones", "visualization_msgs/msg/MarkerArray")
-        router.session.declare_subscriber(key, heard.append)
+        key = node.key_of("/crowdfence/zones", "visualization_msgs/msg/MarkerArray")
+        node.session.declare_subscriber(key, heard.append)
         live_service = service.live
         assert live_service is not None
         for number, view in enumerate(views(3, ("uav1",))):
 
             def publish(view: View = view) -> None:
-                router.publish("/uav1/info", info_message(view))
-                router.publish("/uav1/pose", pose_message(view.stamp_ns, view.world_from_camera))
-                router.publish("/uav1/heatmap", heatmap_message(view))
+                node.publish("/uav1/info", info_message(view))
+                node.publish("/uav1/pose", pose_message(view.stamp_ns, view.world_from_camera))
+                node.publish("/uav1/heatmap", heatmap_message(view))
 
             again(publish, lambda wanted=number + 1: live_service.accepted["uav1"] == wanted)
         live_service.finish()
         until(lambda: heard)
         before = len(heard)
         until(lambda: len(heard) > before + 1)  # nothing new: said again
-        key = router.key_of("/uav1/heatmap", "sensor_msgs/msg/Image")
-        router.session.put(key, b"\x00\x01\x00\x00short")
+        key = node.key_of("/uav1/heatmap", "sensor_msgs/msg/Image")
+        node.session.put(key, b"\x00\x01\x00\x00short")
         until(lambda: service.alerts.active("refused_views", "uav1"))
         assert live_service.works and live_service.refused["uav1"] == 1 and live_service.accepted["uav1"] == 3
 

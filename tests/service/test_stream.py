@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 from crowdfence import Client
 from crowdfence.service import stream
 from crowdfence.service.app import make_app
+from crowdfence.service.server import listen
 from crowdfence.service.service import Service
 from support.small_service import asked, message, running, settle, views
 
@@ -23,7 +24,7 @@ from support.small_service import asked, message, running, settle, views
 def on_the_network(service: Service) -> Iterator[str]:
     """Its address."""
     config = uvicorn.Config(make_app(service), port=0, log_config=None, ws_ping_interval=None)
-    server, listening = uvicorn.Server(config), config.bind_socket()
+    server, listening = uvicorn.Server(config), listen(config)
     thread = Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()
     while not server.started:
@@ -78,6 +79,7 @@ def test_a_listener_that_never_reads_holds_up_nobody_and_is_cut_off(
 ) -> None:
     monkeypatch.setattr(stream, "SEND_WITHIN_S", 0.3)
     monkeypatch.setattr(stream, "STEPS_PER_S", 1000.0)
+    monkeypatch.setattr(stream, "MESSAGES_PER_S", 1e6)
     with running(tmp_path) as service, on_the_network(service) as address:
         host, _, port = address.partition(":")
         deaf = socket.create_connection((host, int(port)))
@@ -98,6 +100,22 @@ def test_a_listener_that_never_reads_holds_up_nobody_and_is_cut_off(
                 time.sleep(0.02)
             assert (service.hub.cut_off, service.hub.listeners) == (1, 1)
         deaf.close()
+
+
+def test_many_listeners_leave_time_for_the_drones() -> None:
+    """Ten steps a second to 15, then 150 a second to all together."""
+    assert [stream.pause_s(listeners) for listeners in (1, 15, 30, 150)] == [0.1, 0.1, 0.2, 1.0]
+
+
+def test_the_body_of_an_answer_does_not_wait_for_the_acknowledgement_of_its_head() -> None:
+    """Which the other side puts off for 40 ms, so that one client was answered 22 times a second."""
+    with (
+        listen(uvicorn.Config("", host="127.0.0.1", port=0, log_config=None)) as listening,
+        socket.create_connection(listening.getsockname()),
+    ):
+        connection, _ = listening.accept()
+        with connection:
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_the_python_client_against_a_server(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import time
 from collections import namedtuple
 from dataclasses import replace
@@ -219,6 +220,41 @@ def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
         assert oldest is None or oldest > START_NS
         # What is left can still be read.
         assert service.mission.timeline.at(newest.stamp_ns).number == newest.number
+
+
+def test_alerts_that_are_over_are_forgotten_with_the_rest_of_the_history(tmp_path: Path) -> None:
+    small = replace(SETTINGS, keep_s=10.0)
+    with running(tmp_path, settings=small) as service:
+        assert service.live is not None
+        service.live.give_view(message(view("uav1", 0)))
+        settle(service)
+        for number in range(5):
+            service.alerts.raise_("new_zone", "info", "over", START_NS + number, zone=f"Z{number}")
+            service.alerts.clear("new_zone", START_NS + number + 1, zone=f"Z{number}")
+        service.alerts.raise_("drone_silent", "alarm", "not over", START_NS, drone="uav9")
+        service.alerts.raise_("new_zone", "info", "the newest", START_NS + 9, zone="Z9")
+        service.live.give_view(message(view("uav1", 300)))  # a minute later
+        settle(service)
+        Watch(service).tidy()
+        service.store.flush()
+        kept = [json.loads(body)["text"] for (body,) in service.store.rows("SELECT body FROM alerts")]
+        assert sorted(kept) == ["not over", "the newest"]
+    with running(tmp_path, settings=small) as service:
+        assert service.alerts.raise_("disk", "alarm", "next", START_NS).id == "A8"
+
+
+def test_a_thousand_small_alerts_cover_up_no_alarm(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        alerts = service.alerts
+        alarm = alerts.raise_("drone_in_zone", "alarm", "uav1 is in zone Z1", 1, drone="uav1", zone="Z1")
+        alerts.clear("drone_in_zone", 2, drone="uav1", zone="Z1")
+        for number in range(1500):
+            alerts.raise_("new_zone", "info", "appeared", 3 + number, zone=f"Z{number}")
+        there = alerts.all()
+        assert len(there) == 1000 and [one for one in there if one.id == alarm.id]
+        alerts.acknowledge(alarm.id, "ana", 5000)
+        alerts.raise_("new_zone", "info", "appeared", 5001, zone="ZZ")
+        assert len(alerts.all()) == 1000 and alarm.id not in {one.id for one in alerts.all()}
 
 
 def test_counts_for_prometheus(tmp_path: Path) -> None:

@@ -90,6 +90,13 @@ class Server:
             return json.load(answer)
 
 
+_THREE_FRAMES = """() => new Promise(shown => {
+  let left = 3;
+  const next = () => (left-- > 0 ? requestAnimationFrame(next) : shown());
+  next();
+})"""
+
+
 @dataclass
 class Console:
     """The page as somebody sits before it, and what a browser would tell its developer."""
@@ -129,6 +136,12 @@ class Console:
         self.page.keyboard.press("ArrowLeft")
         stamp = str(self.state("time.stamp_ns"))
         return str(self.wait("moment.stamp_ns", lambda shown: shown == stamp))
+
+    def drawn(self, after: int) -> None:
+        """Until the ground was painted once more than `after` times (`drapes`) and the map has shown it,
+        however busy the machine is."""
+        self.wait("drapes", lambda drapes: drapes > after)
+        self.page.evaluate(_THREE_FRAMES)
 
     def choose(self, zone: str) -> None:
         self.page.locator(f'[data-zone="{zone}"]').click()

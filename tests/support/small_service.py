@@ -124,7 +124,7 @@ def asked(service: Service, **how: Any) -> Iterator[TestClient]:
         yield http
 
 
-def settle(service: Service, timeout_s: float = 20.0) -> None:
+def settle(service: Service, timeout_s: float = 120.0) -> None:
     """Until everything that was accepted is in the map."""
     assert service.live is not None
     service.live.settled(timeout_s)

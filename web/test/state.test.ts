@@ -1,7 +1,10 @@
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import { formatLink, parseLink } from "../src/state/deep_link";
 import { EMPTY_STATE, Store } from "../src/state/store";
+import type { Alert, AlertLevel } from "../src/api/contract";
+import { byUrgency, isOpen, marks } from "../src/state/alerts";
 import { thinned } from "../src/state/thinning";
+import { behind_s, now_ms } from "../src/ui/now";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -38,6 +41,49 @@ describe("a long time line", () => {
     }
     expect(points[0]).toBe(0);
     expect(points.slice(-10)).toEqual([990, 991, 992, 993, 994, 995, 996, 997, 998, 999]);
+  });
+});
+
+describe("now", () => {
+  it("is the time of the service while views arrive, so that what comes late does not look new", () => {
+    vi.spyOn(performance, "now").mockReturnValue(700);
+    const moment = { stamp_ms: 10_000, lag_s: 7, arrived: 500 } as unknown as (typeof EMPTY_STATE)["moment"];
+    const live = { ...EMPTY_STATE, moment, mode: "live" as const, time: { ...EMPTY_STATE.time, following: true } };
+    expect(now_ms(live)).toBe(10_000 + 7_000 + 200);
+    expect(behind_s(live)).toBe(7);
+    const past = { ...live, time: { ...live.time, following: false } };
+    expect(now_ms(past)).toBe(10_000);
+    expect(behind_s(past)).toBe(0);
+    expect(now_ms({ ...live, mode: "replay" })).toBe(10_000);
+    vi.restoreAllMocks();
+  });
+});
+
+describe("alerts", () => {
+  const alert = (id: string, level: AlertLevel, over: boolean, seen: boolean): Alert => ({
+    ...{ id, level, kind: "drone_near_zone", text: id, drone: "uav1", zone: "Z1", raised_ms: 1 },
+    ...{ cleared_ms: over ? 2 : null, acknowledged_by: seen ? "ana" : null, acknowledged_ms: seen ? 3 : null },
+  });
+
+  it("need somebody: an alarm until it was seen, a warning while it holds, news never", () => {
+    expect(isOpen(alert("a", "alarm", true, false))).toBe(true);
+    expect(isOpen(alert("b", "alarm", false, true))).toBe(false);
+    expect(isOpen(alert("c", "warning", false, false))).toBe(true);
+    expect(isOpen(alert("d", "warning", true, false))).toBe(false);
+    expect(isOpen(alert("e", "info", false, false))).toBe(false);
+  });
+
+  it("stand in the order in which somebody is needed, and else in their own", () => {
+    const told = [alert("news", "info", false, false), alert("seen", "alarm", false, true), alert("near", "warning", false, false), alert("inside", "alarm", true, false)];
+    expect(byUrgency(told).map(({ id }) => id)).toEqual(["inside", "near", "news", "seen"]);
+  });
+
+  it("leave one mark where many would cover each other: the most urgent", () => {
+    const at = ({ id }: Alert) => Number(id);
+    const told = [alert("0.500", "info", false, false), alert("0.505", "alarm", false, false), alert("0.511", "warning", false, false), alert("0.53", "info", false, false)];
+    expect(marks(told, at, 0.012).map(({ id }) => id)).toEqual(["0.505", "0.53"]);
+    const crowded = Array.from({ length: 1000 }, (_, k) => alert(String(k / 1000), "info", false, false));
+    expect(marks(crowded, at, 0.012).length).toBeLessThanOrEqual(84);
   });
 });
 

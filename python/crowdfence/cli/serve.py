@@ -250,6 +250,7 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
     from crowdfence.service.inputs import Inputs
     from crowdfence.service.mavlink_link import TelemetryAddress
     from crowdfence.service.telemetry import TelemetryOptions
+    from crowdfence.sources.alignment_file import read_alignment
     from crowdfence.sources.camera_mount import CameraMount
     from crowdfence.sources.geographic_track import HeightOptions
 
@@ -258,19 +259,20 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
     if addresses and chosen["clock"] is ClockName.views:
         raise ValueError("--mavlink is laid on the machine's clock: it does not go with --clock views")
     ros = _ros(chosen)
-    usable = {"mount", "heights", "geoid_m", "take_off"} if addresses else set[str]()
+    usable = {"alignment", *(("mount", "heights", "geoid_m", "take_off") if addresses else ())}
     if ros is not None:
         usable |= {"topics", "mount"}
     for name in told.keys() - usable:
         raise ValueError(f"{name} says something about a recording; live views have none")
     mount = told.get("mount")
     heights = HeightOptions(told.get("heights"), told.get("geoid_m"), told.get("take_off"))
-    key = chosen["mavlink_key"]
+    key, alignment = chosen["mavlink_key"], told.get("alignment")
     return Inputs(
         mavlink=addresses,
         mavlink_key=None if key is None else key.read_text().strip(),
         telemetry=TelemetryOptions(None if mount is None else CameraMount.parse(mount), heights),
         ros=ros,
+        offsets={} if alignment is None else read_alignment(alignment),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import sqlite3
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
@@ -45,6 +46,13 @@ class Alert:
     acknowledged_by: str | None = None
     acknowledged_ns: int | None = None
 
+    @property
+    def is_open(self) -> bool:
+        """Whether somebody has to look at it: an alarm until somebody did, a warning while it holds."""
+        if self.acknowledged_by is not None or self.level == "info":
+            return False
+        return self.level == "alarm" or self.cleared_ns is None
+
     def to_json(self) -> dict[str, Any]:
         told = {name: getattr(self, name) for name in ("id", "kind", "level", "text", "drone", "zone")}
         return {
@@ -56,8 +64,18 @@ class Alert:
         }
 
 
+def forget_before(connection: sqlite3.Connection, stamp_ns: int) -> None:
+    """Retention: alerts that were raised before a stamp and are over; the newest stays for its number."""
+    connection.execute(
+        "DELETE FROM alerts WHERE raised_ns < ? AND json_extract(body, '$.cleared_ns') IS NOT NULL "
+        "AND rowid < (SELECT MAX(rowid) FROM alerts)",
+        (stamp_ns,),
+    )
+
+
 class Alerts:
-    """The newest 1000. An alert of the same kind, drone and zone is not raised twice while it is active."""
+    """A thousand of them: the newest, and those that somebody has to look at. An alert of the same kind,
+    drone and zone is not raised twice while it is active."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -88,6 +106,12 @@ class Alerts:
                 return alert
         return None
 
+    def _least_needed(self) -> str:
+        """The oldest that asks nobody for anything, so that many small ones cover up no alarm."""
+        return next(
+            (name for name, alert in self._alerts.items() if not alert.is_open), next(iter(self._alerts))
+        )
+
     def raise_(
         self,
         kind: AlertKind,
@@ -106,7 +130,7 @@ class Alerts:
             self._count += 1
             alert = Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns)
             while len(self._alerts) >= _REMEMBERED:
-                del self._alerts[next(iter(self._alerts))]
+                del self._alerts[self._least_needed()]
         _LOG.log(
             _LOG_LEVELS[level], text, extra={"alert": alert.id, "kind": kind, "drone": drone, "zone": zone}
         )
@@ -133,7 +157,9 @@ class Alerts:
             self._alerts[alert.id] = alert
         row = (alert.id, alert.raised_ns, json.dumps(asdict(alert)))
         self._store.note(
-            lambda connection: connection.execute("INSERT OR REPLACE INTO alerts VALUES (?, ?, ?)", row)
+            lambda connection: connection.execute(
+                "INSERT INTO alerts VALUES (?, ?, ?) ON CONFLICT (id) DO UPDATE SET body = excluded.body", row
+            )
         )
         self.on_change(alert)
         return alert

@@ -13,6 +13,7 @@ from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.link import RosLink
 from crowdfence.service.service import Service
 from crowdfence.service.telemetry import Telemetry, TelemetryOptions
+from crowdfence.sources.pose_offset import PoseOffset
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,8 @@ class Inputs:
     """Pass phrase of signatures (MAVLink 2)."""
     telemetry: TelemetryOptions = field(default_factory=TelemetryOptions)
     ros: RosLink | None = None
+    offsets: Mapping[str, PoseOffset] = field(default_factory=dict)
+    """What the poses of a drone are constantly off, also of views that bring theirs."""
 
     def feeds(self, terrain: Terrain, anchor: Georeference | None) -> dict[str, PoseFeed]:
         """Where the poses of each drone come from. ValueError as for `Telemetry`, and for a drone with two

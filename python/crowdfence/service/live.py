@@ -29,7 +29,7 @@ from crowdfence.service.alerts import Alerts
 from crowdfence.service.arrivals import Arrival, Content, stepped
 from crowdfence.service.clock import Clock
 from crowdfence.service.detecting import Detecting
-from crowdfence.service.fleet import Fleet, Sighting
+from crowdfence.service.fleet import Fleet
 from crowdfence.service.gate import Gate, Refused
 from crowdfence.service.gathering import Gathering
 from crowdfence.service.journal import Journal, Record, RecordKind
@@ -41,6 +41,7 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.store import Write
+from crowdfence.service.track import Sighting
 from crowdfence.service.view_message import CameraMessage, ViewMessage
 
 _LOG = logging.getLogger(__name__)
@@ -113,13 +114,16 @@ class Live:
         message.check()
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
             raise Refused(422, "this service runs no detector (--detector): send heatmaps")
-        if message.world_from_camera is not None:
+        if message.world_from_camera is not None and not self.poses.aligns(message.drone):
             return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
         return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
 
     def _posed(self, message: ViewMessage) -> bytes:
-        """As it is journaled: with the pose, so that a restart needs no telemetry."""
-        pose = self.poses.pose_at(message.drone, message.stamp_ns, self._clock.now_ns())
+        """As it is journaled: with its right pose, so that a restart needs no telemetry and no alignment."""
+        if message.world_from_camera is None:
+            pose = self.poses.pose_at(message.drone, message.stamp_ns, self._clock.now_ns())
+        else:
+            pose = self.poses.righted(message.drone, np.array(message.world_from_camera))
         return message.posed(pose).model_dump_json().encode()
 
     def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
@@ -129,6 +133,11 @@ class Live:
         if observation.terrain_fingerprint != ours:
             raise Refused(
                 422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
+            )
+        if self.poses.aligns(observation.drone):
+            raise Refused(
+                422,
+                f"{observation.drone} projects itself: it must be aligned there, not by --alignment here",
             )
         return self._give("observation", observation.drone, observation.stamp_ns, lambda: raw, drones)
 

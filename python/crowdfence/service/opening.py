@@ -154,6 +154,7 @@ def live(
                 wait_s=settings.pose_wait_s,
                 stale_s=settings.pose_stale_s,
                 started_ns=clock.now_ns(),
+                offsets=inputs.offsets,
             ),
             detector_threads=detector_threads,
         )

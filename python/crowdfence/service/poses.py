@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.iso_time import iso_utc
 from crowdfence.service.gate import Refused
+from crowdfence.sources.pose_offset import PoseOffset
 
 _SETTLED_NS = 300_000_000
 """Poses that are this much newer than a view and do not tell its pose never will."""
@@ -36,18 +37,45 @@ class Poses:
     """The feeds of a fleet by drone."""
 
     def __init__(
-        self, feeds: Mapping[str, PoseFeed], *, wait_s: float, stale_s: float, started_ns: int
+        self,
+        feeds: Mapping[str, PoseFeed],
+        *,
+        wait_s: float,
+        stale_s: float,
+        started_ns: int,
+        offsets: Mapping[str, PoseOffset] | None = None,
     ) -> None:
         """A view waits `wait_s` for poses around its stamp; a feed that has told nothing for `stale_s` is
-        stale."""
-        self.feeds = dict(feeds)
+        stale. `offsets`: what the poses of a drone are constantly off."""
+        self.feeds, self._offsets = dict(feeds), dict(offsets or {})
         self._wait_s, self._stale_s, self._started_ns = wait_s, stale_s, started_ns
         self._gaps: dict[str, tuple[int, str]] = {}
         """The last view of each drone that got no pose: when, and why."""
 
+    def aligns(self, drone: str) -> bool:
+        """Whether poses of this drone need to be put right."""
+        return drone in self._offsets
+
+    def righted(self, drone: str, world_from_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose that came with a view, put right. Refused (422) where it is one of the wrong time."""
+        offset = self._offsets[drone]
+        if offset.time_s != 0.0:
+            raise Refused(
+                422,
+                f"pictures of {drone} are {offset.time_s:+.3f} s off its poses (--alignment), and one pose "
+                "does not say where the camera was then: correct its stamps, or give telemetry",
+            )
+        return offset.pose(world_from_camera)
+
     def pose_at(self, drone: str, stamp_ns: int, now_ns: int) -> NDArray[np.float64]:
-        """Wait for it. Refused: 422 for a drone without a feed and a gap in the poses, 503 while they are
-        late."""
+        """Wait for it; put right. Refused: 422 for a drone without a feed and a gap in the poses, 503 while
+        they are late."""
+        offset = self._offsets.get(drone)
+        if offset is None:
+            return self._recorded_at(drone, stamp_ns, now_ns)
+        return offset.pose(self._recorded_at(drone, stamp_ns + round(offset.time_s * _SECOND_NS), now_ns))
+
+    def _recorded_at(self, drone: str, stamp_ns: int, now_ns: int) -> NDArray[np.float64]:
         feed = self.feeds.get(drone)
         if feed is None:
             raise Refused(422, f"a view of {drone} needs world_from_camera: nobody else tells its pose")

@@ -11,9 +11,10 @@ from threading import Event, Thread
 from crowdfence._core import View
 from crowdfence.errors import FrameError
 from crowdfence.service.clock import Clock
-from crowdfence.service.fleet import Fleet, Sighting
+from crowdfence.service.fleet import Fleet
 from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
+from crowdfence.service.track import Sighting
 from crowdfence.sources.recording import Instant, Recording
 
 _LOG = logging.getLogger(__name__)

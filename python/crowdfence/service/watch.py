@@ -13,11 +13,12 @@ from threading import Event, Thread
 import numpy as np
 
 from crowdfence.iso_time import iso_utc
+from crowdfence.service import alerts as alert_log
 from crowdfence.service.alerts import AlertKind, Level
-from crowdfence.service.fleet import Sighting
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
+from crowdfence.service.track import Sighting
 from crowdfence.zones import Zone
 
 _EVERY_S = 1.0
@@ -191,6 +192,7 @@ class Watch:
 
         def write(connection: sqlite3.Connection) -> None:
             forget_before(connection, oldest_ns)
+            alert_log.forget_before(connection, oldest_ns)
             for table in ("media", "beliefs"):
                 trim(connection, table, room)
             connection.execute("DELETE FROM damaged WHERE received_ns < ?", (oldest_ns,))

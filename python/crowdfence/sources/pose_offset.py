@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
 from crowdfence.sources.recording import Frame, Recording, RefusedFrame
-from crowdfence.sources.rotation import multiply
+from crowdfence.sources.rotation import multiply, rotation_matrix
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,13 @@ class PoseOffset:
         vector = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg])
         angle = float(np.linalg.norm(vector))
         return np.array([np.cos(angle / 2), *(np.sinc(angle / 2 / np.pi) / 2 * vector)])
+
+    def pose(self, world_from_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """One pose [4, 4] of the right time as it was."""
+        righted = np.array(world_from_camera, np.float64)
+        righted[:3, :3] = righted[:3, :3] @ rotation_matrix(self.turn)
+        righted[:3, 3] += self.position_m
+        return righted
 
     def track(self, track: PoseTrack) -> PoseTrack:
         """The poses as they were, on the clock of the pictures."""

@@ -33,11 +33,13 @@ export function reasonOf(error: unknown): string {
   return error instanceof TypeError ? "The service does not answer." : String(error);
 }
 
+/** Whether panels lie over the map, so that it begins without them and holds one at a time: style.css has the same width. */
+export const isNarrow = () => window.matchMedia("(max-width: 860px)").matches;
+
 export async function start(): Promise<void> {
   const link = parseLink(location.hash);
   store.set({ ...readSettings(), selection: link.selection, camera: link.view });
-  // Where the panels would lie over the map, it begins without them: style.css has the same width.
-  if (window.matchMedia("(max-width: 860px)").matches) store.set({ sides: { left: false, right: false } });
+  if (isNarrow()) store.set({ sides: { left: false, right: false } });
   document.documentElement.dataset.theme = store.state.theme;
   try {
     await load();
@@ -293,7 +295,8 @@ function keepPlaying(): void {
 // ---------------------------------------------------------------- what the viewer does
 
 export function select(selection: Selection): void {
-  store.set({ selection, sides: { ...store.state.sides, right: true } });
+  const sides = isNarrow() ? { left: false, right: selection !== null } : { ...store.state.sides, right: true };
+  store.set({ selection, sides });
 }
 
 export function settle(change: Partial<ReturnType<typeof readSettings>>): void {
@@ -303,9 +306,9 @@ export function settle(change: Partial<ReturnType<typeof readSettings>>): void {
   keepSettings({ theme, units, clock });
 }
 
-export async function acknowledge(id: string): Promise<void> {
+export async function acknowledge(...ids: string[]): Promise<void> {
   try {
-    await api.acknowledge(id);
+    for (const id of ids) await api.acknowledge(id);
     store.set({ alerts: await api.alerts() });
   } catch (error) {
     notify(reasonOf(error), "error");

@@ -5,7 +5,7 @@ import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { duration, timeOfDay, withTimes } from "../text/stamp";
 import { Icon } from "./icons";
-import { silence_s, useNow } from "./now";
+import { behind_s, silence_s, useNow } from "./now";
 import { mayOperate } from "./operator";
 
 const LATE_S = 4;
@@ -20,6 +20,7 @@ export function Banner() {
   const urgent = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by && !alert.cleared_ms);
   const worst = urgent.find(({ level }) => level === "alarm") ?? urgent[0];
   const late_s = silence_s(store.state);
+  const old_s = behind_s(store.state);
   return (
     <div class="banners" aria-live="polite">
       {moment && !connected && (
@@ -35,6 +36,14 @@ export function Banner() {
           <Icon name="warning" />
           <span>
             <b>No view has arrived for {duration(late_s)}.</b> What the map shows is that old; zones stay closed.
+          </span>
+        </div>
+      )}
+      {connected && late_s <= LATE_S && old_s > LATE_S && (
+        <div class="banner warning" data-test="behind">
+          <Icon name="warning" />
+          <span>
+            <b>The map is {duration(old_s)} behind.</b> More views come than the service can take in, or they come late.
           </span>
         </div>
       )}

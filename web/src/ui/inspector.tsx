@@ -42,7 +42,7 @@ function Head({ title, kind, children }: { title: string; kind: string; children
       </div>
       <span class="card-tools">
         {children}
-        <button class="square quiet" onClick={() => store.set({ selection: null })} title="Close (Esc)" aria-label="Close">
+        <button class="square quiet" onClick={() => select(null)} title="Close (Esc)" aria-label="Close">
           <Icon name="close" />
         </button>
       </span>

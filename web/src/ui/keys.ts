@@ -1,7 +1,7 @@
 // Keys; none of them while somebody types.
 
 import { boundsOf, cornersOf } from "../map/geometry";
-import { goLive, playOrPause, select, stepBy } from "../state/session";
+import { goLive, isNarrow, playOrPause, select, stepBy } from "../state/session";
 import { store } from "../state/store";
 import { endDrawing, map } from "./map_panel";
 import { mayOperate } from "./operator";
@@ -30,7 +30,8 @@ type Panel = NonNullable<typeof store.state.panel>;
 const toggle = (panel: Panel) => () => store.set({ panel: store.state.panel === panel ? null : panel });
 const side = (name: "left" | "right") => () => {
   const { sides } = store.state;
-  store.set({ sides: { ...sides, [name]: !sides[name] } });
+  const others = isNarrow() ? { left: false, right: false } : sides;
+  store.set({ sides: { ...others, [name]: !sides[name] } });
 };
 
 function nextZone(by: number): void {
@@ -59,7 +60,7 @@ function letGo(): void {
   if (panel) store.set({ panel: null });
   else if (drawing) store.set({ drawing: null });
   else if (following_drone) store.set({ following_drone: null });
-  else store.set({ selection: null });
+  else select(null);
 }
 
 const ACTIONS: Record<string, () => void> = {

@@ -5,7 +5,7 @@ import { BeliefIndex, VoxelState } from "../map/belief";
 import type { Viewport } from "../map/camera";
 import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { MapView, type Pointed } from "../map/map_view";
-import { select } from "../state/session";
+import { isNarrow, select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
 import { duration } from "../text/stamp";
@@ -176,7 +176,7 @@ function Tools() {
           <Icon name="draw" />
         </button>
       </div>
-      <div class="tool-group">{tool("layers", "Side panels ([ and ])", () => store.set({ sides: sides.left || sides.right ? { left: false, right: false } : { left: true, right: true } }), sides.left || sides.right)}</div>
+      <div class="tool-group">{tool("layers", "Side panels ([ and ])", () => store.set({ sides: sides.left || sides.right ? { left: false, right: false } : { left: true, right: !isNarrow() } }), sides.left || sides.right)}</div>
     </div>
   );
 }

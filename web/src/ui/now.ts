@@ -1,4 +1,4 @@
-// "Now" for ages and count-downs: the stamp of what is shown, running on while the page follows live data.
+// "Now" for ages and count-downs: the stamp of what is shown; the time of the service while the page follows live data.
 
 import { useEffect, useState } from "preact/hooks";
 import { store, type State } from "../state/store";
@@ -7,7 +7,13 @@ export function now_ms(state: State): number {
   const { moment, time, mode } = state;
   if (!moment) return 0;
   const runs = time.following && mode === "live";
-  return moment.stamp_ms + (runs ? performance.now() - moment.arrived : 0);
+  return moment.stamp_ms + (runs ? 1000 * (moment.lag_s ?? 0) + performance.now() - moment.arrived : 0);
+}
+
+/** How old the newest moment was when it arrived: views that wait in the service make the map late. */
+export function behind_s(state: State): number {
+  const { moment, time, mode } = state;
+  return moment && time.following && mode === "live" ? (moment.lag_s ?? 0) : 0;
 }
 
 /** Seconds since the service last said anything about the map; only live data can be late. */

@@ -3,6 +3,7 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../api/client";
 import type { Alert, AuditEntry } from "../api/contract";
+import { byUrgency, isOpen } from "../state/alerts";
 import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
 import { store, useStore } from "../state/store";
 import { dateOf, timeOfDay, withTimes } from "../text/stamp";
@@ -41,16 +42,23 @@ export function Panel() {
 
 function Alerts() {
   const alerts = useStore((state) => state.alerts);
+  const scene = useStore((state) => state.scene);
   if (!alerts.length) return <p class="empty">Nothing has been out of order so far.</p>;
-  const urgency = { alarm: 0, warning: 1, info: 2 };
-  const open = alerts.filter((alert) => !alert.acknowledged_by).sort((a, b) => urgency[a.level] - urgency[b.level]);
-  const done = alerts.filter((alert) => alert.acknowledged_by);
+  const open = alerts.filter(isOpen);
+  const many = open.length > 1 && mayOperate(scene);
   return (
-    <ul class="alerts">
-      {[...open, ...done].map((alert) => (
-        <AlertRow key={alert.id} alert={alert} />
-      ))}
-    </ul>
+    <>
+      {many && (
+        <button onClick={() => acknowledge(...open.map(({ id }) => id))} data-test="acknowledge-all">
+          Acknowledge all {open.length}
+        </button>
+      )}
+      <ul class="alerts">
+        {byUrgency(alerts).map((alert) => (
+          <AlertRow key={alert.id} alert={alert} />
+        ))}
+      </ul>
+    </>
   );
 }
 

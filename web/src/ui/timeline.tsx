@@ -2,6 +2,7 @@
 
 import { useRef } from "preact/hooks";
 import type { TimelinePoint } from "../api/contract";
+import { marks } from "../state/alerts";
 import { goLive, playOrPause, seek, setSpeed, stepBy } from "../state/session";
 import { store, useStore } from "../state/store";
 import { duration, timeOfDay } from "../text/stamp";
@@ -10,6 +11,8 @@ import { Icon } from "./icons";
 
 const WIDTH = 1000;
 const HEIGHT = 52;
+/** Of the line's length: the width of a mark on a tablet. */
+const MARKS_APART = 0.012;
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 10];
 
 export function TimelinePanel() {
@@ -118,8 +121,7 @@ function Track({ points }: { points: readonly TimelinePoint[] }) {
         <path class="line-closed" d={closed} />
         <path class="line-crowd" d={crowd} />
       </svg>
-      {alerts
-        .filter(({ stamp_ms }) => stamp_ms >= first && stamp_ms <= first + span)
+      {marks(alerts.filter(({ stamp_ms }) => stamp_ms >= first && stamp_ms <= first + span), ({ stamp_ms }) => x(stamp_ms) / WIDTH, MARKS_APART)
         .map(({ id, stamp_ms, level }) => (
           <i key={id} class={`tick ${level}`} title={all.find((one) => one.id === id)?.text ?? level} style={{ left: `${(x(stamp_ms) / WIDTH) * 100}%` }} />
         ))}

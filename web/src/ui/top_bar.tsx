@@ -1,5 +1,6 @@
 import { useStore } from "../state/store";
 import { store } from "../state/store";
+import { isOpen } from "../state/alerts";
 import { goLive } from "../state/session";
 import { dateOf, duration, timeOfDay } from "../text/stamp";
 import { area } from "../text/units";
@@ -12,7 +13,7 @@ export function TopBar() {
   const scene = useStore((state) => state.scene);
   const panel = useStore((state) => state.panel);
   const alerts = useStore((state) => state.alerts);
-  const open = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by);
+  const open = alerts.filter(isOpen);
   const worst = open.some(({ level }) => level === "alarm") ? "alarm" : "warning";
   const toggle = (name: typeof panel) => store.set({ panel: panel === name ? null : name });
   return (

@@ -1,0 +1,100 @@
+"""Constant errors of poses, taken out of live views as `--alignment` takes them out of recordings."""
+
+import json
+from pathlib import Path
+from threading import Condition
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from crowdfence import CrowdMap, View
+from crowdfence.cli.app import app
+from crowdfence.service import opening
+from crowdfence.service.gate import Refused
+from crowdfence.service.inputs import Inputs
+from crowdfence.service.poses import Poses
+from crowdfence.sources.alignment_file import write_alignment
+from crowdfence.sources.pose_offset import PoseOffset
+from support.served import ORIGIN, write_level_ground
+from support.small_service import CONFIG, START_NS, message, plain, running, settle, view, views
+
+TURNED = PoseOffset(pitch_deg=3.0, yaw_deg=-2.0, roll_deg=20.0, position_m=(1.5, -2.0, 0.5))
+
+
+def misplaced(one: View) -> View:
+    """As a drone gives it whose poses need `TURNED` to be right, by inverses of the three turns together."""
+    turn = TURNED.pose(np.eye(4))[:3, :3]
+    world_from_camera = one.world_from_camera.copy()
+    world_from_camera[:3, :3] = world_from_camera[:3, :3] @ turn.T
+    world_from_camera[:3, 3] -= TURNED.position_m
+    return View(one.drone, one.stamp_ns, one.camera, world_from_camera, one.heatmap)
+
+
+def test_a_drone_that_is_aligned_closes_what_a_right_one_closes(tmp_path: Path) -> None:
+    """Only its own views are put right, and the journal holds right poses: a restart needs no alignment."""
+    zones = []
+    for name, offsets in (("right", {}), ("wrong", {}), ("aligned", {"uav1": TURNED})):
+        with running(tmp_path / name, inputs=Inputs(offsets=offsets)) as service:
+            assert service.live is not None
+            for one in views(9):
+                wrong = name != "right" and one.drone == "uav1"
+                service.live.give_view(message(misplaced(one) if wrong else one))
+            settle(service)
+            service.live.finish()
+            zones.append(service.mission.found.zones)
+    right, wrong, aligned = zones
+    assert [zone.id for zone in right] == [zone.id for zone in aligned] != []
+    for ours, theirs in zip(right, aligned, strict=True):
+        assert ours.polygon.symmetric_difference(theirs.polygon).area < 1e-6
+    assert sum(zone.polygon.area for zone in wrong) != pytest.approx(sum(zone.polygon.area for zone in right))
+    with running(tmp_path / "aligned") as service:
+        assert [zone.id for zone in service.mission.found.zones] == [zone.id for zone in aligned]
+
+
+def test_telemetry_is_asked_for_the_time_that_a_picture_belongs_to() -> None:
+    """4 m/s eastwards: a quarter of a second later is a metre further."""
+
+    class Feed:
+        changed = Condition()
+        newest_ns = START_NS + 10_000_000_000
+
+        def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
+            world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+            world_from_camera[:3, 3] = (4.0 * (stamp_ns - START_NS) / 1e9, 7.0, 20.0)
+            return world_from_camera
+
+    offsets = {"uav1": PoseOffset(time_s=0.25, position_m=(0.0, 0.5, -2.0))}
+    poses = Poses({"uav1": Feed()}, wait_s=0.0, stale_s=1.0, started_ns=START_NS, offsets=offsets)
+    found = poses.pose_at("uav1", START_NS + 1_000_000_000, START_NS)
+    np.testing.assert_allclose(found[:3, 3], (5.0, 7.5, 18.0))
+
+
+def test_what_cannot_be_put_right_is_refused(tmp_path: Path) -> None:
+    offsets = {"uav1": PoseOffset(time_s=0.1), "uav2": TURNED}
+    crowd_map = CrowdMap(plain(), CONFIG.method.fusion_method(plain(), 3), max_range_m=80.0)
+    (seen,) = crowd_map.integrate([view("uav2", 0)], START_NS).observations
+    with running(tmp_path, inputs=Inputs(offsets=offsets)) as service:
+        assert service.live is not None
+        with pytest.raises(Refused, match=r"pictures of uav1 are \+0.100 s off"):
+            service.live.give_view(message(view("uav1", 0)))
+        with pytest.raises(Refused, match="uav2 projects itself"):
+            service.live.give_observation(seen.to_bytes())
+        service.live.give_view(message(view("uav3", 0)))
+        assert service.live.refused == {"(unknown)": 1} and service.live.accepted == {"uav3": 1}
+
+
+def test_serve_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Opened(Exception):
+        pass
+
+    def opened(*_: object, inputs: Inputs, **__: object) -> None:
+        raise Opened(json.dumps({drone: offset.pitch_deg for drone, offset in inputs.offsets.items()}))
+
+    monkeypatch.setattr(opening, "live", opened)
+    write_alignment(tmp_path / "offsets.json", {"uav1": PoseOffset(pitch_deg=0.75)})
+    words = ["serve", "--terrain", str(write_level_ground(tmp_path / "ground.tif")), "--origin", ORIGIN]
+    words += ["--data", str(tmp_path / "data"), "--alignment", str(tmp_path / "offsets.json")]
+    finished = CliRunner().invoke(app, words).exception
+    assert isinstance(finished, Opened) and json.loads(str(finished)) == {"uav1": 0.75}
