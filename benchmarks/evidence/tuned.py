@@ -1,4 +1,4 @@
-"""Every method with what was found for it on the training missions (`tune.py`, `tune_pools.py`): its parameters,
+"""Every method with what was found for it on training missions (`tune.py`, `tune_pools.py`): its parameters,
 its threshold for zones and the one for the IoU. `paper` stands here as published, with what closes little for
 its people and with what has the best IoU, `or` with the last two."""
 
