@@ -21,7 +21,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
     for number, feature in enumerate(features, start=1):
         properties = feature.get("properties") or {}
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
-        polygons = []
+        polygons: list[Any] = []
         for geometry in _geometries(feature["geometry"]):
             kind = geometry and geometry["type"]
             if kind not in ("Polygon", "MultiPolygon"):
