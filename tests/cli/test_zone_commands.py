@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from crowdfence import Georeference
 from crowdfence.cli.app import app
 from crowdfence.cli.export import ExportFormat
+from crowdfence.cli.run import _left_out
 from crowdfence.zones.history import ZoneHistory
 from support.small_zones import SECOND_NS, DrawnZones
 
@@ -201,3 +202,18 @@ def test_places_on_earth(run: Path) -> None:
     )
     assert told["length_m"] == pytest.approx(20.0, abs=0.1)
     assert "must be two numbers" in refused("route", run, "--from", "here", "--to", "1,2")
+
+
+def test_crowd_too_small_for_a_zone_is_told(tmp_path: Path) -> None:
+    """By `run`, from its summary, and by `export`, from the history: 2 x 2 m of crowd beside 4 x 4 m."""
+    zones = DrawnZones((12, 12), min_area_m2=10.0)
+    crowd = np.zeros((12, 12))
+    crowd[1:5, 1:5] = crowd[8:10, 8:10] = 1.0
+    drawn = zones.step(crowd)
+    assert (len(drawn), drawn.dropped_count, drawn.dropped_area_m2) == (1, 1, 4.0)
+    told = ZoneHistory([START_NS], [drawn], Georeference(46.5, 8.0, 1200.0), {"method": "paper"})
+    told.write(tmp_path / "zone_history.jsonl")
+    done = CliRunner().invoke(app, ["export", str(tmp_path), "-f", "kml", "-o", str(tmp_path / "zones.kml")])
+    assert "4 m2 of crowd are in no zone: below min_area_m2" in done.stderr
+    summary = {"dropped_regions": 1, "dropped_area_m2": 4.0, "min_area_m2": 10.0}
+    assert _left_out(summary) == ", of it 4 m2 in 1 region below 10 m2 that no zone covers"

@@ -256,6 +256,15 @@ def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_pat
     assert open_static_zones(path, ANCHOR).left_out == ("it holds no zone",)
 
 
+def test_polygons_in_collections_are_closed_and_the_rest_is_told(tmp_path: Path) -> None:
+    polygon, point = {"type": "Polygon", "coordinates": [SQUARE]}, {"type": "Point", "coordinates": [8, 46]}
+    inner = {"type": "GeometryCollection", "geometries": [polygon, point]}
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [inner, polygon]}))
+    read = open_static_zones(path, ANCHOR)
+    assert len(read.zones) == 2 and read.left_out == ("feature 1: a Point closes no ground",)
+
+
 def test_a_mark_of_the_byte_order_before_a_kml_is_no_part_of_it(tmp_path: Path) -> None:
     path = tmp_path / "zones.kml"
     text = KML.format(corners=" ".join(f"{x},{y},500" for x, y in SQUARE))

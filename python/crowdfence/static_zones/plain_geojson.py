@@ -21,16 +21,26 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
     for number, feature in enumerate(features, start=1):
         properties = feature.get("properties") or {}
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
-        geometry = feature["geometry"]
-        if geometry is None or geometry["type"] not in ("Polygon", "MultiPolygon"):
-            left_out.append(f"{name}: a {geometry and geometry['type']} closes no ground")
-            continue
-        polygons = geometry["coordinates"]
+        polygons: list[Any] = []
+        for geometry in _geometries(feature["geometry"]):
+            kind = geometry and geometry["type"]
+            if kind not in ("Polygon", "MultiPolygon"):
+                left_out.append(f"{name}: a {kind} closes no ground")
+                continue
+            shapes = geometry["coordinates"]
+            polygons += [shapes] if kind == "Polygon" else shapes
         band = band_between(
             float(properties.get("lower_m", 0.0)),
             float(properties.get("upper_m", NO_CEILING_M)),
             properties.get("datum", "AGL"),
             properties.get("datum", "AGL"),
         )
-        for rings in [polygons] if geometry["type"] == "Polygon" else polygons:
+        for rings in polygons:
             yield GivenZone(name, [ring_of(ring) for ring in rings], band)
+
+
+def _geometries(geometry: Any) -> list[Any]:
+    """Those of a collection, whatever collections are in it."""
+    if not geometry or geometry["type"] != "GeometryCollection":
+        return [geometry]
+    return [one for part in geometry["geometries"] for one in _geometries(part)]
