@@ -106,7 +106,9 @@ class Hub:
         listener = _Listener()
         listener.others.append(json.dumps(hello, allow_nan=False))
         self._listeners.add(listener)
-        listener.step = await self._newest()
+        newest = await self._newest()
+        if listener.step is None:  # else a newer one came while this one was made
+            listener.step = newest
         listener.news.set()
         sender = asyncio.create_task(self._send_all(socket, listener))
         receiver = asyncio.create_task(_until_gone(socket))
