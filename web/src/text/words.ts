@@ -44,7 +44,7 @@ export const OPENS_WHEN: Record<string, string> = {
   seen: "It opens when drones look again and find its ground below the threshold.",
   not_cleared: "It opens when a drone comes close enough to see that nobody is there.",
   not_looked_at: "It opens when a drone looks at this ground and finds it below the threshold. Time alone does not open it.",
-  held: "It opens when its probability falls below the lower threshold at which zones end.",
+  held: "It opens when drones look again and find it below the threshold at which zones end.",
   never_cleared: "It opens when a drone has seen this ground and found it empty.",
   given: "It opens when whoever drew it takes it back.",
   operator: "It opens when an operator dismisses it.",
