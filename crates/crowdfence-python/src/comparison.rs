@@ -201,7 +201,11 @@ pub struct PyLogOdds(pub LogOdds);
 #[pymethods]
 impl PyLogOdds {
     #[new]
-    #[pyo3(signature = (rates, prior=0.5, *, b_threshold=0.5, clamp_low=-2.0, clamp_high=3.5))]
+    // PyO3 tells of a negative default no more than that there is one.
+    #[pyo3(
+        signature = (rates, prior=0.5, *, b_threshold=0.5, clamp_low=-2.0, clamp_high=3.5),
+        text_signature = "(rates, prior=0.5, *, b_threshold=0.5, clamp_low=-2.0, clamp_high=3.5)"
+    )]
     fn new(rates: &PyRates, prior: f64, b_threshold: f64, clamp_low: f64, clamp_high: f64) -> PyResult<Self> {
         LogOdds::new(rates.0, prior, b_threshold, [clamp_low, clamp_high]).map(PyLogOdds).map_err(refuse)
     }
