@@ -42,6 +42,7 @@ class Hub:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._make: MakeStep | None = None
         self._made: tuple[MakeStep, str] | None = None
+        self._sent: MakeStep | None = None
         self._flushing: asyncio.Task[None] | None = None
         self.cut_off = 0
         """Listeners that did not read."""
@@ -81,7 +82,8 @@ class Hub:
 
     async def _flush(self) -> None:
         """The newest step to everybody, then a pause, until nothing new has come meanwhile."""
-        while self._listeners and (self._made is None or self._made[0] is not self._make):
+        while self._listeners and self._sent is not self._make:
+            self._sent = self._make  # whoever made it: a listener that has just come has it alone
             text = await self._newest()
             for listener in self._listeners:
                 listener.step = text
