@@ -437,7 +437,7 @@ def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> N
     for told, zone in zip(summary["zones"], zones, strict=True):
         # To the last digit: rounded twice, a table said 0.59 where the map says 0.60.
         assert told["probability_max"] == zone["properties"]["probability_max"]
-    likely = [zone for zone in zones if zone["properties"]["probability_max"] > 0.5]
+    likely = [zone for zone in zones if zone["properties"]["probability_max"] > 0.25]
     assert len(likely) >= 3
     for zone in likely:
         longitude, latitude = np.array(shape(zone["geometry"]).centroid.coords[0])
