@@ -52,6 +52,22 @@ def seen(path: Path) -> Mission:
     return Mission(path.stem, terrain, detector.contract, len(recording.drones), moments)
 
 
+def part_of(terrain: cf.Terrain, one: cf.Observation, some: NDArray[np.bool_]) -> cf.Observation:
+    """Of a look, what it says of `some` [S] of its voxels."""
+    return cf.Observation(
+        terrain,
+        one.drone,
+        one.stamp_ns,
+        voxel_ids=one.voxel_ids[some],
+        mean=one.mean[some],
+        pixel_count=one.pixel_count[some],
+        range_m=one.range_m[some],
+        tilt_deg=one.tilt_deg[some],
+        occluded_ids=[],
+        focal_px=one.focal_px,
+    )
+
+
 def moments_of(
     recording: cf.Recording, terrain: cf.Terrain, heatmaps: HeatmapSource, contract: Contract
 ) -> Iterator[Moment]:

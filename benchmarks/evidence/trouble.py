@@ -20,7 +20,7 @@ from curves import Contender, Curve, curves
 from heatmaps import model_sha, with_heatmaps
 from judge import FINE
 from scipy.spatial.transform import Rotation
-from seen import Mission, moments_of
+from seen import Mission, moments_of, part_of
 from tuned import TUNED
 
 import crowdfence as cf
@@ -102,20 +102,7 @@ def flown(recording: cf.Recording, terrain: cf.Terrain, *, tilt_deg: float = 90.
 
 def _flat(terrain: cf.Terrain, one: cf.Observation, tilt_deg: float) -> cf.Observation:
     some = one.tilt_deg <= tilt_deg
-    if some.all():
-        return one
-    return cf.Observation(
-        terrain,
-        one.drone,
-        one.stamp_ns,
-        voxel_ids=one.voxel_ids[some],
-        mean=one.mean[some],
-        pixel_count=one.pixel_count[some],
-        range_m=one.range_m[some],
-        tilt_deg=one.tilt_deg[some],
-        occluded_ids=[],
-        focal_px=one.focal_px,
-    )
+    return one if some.all() else part_of(terrain, one, some)
 
 
 def variants(terrain: cf.Terrain) -> dict[str, tuple[Change, float]]:

@@ -19,7 +19,7 @@ import numpy as np
 from heatmaps import model_sha
 from judge import FINE
 from numpy.typing import NDArray
-from seen import Mission, Moment, seen
+from seen import Mission, Moment, part_of, seen
 
 import crowdfence as cf
 from crowdfence.config import (
@@ -69,23 +69,7 @@ def thinned(path: Path) -> Mission:
 
 
 def _thin(terrain: cf.Terrain, moment: Moment) -> Moment:
-    observations = []
-    for one in moment.observations:
-        some = _is_kept(terrain, one.voxel_ids)
-        observations.append(
-            cf.Observation(
-                terrain,
-                one.drone,
-                one.stamp_ns,
-                voxel_ids=one.voxel_ids[some],
-                mean=one.mean[some],
-                pixel_count=one.pixel_count[some],
-                range_m=one.range_m[some],
-                tilt_deg=one.tilt_deg[some],
-                occluded_ids=[],
-                focal_px=one.focal_px,
-            )
-        )
+    observations = [part_of(terrain, one, _is_kept(terrain, one.voxel_ids)) for one in moment.observations]
     crowd_ids = moment.crowd_ids[_is_kept(terrain, moment.crowd_ids)]
     return Moment(moment.stamp_ns, observations, crowd_ids, None)
 
