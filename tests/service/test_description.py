@@ -7,7 +7,7 @@ import schemathesis
 
 # Loaded now and not in the middle of the test: pytest parses a plugin's modules when they are first imported,
 # and CPython 3.11 may fail to where browser tests have left a greenlet ("recursion depth mismatch").
-import schemathesis.specs.openapi._hypothesis  # noqa: F401
+import schemathesis.specs.openapi._hypothesis
 from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 from schemathesis import GenerationMode
