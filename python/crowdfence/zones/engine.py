@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
 from crowdfence.zones.belief import ColumnBelief, forgotten_ns
 from crowdfence.zones.closed_ground import NEVER_NS, ClosedGround
-from crowdfence.zones.evidence import DroneEvidence, joined, with_looks
+from crowdfence.zones.evidence import DroneEvidence, joined, looks_at, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.grow import grown, without_small_holes
@@ -176,9 +176,10 @@ class ZoneEngine:
                 origins.setdefault(new, []).append(old)
         order, first = by_region(np.repeat(region, columns.crowd_count), len(tracks))
         voxels = np.split(columns.voxel_ids[order], first[1:])
-        for track, voxel_ids in zip(tracks, voxels, strict=False):
+        looks = looks_at(voxels[: len(tracks)], observations)
+        for track, looks_now in zip(tracks, looks, strict=True):
             known = joined(before.get(name, {}) for name in (track.id, *origins.get(track.id, [])))
-            after[track.id] = with_looks(known, np.sort(voxel_ids), observations)
+            after[track.id] = with_looks(known, looks_now)
             self._looks_now[track.id] = [
                 look for drone, look in after[track.id].items() if look is not known.get(drone)
             ]

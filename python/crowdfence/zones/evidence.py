@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,17 +30,12 @@ class DroneEvidence:
 Evidence = Mapping[str, DroneEvidence]
 
 
-def with_looks(
-    evidence: Evidence, voxel_ids: NDArray[np.int64], observations: Iterable[Observation]
-) -> dict[str, DroneEvidence]:
-    """Evidence by drone after the observations of an instant; `voxel_ids` [N] are the zone's voxels of crowd,
-    sorted."""
+def with_looks(evidence: Evidence, looks: Iterable[DroneEvidence]) -> dict[str, DroneEvidence]:
+    """Evidence by drone after the looks of an instant at the same zone (`looks_at`)."""
     after = dict(evidence)
-    for observation in observations:
-        look = _look(voxel_ids, observation)
-        if look is not None:
-            before = evidence.get(observation.drone)
-            after[observation.drone] = look if before is None else replace(look, looks=before.looks + 1)
+    for look in looks:
+        before = evidence.get(look.drone)
+        after[look.drone] = look if before is None else replace(look, looks=before.looks + 1)
     return after
 
 
@@ -57,19 +52,30 @@ def joined(parts: Iterable[Evidence]) -> dict[str, DroneEvidence]:
     return together
 
 
-def _look(voxel_ids: NDArray[np.int64], observation: Observation) -> DroneEvidence | None:
-    seen = observation.voxel_ids
-    if not len(seen) or not len(voxel_ids):
-        return None
-    at = np.searchsorted(seen, voxel_ids).clip(max=len(seen) - 1)
-    at = at[seen[at] == voxel_ids]
-    if not len(at):
-        return None
-    return DroneEvidence(
-        observation.drone,
-        observation.stamp_ns,
-        value=float(observation.mean[at].max()),
-        seen_share=len(at) / len(voxel_ids),
-        range_m=float(observation.range_m[at].min()),
-        looks=1,
-    )
+def looks_at(
+    zones: Sequence[NDArray[np.int64]], observations: Iterable[Observation]
+) -> list[list[DroneEvidence]]:
+    """What the observations of an instant show of each zone, given as the voxels of crowd in it: one look per
+    drone that saw any of them. All zones are asked for together: an instant may have hundreds."""
+    looks: list[list[DroneEvidence]] = [[] for _ in zones]
+    sizes = np.array([len(voxel_ids) for voxel_ids in zones], dtype=np.int64)
+    voxel_ids = np.concatenate([np.empty(0, dtype=np.int64), *zones])
+    of_zone = np.repeat(np.arange(len(zones)), sizes)
+    for observation in observations:
+        seen = observation.voxel_ids
+        if not len(seen):
+            continue
+        at = np.searchsorted(seen, voxel_ids).clip(max=len(seen) - 1)
+        is_seen = seen[at] == voxel_ids
+        at, zone = at[is_seen], of_zone[is_seen]
+        numbers, first, count = np.unique(zone, return_index=True, return_counts=True)
+        if not len(numbers):
+            continue
+        value = np.maximum.reduceat(observation.mean[at], first)
+        range_m = np.minimum.reduceat(observation.range_m[at], first)
+        share = count / sizes[numbers]
+        for number, *shown in zip(
+            numbers.tolist(), value.tolist(), share.tolist(), range_m.tolist(), strict=True
+        ):
+            looks[number].append(DroneEvidence(observation.drone, observation.stamp_ns, *shown, looks=1))
+    return looks
