@@ -87,21 +87,19 @@ class Mission:
             coverage=projection.coverage,
             surface=projection.surface,
         )
-        with heatmaps.detecting(self.drones) as detect:
-            for instant in block:
-                found = detect(instant)
-                observations = [
-                    cf.project(
-                        view,
-                        self.terrain,
-                        max_range_m=projection.max_range_m,
-                        target_height_m=projection.target_height_m,
-                        coverage=projection.coverage,
-                        surface=projection.surface,
-                    )
-                    for view in found.views
-                ]
-                yield Look(instant.stamp_ns, observations, labels.projected(instant))
+        for instant, found in heatmaps.detected(block, self.drones):
+            observations = [
+                cf.project(
+                    view,
+                    self.terrain,
+                    max_range_m=projection.max_range_m,
+                    target_height_m=projection.target_height_m,
+                    coverage=projection.coverage,
+                    surface=projection.surface,
+                )
+                for view in found.views
+            ]
+            yield Look(instant.stamp_ns, observations, labels.projected(instant))
 
 
 def simulated(seed: int, frames: int, size: str, folder: Path) -> Path:

@@ -78,12 +78,12 @@ def moments_of(
     crowds = CrowdsOfTheWorld(recording, terrain)
     watch = CrowdWatch(recording, terrain, contract.validity)
     watched_ns = -np.inf
-    with heatmaps.detecting(len(recording.drones)) as detect:
-        for instant in recording.instants(config.grouping.tolerance_ms):
-            update = crowd_map.integrate(detect(instant).views, instant.stamp_ns)
-            watch.saw(update.observations)
-            in_view = None
-            if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-                watched_ns, in_view = instant.stamp_ns, watch.at(instant)
-            crowd_ids = np.flatnonzero(crowds.at(instant))
-            yield Moment(instant.stamp_ns, list(update.observations), crowd_ids, in_view)
+    instants = recording.instants(config.grouping.tolerance_ms)
+    for instant, found in heatmaps.detected(instants, len(recording.drones)):
+        update = crowd_map.integrate(found.views, instant.stamp_ns)
+        watch.saw(update.observations)
+        in_view = None
+        if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+            watched_ns, in_view = instant.stamp_ns, watch.at(instant)
+        crowd_ids = np.flatnonzero(crowds.at(instant))
+        yield Moment(instant.stamp_ns, list(update.observations), crowd_ids, in_view)

@@ -7,6 +7,8 @@ red of each 4 x 4 cell, over which the crowd number is constant.
 import hashlib
 import json
 import shutil
+import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,11 +94,29 @@ def test_a_detector_and_its_copy_of_the_recording_give_the_same_map(
     assert maps[0] != pipeline.run(open_recording(recorded), terrain, config).crowd_map.to_bytes()
 
 
+def test_a_model_looks_ahead_by_one_instant(recorded: Path, model: Path, terrain: Terrain) -> None:
+    """While the caller works on an instant the next one is looked at, and none after it."""
+    first, second, third, *_ = instants = list(open_recording(recorded).instants())
+    looked_at = {instant.stamp_ns: threading.Event() for instant in instants}
+    instant_of = {frame: instant.stamp_ns for instant in instants for frame in instant.frames}
+
+    def noticed(frame: Frame) -> NDArray[np.float32]:
+        looked_at[instant_of[frame]].set()
+        return red(frame)
+
+    plain = heatmap_source(Detector(model), terrain, 300.0)
+    detected = replace(plain, heatmap_of=noticed).detected(instants, 3)
+    assert next(detected)[0] is first and looked_at[second.stamp_ns].wait(60.0)
+    assert not looked_at[third.stamp_ns].is_set()
+    assert next(detected)[0] is second and looked_at[third.stamp_ns].wait(60.0)
+    assert [instant for instant, _ in detected] == instants[2:]
+
+
 def test_the_pictures_decide_not_the_recorded_heatmaps(recorded: Path, model: Path, terrain: Terrain) -> None:
     recording = open_recording(recorded)
     frames = {(frame.drone, frame.stamp_ns): frame for frame in recording.frames}
-    with heatmap_source(Detector(model), terrain, 300.0).detecting(3) as detect:
-        views = [view for instant in recording.instants() for view in detect(instant).views]
+    heatmaps = heatmap_source(Detector(model), terrain, 300.0)
+    views = [view for _, found in heatmaps.detected(recording.instants(), 3) for view in found.views]
     assert len(views) == 18
     for view in views:
         assert view.heatmap == pytest.approx(red(frames[view.drone, view.stamp_ns]), abs=1e-6)

@@ -95,12 +95,10 @@ def measured_rates(
     """Heatmap cells of all labelled frames, counted at threshold 0.5. ValueError when there are none."""
     require_crowd_masks(recording)
     cells = CellCounter()
-    with heatmaps.detecting(len(recording.drones)) as detect:
-        for instant in recording.instants():
-            found = detect(instant)
-            cells.add(instant, found)
-            if on_instant is not None:
-                on_instant(instant, found)
+    for instant, found in heatmaps.detected(recording.instants(), len(recording.drones)):
+        cells.add(instant, found)
+        if on_instant is not None:
+            on_instant(instant, found)
     return cells.counted()
 
 
@@ -143,30 +141,29 @@ def score(
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
     refused = list(recording.refused)
-    with heatmaps.detecting(drones) as detect:
-        for instant in recording.instants(first.grouping.tolerance_ms):
-            found = detect(instant)
-            # Views are projected once; the other maps take the observations.
-            update = judged[0].loop.integrate(found.views, instant.stamp_ns)
-            for one in [*judged[1:], *beside]:
-                one.loop.integrate_observed(update.observations, instant.stamp_ns)
-            for seen in update.observations:
-                highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
-            for one in judged:
-                one.hold(instant.stamp_ns)
-            crowd = crowds.at(instant)
-            for one in [*judged, *beside]:
-                one.compare(crowd, highest, instant.stamp_ns)
-            if watch is not None:
-                watch.saw(update.observations)
-                if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-                    watched_ns = instant.stamp_ns
-                    in_view = watch.at(instant)
-                    for one in judged:
-                        one.watch(in_view, crowd, highest, instant.stamp_ns)
-            refused += found.refused
-            if on_instant is not None:
-                on_instant(instant, found)
+    instants = recording.instants(first.grouping.tolerance_ms)
+    for instant, found in heatmaps.detected(instants, drones):
+        # Views are projected once; the other maps take the observations.
+        update = judged[0].loop.integrate(found.views, instant.stamp_ns)
+        for one in [*judged[1:], *beside]:
+            one.loop.integrate_observed(update.observations, instant.stamp_ns)
+        for seen in update.observations:
+            highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
+        for one in judged:
+            one.hold(instant.stamp_ns)
+        crowd = crowds.at(instant)
+        for one in [*judged, *beside]:
+            one.compare(crowd, highest, instant.stamp_ns)
+        if watch is not None:
+            watch.saw(update.observations)
+            if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+                watched_ns = instant.stamp_ns
+                in_view = watch.at(instant)
+                for one in judged:
+                    one.watch(in_view, crowd, highest, instant.stamp_ns)
+        refused += found.refused
+        if on_instant is not None:
+            on_instant(instant, found)
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
     return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others)

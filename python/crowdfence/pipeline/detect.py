@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -48,17 +48,26 @@ class HeatmapSource:
     watch: PictureWatch = field(default_factory=PictureWatch)
     """What the pictures were like that a model was shown."""
 
-    @contextmanager
-    def detecting(self, drones: int) -> Iterator[Callable[[Instant], InstantViews]]:
-        """The step as a function, instant -> views and refused frames. An ONNX model looks at the drones of
-        an instant side by side, one thread each, which share its session. Of other functions nobody knows
-        whether they may be called so."""
-        one_model_at_least = self.model is not None or any(member.path for member in self.members)
-        if not one_model_at_least or drones < 2:
-            yield lambda instant: instant.views(self.heatmap_of)
+    def detected(self, instants: Iterable[Instant], drones: int) -> Iterator[tuple[Instant, InstantViews]]:
+        """The step: each instant with its views and refused frames, in order.
+
+        An ONNX model looks at the drones of an instant side by side, one thread each, which share its
+        session, and at the next instant while the caller works on this one. Of other functions nobody knows
+        whether they may be called so.
+        """
+        if self.model is None and not any(member.path for member in self.members):
+            for instant in instants:
+                yield instant, instant.views(self.heatmap_of)
             return
+        begun: deque[tuple[Instant, Callable[[], InstantViews]]] = deque()
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
-            yield lambda instant: instant.views(self.heatmap_of, executor=executor)
+            for instant in instants:
+                begun.append((instant, instant.views_begun(self.heatmap_of, executor)))
+                if len(begun) > 1:
+                    earlier, views = begun.popleft()
+                    yield earlier, views()
+            for earlier, views in begun:
+                yield earlier, views()
 
     def to_json(self) -> dict[str, Any]:
         """For a summary: what made the heatmaps, with the checksum of a model's file."""

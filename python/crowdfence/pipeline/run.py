@@ -135,17 +135,16 @@ def run(
     last_views: dict[str, View] = {}
     last: Step | None = None
     looked = 0
-    with heatmaps.detecting(len(recording.drones)) as detect:
-        for instant in recording.instants(config.grouping.tolerance_ms):
-            found = detect(instant)
-            last = loop.step(found.views, instant.stamp_ns, found.refused)
-            looked += len(last.drones)
-            rows.append(frame_row(last, terrain.voxel_size_m))
-            zone_sets.append(last.zones)
-            refused += last.refused
-            last_views.update({view.drone: view for view in found.views})
-            if on_step is not None:
-                on_step(instant, last)
+    instants = recording.instants(config.grouping.tolerance_ms)
+    for instant, found in heatmaps.detected(instants, len(recording.drones)):
+        last = loop.step(found.views, instant.stamp_ns, found.refused)
+        looked += len(last.drones)
+        rows.append(frame_row(last, terrain.voxel_size_m))
+        zone_sets.append(last.zones)
+        refused += last.refused
+        last_views.update({view.drone: view for view in found.views})
+        if on_step is not None:
+            on_step(instant, last)
     if last is None or looked == 0:
         raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
     if last.seen_count == 0:

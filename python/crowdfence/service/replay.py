@@ -63,21 +63,20 @@ class Replay:
     def _play_all(self) -> None:
         recording, mission = self._recording, self._mission
         first_ns, started_s = None, time.monotonic()
-        with mission.heatmaps.detecting(len(recording.drones)) as detect:
-            for instant in recording.instants(mission.config.grouping.tolerance_ms):
-                first_ns = instant.stamp_ns if first_ns is None else first_ns
-                due_s = started_s + (instant.stamp_ns - first_ns) / _SECOND_NS / self._speed
-                if self._stopped.wait(max(0.0, due_s - time.monotonic())):
-                    return
-                found = detect(instant)
-                with mission.lock:
-                    step = mission.loop.step(found.views, instant.stamp_ns, found.refused)
-                    self._clock.saw(instant.stamp_ns)
-                    self._show(instant, found.views)
-                    mission.stepped(step)
-                mission.keep_belief()
-                if self._stopped.is_set():
-                    return
+        instants = recording.instants(mission.config.grouping.tolerance_ms)
+        for instant, found in mission.heatmaps.detected(instants, len(recording.drones)):
+            first_ns = instant.stamp_ns if first_ns is None else first_ns
+            due_s = started_s + (instant.stamp_ns - first_ns) / _SECOND_NS / self._speed
+            if self._stopped.wait(max(0.0, due_s - time.monotonic())):
+                return
+            with mission.lock:
+                step = mission.loop.step(found.views, instant.stamp_ns, found.refused)
+                self._clock.saw(instant.stamp_ns)
+                self._show(instant, found.views)
+                mission.stepped(step)
+            mission.keep_belief()
+            if self._stopped.is_set():
+                return
 
     def _show(self, instant: Instant, views: list[View]) -> None:
         frames = {frame.drone: frame for frame in instant.frames}

@@ -1,6 +1,6 @@
 """What every source yields: frames with known cameras and poses, their pixels still on disk."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
@@ -174,22 +174,29 @@ class Instant:
     def __repr__(self) -> str:
         return f"Instant({self.stamp_ns}, {', '.join(frame.drone for frame in self.frames)})"
 
-    def views(
-        self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap, *, executor: Executor | None = None
-    ) -> InstantViews:
+    def views(self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap) -> InstantViews:
         """The frames as views for the core, with the recorded heatmaps or those of a detector.
 
-        `heatmap_of` raises FrameError for a frame without a usable heatmap. With an `executor` it is called
-        for several frames at once; the views still come in the order of the frames.
+        `heatmap_of` raises FrameError for a frame without a usable heatmap.
         """
-        over = map if executor is None else executor.map
-        views, refused = list[View](), list[RefusedFrame]()
-        for result in over(partial(_view_or_refusal, heatmap_of), self.frames):
-            if isinstance(result, RefusedFrame):
-                refused.append(result)
-            else:
-                views.append(result)
-        return InstantViews(views, refused)
+        return _sorted_out(map(partial(_view_or_refusal, heatmap_of), self.frames))
+
+    def views_begun(
+        self, heatmap_of: Callable[[Frame], Pixels], executor: Executor
+    ) -> Callable[[], InstantViews]:
+        """The same by threads, which begin at once; what is returned waits for them. The views still come in
+        the order of the frames."""
+        return partial(_sorted_out, executor.map(partial(_view_or_refusal, heatmap_of), self.frames))
+
+
+def _sorted_out(results: Iterable[View | RefusedFrame]) -> InstantViews:
+    views, refused = list[View](), list[RefusedFrame]()
+    for result in results:
+        if isinstance(result, RefusedFrame):
+            refused.append(result)
+        else:
+            views.append(result)
+    return InstantViews(views, refused)
 
 
 def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> View | RefusedFrame:

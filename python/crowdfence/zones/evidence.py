@@ -71,11 +71,9 @@ def looks_at(
         numbers, first, count = np.unique(zone, return_index=True, return_counts=True)
         if not len(numbers):
             continue
-        value = np.maximum.reduceat(observation.mean[at], first)
-        range_m = np.minimum.reduceat(observation.range_m[at], first)
-        share = count / sizes[numbers]
-        for number, *shown in zip(
-            numbers.tolist(), value.tolist(), share.tolist(), range_m.tolist(), strict=True
-        ):
-            looks[number].append(DroneEvidence(observation.drone, observation.stamp_ns, *shown, looks=1))
+        value = np.maximum.reduceat(observation.mean[at], first).tolist()
+        range_m = np.minimum.reduceat(observation.range_m[at], first).tolist()
+        share = (count / sizes[numbers]).tolist()
+        for number, look in zip(numbers.tolist(), zip(value, share, range_m, strict=True), strict=True):
+            looks[number].append(DroneEvidence(observation.drone, observation.stamp_ns, *look, 1))
     return looks
