@@ -34,6 +34,7 @@ FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
         (lambda: ZoneConfig(min_area_m2=-1.0), "min_area_m2 is -1; it must be finite and >= 0"),
         (lambda: ZoneConfig(min_area_m2=float("nan")), "min_area_m2 is nan; it must be finite and >= 0"),
         (lambda: ZoneConfig(stale_after_s=-1.0), "stale_after_s is -1; it must be >= 0"),
+        (lambda: ProjectionConfig(max_range_m=-5.0), "max_range_m is -5; it must be finite and > 0"),
         (lambda: GroupingConfig(tolerance_ms=-1.0), "tolerance_ms is -1; it must be finite and not negative"),
     ],
 )
@@ -46,7 +47,6 @@ def test_what_the_core_uses_is_checked_by_the_core() -> None:
     for config, message in (
         (RunConfig(PaperConfig(prior=0.2, alpha=2.0)), "alpha is 2; it must be in (0, 1]"),
         (RunConfig(PaperConfig(prior=0.2, decay=-1.0)), "decay is -1; it must be finite and >= 0"),
-        (RunConfig(OrConfig(), ProjectionConfig(max_range_m=0.0)), "max_range_m is 0"),
         (RunConfig(LinearPoolConfig(alpha=0.0)), "alpha is 0; it must be in (0, 1]"),
         (RunConfig(LogPoolConfig(prior=1.0)), "prior is 1; it must be strictly between 0 and 1"),
         (RunConfig(LogOddsConfig(clamp_low=1.0)), "clamp_low is 1; it must be finite and below 0"),

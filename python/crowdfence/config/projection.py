@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ProjectionConfig:
-    """The core checks the values when it takes them."""
+    """ValueError for a range that is not positive; the core checks the other values when it takes them, but the
+    range decides before that whether cameras and terrain are apart."""
 
     max_range_m: float = 300.0
     """Rays end here; > 0."""
@@ -21,6 +22,10 @@ class ProjectionConfig:
     """All ground in view, also between the pixels, or what the rays of pixels hit, as in the paper."""
     surface: Literal["planes", "voxels"] = "planes"
     """Rays meet the surface in the voxels, or the voxels as cubes, as in the paper."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.max_range_m < float("inf"):
+            raise ValueError(f"max_range_m is {self.max_range_m:g}; it must be finite and > 0")
 
     def with_detector(self, contract: Contract | None) -> ProjectionConfig:
         """The same with what is left to the detector filled in."""
