@@ -166,7 +166,9 @@ impl Evidence {
         }
         let mean = fading * f64::from(sum.evidence) / (fading * weight + self.settings.doubt);
         let drones = weight * weight / sum.squared_weights();
-        (mean * drones.powf(self.settings.agreement)).clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
+        // Most places are seen by one drone: D is 1 to the bit, and a power costs more than all else here.
+        let stronger = if drones == 1.0 { 1.0 } else { drones.powf(self.settings.agreement) };
+        (mean * stronger).clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
     }
 
     fn sharpness(&self, gsd_m: f32) -> f32 {
