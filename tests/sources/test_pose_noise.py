@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,6 +25,7 @@ from crowdfence.sources.pose_noise import (
     noise_of,
     steadied,
     steadied_as,
+    with_doubts,
 )
 from crowdfence.sources.pose_track import PoseTrack
 from support.small_recordings import flight, write_folder
@@ -159,6 +161,16 @@ def test_a_recording_is_opened_with_steady_poses(tmp_path: Path) -> None:
     frame = told.frames_of(drone)[2]
     np.testing.assert_array_equal(frame.world_from_camera, expected.at(frame.stamp_ns, 0.25))
     assert len(told.frames) == len(plain.frames)
+
+
+def test_poses_that_tremble_are_told_of(tmp_path: Path) -> None:
+    """Of three drones one has rows off by half a metre; the others keep silent."""
+    recording = open_recording(write_folder(tmp_path / "flight", flight(60)))
+    drone = recording.drones[1]
+    rows = noisy(recording.tracks()[drone], PoseNoise(0.5, 0.0), 4)
+    shaken = with_doubts(replace(recording, pose_tracks={**recording.tracks(), drone: rows}))
+    (said,) = set(shaken.warnings) - set(recording.warnings)
+    assert said.startswith(f"poses of {drone}: each off by itself by 0.") and "--pose-noise" in said
 
 
 @pytest.mark.parametrize("text", ["0.5", "a,b", "1,2,3", "-1,0", "nan,0", "1,inf", ""])

@@ -81,8 +81,7 @@ def open_recording(
         recording = _open_one(Path(path), limits, options)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
-    if pose_noise is not None:
-        recording = _steadied(recording, pose_noise)
+    recording = _steadied(recording, pose_noise)
     if ground_start:
         recording = _from_the_ground(recording)
     return recording if alignment is None else _aligned(recording, alignment)
@@ -189,10 +188,10 @@ def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
     return without_offsets(recording, read_alignment(alignment))
 
 
-def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, float]) -> Recording:
-    from crowdfence.sources.pose_noise import without_noise
+def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, float] | None) -> Recording:
+    from crowdfence.sources.pose_noise import with_doubts, without_noise
 
-    return without_noise(recording, noise)
+    return with_doubts(recording) if noise is None else without_noise(recording, noise)
 
 
 def _from_the_ground(recording: Recording) -> Recording:

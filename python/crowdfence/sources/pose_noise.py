@@ -25,6 +25,10 @@ SPEED_CHANGE_M2_S3 = 3.0
 TURN_CHANGE_DEG2_S3 = 100.0
 """The same of its camera's turning: by some 10 deg/s within a second."""
 
+WORTH_SAYING_M, WORTH_SAYING_DEG = 0.3, 0.3
+"""Noise from which a recording whose poses are taken as they are says so: at 35 m 0.3 degrees are 0.2 m
+across the line of sight, and twice that on the ground 30 degrees below the horizon."""
+
 _CLOSE_ROWS_S = 0.25
 """Three rows within so short a time lie on a line but for their errors: at 5 m/s2 within 4 cm."""
 _FEWEST_ROWS = 20
@@ -110,6 +114,19 @@ def without_noise(recording: Recording, given: GivenNoise) -> Recording:
         if given == "estimate":
             warnings.append(f"poses of {drone}: {_found(noise)}")
     return replace(placed_again(recording, tracks, "smoothing"), warnings=tuple(warnings))
+
+
+def with_doubts(recording: Recording) -> Recording:
+    """The recording as it is; `Recording.warnings` names the drones whose rows are off by much each by
+    itself."""
+    found = {drone: noise_of(track) for drone, track in recording.tracks().items()}
+    doubts = [
+        f"poses of {drone}: each off by itself by {noise.position_m:.2g} m and {noise.attitude_deg:.2g} deg, "
+        "which --pose-noise estimate would smooth"
+        for drone, noise in found.items()
+        if noise and (noise.position_m >= WORTH_SAYING_M or noise.attitude_deg >= WORTH_SAYING_DEG)
+    ]
+    return replace(recording, warnings=(*recording.warnings, *doubts))
 
 
 def given_noise(text: str) -> GivenNoise:
