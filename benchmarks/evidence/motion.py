@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +45,7 @@ class Motion:
 MOTIONS = (
     Motion("as it is"),
     Motion("memory 2.5 s", memory_s=2.5),
+    Motion("memory 10 s", memory_s=10.0),
     Motion("spread by .25 m after a second", spread_m=0.25),
     Motion("spread by .5 m after a second", spread_m=0.5),
     Motion("spread by 1 m after a second", spread_m=1.0),
@@ -163,30 +164,36 @@ def velocities(recording: cf.Recording, columns: Columns, stamp_ns: int) -> NDAr
     return field
 
 
+class Ground:
+    """Who stands where at one moment, on the columns `seen` [X, Y] so far."""
+
+    def __init__(self, columns: Columns, moment: Moment, seen: NDArray[np.bool_]) -> None:
+        crowd = np.zeros(columns.shape, np.bool_)
+        ids = columns.of_voxel[moment.crowd_ids]
+        crowd.flat[ids[ids >= 0]] = True
+        self.seen, self.crowd = seen, crowd[seen]
+        assert moment.in_view is not None
+        places, buffer = np.argwhere(seen), BUFFER_M / columns.size_m
+        own = moment.in_view.ground - columns.lowest
+        away, _ = cKDTree(own).query(places, distance_upper_bound=buffer)
+        self.far, self.own = np.isinf(away), len(own)
+        feet = (moment.in_view.people - columns.lowest)[moment.in_view.in_range]
+        self.near = cKDTree(places).query_ball_point(feet, buffer + 0.5)
+
+
 class Score:
-    def __init__(self, columns: Columns) -> None:
-        self._columns, self._sweep = columns, ThresholdSweep(FINE)
+    def __init__(self) -> None:
+        self._sweep = ThresholdSweep(FINE)
         self._people: list[NDArray[np.float64]] = []
         self._far: list[NDArray[np.float64]] = []
         self._own = 0
 
-    def add(self, sums: Sums, moment: Moment, settings: EvidenceConfig) -> None:
-        probability = sums.probability(settings)
-        crowd = np.zeros(probability.shape, np.bool_)
-        ids = self._columns.of_voxel[moment.crowd_ids]
-        crowd.flat[ids[ids >= 0]] = True
-        self._sweep.update(probability[sums.seen], crowd[sums.seen])
-        if moment.in_view is None:
-            return
-        seen_at = np.argwhere(sums.seen)
-        lowest, buffer = self._columns.lowest, BUFFER_M / self._columns.size_m
-        away, _ = cKDTree(moment.in_view.ground - lowest).query(seen_at, distance_upper_bound=buffer)
-        value = probability[sums.seen]
-        self._far.append(value[np.isinf(away)])
-        feet = (moment.in_view.people - lowest)[moment.in_view.in_range]
-        near = cKDTree(seen_at).query_ball_point(feet, buffer + 0.5)
-        self._people.append(np.array([value[at].max() if at else 0.0 for at in near]))
-        self._own += len(moment.in_view.ground)
+    def add(self, sums: Sums, ground: Ground, settings: EvidenceConfig) -> None:
+        value = sums.probability(settings)[ground.seen]
+        self._sweep.update(value, ground.crowd)
+        self._far.append(value[ground.far])
+        self._people.append(np.array([value[at].max() if at else 0.0 for at in ground.near]))
+        self._own += ground.own
 
     def cells(self) -> str:
         """Best mean IoU, and the share of people in range in a zone."""
@@ -202,7 +209,7 @@ def scores(path: Path) -> list[Score]:
     settings = EvidenceConfig().with_detector(mission.contract)
     drones = {drone: number for number, drone in enumerate(recording.drones)}
     kept = [Sums.none(columns.shape) for _ in MOTIONS]
-    found = [Score(columns) for _ in MOTIONS]
+    found = [Score() for _ in MOTIONS]
     last_ns = mission.moments[0].stamp_ns
     for moment in mission.moments:
         looks = [look(one, drones[one.drone], columns, settings) for one in moment.observations]
@@ -211,7 +218,10 @@ def scores(path: Path) -> list[Score]:
             seconds = (moment.stamp_ns - last_ns) / 1e9
             kept[at] = kept[at].later(seconds, motion, velocity, columns.size_m)
             kept[at].looked(looks)
-            found[at].add(kept[at], moment, replace(settings, memory_s=motion.memory_s))
+        if moment.in_view is not None:
+            ground = Ground(columns, moment, kept[0].seen)
+            for score, sums in zip(found, kept, strict=True):
+                score.add(sums, ground, settings)
         last_ns = moment.stamp_ns
     return found
 

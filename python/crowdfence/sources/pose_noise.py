@@ -88,11 +88,11 @@ def steadied(track: PoseTrack, noise: PoseNoise) -> PoseTrack:
     if len(track) < _SPLINE_ROWS:
         return track
     seconds = (track.stamps_ns - track.stamps_ns[0]) / 1e9
-    half_turn, half_change = np.radians(noise.attitude_deg) / 2.0, np.radians(1.0) / 2.0
-    attitudes = _smoothed(
-        seconds, _continuous(track.quaternions), half_turn**2 / (TURN_CHANGE_DEG2_S3 * half_change**2)
-    )
     positions = _smoothed(seconds, track.positions, noise.position_m**2 / SPEED_CHANGE_M2_S3)
+    # A quaternion's parts are half the angle: its noise and what drives it alike.
+    attitudes = _smoothed(
+        seconds, _continuous(track.quaternions), noise.attitude_deg**2 / TURN_CHANGE_DEG2_S3
+    )
     return PoseTrack(track.stamps_ns, positions, normalise(attitudes))
 
 
