@@ -97,9 +97,9 @@ class _Ground:
         tree = cKDTree(columns)
         crowds = moment.in_view
         self.own = len(crowds.ground)
-        self.is_far = np.ones(len(columns), np.bool_)
-        for near in tree.query_ball_point(crowds.ground, BUFFER_M / size_m):
-            self.is_far[near] = False
+        reach = np.nextafter(BUFFER_M / size_m, np.inf)
+        away, _ = cKDTree(crowds.ground).query(columns, distance_upper_bound=reach)
+        self.is_far = np.isinf(away)
         # To the column's edge, within a part of a column.
         self._near = tree.query_ball_point(crowds.people[crowds.in_range], BUFFER_M / size_m + 0.5)
 

@@ -43,6 +43,7 @@ class SourceOptions:
     ground_start: source_options.GroundStart = False
     frames_per_s: source_options.FramesPerS = None
     boxes: source_options.Boxes = None
+    pose_noise: source_options.PoseNoise = None
 
 
 class AlignmentOptions:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from crowdfence.service.ros.link import RosLink
     from crowdfence.service.service import Service
     from crowdfence.service.settings import ServiceSettings
+    from crowdfence.sources.pose_noise import GivenNoise
 
 _SERVER, _LIVE = "Server", "Live views"
 TokenFile = Annotated[
@@ -258,10 +259,12 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
     addresses = [TelemetryAddress.parse(text) for text in chosen["mavlink"] or ()]
     if addresses and chosen["clock"] is ClockName.views:
         raise ValueError("--mavlink is laid on the machine's clock: it does not go with --clock views")
-    ros = _ros(chosen)
+    ros = _ros(chosen, told.get("pose_noise"))
     usable = {"alignment", *(("mount", "heights", "geoid_m", "take_off") if addresses else ())}
     if ros is not None:
         usable |= {"topics", "mount"}
+    if addresses or ros is not None:
+        usable |= {"pose_noise"}
     for name in told.keys() - usable:
         raise ValueError(f"{name} says something about a recording; live views have none")
     mount = told.get("mount")
@@ -270,13 +273,15 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
     return Inputs(
         mavlink=addresses,
         mavlink_key=None if key is None else key.read_text().strip(),
-        telemetry=TelemetryOptions(None if mount is None else CameraMount.parse(mount), heights),
+        telemetry=TelemetryOptions(
+            None if mount is None else CameraMount.parse(mount), heights, noise=told.get("pose_noise")
+        ),
         ros=ros,
         offsets={} if alignment is None else read_alignment(alignment),
     )
 
 
-def _ros(chosen: dict[str, Any]) -> RosLink | None:
+def _ros(chosen: dict[str, Any], noise: GivenNoise | None) -> RosLink | None:
     from crowdfence.service.ros.keys import RosKeys
     from crowdfence.service.ros.link import RosLink
     from crowdfence.service.ros.topics import live_topics
@@ -291,6 +296,7 @@ def _ros(chosen: dict[str, Any]) -> RosLink | None:
         keys=RosKeys(chosen["zenoh_keys"].value, chosen["ros_domain"], chosen["bridge_namespace"]),
         topics=live_topics(chosen["topics"] or ()),
         mount=None if mount is None else CameraMount.parse(mount),
+        noise=noise,
     )
 
 

@@ -133,6 +133,16 @@ Boxes = Annotated[
         "boxes. Default: contact.",
     ),
 ]
+PoseNoise = Annotated[
+    str | None,
+    typer.Option(
+        "--pose-noise",
+        metavar="M,DEG",
+        rich_help_panel=_PANEL,
+        help="Smooth the poses: each row of telemetry is off by itself by so much (standard deviation of an "
+        "axis), such as 0.5,0.5; or `estimate`, from the rows.",
+    ),
+]
 
 AlignmentFile = Annotated[
     Path | None,
@@ -156,13 +166,16 @@ NAMES = (
     "ground_start",
     "frames_per_s",
     "boxes",
+    "pose_noise",
     "alignment",
 )
 
 
 def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """What a command was told about its recording, for `open_recording`. ValueError for a --take-off that is
-    no place."""
+    no place and a --pose-noise that is none."""
+    from crowdfence.sources.pose_noise import given_noise
+
     told: dict[str, Any] = {name: parameters.get(name) for name in NAMES}
     told = {name: value for name, value in told.items() if value is not None and value not in ([], (), False)}
     if "heights" in told:
@@ -171,6 +184,8 @@ def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
         told["boxes"] = BoxesChoice(told["boxes"]).value
     if "take_off" in told:
         told["take_off"] = _place(told["take_off"])
+    if "pose_noise" in told:
+        told["pose_noise"] = given_noise(told["pose_noise"])
     return told
 
 

@@ -18,6 +18,7 @@ from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.tlog import KINDS, log_of_messages
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
+from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 
 _KEPT_MS = 70_000
 """As long as a view may be late, and a little more."""
@@ -35,6 +36,8 @@ class TelemetryOptions:
     heights: HeightOptions = field(default_factory=HeightOptions)
     max_gap_s: float = 1.0
     """Longest pause of positions or attitudes that is bridged."""
+    noise: GivenNoise | None = None
+    """What each row is off by itself; None: it is taken as it is."""
 
 
 class Telemetry:
@@ -125,7 +128,7 @@ class Telemetry:
                     "--take-off LAT,LON, or use those above the sea (--heights sea)"
                 )
             track = settled_track(self._drone, track, placed.contact, self._terrain)
-        return track.at(stamp_ns, self._options.max_gap_s)
+        return steadied_as(track, self._options.noise).at(stamp_ns, self._options.max_gap_s)
 
     def _around(self, kind: str, at_ms: int) -> list[Any]:
         kept = self._messages[kind]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
@@ -50,6 +50,7 @@ def open_recording(
     max_jump_s: float = 3600.0,
     ground_start: bool = False,
     alignment: str | PathLike[str] | None = None,
+    pose_noise: Literal["estimate"] | tuple[float, float] | None = None,
     **options: Any,
 ) -> Recording:
     """Open a recording, whatever it is, or several as one fleet:
@@ -66,7 +67,9 @@ def open_recording(
     than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
     lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
     first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
-    with what the poses are off. `options` are those of the kind:
+    with what the poses are off. `pose_noise`: each telemetry row is off by itself by so many metres and
+    degrees (standard deviation an axis), or by what the rows themselves show; such errors are smoothed away.
+    `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
     `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
 
@@ -78,6 +81,7 @@ def open_recording(
         recording = _open_one(Path(path), limits, options)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
+    recording = _steadied(recording, pose_noise)
     if ground_start:
         recording = _from_the_ground(recording)
     return recording if alignment is None else _aligned(recording, alignment)
@@ -182,6 +186,12 @@ def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
     from crowdfence.sources.pose_offset import without_offsets
 
     return without_offsets(recording, read_alignment(alignment))
+
+
+def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, float] | None) -> Recording:
+    from crowdfence.sources.pose_noise import with_doubts, without_noise
+
+    return with_doubts(recording) if noise is None else without_noise(recording, noise)
 
 
 def _from_the_ground(recording: Recording) -> Recording:

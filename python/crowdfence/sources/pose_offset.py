@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.place_camera import Limits
-from crowdfence.sources.pose_track import PoseGapError, PoseTrack
-from crowdfence.sources.recording import Frame, Recording, RefusedFrame
+from crowdfence.sources.placed_again import placed_again
+from crowdfence.sources.pose_track import PoseTrack
+from crowdfence.sources.recording import Recording
 from crowdfence.sources.rotation import multiply, rotation_matrix
 
 
@@ -77,33 +77,5 @@ def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> 
             f"{', '.join(recording.drones) or 'none'}"
         )
     tracks = recording.tracks()
-    limits = {drone: _widest_gap_s(recording, drone) for drone in offsets}
-    tracks.update(
-        {drone: offset.track(tracks[drone]) for drone, offset in offsets.items() if drone in tracks}
-    )
-    frames: list[Frame] = []
-    refused = list(recording.refused)
-    for frame in recording.frames:
-        if frame.drone not in offsets:
-            frames.append(frame)
-            continue
-        try:
-            pose = tracks[frame.drone].at(frame.stamp_ns, limits[frame.drone])
-        except PoseGapError as error:
-            refused.append(RefusedFrame(frame.drone, frame.stamp_ns, f"moved by its time offset: {error}"))
-            continue
-        frames.append(replace(frame, world_from_camera=pose))
-    return replace(recording, frames=tuple(frames), refused=tuple(refused), pose_tracks=tracks)
-
-
-def _widest_gap_s(recording: Recording, drone: str) -> float:
-    """What the reader bridged for this drone: the widest gap around any frame that it took."""
-    stamps = recording.tracks()[drone].stamps_ns if drone in recording.tracks() else np.zeros(0, np.int64)
-    widest = Limits().max_pose_gap_s
-    if len(stamps) < 2:
-        return widest
-    at = np.array([frame.stamp_ns for frame in recording.frames if frame.drone == drone], np.int64)
-    after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
-    between = (stamps[after] != at) & (stamps[after - 1] != at)
-    gaps = (stamps[after] - stamps[after - 1])[between] / 1e9
-    return max(widest, float(gaps.max(initial=0.0)))
+    righted = {drone: offset.track(tracks[drone]) for drone, offset in offsets.items() if drone in tracks}
+    return placed_again(recording, righted, "its time offset")

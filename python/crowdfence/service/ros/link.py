@@ -18,6 +18,7 @@ from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.service.ros.topics import ROLES, message_type
 from crowdfence.service.service import Service
 from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.pose_noise import GivenNoise
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 
 TF_STATIC = "/tf_static"
@@ -34,17 +35,19 @@ class RosLink:
     keys: RosKeys = field(default_factory=RosKeys)
     topics: Sequence[DroneTopics] = ()
     mount: CameraMount | None = None
+    noise: GivenNoise | None = None
+    """What each pose is off by itself."""
 
     def feeds(self) -> dict[str, PoseFeed]:
         """Of the drones whose poses are published."""
         found: dict[str, PoseFeed] = {}
         for one in self.topics:
             if one.camera_pose:
-                found[one.drone] = RosPoses("camera_pose", None)
+                found[one.drone] = RosPoses("camera_pose", None, noise=self.noise)
             elif one.pose:
-                found[one.drone] = RosPoses("pose", self.mount)
+                found[one.drone] = RosPoses("pose", self.mount, noise=self.noise)
             elif one.tf:
-                found[one.drone] = RosPoses("tf", None)
+                found[one.drone] = RosPoses("tf", None, noise=self.noise)
         return found
 
     @contextmanager

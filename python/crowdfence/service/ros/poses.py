@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.ros2_messages import time_ns
+from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, TransformTree, composed
 
@@ -28,10 +29,17 @@ _AROUND_NS = 2_500_000_000
 class RosPoses:
     """A pose feed (`service.poses.PoseFeed`)."""
 
-    def __init__(self, role: PoseRole, mount: CameraMount | None, *, max_gap_s: float = 1.0) -> None:
+    def __init__(
+        self,
+        role: PoseRole,
+        mount: CameraMount | None,
+        *,
+        noise: GivenNoise | None = None,
+        max_gap_s: float = 1.0,
+    ) -> None:
         """`role` says whose the poses are: the camera's, or the body's, with the camera on it by the mount or
-        by tf; or that tf says it all."""
-        self._role, self._mount, self._max_gap_s = role, mount, max_gap_s
+        by tf; or that tf says it all. `noise`: what each row is off by itself."""
+        self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
         self._rows: deque[tuple[int, list[float], list[float]]] = deque()
         self._moving: dict[str, deque[Any]] = {}
         self._fixed: dict[str, Any] = {}
@@ -92,7 +100,7 @@ class RosPoses:
         return chain
 
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
-        return self._track(stamp_ns).at(stamp_ns, self._max_gap_s)
+        return steadied_as(self._track(stamp_ns), self._noise).at(stamp_ns, self._max_gap_s)
 
     def _track(self, stamp_ns: int) -> PoseTrack:
         if self._role == "tf":
