@@ -77,12 +77,16 @@ class LayerGround:
 
     def values_at(self, values: NDArray[Any], xy: NDArray[np.float64]) -> NDArray[Any]:
         """`values` of the cells [X, Y] at points [N, 2], local metres; 0 or False outside of the grid."""
+        number = self.numbers_at(xy)
+        return np.where(number >= 0, values.ravel()[number], values.dtype.type(0))
+
+    def numbers_at(self, xy: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Number of the cell, in the order of `cells.ravel()`, that each point [N, 2] lies in; -1 outside."""
         place = np.floor((xy - (self.west_m, self.south_m)) / self.cell_m)
-        inside = np.isfinite(place).all(axis=1) & (place >= 0.0).all(axis=1)
-        inside &= (place < self.cells.shape).all(axis=1)
-        result = np.zeros(len(xy), values.dtype)
-        result[inside] = values[tuple(place[inside].astype(np.int64).T)]
-        return result
+        # A NaN is on no side of anything, and so outside.
+        inside = ((place >= 0.0) & (place < self.cells.shape)).all(axis=1)
+        east, north = np.where(inside[:, None], place, 0.0).astype(np.int64).T
+        return np.where(inside, east * self.cells.shape[1] + north, -1)
 
 
 def checked_layer(name: str) -> str:

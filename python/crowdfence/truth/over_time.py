@@ -97,11 +97,12 @@ class LayerOfTheWorld:
         self._recording, self._ground = recording, ground
         ids = np.arange(terrain.voxel_count, dtype=np.int64)
         places = terrain.voxel_indices(ids)[:, :2] + 0.5
-        self._places = np.asarray(terrain.origin)[:2] + places * terrain.voxel_size_m
+        xy = np.asarray(terrain.origin)[:2] + places * terrain.voxel_size_m
+        self._cell_of_voxel = ground.numbers_at(xy)
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
         cells = self._ground.cells
         if len(self._recording.people.stamps_ns):
             people = people_at(instant.frames[-1], self._recording)
             cells = self._ground.without(people.position)
-        return self._ground.values_at(cells, self._places)
+        return (self._cell_of_voxel >= 0) & cells.ravel()[self._cell_of_voxel]
