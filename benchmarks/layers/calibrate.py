@@ -1,4 +1,5 @@
-"""How strongly a look speaks for landing ground: `python calibrate.py MISSION.mcap...`, on training missions.
+"""How strongly a look speaks for landing ground: `python calibrate.py EVERY MISSION.mcap...`, on every
+so manieth frame of training missions.
 
 The printed prior and log ratios are those of `python/crowdfence/config/layer.py`. Every voxel of every look
 counts once, against the recorded ground at that moment.
@@ -20,8 +21,8 @@ from crowdfence.truth.over_time import LayerOfTheWorld
 
 def main() -> None:
     counts = np.zeros((2, len(BORDERS) + 1))
-    for path in map(Path, sys.argv[1:]):
-        recording = with_landing(path).of_layer(LANDING_SITE)
+    for path in map(Path, sys.argv[2:]):
+        recording = with_landing(path, int(sys.argv[1])).of_layer(LANDING_SITE)
         terrain = cf.open_terrain(recording)
         truth = LayerOfTheWorld(recording, terrain)
         crowd_map = cf.RunConfig(cf.OrConfig()).crowd_map(terrain, len(recording.drones))

@@ -11,7 +11,7 @@ import shapely
 import crowdfence as cf
 from support.command_line import crowdfence
 
-SMALL = ("--no-rgb", "--frames", 3, "--size", "160x120", "--drones", 2, "--voxel", 2, "--workers", 1)
+SMALL = ("--no-rgb", "--frames", 3, "--size", "160x128", "--drones", 2, "--voxel", 2, "--workers", 1)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_the_layer_lies_beside_the_crowds(mission: Path) -> None:
     frame = recording.of_layer("landing-site").frames[0]
     assert recording.layers == ("landing-site",)
     # The stand-in knows the truth, with mistakes: it says more where the labels do.
-    fits = frame.regions().reshape(30, 4, 40, 4).mean(axis=(1, 3))
+    fits = frame.regions().reshape(32, 4, 40, 4).mean(axis=(1, 3))
     says = frame.heatmap() / 255
     assert says[fits == 255].mean() > 0.7 and says[fits == 0].mean() < 0.3
     # Nobody stands on ground that is fit, and it is at least 5 m away.
@@ -90,8 +90,8 @@ def test_a_layer_is_scored_like_crowds(mission: Path, tmp_path: Path) -> None:
         assert 0.2 < score["best_mean_iou"] <= 1.0 and score["safety"] is None
         measures = score["measures"]
         assert 0.5 < measures["average_precision"] <= 1.0 and measures["people"] > 0
-        # Of the people on ground in view hardly anybody stands where it says that a drone could land.
-        assert measures["share_of_people_on_called"] < 0.2
+    # `or` never forgets; of the people on ground in view hardly anybody stands where `evidence` would land.
+    assert told["scores"][0]["measures"]["share_of_people_on_called"] < 0.02
     page = (tmp_path / "report" / "index.html").read_text()
     assert "people on it" in page and "Who stands in a zone" not in page
     assert (tmp_path / "report" / "reliability.png").exists()

@@ -313,6 +313,7 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
     out.print(_safety_table(scores))
     if any(row.layer is not None for row in scores):
         out.print(_layer_table(scores))
+        out.print(_LAYER_LEGEND)
     if any(row.safety is not None for row in scores):
         out.print(_LEGEND)
     if counts.positives + counts.negatives:
@@ -385,7 +386,7 @@ def _layer_table(scores: list[Score]) -> Table:
         box=None,
     )
     table.add_column("method", no_wrap=True)
-    for column in ("average precision", "Brier", "ECE", "of it true", "found", "people on it"):
+    for column in ("AP", "Brier", "ECE", "true", "found", "people on it"):
         table.add_column(column, justify="right", no_wrap=True)
     for row in scores:
         if row.layer is None:
@@ -401,6 +402,11 @@ def _layer_table(scores: list[Score]) -> Table:
 _SHOWN_M = (0.0, 2.0, 5.0)
 _AT = 2
 """5 m among the buffers."""
+_LAYER_LEGEND = (
+    "AP, ECE: average precision, expected calibration error. True: of the ground at or above\n"
+    "the threshold. Found: of the ground of the class that was seen. People: of everybody on\n"
+    "ground that was seen."
+)
 _LEGEND = (
     "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
     "on ground that the map calls empty. Closed: ground in zones per ground of crowds\n"

@@ -120,6 +120,7 @@ def _write(
         writer.add_simulation(manifest)
         for name in scene.scenario.drone_names:
             writer.add_drone(name)
+        _write_layers(scene, writer, options)
         run.into(_MissionSink(scene, writer, earlier))
         statistics = run.statistics()
         writer.add_statistics(statistics)
