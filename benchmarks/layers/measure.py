@@ -69,10 +69,12 @@ def measure(path: Path) -> None:
     ]
     safety = {name: Safety() for name in names}
     measures, sweep = LayerMeasures(), ThresholdSweep([*FINE, landing.default_threshold()])
+    # Moments that say who stands where come once a second: the landing map is fed no more often.
     for moment, instant in zip(mission.moments, recording.instants(), strict=True):
         assert moment.stamp_ns == instant.stamp_ns
         crowds.integrate_observations(moment.observations, moment.stamp_ns)
-        landing.integrate(instant.views().views, instant.stamp_ns)
+        if moment.in_view is not None:
+            landing.integrate(instant.views().views, instant.stamp_ns)
         ground.step(moment.stamp_ns)
         if moment.in_view is None:
             continue

@@ -67,8 +67,7 @@ class LayerGround:
         around = np.arange(-int(np.ceil(reach)) - 1, int(np.ceil(reach)) + 2)
         near = np.floor(place).astype(np.int64)[:, :, None] + around  # [P, 2, K]
         apart = near + 0.5 - place[:, :, None]
-        close = apart[:, 0, :, None] ** 2 + apart[:, 1, None, :] ** 2 < reach**2
-        who, i, j = np.nonzero(close)
+        who, i, j = np.nonzero(apart[:, 0, :, None] ** 2 + apart[:, 1, None, :] ** 2 < reach**2)
         east, north = near[who, 0, i], near[who, 1, j]
         inside = (east >= 0) & (east < self.cells.shape[0]) & (north >= 0) & (north < self.cells.shape[1])
         left = self.cells.copy()
@@ -84,7 +83,7 @@ class LayerGround:
         """Number of the cell, in the order of `cells.ravel()`, that each point [N, 2] lies in; -1 outside."""
         place = np.floor((xy - (self.west_m, self.south_m)) / self.cell_m)
         # A NaN is on no side of anything, and so outside.
-        inside = ((place >= 0.0) & (place < self.cells.shape)).all(axis=1)
+        inside: NDArray[np.bool_] = np.all((place >= 0.0) & (place < self.cells.shape), axis=1)
         east, north = np.where(inside[:, None], place, 0.0).astype(np.int64).T
         return np.where(inside, east * self.cells.shape[1] + north, -1)
 
