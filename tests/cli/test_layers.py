@@ -108,3 +108,9 @@ def test_what_a_layer_is_refused(mission: Path, tmp_path: Path) -> None:
     assert shipped.returncode != 0 and "finds crowds, not the layer" in shipped.stderr.replace("\n", " ")
     wrong = crowdfence("simulate", "empty", "-o", tmp_path / "m.mcap", "--layer", "smoke")
     assert wrong.returncode != 0 and "no layer 'smoke' can be simulated" in wrong.stderr.replace("\n", " ")
+
+
+def test_inspect_names_the_layers(mission: Path) -> None:
+    done = crowdfence("inspect", mission, "--check-pixels", "--json")
+    told = json.loads(done.stdout)
+    assert told["layers"] == ["landing-site"] and told["damaged"] == []

@@ -403,9 +403,9 @@ _SHOWN_M = (0.0, 2.0, 5.0)
 _AT = 2
 """5 m among the buffers."""
 _LAYER_LEGEND = (
-    "AP, ECE: average precision, expected calibration error. True: of the ground at or above\n"
-    "the threshold. Found: of the ground of the class that was seen. People: of everybody on\n"
-    "ground that was seen."
+    "AP, ECE: average precision, expected calibration error. True: of the ground\n"
+    "at or above the threshold. Found: of the ground of the class that was seen.\n"
+    "People: of everybody on ground that was seen."
 )
 _LEGEND = (
     "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
