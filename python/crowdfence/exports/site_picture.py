@@ -65,7 +65,7 @@ def write_site_picture(
             xlabel="east [m]",
             ylabel="north [m]",
         )
-        _key(axes, description, bool(closed), bool(sites))
+        _key(axes, bool(closed), len(sites))
         figure.colorbar(
             matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(0.0, 1.0), _COLOURS),
             ax=axes,
@@ -129,12 +129,13 @@ def _outline(axes: Axes, polygon: Any, **style: Any) -> None:
         axes.add_patch(PathPatch(Path.make_compound_path(*rings), **style))
 
 
-def _key(axes: Axes, description: MapDescription, closed: bool, sites: bool) -> None:
+def _key(axes: Axes, closed: bool, sites: int) -> None:
     from matplotlib.patches import Patch
 
     entries: list[Any] = [Patch(facecolor=_UNSEEN, label="never seen: not known to be fit")]
     if sites:
-        label = f"site, with its largest free disc ({min(MOST_LABELS, 12)} are named)"
+        named = f" (the {MOST_LABELS} roomiest are named)" if sites > MOST_LABELS else ""
+        label = f"site, with its largest free disc{named}"
         entries.append(Patch(facecolor="none", edgecolor=_SITE_LINE, label=label))
     if closed:
         entries.append(Patch(facecolor="none", edgecolor=_ZONE_LINE, hatch="//", label="no-fly zone"))
