@@ -88,7 +88,7 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
             grid,
             run.zones,
             description,
-            tracks=_tracks(run),
+            tracks=drone_tracks(run),
             georeference=georeference,
         )
     if "terrain.bt" in wanted:
@@ -129,7 +129,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
         "frames": {drone: integrated[drone] for drone in run.recording.drones},
         "refused": [str(refused) for refused in run.refused],
         "warnings": run.warnings,
-        "detector": _detector(run),
+        "detector": heatmaps_of(run),
         "terrain": {
             "voxels": run.terrain.voxel_count,
             "voxel_size_m": run.terrain.voxel_size_m,
@@ -188,14 +188,15 @@ def _crowd_mass(run: Run) -> dict[str, Any]:
     }
 
 
-def _detector(run: Run) -> dict[str, Any]:
+def heatmaps_of(run: Run) -> dict[str, Any]:
+    """Who made the heatmaps, and how the flight was beside what a model was tested for."""
     detector = run.heatmaps.to_json()
     if run.review is not None:
         detector["ranges"] = {check.quantity: check.to_json() for check in run.review.ranges}
     return detector
 
 
-def _tracks(run: Run) -> list[DroneTrack]:
+def drone_tracks(run: Run) -> list[DroneTrack]:
     """Where each drone's camera was at its frames, and what it saw last."""
     tracks = []
     for drone in run.recording.drones:

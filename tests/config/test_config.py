@@ -16,7 +16,6 @@ from crowdfence.config import (
     LogPoolConfig,
     MethodConfig,
     MovingAverageConfig,
-    OrConfig,
     PaperConfig,
     ProjectionConfig,
     RunConfig,

@@ -14,6 +14,7 @@ from crowdfence.cli.option_sets import (
     AlignmentOptions,
     DetectorOptions,
     EvidenceOptions,
+    LayerOptions,
     MapOptions,
     ProjectionOptions,
     SourceOptions,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 
 @takes(
     MapOptions,
+    LayerOptions,
     SourceOptions,
     AlignmentOptions,
     DetectorOptions,
@@ -105,8 +107,10 @@ def evaluate(
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, open_terrain
+    from crowdfence.sources.layers import CROWD, checked_layer
 
-    source = source_options.open_source(recording, context.params)
+    layer = checked_layer(context.params["layer"])
+    source = source_options.open_source(recording, context.params).of_layer(layer)
     if report is not None:
         require_people(source)
         with replaceable_folder(report, contents=CONTENTS, force=True):
@@ -160,10 +164,12 @@ def evaluate(
         turned(row, [(turn, one) for (of, turn), one in pairs if of == number])
         for number, row in enumerate(scores if sweep else [])
     ]
-    warnings = [*doubts, *lost_crowd_warnings(crowd_mass)]
+    lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
+    warnings = [*doubts, *lost]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     summary = {
         "detector": {**heatmaps.to_json(), **_rates(counts)},
+        "layer": layer,
         "truth": truth.value,
         "scores": [_as_json(row) for row in scores],
         **_knobs_json(scores, knobs),
@@ -172,11 +178,11 @@ def evaluate(
     }
     if report is not None:
         labels = [_label(row.config) for row in scores]
-        write_report(report, source.name, _AGAINST[truth], labels, scores, summary, knobs)
+        write_report(report, source.name, _against(truth, layer), labels, scores, summary, knobs)
     if as_json:
         console.print_json(summary)
     else:
-        _print(source.name, truth, counts, scores)
+        _print(source.name, _against(truth, layer), counts, scores)
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
         for reason in [*warnings, *map(str, refused)]:
@@ -208,6 +214,13 @@ _AGAINST = {
 }
 
 
+def _against(truth: options.TruthChoice, layer: str) -> str:
+    """What the truth is, in words."""
+    if layer == "crowd" or truth is options.TruthChoice.projected:
+        return _AGAINST[truth]
+    return f"where {layer} is in the world"
+
+
 def _rates(counts: Confusion) -> dict[str, Any]:
     estimates = {
         "true_positive_rate": counts.true_positive_rate(),
@@ -231,6 +244,7 @@ def _as_json(row: Score) -> dict[str, Any]:
         "best_mean_iou": best_iou.mean,
         "safety": None if row.safety is None else _safety_json(row.safety),
         **({} if row.measures is None else {"measures": row.measures.to_json()}),
+        **({} if row.layer is None else {"measures": row.layer.to_json()}),
         "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
     }
 
@@ -272,12 +286,12 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
     }
 
 
-def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: list[Score]) -> None:
+def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> None:
     from rich.table import Table
 
     out = console.stdout()
     table = Table(
-        title=f"{name}: mean IoU inside what was seen so far, against {_AGAINST[truth]}",
+        title=f"{name}: mean IoU inside what was seen so far, against {against}",
         title_justify="left",
         title_style="bold",
         box=None,
@@ -297,6 +311,9 @@ def _print(name: str, truth: options.TruthChoice, counts: Confusion, scores: lis
         )
     out.print(table)
     out.print(_safety_table(scores))
+    if any(row.layer is not None for row in scores):
+        out.print(_layer_table(scores))
+        out.print(_LAYER_LEGEND)
     if any(row.safety is not None for row in scores):
         out.print(_LEGEND)
     if counts.positives + counts.negatives:
@@ -358,9 +375,38 @@ def _safety_table(scores: list[Score]) -> Table | str:
     return table
 
 
+def _layer_table(scores: list[Score]) -> Table:
+    """Whether the probability of a layer means what it says, and what its ground really is."""
+    from rich.table import Table
+
+    table = Table(
+        title="\nThe probability, and the ground at or above the threshold",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+    )
+    table.add_column("method", no_wrap=True)
+    for column in ("AP", "Brier", "ECE", "true", "found", "people on it"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in scores:
+        if row.layer is None:
+            continue
+        quality, counted = row.layer.quality, row.layer
+        means = [f"{one:.3f}" for one in (quality.average_precision, quality.brier)]
+        shares = [counted.precision, counted.recall, counted.share_of_people_on_called]
+        told = ["-" if share != share else f"{share:.1%}" for share in shares]
+        table.add_row(_label(row.config), *means, f"{quality.calibration_error:.4f}", *told)
+    return table
+
+
 _SHOWN_M = (0.0, 2.0, 5.0)
 _AT = 2
 """5 m among the buffers."""
+_LAYER_LEGEND = (
+    "AP, ECE: average precision, expected calibration error. True: of the ground\n"
+    "at or above the threshold. Found: of the ground of the class that was seen.\n"
+    "People: of everybody on ground that was seen."
+)
 _LEGEND = (
     "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
     "on ground that the map calls empty. Closed: ground in zones per ground of crowds\n"

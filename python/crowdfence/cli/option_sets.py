@@ -60,6 +60,12 @@ class DetectorOptions:
     enlarge: options.EnlargeOption = options.EnlargeChoice.always
 
 
+class LayerOptions:
+    """Of which class the heatmaps are."""
+
+    layer: options.LayerName = "crowd"
+
+
 class MethodOptions:
     """How looks are put together."""
 

@@ -180,6 +180,15 @@ DetectorChoice = Annotated[
         "yolox_nano.onnx.",
     ),
 ]
+LayerName = Annotated[
+    str,
+    typer.Option(
+        "--layer",
+        metavar="NAME",
+        help="Which heatmaps of the recording: crowd, or another class that it holds, such as landing-site, "
+        "on a map of its own. Nothing is closed by it.",
+    ),
+]
 EnlargeOption = Annotated[
     EnlargeChoice,
     typer.Option(

@@ -56,6 +56,8 @@ def _facts(report: RecordingReport) -> RenderableType:
     }
     if not report.instants.offsets:
         del rows["offsets"]
+    if report.layers:
+        rows["layers"] = f"{', '.join(report.layers)} beside crowd (--layer)"
     drones = _count(len(report.drones), "drone")
     return console.facts(f"{report.path}: {kind}, {drones}, {_count(report.frames, 'frame')}", rows)
 

@@ -12,7 +12,9 @@ import typer
 
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options, source_options
-from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
+from crowdfence.cli.layer_report import report_layer
+from crowdfence.cli.made_by import heatmaps_line, method_line
+from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_options, takes
 from crowdfence.cli.wording import counted
 from crowdfence.config import RunConfig
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 MOST_ZONES_SHOWN = 12
-LOOK_FIRST = ("report.html", "crowd_map.png")
+LOOK_FIRST = ("report.html", "crowd_map.png", "layer_map.png")
 OpenReport = Annotated[bool, typer.Option("--open", help="Open the report when it is done.")]
 WHY = {
     "seen": "crowd seen just now",
@@ -33,7 +35,7 @@ WHY = {
 }
 
 
-@takes(MapOptions, *FUSION, before="files")
+@takes(MapOptions, LayerOptions, *FUSION, before="files")
 def run(
     context: typer.Context,
     recording: options.RecordingPaths,
@@ -50,12 +52,16 @@ def run(
         options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
     map_told = map_options(chosen)
+    from crowdfence.layer_results import chosen_layer_files
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.results import chosen_files
+    from crowdfence.sources.layers import CROWD, checked_layer
 
-    wanted = chosen_files(None if files is None else files.split(","))
-    with result_folder(output, force=force):
-        source = source_options.open_source(recording, chosen)
+    named = None if files is None else files.split(",")
+    layer = checked_layer(chosen["layer"])
+    wanted = chosen_files(named) if layer == CROWD else chosen_layer_files(named, layer)
+    with result_folder(output, force=force, layer=layer):
+        source = source_options.open_source(recording, chosen).of_layer(layer)
         detector = choose_detector(
             source, chosen["detector"], contract=chosen["contract"], enlarge=chosen["enlarge"].value
         )
@@ -74,11 +80,13 @@ def run(
         )
 
 
-def result_folder(output: Path, *, force: bool) -> AbstractContextManager[None]:
+def result_folder(output: Path, *, force: bool, layer: str = "crowd") -> AbstractContextManager[None]:
     """Checked before the first frame: that a result folder can be written, and replaces nothing unasked."""
+    from crowdfence.layer_results import LAYER_FILES
     from crowdfence.results import FILES
+    from crowdfence.sources.layers import CROWD
 
-    return replaceable_folder(output, contents=FILES, force=force)
+    return replaceable_folder(output, contents=FILES if layer == CROWD else LAYER_FILES, force=force)
 
 
 def fuse_and_report(
@@ -96,7 +104,9 @@ def fuse_and_report(
 ) -> None:
     """The whole job with progress, then the summary."""
     from crowdfence import pipeline
+    from crowdfence.layer_results import LAYER_FILES, write_layer_results
     from crowdfence.results import write_results
+    from crowdfence.sources.layers import CROWD
     from crowdfence.static_zones import read_static_zones
 
     georeference = recording.georeference or ground.terrain.georeference
@@ -116,12 +126,17 @@ def fuse_and_report(
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
-    summary = write_results(finished, output, force=force, files=files)
+    if recording.layer != CROWD:
+        summary = write_layer_results(finished, output, force=force, files=files)
+        written, report = sorted(files or LAYER_FILES), report_layer
+    else:
+        summary = write_results(finished, output, force=force, files=files)
+        written, report = _written(files), _report
     if as_json:
         console.print_json(summary)
     else:
-        _report(summary, finished, seconds, output, _written(files))
-    _look_first(output, _written(files), show=show, quiet=as_json)
+        report(summary, finished, seconds, output, written)
+    _look_first(output, written, show=show, quiet=as_json)
 
 
 def _look_first(output: Path, written: list[str], *, show: bool, quiet: bool) -> None:
@@ -151,8 +166,8 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
                 "terrain": f"{run.terrain.voxel_count:,} voxels of {run.terrain.voxel_size_m:g} m, "
                 f"{summary['terrain']['seen_voxels']:,} of them seen; the size: {run.voxel_size_why}",
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
-                "heatmaps": _heatmaps(summary["detector"]),
-                "method": _method(summary),
+                "heatmaps": heatmaps_line(summary["detector"]),
+                "method": method_line(summary),
                 "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}{_left_out(summary)}",
                 **_also_closed(summary),
                 "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago; "
@@ -186,37 +201,6 @@ def _also_closed(summary: dict[str, Any]) -> dict[str, str]:
     if summary["static_zones"]:
         closed["zones of others"] = str(summary["static_zones"])
     return closed
-
-
-def _heatmaps(detector: dict[str, Any]) -> str:
-    if "name" not in detector:
-        return "as recorded"
-    version = f" {detector['version']}" if detector["version"] else ""
-    checksum = f", sha256 {detector['sha256'][:12]}" if detector["sha256"] else ""
-    return f"{detector['name']}{version} on the pictures{checksum}"
-
-
-_KNOBS = ("alpha", "decay", "memory_s", "prior", "b_threshold", "clamp_low", "clamp_high")
-"""Of the methods for comparison."""
-
-
-def _method(summary: dict[str, Any]) -> str:
-    used = summary["parameters"]
-    if summary["method"] == "or":
-        return f"or, b > {used['b_threshold']:g}"
-    if summary["method"] == "evidence":
-        return (
-            f"evidence, memory {used['memory_s']:g} s, prior {used['prior']:.4f}, "
-            f"empty up to P = {used['cleared']:.2g}"
-        )
-    if summary["method"] != "paper":
-        knobs = [f"{name} {used[name]:.4g}" for name in _KNOBS if name in used]
-        return ", ".join([summary["method"], *knobs])
-    return (
-        f"paper, alpha {used['alpha']:g}, lambda {used['decay']:g} per {used['decay_unit']}, prior "
-        f"{used['prior']:.3f}, TPR {used['true_positive_rate']:g}, FPR {used['false_positive_rate']:g}, "
-        f"N {used['fleet_size']}"
-    )
 
 
 def _zone_table(summary: dict[str, Any]) -> Any:

@@ -71,6 +71,10 @@ def simulate(
             "--no-heatmaps", "Leave out the heatmaps (of the shipped detector; with --no-rgb of a stand-in)."
         ),
     ] = False,
+    layer: Annotated[
+        list[str] | None,
+        _how("--layer", "Record this layer too, with its truth: landing-site. May be repeated."),
+    ] = None,
     workers: Annotated[int | None, _how("--workers", "Rendering processes. Default: one per core.")] = None,
     resume: Annotated[bool, _how("--resume", "Go on with an interrupted run of the same mission.")] = False,
     force: Annotated[bool, _how("--force", "Replace what is there.")] = False,
@@ -93,6 +97,9 @@ def simulate(
         raise ValueError(
             f"{output}: the name of a mission file ends in .mcap; --format airsim writes a folder"
         )
+    options_of_frames = FrameOptions(
+        rgb=not no_rgb, heatmaps=not no_heatmaps, layers=tuple(dict.fromkeys(layer or ()))
+    )
     width, height = _size(size)
     loaded = load_scenario(
         scenario,
@@ -119,7 +126,7 @@ def simulate(
                 recorded = record(
                     scene,
                     output,
-                    options=FrameOptions(rgb=not no_rgb, heatmaps=not no_heatmaps),
+                    options=options_of_frames,
                     workers=workers,
                     resume=resume,
                     overwrite=force,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from crowdfence._core import CrowdMap, LikelihoodRatio, Terrain
 from crowdfence.config.evidence import EvidenceConfig
 from crowdfence.config.grouping import GroupingConfig
+from crowdfence.config.layer import with_layer
 from crowdfence.config.method import MethodConfig
 from crowdfence.config.projection import ProjectionConfig
 from crowdfence.config.zones import ZoneConfig
@@ -35,6 +36,13 @@ class RunConfig:
             method=self.method.with_detector(contract),
             projection=self.projection.with_detector(contract),
         )
+
+    def with_layer(self, layer: str, contract: Contract | None = None) -> RunConfig:
+        """The same with what a layer of another class than crowd starts from filled in, unless a detector's
+        contract says it (`config.layer`); to be called before `with_detector`."""
+        if contract is not None and "likelihood_ratio" in (contract.rates or {}):
+            return self
+        return replace(self, method=with_layer(self.method, layer))
 
     def with_terrain(self, terrain: Terrain) -> tuple[RunConfig, tuple[str, ...]]:
         """The same with what is left to the terrain (the prior of `paper`) filled in, and what is doubtful

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +13,20 @@ from crowdfence._core import CrowdMass, Terrain
 from crowdfence.config import OrConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion, confusion
 from crowdfence.evaluation.iou import MeanIou
+from crowdfence.evaluation.layer_measures import LayerMeasures
 from crowdfence.evaluation.measures import Measures, SeenVoxels
+from crowdfence.evaluation.probability_quality import ProbabilityQuality
 from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
+from crowdfence.truth.at_exposure import people_at
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
-from crowdfence.truth.over_time import CrowdsOfTheWorld, ProjectedLabels, TruthOverTime
+from crowdfence.truth.over_time import CrowdsOfTheWorld, LayerOfTheWorld, ProjectedLabels, TruthOverTime
 from crowdfence.zones.closed_ground import ClosedGround
 
 TruthKind = Literal["projected", "world"]
@@ -48,6 +52,14 @@ class Score:
     """Who stands in a zone, once a second; None where the recording does not say where people are."""
     measures: Measures | None = None
     """What else a report shows, where it was asked for."""
+    layer: LayerMeasures | None = None
+    """What else is counted of a layer other than crowds, once a second."""
+
+    @property
+    def quality(self) -> ProbabilityQuality | None:
+        """Whether the probability means what it says, where it was counted."""
+        counted = self.measures or self.layer
+        return None if counted is None else counted.quality
 
     @property
     def knob(self) -> float:
@@ -121,8 +133,9 @@ def score(
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted.
     """
-    configs = [config.with_detector(heatmaps.contract) for config in configs]
-    swept = [config.with_detector(heatmaps.contract) for config in swept]
+    contract, layer = heatmaps.contract, recording.layer
+    configs = [config.with_layer(layer, contract).with_detector(contract) for config in configs]
+    swept = [config.with_layer(layer, contract).with_detector(contract) for config in swept]
     first, alike = configs[0], [*configs, *swept]
     if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in alike):
         raise ValueError("configurations that are scored together must project and group views alike")
@@ -132,12 +145,15 @@ def score(
     drones = len(recording.drones)
 
     def loop(config: RunConfig) -> FrameLoop:
-        return FrameLoop(config.crowd_map(terrain, drones), config.zones)
+        return FrameLoop(config.crowd_map(terrain, drones), config.zones, closes=layer == CROWD)
 
-    judged = [_Judged(config, loop(config), Measures() if with_measures else None) for config in configs]
+    of_crowds = layer == CROWD
+    measured = with_measures and of_crowds
+    judged = [_Judged(config, loop(config), Measures() if measured else None) for config in configs]
     beside = [_Judged(config, loop(config), None) for config in swept]
-    tested = None if heatmaps.contract is None else heatmaps.contract.validity
-    watch = CrowdWatch(recording, terrain, tested) if len(recording.people.stamps_ns) else None
+    tested = None if contract is None else contract.validity
+    knows_people = len(recording.people.stamps_ns) > 0
+    watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
     refused = list(recording.refused)
@@ -149,7 +165,7 @@ def score(
             one.loop.integrate_observed(update.observations, instant.stamp_ns)
         for seen in update.observations:
             highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
-        for one in judged:
+        for one in judged if of_crowds else ():
             one.hold(instant.stamp_ns)
         crowd = crowds.at(instant)
         for one in [*judged, *beside]:
@@ -161,6 +177,11 @@ def score(
                 in_view = watch.at(instant)
                 for one in judged:
                     one.watch(in_view, crowd, highest, instant.stamp_ns)
+        if not of_crowds and instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+            watched_ns = instant.stamp_ns
+            people = people_at(instant.frames[-1], recording).position if knows_people else None
+            for one in judged:
+                one.look_at_layer(crowd, people, instant.stamp_ns)
         refused += found.refused
         if on_instant is not None:
             on_instant(instant, found)
@@ -171,7 +192,8 @@ def score(
 
 def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:
     if kind == "world":
-        return CrowdsOfTheWorld(recording, terrain)
+        of_world = CrowdsOfTheWorld if recording.layer == CROWD else LayerOfTheWorld
+        return of_world(recording, terrain)
     projection = config.projection.with_detector(None)
     assert projection.target_height_m is not None
     return ProjectedLabels(
@@ -190,6 +212,7 @@ class _Judged:
     def __init__(self, config: RunConfig, loop: FrameLoop, measures: Measures | None) -> None:
         self.config, self.loop, self.measures = config, loop, measures
         self.safety = Safety()
+        self._layer: LayerMeasures | None = None
         rules = config.zones.rules(loop.threshold)
         self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self._sweeps_mean = isinstance(config.method, OrConfig)
@@ -223,7 +246,15 @@ class _Judged:
             seen = SeenVoxels(ids, probability, score, crowd[ids])
             self.measures.add(crowds, closed, crowd_map.terrain, seen, stamp_ns)
 
+    def look_at_layer(
+        self, truth: NDArray[np.bool_], people_enu: NDArray[np.floating[Any]] | None, stamp_ns: int
+    ) -> None:
+        """What the map of a layer says, against its truth [V] and where everybody stands [P, 3]."""
+        self._layer = self._layer or LayerMeasures()
+        self._layer.add(self.loop.crowd_map, stamp_ns, self.loop.threshold, truth, people_enu)
+
     def score(self, *, safety: bool) -> Score:
         result = self._sweep.result()
         counted = self.safety if safety else None
-        return Score(self.config, self.loop.threshold, result.at(self._knob), result, counted, self.measures)
+        at_knob = result.at(self._knob)
+        return Score(self.config, self.loop.threshold, at_knob, result, counted, self.measures, self._layer)

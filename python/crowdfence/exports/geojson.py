@@ -24,7 +24,7 @@ _ABSENCE = (
     "Ground outside the zones is not known to be free: it may never have been seen. "
     "The state band of the map says which."
 )
-_LOCAL_FRAME = {
+LOCAL_FRAME = {
     "name": "local east-north-up metres",
     "axes": ["east", "north"],
     "unit": "metre",
@@ -48,7 +48,7 @@ def zones_geojson(zones: ZoneSet, description: MapDescription, georeference: Geo
     FeatureCollection. ValueError when a zone lies within one degree of a pole."""
     head: dict[str, Any] = {"type": "FeatureCollection", "crowdfence": _collection(zones, description)}
     if georeference is None:
-        head |= {"crs": None, "coordinate_frame": _LOCAL_FRAME}
+        head |= {"crs": None, "coordinate_frame": LOCAL_FRAME}
     features = [_feature(zone, zones, description, georeference) for zone in zones.closed]
     return _one_feature_per_line(head, features)
 

@@ -14,11 +14,9 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.raster_placement import RasterPlacement
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
+from crowdfence.sources.layers import CROWD
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
-
-_BANDS = ("probability of crowd (NaN = never seen)", "state")
-_STATES = ", ".join(f"{state.value} = {state.name}" for state in VoxelState)
 
 
 def write_geotiff(
@@ -45,7 +43,7 @@ def write_geotiff(
             driver="GTiff",
             width=width,
             height=height,
-            count=len(_BANDS),
+            count=2,
             dtype="float32",
             nodata=float("nan"),
             crs=placement.crs_wkt,
@@ -60,10 +58,18 @@ def write_geotiff(
     ):
         raster.write(_north_up(_float32_never_below(grid.probability)), 1)
         raster.write(_north_up(grid.state.astype(np.float32)), 2)
-        for band, name in enumerate(_BANDS, start=1):
-            raster.set_band_description(band, name)
+        raster.set_band_description(1, f"probability of {description.layer} (NaN = never seen)")
+        raster.set_band_description(2, "state")
         raster.update_tags(**_tags(description), **_placement_tags(placement, georeference))
-        raster.update_tags(2, VALUES=_STATES)
+        raster.update_tags(2, VALUES=_states(description.layer))
+
+
+def _states(layer: str) -> str:
+    """What the numbers of band 2 mean; on the map of another class than crowd, CROWD is where that is."""
+    if layer == CROWD:
+        return ", ".join(f"{state.value} = {state.name}" for state in VoxelState)
+    names = {VoxelState.CROWD: layer, VoxelState.EMPTY: f"no {layer}"}
+    return ", ".join(f"{state.value} = {names.get(state, state.name)}" for state in VoxelState)
 
 
 def _north_up(array: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -87,6 +93,7 @@ def _tags(description: MapDescription) -> dict[str, str]:
         "STAMP_NS": str(description.stamp_ns),
         "FIRST_INSTANT_UTC": "" if first_ns is None else iso_utc(first_ns),
         "DRONES": " ".join(description.drones),
+        "LAYER": description.layer,
         "MISSION": description.mission,
     }
 

@@ -21,6 +21,8 @@ class MapDescription:
     drones: tuple[str, ...] = ()
     mission: str = ""
     """Name of the recording."""
+    layer: str = "crowd"
+    """Class whose probability the map holds."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.threshold <= 1.0:

@@ -77,5 +77,6 @@ def _meaning(description: MapDescription) -> dict[str, Any]:
         "threshold": description.threshold,
         "stamp_utc": iso_utc(description.stamp_ns),
         "mission": description.mission,
+        "layer": description.layer,
         "colors": {state.name: list(colour) for state, colour in STATE_COLOURS.items()},
     }

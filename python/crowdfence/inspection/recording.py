@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,6 +117,8 @@ class RecordingReport:
     damaged: tuple[Trouble, ...] | None
     """Usable frames with pixels that cannot be read; None: not looked for (`check_pixels`)."""
     warnings: tuple[str, ...]
+    layers: tuple[str, ...] = ()
+    """Other classes than crowd that it holds heatmaps of."""
 
 
 def inspect_recording(
@@ -162,6 +164,7 @@ def inspect_recording(
         refused=tuple(group_trouble(recording.refused)),
         damaged=None if damaged is None else tuple(damaged),
         warnings=recording.warnings,
+        layers=recording.layers,
     )
 
 
@@ -179,6 +182,9 @@ def check_pixels(frames: Sequence[Frame], tell: Tell = lambda stage: None) -> li
             (pixels.silhouettes, frame.silhouettes),
             (pixels.depth_m, frame.depth_m),
         ]
+        for name, layer in pixels.layers.items():
+            of_layer = replace(frame, pixels=pixels.of_layer(name))
+            readers += [(layer.heatmap, of_layer.view), (layer.labels, of_layer.regions)]
         for recorded, read in readers:
             if recorded is None:
                 continue

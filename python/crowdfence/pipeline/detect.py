@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
 from crowdfence.pipeline.picture_watch import PictureWatch
+from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ def choose_detector(
     combined. The name of the shipped model stands for its path.
 
     "auto" is the shipped model where that loses no frame: every frame that has a heatmap also has a picture.
-    ValueError when a model cannot be used, or the shipped one is missing.
+    The shipped models find crowds: of another layer "auto" takes the recorded heatmaps. ValueError when a
+    model cannot be used, or the shipped one is missing.
     """
     choices = [choice] if isinstance(choice, str) else list(choice)
     if len(choices) > 1:
@@ -147,6 +149,9 @@ def choose_detector(
             raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
         return named_detector(choices, threads=threads, enlarge=enlarge)
     choice = choices[0]
+    if recording.layer != CROWD:
+        _check_layer(recording, choice)
+        choice = "recorded" if choice == "auto" else choice
     if choice == "recorded" or (choice == "auto" and not _pictures_suffice(recording)):
         if contract is not None:
             raise ValueError(
@@ -167,6 +172,19 @@ def choose_detector(
             "from this copy: install it again, name a model with --detector MODEL.onnx, or take the recorded "
             "heatmaps with --detector recorded"
         ) from error
+
+
+def _check_layer(recording: Recording, choice: str) -> None:
+    """ValueError where nothing makes the heatmaps of a layer."""
+    from crowdfence.detector.shipped import FILES
+
+    if choice in FILES:
+        raise ValueError(f"--detector {choice} finds crowds, not the layer {recording.layer!r}")
+    if choice in ("auto", "recorded") and recording.layer not in recording.layers:
+        raise ValueError(
+            f"{recording.name} holds no heatmaps of the layer {recording.layer!r}; name a model that makes "
+            "them with --detector MODEL.onnx"
+        )
 
 
 def named_detector(

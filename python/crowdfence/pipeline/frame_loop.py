@@ -13,6 +13,7 @@ from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.zones import Zone, ZoneEngine, ZoneSet
+from crowdfence.zones.no_zones import NoZones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,13 +48,21 @@ class FrameLoop:
     A step costs what was seen at it and what is closed, never the map.
     """
 
-    def __init__(self, crowd_map: CrowdMap, zones: ZoneConfig, static_zones: Sequence[Zone] = ()) -> None:
-        """`static_zones` are zones that somebody else drew: they are part of every step's zones."""
+    def __init__(
+        self,
+        crowd_map: CrowdMap,
+        zones: ZoneConfig,
+        static_zones: Sequence[Zone] = (),
+        *,
+        closes: bool = True,
+    ) -> None:
+        """`static_zones` are zones that somebody else drew: they are part of every step's zones. `closes`:
+        what is found is closed, as crowd is."""
         self.crowd_map = crowd_map
         rules = zones.rules(crowd_map.default_threshold())
         self.threshold = rules.threshold
         """Probability from which ground is crowd."""
-        self._engine = ZoneEngine(crowd_map, rules, static_zones)
+        self._engine = (ZoneEngine if closes else NoZones)(crowd_map, rules, static_zones)
         self.crowd_mass: dict[str, CrowdMass] = {}
         """Where the crowd in the pictures of each drone went, over all steps."""
 

@@ -19,6 +19,7 @@ from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
@@ -76,7 +77,7 @@ class Run:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         of_pictures = self.heatmaps.watch.warnings
-        lost = lost_crowd_warnings(self.crowd_mass)
+        lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
         return [*self.recording.warnings, *self.doubts, *of_detector, *of_pictures, *lost]
 
     @property
@@ -95,6 +96,7 @@ class Run:
             first_stamp_ns=self.rows[0].stamp_ns,
             drones=self.recording.drones,
             mission=self.recording.name,
+            layer=self.recording.layer,
         )
 
 
@@ -115,7 +117,7 @@ def run(
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
     those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that
-    somebody else drew.
+    somebody else drew. A recording of another layer than crowds (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
     be used, or no view saw any of the terrain. Frames that cannot be used are in `Run.refused`.
@@ -126,9 +128,11 @@ def run(
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
+    config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
-    loop = FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones, static_zones)
+    crowd_map = config.crowd_map(terrain, len(recording.drones))
+    loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []
     refused = list(recording.refused)

@@ -22,6 +22,8 @@ class Stream(IntEnum):
     DETECTOR = 110
     COLOURS = 111
     BODIES = 112
+    LANDING_PLACES = 113
+    LANDING_FRAMES = 114
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -1,7 +1,7 @@
 """Any recording -> a mission file with the same frames, poses and pixels."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import merge
 from operator import itemgetter
 from os import PathLike
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
 from crowdfence.sources.ground_contact import require_settled
+from crowdfence.sources.layers import LayerPixels
 from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.mission.layout import CROWD_CLASS
+from crowdfence.sources.mission.messages import LayerContent
 from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import as_png, picture_format
@@ -89,6 +91,8 @@ def convert(
             writer.add_simulation(recording.manifest["simulation"])
         for drone in recording.drones:
             writer.add_drone(drone)
+        for layer, ground in recording.layer_grounds.items():
+            writer.add_layer_ground(layer, ground, (recording.span_ns or (0, 0))[0])
         others = ((message.stamp_ns, message) for message in beside)
         everything = merge(
             _poses(recording), _people(recording), _frames(recording), others, key=itemgetter(0)
@@ -152,8 +156,16 @@ def _write_frame(
         true_pose=_read(truth.pose, frame.true_pose, frame, conversion),
         exposure_ns=_read(truth.exposure_ns, frame.exposure_ns, frame, conversion),
         people=_read(truth.people, frame.people, frame, conversion),
+        layers={name: _layer(frame, name, layer, conversion) for name, layer in pixels.layers.items()},
     )
     conversion.frames[frame.drone] += 1
+
+
+def _layer(frame: Frame, name: str, layer: LayerPixels, conversion: Conversion) -> LayerContent:
+    of_layer = replace(frame, pixels=frame.pixels.of_layer(name))
+    labels = _read(layer.labels, of_layer.regions, frame, conversion)
+    heatmap = _read(layer.heatmap, of_layer.heatmap, frame, conversion)
+    return LayerContent(heatmap, None if labels is None else labels > 0)
 
 
 def _silhouettes(

@@ -5,6 +5,8 @@
     heatmaps/<drone>_<stamp_ns>.png    or .npy; one file is one frame
     images/<drone>_<stamp_ns>.jpg      or .png; optional
     truth/regions/<drone>_<stamp_ns>.png   optional, crowd number per pixel
+    layers/<layer>/<drone>_<stamp_ns>.png  optional: heatmaps of other classes, such as landing-site; or .npy
+    truth/layers/<layer>/<drone>_<stamp_ns>.png   optional, 0 = the pixel does not show the class
 
 A row of poses.csv is the pose of a drone's camera: position in local east-north-up metres, unit quaternion
 that turns camera axes (OpenCV: right, down, forward) into east-north-up. Rows need not fall on frames; they
@@ -22,12 +24,14 @@ first pixel, whose centre is at (0.5, 0.5).
 
 import json
 import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
+from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import read_heatmap, read_regions
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
@@ -48,11 +52,16 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
     heatmaps = _files_by_frame(folder / "heatmaps", ("png", "npy"), warnings)
     images = _files_by_frame(folder / "images", ("jpg", "jpeg", "png"), warnings)
     regions = _files_by_frame(folder / "truth" / "regions", ("png",), warnings)
+    layers = {name: _layer_files(folder, name, warnings) for name in layer_names(folder, warnings)}
     unplaced: dict[str, list[UnplacedFrame]] = {drone: [] for drone in sorted(tracks)}
-    for drone, stamp_ns in sorted(heatmaps.keys() | images.keys()):
+    stamps = heatmaps.keys() | images.keys()
+    for drone, stamp_ns in sorted(stamps.union(*(one.heatmaps for one in layers.values()))):
         key = drone, stamp_ns
         camera = _camera(description, drone, folder / DESCRIPTION_NAME)
-        pixels = _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera)
+        pixels = replace(
+            _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera),
+            layers={name: one.pixels(key, camera) for name, one in layers.items() if one.holds(key)},
+        )
         fault = _ambiguous(heatmaps.get(key, []))
         unplaced.setdefault(drone, []).append(UnplacedFrame(stamp_ns, camera, pixels, fault))
     if not unplaced:
@@ -113,6 +122,28 @@ def _files_by_frame(
             f"first: {strange[0]}"
         )
     return files
+
+
+@dataclass(frozen=True, slots=True)
+class _LayerFiles:
+    """The files of one layer by (drone, stamp)."""
+
+    heatmaps: dict[tuple[str, int], list[Path]]
+    labels: dict[tuple[str, int], list[Path]]
+
+    def holds(self, key: tuple[str, int]) -> bool:
+        return key in self.heatmaps or key in self.labels
+
+    def pixels(self, key: tuple[str, int], camera: Camera) -> LayerPixels:
+        found = _pixels(self.heatmaps.get(key, []), [], self.labels.get(key, []), camera)
+        return LayerPixels(found.heatmap, found.regions)
+
+
+def _layer_files(folder: Path, name: str, warnings: list[str]) -> _LayerFiles:
+    return _LayerFiles(
+        _files_by_frame(folder / "layers" / name, ("png", "npy"), warnings),
+        _files_by_frame(folder / "truth" / "layers" / name, ("png",), warnings),
+    )
 
 
 def _ambiguous(heatmaps: list[Path]) -> str | None:

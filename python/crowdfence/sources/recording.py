@@ -1,8 +1,10 @@
 """What every source yields: frames with known cameras and poses, their pixels still on disk."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera, View
 from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
+from crowdfence.sources.layers import CROWD, LayerGround, LayerPixels
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.synchronize import group_instants
@@ -45,6 +48,7 @@ class PixelSources:
     depth_m       [H, W] float32, distance along the camera's z axis in metres, NaN = unknown: truth
     segmentation  [H, W] uint8, class of what a pixel shows (`mission.layout.CLASSES`): truth
     instances     [H, W] number of the person that a pixel shows, 0 = none: truth
+    layers        heatmaps of other classes, by the name of the layer
     """
 
     image: Callable[[], bytes] | None = None
@@ -54,6 +58,12 @@ class PixelSources:
     depth_m: Callable[[], NDArray[np.float32]] | None = None
     segmentation: Callable[[], Pixels] | None = None
     instances: Callable[[], Pixels] | None = None
+    layers: Mapping[str, LayerPixels] = field(default_factory=dict)
+
+    def of_layer(self, name: str) -> PixelSources:
+        """The same with the heatmap of a layer, and with its labels for those of crowds."""
+        layer = self.layers.get(name, LayerPixels())
+        return replace(self, heatmap=layer.heatmap, regions=layer.labels, silhouettes=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,6 +251,10 @@ class Recording:
     """Everybody in the world over time, where a simulator or a survey recorded it."""
     ground_contacts: Mapping[str, GroundContact] = field(default_factory=dict)
     """Drones whose heights wait for the map."""
+    layer: str = CROWD
+    """Of which class its heatmaps and labels are."""
+    layer_grounds: Mapping[str, LayerGround] = field(default_factory=dict, repr=False)
+    """Where in the world other classes are, by the name of the layer, where a simulator recorded it."""
 
     def __repr__(self) -> str:
         first, last = self.span_ns or (0, 0)
@@ -256,6 +270,26 @@ class Recording:
     def tracks(self) -> dict[str, PoseTrack]:
         """Camera poses over time per drone, at telemetry rate."""
         return dict(self.pose_tracks)
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of the layers that some frame has a heatmap or a label of, beside those of crowds."""
+        return tuple(sorted({name for frame in self.frames for name in frame.pixels.layers}))
+
+    def of_layer(self, name: str) -> Recording:
+        """The same recording with the heatmaps and labels of one layer in the place of those of crowds.
+
+        ValueError for a layer that it neither holds nor has pictures for, from which a detector could make
+        the heatmaps.
+        """
+        if name == self.layer:
+            return self
+        held = name in self.layers
+        if not held and not any(frame.pixels.image for frame in self.frames):
+            there = ", ".join((CROWD, *self.layers))
+            raise ValueError(f"{self.name} holds no heatmaps of the layer {name!r}; it holds {there}")
+        frames = tuple(replace(frame, pixels=frame.pixels.of_layer(name)) for frame in self.frames)
+        return replace(self, frames=frames, layer=name)
 
     def people_truth(self, stamp_ns: int, *, max_gap_s: float = 0.1) -> RecordedPeople | None:
         """Everybody in the world at the recorded instant nearest to `stamp_ns`; None when none lies within

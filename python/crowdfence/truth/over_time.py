@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.sources.recording import Instant, Recording
-from crowdfence.truth.at_exposure import crowd_ground_at
+from crowdfence.truth.at_exposure import crowd_ground_at, people_at
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
@@ -80,3 +80,29 @@ class CrowdsOfTheWorld:
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
         return crowd_ground_at(instant.frames[-1], self._recording, self._terrain)
+
+
+class LayerOfTheWorld:
+    """Where in the world the class of a layer is, seen or not: the recorded ground, without what people take
+    away while they stand there."""
+
+    def __init__(self, recording: Recording, terrain: Terrain) -> None:
+        """ValueError when the recording does not hold it."""
+        ground = recording.layer_grounds.get(recording.layer)
+        if ground is None:
+            raise ValueError(
+                f"{recording.name} does not record where in the world {recording.layer} is; score against "
+                "its labels (--truth projected)"
+            )
+        self._recording, self._ground = recording, ground
+        ids = np.arange(terrain.voxel_count, dtype=np.int64)
+        places = terrain.voxel_indices(ids)[:, :2] + 0.5
+        xy = np.asarray(terrain.origin)[:2] + places * terrain.voxel_size_m
+        self._cell_of_voxel = ground.numbers_at(xy)
+
+    def at(self, instant: Instant) -> NDArray[np.bool_]:
+        cells = self._ground.cells
+        if len(self._recording.people.stamps_ns):
+            people = people_at(instant.frames[-1], self._recording)
+            cells = self._ground.without(people.position)
+        return (self._cell_of_voxel >= 0) & cells.ravel()[self._cell_of_voxel]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.atomic_folder import whole_folder
-from crowdfence.evaluation.report.plots import DRAWN, write_plots
+from crowdfence.evaluation.report.plots import DRAWN, OF_LAYERS, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def write_report(
     summary  goes into scores.json as it is
     knobs    of each method, where they were turned; else nothing
 
-    The scores hold measures and safety. FileExistsError where the folder holds anything else, OSError where
-    it cannot be written.
+    The scores hold measures and safety, or what is counted of a layer. FileExistsError where the folder holds
+    anything else, OSError where it cannot be written.
     """
     with whole_folder(folder, contents=CONTENTS, force=True) as beside:
         write_plots(beside, names, scores)
@@ -62,6 +62,8 @@ def _page(
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
 ) -> str:
+    if scores[0].layer is not None:
+        return _layer_page(name, against, names, scores, knobs)
     pictures = "".join(f'<img src="{file}" alt="">' for file in DRAWN)
     parts = [
         f"<h1>{escape(name)}</h1>",
@@ -88,15 +90,45 @@ def _page(
             "spare, across each of the largest crowds in view."
         ),
         _table("Map", _map(names, scores)),
+        _paragraph(_MAP_LEGEND),
+        *_knobs(names, knobs),
+    ]
+    return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
+
+
+def _layer_page(
+    name: str,
+    against: str,
+    names: list[str],
+    scores: list[Score],
+    knobs: Sequence[Sequence[Turned]],
+) -> str:
+    """Of a layer other than crowds, which closes nothing."""
+    pictures = "".join(f'<img src="{file}" alt="">' for file in OF_LAYERS)
+    parts = [
+        f"<h1>{escape(name)}</h1>",
+        _paragraph(f"Mean IoU against {escape(against)}. The rest is counted once a second."),
+        _table("Map", _map(names, scores)),
+        _paragraph(_MAP_LEGEND),
+        f'<div class="plots">{pictures}</div>',
+        _table("Ground at or above the threshold", _found(names, scores)),
         _paragraph(
-            "Own threshold: the method's, for <code>or</code> its b threshold. Best: the one that is "
-            "best on this very recording, so an upper bound. Average precision ranks by the "
-            "probability, for <code>or</code> by the highest value so far. The calibration error is "
-            "that of 15 equal bins."
+            "Of it true: the share of this ground that is of the class. Found: of the ground of the class "
+            "that some drone has had in view, the share that is called so. People on it: of everybody on "
+            "ground that was seen, in a crowd or not."
         ),
         *_knobs(names, knobs),
     ]
     return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
+
+
+def _found(names: list[str], scores: list[Score]) -> Rows:
+    rows = [["method", "of it true", "found", "people on it"]]
+    for name, row in zip(names, scores, strict=True):
+        assert row.layer is not None
+        shares = [row.layer.precision, row.layer.recall, row.layer.share_of_people_on_called]
+        rows.append([name, *map(_percent, shares)])
+    return rows
 
 
 def _paragraph(text: str) -> str:
@@ -186,9 +218,9 @@ def _map(names: list[str], scores: list[Score]) -> Rows:
         ]
     ]
     for name, row in zip(names, scores, strict=True):
-        assert row.measures is not None
+        assert row.quality is not None
         best, best_iou = row.sweep.best()
-        quality = row.measures.quality
+        quality = row.quality
         numbers = [row.knob, row.iou.mean, best, best_iou.mean, quality.average_precision, quality.brier]
         cells = [_number(one, "{:.3f}") for one in numbers]
         rows.append([name, *cells, _number(quality.calibration_error, "{:.4f}")])
@@ -212,6 +244,12 @@ def _table(title: str, rows: Rows) -> str:
     )
     return f"<h2>{title}</h2><table><thead><tr>{cells}</tr></thead><tbody>{lines}</tbody></table>"
 
+
+_MAP_LEGEND = (
+    "Own threshold: the method's, for <code>or</code> its b threshold. Best: the one that is best on this "
+    "very recording, so an upper bound. Average precision ranks by the probability, for <code>or</code> by "
+    "the highest value so far. The calibration error is that of 15 equal bins."
+)
 
 _HEAD = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>TITLE</title>

@@ -32,14 +32,14 @@ def draw_iou(axes: Axes, names: Names, scores: list[Score]) -> None:
 def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color="#adb5bd", linewidth=1.0, linestyle=":")
     for name, row, colour in zip(names, scores, COLOURS, strict=False):
-        assert row.measures is not None
-        voxels, probability, crowd = row.measures.quality.reliability.T
+        assert row.quality is not None
+        voxels, probability, crowd = row.quality.reliability.T
         some = voxels > 0
         claimed, true = probability[some] / voxels[some], crowd[some] / voxels[some]
         axes.plot(claimed, true, color=colour, linewidth=1.2, marker="o", markersize=3.5, label=name)
     axes.set(
         xlabel="probability claimed",
-        ylabel="share that is crowd",
+        ylabel="share that is so",
         title="Reliability",
         xlim=(0, 1),
         ylim=(0, 1),
@@ -87,6 +87,10 @@ DRAWN: dict[str, Callable[[Axes, Names, list[Score]], None]] = {
 }
 
 
+OF_LAYERS = ("iou.png", "reliability.png")
+"""Those of them that are drawn of a layer other than crowds."""
+
+
 def write_plots(folder: Path, names: Names, scores: list[Score]) -> None:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -95,7 +99,8 @@ def write_plots(folder: Path, names: Names, scores: list[Score]) -> None:
     # The caller's own matplotlib settings must not change the picture.
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        for file, draw in DRAWN.items():
+        chosen = DRAWN if scores[0].layer is None else {file: DRAWN[file] for file in OF_LAYERS}
+        for file, draw in chosen.items():
             figure = Figure(figsize=(6.4, 4.2), layout="constrained")
             FigureCanvasAgg(figure)
             axes = figure.add_subplot()

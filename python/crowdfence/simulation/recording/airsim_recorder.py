@@ -78,6 +78,10 @@ def record_airsim(
         raise ScenarioError(
             "trouble.lens_distortion has no place in an AirSim recording; set it to [] or record a mission"
         )
+    if given.layers:
+        raise ScenarioError(
+            f"the layer {given.layers[0]} has no place in an AirSim recording; record a mission"
+        )
     require_folder(path)
     if not (resume or overwrite):
         require_nothing_there(path, "exists")

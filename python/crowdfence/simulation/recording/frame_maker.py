@@ -5,11 +5,15 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from crowdfence._core import Camera
+from crowdfence.simulation.landing_detector import LandingDetector, shown
+from crowdfence.simulation.landing_ground import landing_ground
 from crowdfence.simulation.picture_detector import detected_heatmap, picture_detector
 from crowdfence.simulation.recording.frame_summary import FrameSummary
 from crowdfence.simulation.rendering.frame import RenderedFrame
@@ -21,11 +25,15 @@ from crowdfence.simulation.scene_truth import PeopleTruth, Sight, people_truth, 
 from crowdfence.simulation.scene_truth import visible_pixels as count_pixels
 from crowdfence.simulation.schedule import Capture, Schedule, build_schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
-from crowdfence.sources.mission.messages import FrameContent, depth_in_whole_cm
+from crowdfence.sources.layers import LANDING_SITE
+from crowdfence.sources.mission.messages import FrameContent, LayerContent, depth_in_whole_cm
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 
 SHUTTER_S = 1 / 250
 """How long a picture is exposed: what moves meanwhile is blurred."""
+
+LAYERS = (LANDING_SITE,)
+"""What can be recorded beside crowds."""
 
 HIDDEN_WITHIN_M = 300.0
 """Hidden people are recorded up to here: behind the next mountain nobody is looked for."""
@@ -43,6 +51,13 @@ class FrameOptions:
     picture_format: str = "JPEG"
     jpeg_quality: int = 88
     supersample: int = 2
+    layers: tuple[str, ...] = ()
+    """Further layers to record, with their truth; of `LAYERS`."""
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.layers) - set(LAYERS))
+        if unknown:
+            raise ValueError(f"no layer {unknown[0]!r} can be simulated; there is {', '.join(LAYERS)}")
 
 
 class FrameMaker:
@@ -58,6 +73,7 @@ class FrameMaker:
         self._camera = scene.scenario.intrinsics()
         self._detector = picture_detector() if options.rgb and options.heatmaps else None
         self._stand_in = SimulatedDetector()
+        self._landing = _Landing(scene, self._camera) if LANDING_SITE in options.layers else None
         self._eye: Renderer | LabelRaycaster
         if options.rgb:
             self._eye = Renderer(scene, self._camera, supersample=options.supersample)
@@ -104,6 +120,7 @@ class FrameMaker:
             true_pose=camera_pose(pose),
             exposure_ns=self._scene.scenario.epoch_ns + round(t_s * 1e9),
             people=self._people_in_view(truth, rendered, pose, capture.stamp_ns),
+            layers=self._layers(truth, rendered, pose, capture.drone, exposed),
         )
 
     def summary(self, content: FrameContent, *, footprint: bool) -> FrameSummary:
@@ -154,6 +171,15 @@ class FrameMaker:
             return None
         return self._stand_in.heatmap(regions, instances, self._scene.seed, drone, exposed)
 
+    def _layers(
+        self, truth: PeopleTruth, rendered: RenderedFrame, pose: NDArray[np.float64], drone: int, exposed: int
+    ) -> dict[str, LayerContent]:
+        if self._landing is None:
+            return {}
+        content = self._landing.content(truth, rendered.depth_m, pose, drone, exposed)
+        # Labels are the truth and stay; heatmaps are left out as those of crowds are.
+        return {LANDING_SITE: content if self._options.heatmaps else LayerContent(labels=content.labels)}
+
     def _people_in_view(
         self, truth: PeopleTruth, rendered: RenderedFrame, pose: NDArray[np.float64], stamp_ns: int
     ) -> RecordedPeople:
@@ -169,6 +195,29 @@ class FrameMaker:
             truth.crowd[chosen].astype(np.uint32),
             pixels[chosen].astype(np.uint32),
         )
+
+
+class _Landing:
+    """What the frames of a scene say about landing sites."""
+
+    def __init__(self, scene: Scene, camera: Camera) -> None:
+        self._seed, self._camera = scene.seed, camera
+        self._ground = landing_ground(scene.landscape)
+        self._detector = LandingDetector()
+        self._mistakes = self._detector.mistakes(self._ground, scene.seed)
+
+    def content(
+        self,
+        truth: PeopleTruth,
+        depth_m: NDArray[np.floating[Any]],
+        pose: NDArray[np.float64],
+        drone: int,
+        exposed: int,
+    ) -> LayerContent:
+        fits = self._ground.without(truth.position)
+        labels = shown(self._ground, fits, depth_m, self._camera, pose)
+        mistakes = shown(self._ground, self._mistakes, depth_m, self._camera, pose)
+        return LayerContent(self._detector.heatmap(labels, mistakes, self._seed, drone, exposed), labels)
 
 
 def camera_pose(world_from_camera: NDArray[np.float64]) -> CameraPose:

@@ -8,6 +8,8 @@ from dataclasses import asdict
 from typing import Any
 
 from crowdfence._core import __version__
+from crowdfence.simulation.landing_detector import LandingDetector
+from crowdfence.simulation.landing_ground import landing_manifest
 from crowdfence.simulation.picture_detector import picture_detector_manifest
 from crowdfence.simulation.recording.frame_maker import HIDDEN_WITHIN_M, SHUTTER_S, FrameOptions
 from crowdfence.simulation.scene import Scene
@@ -15,6 +17,7 @@ from crowdfence.simulation.scene_class import SceneClass
 from crowdfence.simulation.scene_truth import CLOSING_M
 from crowdfence.simulation.schedule import Schedule
 from crowdfence.simulation.simulated_detector import SimulatedDetector
+from crowdfence.sources.layers import LANDING_SITE
 
 
 def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, made_by: str) -> dict[str, Any]:
@@ -39,6 +42,7 @@ def mission_manifest(scene: Scene, schedule: Schedule, options: FrameOptions, ma
         "region_closing_m": CLOSING_M,
         "hidden_people_within_m": HIDDEN_WITHIN_M,
         "trouble": schedule.manifest(),
+        **_layers(options),
     }
     plain: dict[str, Any] = json.loads(json.dumps(manifest))
     return plain
@@ -49,6 +53,13 @@ def _heatmaps(options: FrameOptions) -> dict[str, Any] | None:
     if not options.heatmaps:
         return None
     return picture_detector_manifest() if options.rgb else SimulatedDetector().manifest()
+
+
+def _layers(options: FrameOptions) -> dict[str, Any]:
+    """What further layers are and who makes their heatmaps; nothing where there are none."""
+    if LANDING_SITE not in options.layers:
+        return {}
+    return {"layers": {LANDING_SITE: {"truth": landing_manifest(), "heatmaps": LandingDetector().manifest()}}}
 
 
 def first_difference(one: Any, other: Any, where: str = "") -> str | None:

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from crowdfence.simulation.landing_ground import landing_ground
 from crowdfence.simulation.recording.frame_maker import FrameOptions
 from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
 from crowdfence.simulation.recording.interrupts import StopRequest
@@ -22,7 +23,8 @@ from crowdfence.simulation.scenarios.scenario import Scenario
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_truth import people_truth
 from crowdfence.simulation.schedule import Capture, build_schedule
-from crowdfence.sources.mission.layout import Part, camera_frame, topic_prefix
+from crowdfence.sources.layers import LANDING_SITE
+from crowdfence.sources.mission.layout import FramePart, LayerPart, camera_frame, topic_prefix
 from crowdfence.sources.mission.messages import FrameContent, encode_frame
 from crowdfence.sources.mission.topic_writer import part_path
 from crowdfence.sources.mission.writer import MissionWriter
@@ -85,7 +87,7 @@ def record_mission(
             map_files = preparation.write_map(path.parent, path.stem)
         with FramePool(scene, options, encoder, workers) as pool:
             run = TimelineRun(schedule, pool, stop, progress)
-            statistics = _write(scene, path, map_files.octomap, manifest, run, earlier)
+            statistics = _write(scene, path, options, map_files.octomap, manifest, run, earlier)
     if run.complete:
         finished(path)
     return Recorded(
@@ -104,6 +106,7 @@ def record_mission(
 def _write(
     scene: Scene,
     path: Path,
+    options: FrameOptions,
     map_path: Path,
     manifest: Mapping[str, Any],
     run: TimelineRun,
@@ -117,6 +120,7 @@ def _write(
         writer.add_simulation(manifest)
         for name in scene.scenario.drone_names:
             writer.add_drone(name)
+        _write_layers(scene, writer, options)
         run.into(_MissionSink(scene, writer, earlier))
         statistics = run.statistics()
         writer.add_statistics(statistics)
@@ -128,6 +132,13 @@ def _write(
         writer.abandon()
         raise
     return statistics
+
+
+def _write_layers(scene: Scene, writer: MissionWriter, options: FrameOptions) -> None:
+    """Where in the world the classes of further layers are."""
+    if LANDING_SITE in options.layers:
+        ground = landing_ground(scene.landscape)
+        writer.add_layer_ground(LANDING_SITE, ground, scene.scenario.epoch_ns)
 
 
 class _MissionSink:
@@ -159,7 +170,7 @@ class _MissionSink:
         self._writer.add_encoded_frame(
             self._names[capture.drone],
             capture.stamp_ns,
-            cast(Mapping[Part, bytes], made.pieces),
+            cast(Mapping[FramePart, bytes], made.pieces),
             arrival_ns=capture.arrival_ns,
         )
 
@@ -174,14 +185,18 @@ def _everybody(scene: Scene, instant: WorldInstant) -> RecordedPeople:
     )
 
 
-def _parts_of(options: FrameOptions) -> frozenset[Part]:
+def _parts_of(options: FrameOptions) -> frozenset[FramePart]:
     """The parts of every frame of a simulated mission."""
-    parts: set[Part] = {"camera_info", "regions", "depth_cm", "segmentation", "instances"}
+    parts: set[FramePart] = {"camera_info", "regions", "depth_cm", "segmentation", "instances"}
     parts |= {"true_pose", "exposure", "people"}
     if options.rgb:
         parts.add("image")
     if options.heatmaps:
         parts |= {"heatmap", "heatmap_info"}
+    for layer in options.layers:
+        parts.add(LayerPart(layer, "labels"))
+        if options.heatmaps:
+            parts |= {LayerPart(layer, "heatmap"), LayerPart(layer, "heatmap_info")}
     return frozenset(parts)
 
 

@@ -17,7 +17,7 @@ from crowdfence.simulation.recording.manifest import first_difference
 from crowdfence.sources.mission.layout import (
     MAGIC,
     METADATA_SIMULATION,
-    Part,
+    FramePart,
     split_topic,
 )
 from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
@@ -32,7 +32,7 @@ class SalvagedFile:
 
     mcap: McapFile
     manifest: dict[str, Any] | None = None
-    frames: dict[tuple[str, int], dict[Part, MessageLocation]] = field(default_factory=dict)
+    frames: dict[tuple[str, int], dict[FramePart, MessageLocation]] = field(default_factory=dict)
     """Messages by topic prefix and stamp."""
 
     @staticmethod
@@ -59,10 +59,10 @@ class Salvage:
     """Frames of earlier runs of the same mission, by topic prefix and stamp."""
 
     files: Sequence[SalvagedFile]
-    parts: frozenset[Part]
+    parts: frozenset[FramePart]
     """A frame is whole when it has these."""
 
-    def frame(self, prefix: str, stamp_ns: int) -> Mapping[Part, bytes] | None:
+    def frame(self, prefix: str, stamp_ns: int) -> Mapping[FramePart, bytes] | None:
         """The messages of a frame as they were, None when it is not there as a whole."""
         for file in self.files:
             found = file.frames.get((prefix, stamp_ns), {})
@@ -71,7 +71,7 @@ class Salvage:
         return None
 
 
-def salvage(path: Path, part_path: Path, manifest: Mapping[str, Any], parts: frozenset[Part]) -> Salvage:
+def salvage(path: Path, part_path: Path, manifest: Mapping[str, Any], parts: frozenset[FramePart]) -> Salvage:
     """What `path` (ended by an interrupt) and `part_path` (left by a kill) hold of the mission `manifest`.
 
     The partial file is kept under another name until `finished` is called, so that a second kill loses
@@ -96,7 +96,7 @@ def finished(path: Path) -> None:
     _kept_path(path).unlink(missing_ok=True)
 
 
-def summary_of_parts(parts: Mapping[Part, bytes], camera: Camera, *, footprint: bool) -> FrameSummary:
+def summary_of_parts(parts: Mapping[FramePart, bytes], camera: Camera, *, footprint: bool) -> FrameSummary:
     """Statistics of a frame from its messages."""
     return FrameSummary.of(
         decode_raster(parts["segmentation"]),

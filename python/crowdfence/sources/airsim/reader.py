@@ -4,8 +4,10 @@
     images/                                         its pictures
     settings.json                                   start positions, camera mounts, fields of view, origin
     heatmaps/heatmap_<vehicle>_<stamp_ns>.png|npy   what the detector said
+    layers/<layer>/heatmap_<vehicle>_<stamp_ns>.png|npy   optional: heatmaps of other classes
     telemetry/<vehicle>.csv                         optional: camera or gimbal at telemetry rate
     truth/regions/region_<vehicle>_<stamp_ns>.png   optional: crowd numbers
+    truth/layers/<layer>/label_<vehicle>_<stamp_ns>.png   optional: 0 = the pixel does not show the class
     truth/world.csv, people.npz, cameras.csv        optional: who stood where, and the cameras as they were
     terrain/terrain.bt, terrain/dem.tif             optional: a map
 

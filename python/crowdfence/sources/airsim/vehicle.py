@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -20,6 +21,7 @@ from crowdfence.sources.airsim.truth_pictures import (
     depth_source,
     pair_truth,
 )
+from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import Size, read_heatmap, read_regions, read_silhouettes
 from crowdfence.sources.place_camera import UnplacedFrame
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
@@ -87,8 +89,10 @@ class VehicleReader:
     truth_of: Callable[[str, int], FrameTruth]
     """What is known of the picture of a vehicle with a stamp."""
     warnings: list[str] = field(default_factory=list)
+    _layer_names: list[str] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
+        self._layer_names = layer_names(self.folder, self.warnings)
         if self.settings.path is None:
             self.warnings.append(
                 "no settings.json: AirSim's default camera (256x144, 90 degrees) at the body's own position"
@@ -237,7 +241,26 @@ class VehicleReader:
             regions=None if regions is None else lambda: read_regions(regions, size),
             silhouettes=_silhouettes(truth.get(SEGMENTATION), size, colours),
             depth_m=depth_source(truth, camera),
+            layers=self._layers(vehicle, list(stamps), size),
         )
+
+    def _layers(self, vehicle: str, stamps: list[int], size: Size) -> dict[str, LayerPixels]:
+        """Heatmaps of other classes, by the name of the layer."""
+        found = {}
+        for name in self._layer_names:
+            heatmap = first_file(
+                self.folder / "layers" / name,
+                [f"heatmap_{vehicle}_{stamp}{suffix}" for stamp in stamps for suffix in (".png", ".npy")],
+            )
+            labels = first_file(
+                self.folder / "truth" / "layers" / name, [f"label_{vehicle}_{stamp}.png" for stamp in stamps]
+            )
+            if heatmap or labels:
+                found[name] = LayerPixels(
+                    None if heatmap is None else partial(read_heatmap, heatmap, size),
+                    None if labels is None else partial(read_regions, labels, size),
+                )
+        return found
 
     def _warn(self, vehicle: str, *sentences: str) -> None:
         self.warnings.extend(f"{vehicle}: {sentence}" for sentence in sentences)

@@ -18,6 +18,12 @@ Per drone, all with the image's stamp in the header and the same number as log t
     /<drone>/truth/people             sensor_msgs/PointCloud2      people inside the picture at that time:
                                                                    x, y, z, person, crowd, pixels (0 = hidden)
 
+of every further layer (class of heatmaps), whose name has `_` for `-` here, as ROS wants it:
+
+    /<drone>/layers/<layer>/heatmap              sensor_msgs/Image       as the heatmap of crowds
+    /<drone>/layers/<layer>/heatmap/camera_info  sensor_msgs/CameraInfo
+    /<drone>/layers/<layer>/truth/labels         sensor_msgs/Image       mono8, 0 = not of the class
+
 and at telemetry rate, the camera's optical frame in the local ENU frame `map`:
 
     /<drone>/camera/pose              geometry_msgs/PoseStamped
@@ -26,6 +32,9 @@ and at telemetry rate, the camera's optical frame in the local ENU frame `map`:
 and on the clock of the world:
 
     /truth/people                     sensor_msgs/PointCloud2      everybody: x, y, z, person, crowd
+    /truth/layers/<layer>             nav_msgs/OccupancyGrid       once: 100 = the ground is of the class, 0 =
+                                                                   not; how near people take it away stands
+                                                                   in the metadata `crowdfence.layer`
 
 A frame that arrives late or out of order keeps its stamp in the header; its log time is the arrival.
 
@@ -44,7 +53,7 @@ version 1 too.
 """
 
 import re
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 from crowdfence.sources.mission import ros2_messages
 
@@ -53,6 +62,7 @@ MAGIC = b"\x89MCAP0\r\n"
 
 METADATA = "crowdfence"
 METADATA_DRONE = "crowdfence.drone"
+METADATA_LAYER = "crowdfence.layer"
 METADATA_REFUSED = "crowdfence.refused"
 METADATA_SIMULATION = "crowdfence.simulation"
 METADATA_STATISTICS = "crowdfence.statistics"
@@ -102,20 +112,70 @@ TOPICS: dict[Part, tuple[str, str]] = {
 
 assert set(TOPICS) == set(get_args(Part))
 
+
+class LayerPart(NamedTuple):
+    """One part of a further layer of a frame."""
+
+    layer: str
+    what: Literal["heatmap", "heatmap_info", "labels"]
+
+
+LAYER_TOPICS: dict[str, tuple[str, str]] = {
+    "heatmap": ("heatmap", ros2_messages.IMAGE),
+    "heatmap_info": ("heatmap/camera_info", ros2_messages.CAMERA_INFO),
+    "labels": ("truth/labels", ros2_messages.IMAGE),
+}
+"""What each topic below `/<drone>/layers/<layer>/` holds and its message type."""
+
+FramePart = Part | LayerPart
+
 _PARTS = {suffix: part for part, (suffix, _) in TOPICS.items()}
+_LAYER_PARTS = {suffix: what for what, (suffix, _) in LAYER_TOPICS.items()}
+_LAYER_GROUND = "/truth/layers/"
 
 
-def topic(prefix: str, part: Part) -> str:
+def topic(prefix: str, part: FramePart) -> str:
     """Topic of one part of the drone with this topic prefix."""
+    if isinstance(part, LayerPart):
+        return f"{prefix}/layers/{_token(part.layer)}/{LAYER_TOPICS[part.what][0]}"
     return f"{prefix}/{TOPICS[part][0]}"
 
 
-def split_topic(name: str) -> tuple[str, Part] | None:
+def message_type(part: FramePart) -> str:
+    """Message type of a part."""
+    return LAYER_TOPICS[part.what][1] if isinstance(part, LayerPart) else TOPICS[part][1]
+
+
+def split_topic(name: str) -> tuple[str, FramePart] | None:
     """(topic prefix, part) of a topic, None for one that is not ours."""
     match = re.fullmatch(r"(/[^/]+)/(.+)", name)
-    if match is None or match[2] not in _PARTS:
+    if match is None:
         return None
-    return match[1], _PARTS[match[2]]
+    if match[2] in _PARTS:
+        return match[1], _PARTS[match[2]]
+    of_layer = re.fullmatch(r"layers/([a-z][a-z0-9_]*)/(.+)", match[2])
+    if of_layer is None or of_layer[2] not in _LAYER_PARTS:
+        return None
+    return match[1], LayerPart(_layer(of_layer[1]), _LAYER_PARTS[of_layer[2]])  # type: ignore[arg-type]
+
+
+def layer_ground_topic(layer: str) -> str:
+    """Topic of where in the world the class of a layer is."""
+    return _LAYER_GROUND + _token(layer)
+
+
+def layer_of_ground_topic(name: str) -> str | None:
+    """The layer of such a topic, None for another one."""
+    match = re.fullmatch(_LAYER_GROUND + r"([a-z][a-z0-9_]*)", name)
+    return None if match is None else _layer(match[1])
+
+
+def _token(layer: str) -> str:
+    return layer.replace("-", "_")
+
+
+def _layer(token: str) -> str:
+    return token.replace("_", "-")
 
 
 def topic_prefix(drone: str, taken: set[str]) -> str:

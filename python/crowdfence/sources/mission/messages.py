@@ -6,22 +6,35 @@ Encoding needs no file, so that the processes of a simulation can do it side by 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
+from crowdfence.sources.layers import LayerGround
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.camera_info import camera_info_fields
-from crowdfence.sources.mission.layout import MAP_FRAME, TOPICS, Part
+from crowdfence.sources.mission.layout import MAP_FRAME, FramePart, LayerPart, Part, message_type
 from crowdfence.sources.pictures.decoding import picture_format
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 
 CLOCK_OF_THE_WORLD = "world"
 LARGEST_DEPTH_CM = 65535
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerContent:
+    """What one image says about a further layer; None = not recorded.
+
+    heatmap  as that of `FrameContent`
+    labels   [H, W] bool, True = the pixel shows the class
+    """
+
+    heatmap: NDArray[Any] | None = None
+    labels: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +47,7 @@ class FrameContent:
     silhouettes   [H, W] bool; depth_m [H, W] metres along the camera's z axis, NaN = unknown
     segmentation  [H, W] class per pixel (`layout.CLASSES`); instances [H, W] person, 0 = none
     true_pose, exposure_ns, people   as in `recorded_truth.FrameTruth`
+    layers        heatmaps of other classes, by the name of the layer
     """
 
     image: bytes | None = None
@@ -46,31 +60,30 @@ class FrameContent:
     true_pose: CameraPose | None = None
     exposure_ns: int | None = None
     people: RecordedPeople | None = None
+    layers: Mapping[str, LayerContent] = field(default_factory=dict)
 
 
 def encode_frame(
     content: FrameContent, camera: Camera, stamp_ns: int, camera_frame: str, *, depth_images: bool = False
-) -> dict[Part, bytes]:
+) -> dict[FramePart, bytes]:
     """The CDR messages of one frame by part, in the order in which they are written.
 
     `depth_images`: depth as an image that viewers draw, never as a PNG of centimetres.
 
     ValueError for pixels that a mission file cannot hold.
     """
-    fields: dict[Part, dict[str, Any]] = {"camera_info": camera_info_fields(camera)}
+    fields: dict[FramePart, dict[str, Any]] = {"camera_info": camera_info_fields(camera)}
     if content.image is not None:
         fields["image"] = _compressed(content.image)
     if content.heatmap is not None:
-        fields["heatmap"] = _raster(_heatmap_pixels(content.heatmap))
-        size = (fields["heatmap"]["width"], fields["heatmap"]["height"])
-        fields["heatmap_info"] = camera_info_fields(camera, size)
+        fields["heatmap"], fields["heatmap_info"] = _heatmap(content.heatmap, camera)
     if content.regions is not None:
         fields["regions"] = _raster(_numbers("crowd numbers", content.regions))
     if content.silhouettes is not None:
         fields["silhouettes"] = _raster(_silhouette_pixels(content.silhouettes))
     if content.depth_m is not None:
-        part, message = _depth(np.asarray(content.depth_m, dtype=np.float32), depth_images)
-        fields[part] = message
+        depth_part, depth = _depth(np.asarray(content.depth_m, dtype=np.float32), depth_images)
+        fields[depth_part] = depth
     if content.segmentation is not None:
         fields["segmentation"] = _raster(_numbers("classes", content.segmentation, 255))
     if content.instances is not None:
@@ -78,10 +91,12 @@ def encode_frame(
     if content.exposure_ns is not None:
         time_ref = ros2_messages.time(content.exposure_ns)
         fields["exposure"] = {"time_ref": time_ref, "source": CLOCK_OF_THE_WORLD}
-    messages: dict[Part, bytes] = {}
+    for name, layer in content.layers.items():
+        fields |= _layer_fields(name, layer, camera)
+    messages: dict[FramePart, bytes] = {}
     for part, message in fields.items():
         header = ros2_messages.header(stamp_ns, camera_frame)
-        messages[part] = ros2_messages.encode(TOPICS[part][1], {"header": header, **message})
+        messages[part] = ros2_messages.encode(message_type(part), {"header": header, **message})
     if content.true_pose is not None:
         pose = pose_fields(content.true_pose.position, content.true_pose.quaternion)
         header = ros2_messages.header(stamp_ns, MAP_FRAME)
@@ -91,6 +106,53 @@ def encode_frame(
     if content.people is not None:
         messages["people"] = encode_people(content.people, stamp_ns)
     return messages
+
+
+def _heatmap(heatmap: NDArray[Any], camera: Camera) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The heatmap, and the camera at its size."""
+    raster = _raster(_heatmap_pixels(heatmap))
+    return raster, camera_info_fields(camera, (raster["width"], raster["height"]))
+
+
+def _layer_fields(name: str, layer: LayerContent, camera: Camera) -> dict[FramePart, dict[str, Any]]:
+    fields: dict[FramePart, dict[str, Any]] = {}
+    if layer.heatmap is not None:
+        raster, info = _heatmap(layer.heatmap, camera)
+        fields[LayerPart(name, "heatmap")], fields[LayerPart(name, "heatmap_info")] = raster, info
+    if layer.labels is not None:
+        fields[LayerPart(name, "labels")] = _raster(_silhouette_pixels(layer.labels))
+    return fields
+
+
+def encode_layer_ground(ground: LayerGround, stamp_ns: int) -> bytes:
+    """Where the class of a layer is, as a nav_msgs/OccupancyGrid in the local ENU frame."""
+    east, north = ground.cells.shape
+    message = {
+        "header": ros2_messages.header(stamp_ns, MAP_FRAME),
+        "info": {
+            "map_load_time": ros2_messages.time(stamp_ns),
+            "resolution": ground.cell_m,
+            "width": east,
+            "height": north,
+            "origin": pose_fields((ground.west_m, ground.south_m, 0.0), (1.0, 0.0, 0.0, 0.0)),
+        },
+        # Rows run from south to north, each from west to east.
+        "data": (ground.cells.T.astype(np.int8) * 100).ravel().tolist(),
+    }
+    return ros2_messages.encode(ros2_messages.OCCUPANCY_GRID, message)
+
+
+def decode_layer_ground(data: bytes, people_m: float) -> LayerGround:
+    """A grid as `encode_layer_ground` makes it. ValueError for any other."""
+    message = ros2_messages.decode(ros2_messages.OCCUPANCY_GRID, data)
+    info = message.info
+    cells = np.asarray(message.data, np.int8)
+    if cells.size != info.width * info.height:
+        raise ValueError(f"{cells.size} cells do not fill a grid of {info.width} x {info.height}")
+    at = info.origin.position
+    return LayerGround(
+        cells.reshape(info.height, info.width).T == 100, float(info.resolution), at.x, at.y, people_m
+    )
 
 
 def pose_fields(position: ArrayLike, quaternion: ArrayLike) -> dict[str, dict[str, float]]:

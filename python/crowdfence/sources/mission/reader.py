@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
+from crowdfence.sources.layers import LayerGround, LayerPixels
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.attached_map import attached_map
 from crowdfence.sources.mission.camera_info import camera_from_info
@@ -27,17 +28,21 @@ from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     METADATA,
     METADATA_DRONE,
+    METADATA_LAYER,
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
     PEOPLE_TOPIC,
-    TOPICS,
-    Part,
+    FramePart,
+    LayerPart,
+    layer_of_ground_topic,
+    message_type,
     split_topic,
 )
 from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
 from crowdfence.sources.mission.messages import (
     decode_exposure_ns,
+    decode_layer_ground,
     decode_people,
     decode_picture,
     decode_pose,
@@ -78,7 +83,7 @@ class _DroneContent:
     quaternions: list[list[float]] = field(default_factory=list)
     cameras: dict[int, Camera | str] = field(default_factory=dict)
     """Camera, or what is wrong with it, by stamp."""
-    parts: dict[int, dict[Part, MessageLocation]] = field(default_factory=dict)
+    parts: dict[int, dict[FramePart, MessageLocation]] = field(default_factory=dict)
     """Places of the pixels by stamp."""
     repeated: list[int] = field(default_factory=list)
 
@@ -97,6 +102,9 @@ class _Content:
         """What a simulated mission says about itself, by "simulation" and "statistics"."""
         self.people: dict[int, MessageLocation] = {}
         """Everybody in the world, by stamp."""
+        self.layer_people_m: dict[str, float] = {}
+        self.layer_grounds: dict[str, bytes] = {}
+        """Where in the world further classes are, as encoded, by layer."""
         self._cameras: dict[bytes, Camera | str] = {}
         self._ignored_topics: set[str] = set()
 
@@ -112,6 +120,8 @@ class _Content:
             prefix = record.metadata["topic_prefix"]
             self.names[prefix] = record.metadata["drone"]
             self.drones.setdefault(prefix, _DroneContent())
+        elif record.name == METADATA_LAYER:
+            self._take_layer(record.metadata)
         elif record.name == METADATA_REFUSED:
             self._take_refused(record.metadata.get("frames", ""))
         elif record.name == METADATA_SIMULATION:
@@ -123,11 +133,14 @@ class _Content:
         if message.topic == PEOPLE_TOPIC:
             self._take_people(message)
             return
+        if (layer := layer_of_ground_topic(message.topic)) is not None:
+            self._take_layer_ground(layer, message)
+            return
         place = split_topic(message.topic)
         if place is None:
             return
         prefix, part = place
-        expected = TOPICS[part][1]
+        expected = message_type(part)
         if message.schema_name != expected:
             self._ignore_topic(message, expected)
             return
@@ -139,7 +152,7 @@ class _Content:
                 f"a message on {message.topic} at log time {message.log_time_ns} is left out: {error}"
             )
 
-    def _take_part(self, drone: _DroneContent, part: Part, message: StoredMessage) -> None:
+    def _take_part(self, drone: _DroneContent, part: FramePart, message: StoredMessage) -> None:
         data = bytes(message.data) if part in ("pose", "camera_info") else bytes(message.data[:12])
         stamp_ns = ros2_messages.header_stamp_ns(data)
         if part == "pose":
@@ -190,6 +203,18 @@ class _Content:
             return
         self.people.setdefault(stamp_ns, message.location)
 
+    def _take_layer(self, values: dict[str, str]) -> None:
+        try:
+            self.layer_people_m[values["layer"]] = float(values["people_m"])
+        except (KeyError, ValueError) as error:
+            self.warnings.append(f"what the file says about a layer is damaged: {error!r}")
+
+    def _take_layer_ground(self, layer: str, message: StoredMessage) -> None:
+        if message.schema_name != ros2_messages.OCCUPANCY_GRID:
+            self._ignore_topic(message, ros2_messages.OCCUPANCY_GRID)
+            return
+        self.layer_grounds[layer] = bytes(message.data)
+
     def _ignore_topic(self, message: StoredMessage, expected: str) -> None:
         if message.topic not in self._ignored_topics:
             self._ignored_topics.add(message.topic)
@@ -209,6 +234,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         warnings.append(
             "the file has no crowdfence metadata: georeference unknown, drones named after their topics"
         )
+    grounds = _layer_grounds(content, warnings)
     names = {prefix: content.names.get(prefix, prefix[1:]) for prefix in content.drones}
     tracks: dict[str, PoseTrack] = {}
     unplaced: dict[str, list[UnplacedFrame]] = {}
@@ -230,6 +256,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         manifest={"kind": "mission", "path": str(mcap.path), **description, **content.simulation},
         pose_tracks=tracks,
         people=_people_log(mcap, content.people),
+        layer_grounds=grounds,
     )
 
 
@@ -252,8 +279,8 @@ def _unplaced_frames(mcap: McapFile, found: _DroneContent) -> list[UnplacedFrame
     return unplaced
 
 
-def _pixel_sources(mcap: McapFile, parts: dict[Part, MessageLocation]) -> PixelSources:
-    def raster(part: Part) -> Callable[[], NDArray[Any]] | None:
+def _pixel_sources(mcap: McapFile, parts: dict[FramePart, MessageLocation]) -> PixelSources:
+    def raster(part: FramePart) -> Callable[[], NDArray[Any]] | None:
         location = parts.get(part)
         return None if location is None else lambda: decode_raster(mcap.payload(location))
 
@@ -268,6 +295,10 @@ def _pixel_sources(mcap: McapFile, parts: dict[Part, MessageLocation]) -> PixelS
         depth_m=raster("depth") or in_cm,
         segmentation=segmentation,
         instances=raster("instances"),
+        layers={
+            name: LayerPixels(raster(LayerPart(name, "heatmap")), raster(LayerPart(name, "labels")))
+            for name in dict.fromkeys(part.layer for part in parts if isinstance(part, LayerPart))
+        },
     )
 
 
@@ -279,7 +310,7 @@ def _silhouettes(
     return None if segmentation is None else lambda: segmentation() == CROWD_CLASS
 
 
-def _truth(mcap: McapFile, parts: dict[Part, MessageLocation]) -> FrameTruth:
+def _truth(mcap: McapFile, parts: dict[FramePart, MessageLocation]) -> FrameTruth:
     pose, exposure, people = parts.get("true_pose"), parts.get("exposure"), parts.get("people")
     return FrameTruth(
         pose=None if pose is None else lambda: decode_pose(mcap.payload(pose)),
@@ -290,6 +321,16 @@ def _truth(mcap: McapFile, parts: dict[Part, MessageLocation]) -> FrameTruth:
 
 def _people_log(mcap: McapFile, found: dict[int, MessageLocation]) -> PeopleLog:
     return PeopleLog(tuple(sorted(found)), lambda stamp_ns: decode_people(mcap.payload(found[stamp_ns])))
+
+
+def _layer_grounds(content: _Content, warnings: list[str]) -> dict[str, LayerGround]:
+    grounds = {}
+    for layer, data in content.layer_grounds.items():
+        try:
+            grounds[layer] = decode_layer_ground(data, content.layer_people_m.get(layer, 0.0))
+        except ValueError as error:
+            warnings.append(f"where the layer {layer} is in the world cannot be read: {error}")
+    return grounds
 
 
 def _georeference(description: dict[str, str], warnings: list[str]) -> Georeference | None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
+from crowdfence.sources.layers import LayerGround, checked_layer
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.attached_map import attach_map
 from crowdfence.sources.mission.layout import (
@@ -19,17 +20,26 @@ from crowdfence.sources.mission.layout import (
     MAP_FRAME,
     METADATA,
     METADATA_DRONE,
+    METADATA_LAYER,
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
     PEOPLE_TOPIC,
-    TOPICS,
-    Part,
+    FramePart,
     camera_frame,
+    layer_ground_topic,
+    message_type,
     topic,
     topic_prefix,
 )
-from crowdfence.sources.mission.messages import FrameContent, encode_frame, encode_people, pose_fields
+from crowdfence.sources.mission.messages import (
+    FrameContent,
+    LayerContent,
+    encode_frame,
+    encode_layer_ground,
+    encode_people,
+    pose_fields,
+)
 from crowdfence.sources.mission.topic_writer import TopicWriter
 from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 from crowdfence.sources.recording import RefusedFrame
@@ -109,6 +119,7 @@ class MissionWriter(TopicWriter):
         true_pose: CameraPose | None = None,
         exposure_ns: int | None = None,
         people: RecordedPeople | None = None,
+        layers: Mapping[str, LayerContent] | None = None,
     ) -> None:
         """One image of a drone whose camera was added, and what is known about it: see `FrameContent`."""
         if drone not in self._cameras:
@@ -124,6 +135,7 @@ class MissionWriter(TopicWriter):
             true_pose,
             exposure_ns,
             people,
+            {checked_layer(name): layer for name, layer in (layers or {}).items()},
         )
         # Nothing may be written of a frame that cannot be, not even its drone.
         frame = self._next_camera_frame(drone)
@@ -131,7 +143,7 @@ class MissionWriter(TopicWriter):
         self.add_encoded_frame(drone, stamp_ns, parts)
 
     def add_encoded_frame(
-        self, drone: str, stamp_ns: int, parts: Mapping[Part, bytes], *, arrival_ns: int | None = None
+        self, drone: str, stamp_ns: int, parts: Mapping[FramePart, bytes], *, arrival_ns: int | None = None
     ) -> None:
         """One image whose messages were made by `encode_frame` with its drone's `camera_frame`.
 
@@ -144,13 +156,21 @@ class MissionWriter(TopicWriter):
         log_time_ns = stamp_ns if arrival_ns is None else arrival_ns
         prefix = self._prefix(drone)
         for part, message in parts.items():
-            self._write(topic(prefix, part), TOPICS[part][1], message, log_time_ns, stamp_ns)
+            self._write(topic(prefix, part), message_type(part), message, log_time_ns, stamp_ns)
 
     def add_people(self, people: RecordedPeople) -> None:
         """Everybody in the world at an instant of the world's clock; instants must increase."""
         self._advance("", "people", people.stamp_ns)
         message = encode_people(people, people.stamp_ns)
         self._write(PEOPLE_TOPIC, ros2_messages.POINT_CLOUD2, message, people.stamp_ns)
+
+    def add_layer_ground(self, layer: str, ground: LayerGround, stamp_ns: int) -> None:
+        """Where in the world the class of a further layer is, for the whole mission; `stamp_ns` is when that
+        was known. ValueError for a layer without a proper name."""
+        topic_of_layer = layer_ground_topic(checked_layer(layer))
+        self.add_metadata(METADATA_LAYER, {"layer": layer, "people_m": repr(float(ground.people_m))})
+        message = encode_layer_ground(ground, stamp_ns)
+        self._write(topic_of_layer, ros2_messages.OCCUPANCY_GRID, message, stamp_ns, latched=True)
 
     def add_simulation(self, manifest: Mapping[str, Any]) -> None:
         """What a simulation was made from, ready for JSON; goes before its first message."""

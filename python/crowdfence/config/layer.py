@@ -1,0 +1,49 @@
+"""What a layer of heatmaps starts from where nobody says otherwise: its base rate, and how strongly a look
+speaks for its class."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from crowdfence._core import LikelihoodRatio
+from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
+from crowdfence.config.evidence import EvidenceConfig
+from crowdfence.config.method import MethodConfig
+from crowdfence.sources.layers import CROWD, LANDING_SITE
+
+PRIORS = {LANDING_SITE: 0.25}
+"""Share of the ground in view that is of the class, where it was measured (`benchmarks/layers/calibrate.py`);
+of landing sites the mean of missions between .07 (a street) and .68 (a field)."""
+UNKNOWN_PRIOR = 0.5
+
+BORDERS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
+"""Where one bin of the mean value of a voxel ends and the next begins."""
+_LOG_RATIOS = {
+    LANDING_SITE: (-1.9, -1.3, -1.0, -0.7, -0.4, -0.1, 0.2, 0.4, 0.6, 1.0, 1.5, 2.1, 2.5, 3.2),
+}
+"""ln P(m | class) / P(m | not) by the mean value m of a voxel, where it was measured: with the simulator's
+stand-in for a detector, whose mistakes at places make it less sure than it says."""
+_AS_IT_SAYS = (-4.6, -3.3, -2.5, -1.7, -1.1, -0.6, -0.2, 0.2, 0.6, 1.1, 1.7, 2.5, 3.3, 4.6)
+"""The logit of the middle of each bin: heatmaps that mean what they say where both are equally likely."""
+
+
+def with_layer(method: MethodConfig, layer: str) -> MethodConfig:
+    """The method with what it leaves open filled in for a layer; that of crowds is left to the detector.
+
+    Methods that weigh looks by their calibration take the one of the layer, or values at their word. The
+    prior is the share of the layer's class, or 1/2; `paper` keeps its own, the share of the terrain that is
+    fit for landing."""
+    if layer == CROWD or not isinstance(method, (EvidenceConfig, LogPoolConfig, MovingAverageConfig)):
+        return method
+    return replace(
+        method,
+        likelihood=method.likelihood or likelihood_of(layer),
+        prior=PRIORS.get(layer, UNKNOWN_PRIOR) if method.prior is None else method.prior,
+    )
+
+
+@cache
+def likelihood_of(layer: str) -> LikelihoodRatio:
+    """How strongly a look speaks for the class of a layer."""
+    return LikelihoodRatio([], [], BORDERS, [[_LOG_RATIOS.get(layer, _AS_IT_SAYS)]])

@@ -1,0 +1,116 @@
+"""`--layer` from a simulated mission to sites and scores, as somebody who types it sees it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import shapely
+
+import crowdfence as cf
+from support.command_line import crowdfence
+
+SMALL = ("--no-rgb", "--frames", 3, "--size", "160x128", "--drones", 2, "--voxel", 2, "--workers", 1)
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("layers") / "fair.mcap"
+    done = crowdfence("simulate", "festival", "-o", path, "--layer", "landing-site", "--seed", 5, *SMALL)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+@pytest.fixture(scope="module")
+def sites(mission: Path) -> Path:
+    folder = mission.parent / "sites"
+    done = crowdfence("run", mission, "-o", folder, "--layer", "landing-site")
+    assert done.returncode == 0, done.stderr
+    assert "sites may lie inside one" in done.stdout.replace("\n", " ")
+    return folder
+
+
+def test_the_layer_lies_beside_the_crowds(mission: Path) -> None:
+    recording = cf.open_recording(mission)
+    frame = recording.of_layer("landing-site").frames[0]
+    assert recording.layers == ("landing-site",)
+    # The stand-in knows the truth, with mistakes: it says more where the labels do.
+    fits = frame.regions().reshape(32, 4, 40, 4).mean(axis=(1, 3))
+    says = frame.heatmap() / 255
+    assert says[fits == 255].mean() > 0.7 and says[fits == 0].mean() < 0.3
+    # Nobody stands on ground that is fit, and it is at least 5 m away.
+    ground = recording.layer_grounds["landing-site"]
+    people = recording.people_truth(recording.people.stamps_ns[0])
+    assert people is not None and len(people.position) > 50
+    assert not ground.values_at(ground.without(people.position), people.position[:, :2].astype(float)).any()
+    assert 0.3 < ground.cells.mean() < 0.95
+
+
+def test_sites_are_written_and_nothing_that_closes_ground(sites: Path) -> None:
+    names = {path.name for path in sites.iterdir()}
+    assert {"sites.geojson", "layer_map.tif", "layer_map.png", "layer_map.ot", "summary.json"} <= names
+    assert not names & {"zones.geojson", "crowd_map.tif", "zone_history.jsonl"}
+    told = json.loads((sites / "sites.geojson").read_text())
+    summary = json.loads((sites / "summary.json").read_text())
+    assert told["crowdfence"]["layer"] == summary["layer"] == "landing-site"
+    assert len(told["features"]) == len(summary["sites"]) > 0
+    assert all(feature["properties"]["radius_m"] >= 2.0 for feature in told["features"])
+    with rasterio.open(sites / "layer_map.tif") as raster:
+        assert raster.tags()["LAYER"] == "landing-site" and "landing-site" in raster.descriptions[0]
+        assert "4 = landing-site" in raster.tags(2)["VALUES"]
+        assert np.isnan(raster.read(1)).any()
+
+
+def test_zones_keep_sites_out(mission: Path, sites: Path, tmp_path: Path) -> None:
+    first = json.loads((sites / "sites.geojson").read_text())["features"][0]
+    zone = tmp_path / "closed.geojson"
+    zone.write_text(json.dumps({"type": "Feature", "geometry": first["geometry"], "properties": {}}))
+    done = crowdfence(
+        "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--static-zones", zone,
+        "--files", "sites.geojson", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["closed_zones"] >= 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"sites.geojson", "summary.json"}
+    closed = shapely.geometry.shape(first["geometry"])
+    for feature in json.loads((tmp_path / "out" / "sites.geojson").read_text())["features"]:
+        assert shapely.disjoint(shapely.geometry.shape(feature["geometry"]), closed)
+
+
+def test_a_layer_is_scored_like_crowds(mission: Path, tmp_path: Path) -> None:
+    done = crowdfence(
+        "evaluate", mission, "--layer", "landing-site", "--truth", "world", "-m", "evidence", "-m", "or",
+        "--report", tmp_path / "report", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["layer"] == "landing-site" and told["truth"] == "world"
+    for score in told["scores"]:
+        assert 0.2 < score["best_mean_iou"] <= 1.0 and score["safety"] is None
+        measures = score["measures"]
+        assert 0.5 < measures["average_precision"] <= 1.0 and measures["people"] > 0
+    # `or` never forgets; of the people on ground in view hardly anybody stands where `evidence` would land.
+    assert told["scores"][0]["measures"]["share_of_people_on_called"] < 0.02
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "people on it" in page and "Who stands in a zone" not in page
+    assert (tmp_path / "report" / "reliability.png").exists()
+
+
+def test_what_a_layer_is_refused(mission: Path, tmp_path: Path) -> None:
+    unknown = crowdfence("run", mission, "-o", tmp_path / "out", "--layer", "smoke")
+    assert unknown.returncode == 2 or unknown.returncode == 1
+    assert "it holds crowd, landing-site" in unknown.stderr.replace("\n", " ")
+    assert not (tmp_path / "out").exists()
+    shipped = crowdfence(
+        "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--detector", "crowdnet-s"
+    )
+    assert shipped.returncode != 0 and "finds crowds, not the layer" in shipped.stderr.replace("\n", " ")
+    wrong = crowdfence("simulate", "empty", "-o", tmp_path / "m.mcap", "--layer", "smoke")
+    assert wrong.returncode != 0 and "no layer 'smoke' can be simulated" in wrong.stderr.replace("\n", " ")
+
+
+def test_inspect_names_the_layers(mission: Path) -> None:
+    done = crowdfence("inspect", mission, "--check-pixels", "--json")
+    told = json.loads(done.stdout)
+    assert told["layers"] == ["landing-site"] and told["damaged"] == []

@@ -1,0 +1,75 @@
+"""What is counted of a layer, by hand."""
+
+import numpy as np
+import pytest
+
+from crowdfence import CrowdMap
+from crowdfence.config import EvidenceConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.config.layer import PRIORS, with_layer
+from crowdfence.evaluation.layer_measures import LayerMeasures
+from crowdfence.pipeline.frame_loop import FrameLoop
+from support.small_crowd_maps import SURE, flat_crowd_map
+
+
+def test_ground_that_is_called_and_people_on_it() -> None:
+    crowd_map = flat_crowd_map(np.array([[0.9, 0.9, 0.2], [0.8, 0.1, np.nan]]))
+    # Truth of the voxels in their order, (0, 0) (0, 1) (0, 2) (1, 0) ...: the last one was never seen.
+    truth = np.zeros(6, np.bool_)
+    ids = crowd_map.terrain.voxel_ids(np.array([(0, 0, 0), (0, 2, 0), (1, 0, 0), (1, 2, 0)]))
+    truth[ids] = True
+    people = np.array([(0.5, 1.5, 1.0), (0.5, 2.5, 1.0), (1.5, 2.5, 1.0), (9.0, 9.0, 0.0)])
+    measures = LayerMeasures()
+    assert np.isnan(measures.precision) and measures.to_json()["recall"] is None
+    measures.add(crowd_map, 0, 0.5, truth, people)
+    assert measures.precision == pytest.approx(2 / 3)  # of (0, 0), (0, 1), (1, 0) the second is not
+    assert measures.recall == pytest.approx(2 / 3)  # (0, 2) was missed; nobody saw (1, 2)
+    assert (measures.people, measures.people_on_called) == (2, 1)  # on (0, 1) and (0, 2)
+    brier = (0.1**2 + 0.9**2 + 0.8**2 + 0.2**2 + 0.1**2) / 5
+    assert measures.quality.brier == pytest.approx(brier)
+
+
+def test_a_layer_fills_in_what_is_left_open_and_no_more() -> None:
+    ours = with_layer(EvidenceConfig(), "landing-site")
+    assert isinstance(ours, EvidenceConfig) and ours.prior == PRIORS["landing-site"] and ours.likelihood
+    assert with_layer(EvidenceConfig(prior=0.2), "landing-site").prior == 0.2
+    assert with_layer(EvidenceConfig(), "crowd") == EvidenceConfig()
+    assert with_layer(PaperConfig(), "landing-site") == PaperConfig()
+    smoke = with_layer(EvidenceConfig(), "smoke")
+    assert isinstance(smoke, EvidenceConfig) and smoke.prior == 0.5
+    # A class that nobody calibrated is taken at its word: even odds for even odds, and symmetric.
+    assert smoke.likelihood is not None
+    ratios = smoke.likelihood.log_ratio.ravel()
+    assert np.allclose(ratios, -ratios[::-1]) and (np.diff(ratios) > 0.0).all()
+
+
+def test_a_layer_closes_nothing() -> None:
+    terrain = flat_crowd_map(np.full((6, 6), 0.9)).terrain
+    seen = flat_crowd_map(np.full((6, 6), 0.9))
+    for closes, zones in ((True, 1), (False, 0)):
+        loop = FrameLoop(CrowdMap(terrain, SURE), ZoneConfig(threshold=0.5), closes=closes)
+        observation = _all_of(terrain)
+        step = loop.step_observed([observation], 0)
+        assert len(step.zones) == zones and len(step.crowd_ids) == seen.seen_count == 36
+        assert len(loop.to_bytes()) > 0
+
+
+def _all_of(terrain):
+    from crowdfence import Observation
+
+    count = terrain.voxel_count
+    return Observation(
+        terrain,
+        "uav1",
+        0,
+        voxel_ids=np.arange(count),
+        mean=np.full(count, 0.95),
+        pixel_count=np.ones(count, int),
+        range_m=np.full(count, 10.0),
+        tilt_deg=np.full(count, 90.0),
+        occluded_ids=[],
+    )
+
+
+def test_the_configuration_of_a_run_takes_the_layer() -> None:
+    config = RunConfig().with_layer("landing-site").with_detector(None)
+    assert isinstance(config.method, EvidenceConfig) and config.method.prior == PRIORS["landing-site"]
