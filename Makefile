@@ -188,10 +188,11 @@ $(RIVALS)/embree $(RIVALS)/octomap $(RIVALS)/openvdb: $(RIVALS)/%: benchmarks/ri
 	$(CXX) -std=c++17 -O3 -march=native -pthread $< -o $@ $(LDLIBS)
 
 QUICK ?=
+MAPS ?=
 bench-rivals: setup-rivals ## back-projection against its rivals: benchmarks/rivals/RESULTS.md (QUICK=1: minutes)
 	@$(MAKE) --no-print-directory $(RIVALS)/embree $(RIVALS)/octomap $(RIVALS)/openvdb
 	cargo build --release --locked --quiet -p crowdfence-rivals
-	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick)
+	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick) $(if $(MAPS),--maps $(MAPS))
 
 SEEDS ?= 5001 5002
 paper: setup opengl ## the paper's Table 1 and Fig. 3 into paper/: hours (QUICK=1: out/paper-quick/, the bundled race)

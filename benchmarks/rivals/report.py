@@ -66,9 +66,11 @@ def _figure(value: float) -> str:
 def _head(results: Json) -> str:
     loads = [scene[when] for scene in results["scenes"] for when in ("load_before", "load_after")]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
+    left_out = results.get("left_out", [])
+    left_out = f" Not run: maps of {' and '.join(left_out)}." if left_out else ""
     return f"""# Back-projection and its rivals
 
-`make bench-rivals` on {results["date"]}: {results["machine"]}; {load} while it ran.
+`make bench-rivals` on {results["date"]}: {results["machine"]}; {load} while it ran.{left_out}
 
 Milliseconds of CPU time on one thread for one view, from heatmap to belief: rays, cells, means, fusion;
 range 300 m. Mean of 12 views from 20 to 80 m above ground, 10 to 60 degrees down, 90 degrees wide; per view

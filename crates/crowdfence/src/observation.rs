@@ -55,7 +55,7 @@ impl Observation {
         seen.check_lengths()?;
         check_ids("voxel_ids", &seen.ids, terrain)?;
         check_ids("occluded_ids", &occluded_ids, terrain)?;
-        if let Some(&id) = seen.ids.iter().find(|id| occluded_ids.binary_search(id).is_ok()) {
+        if let Some(id) = first_in_both(&seen.ids, &occluded_ids) {
             return Err(Error::SeenAndOccluded { id });
         }
         seen.check_values()?;
@@ -158,6 +158,21 @@ impl SeenVoxels {
         }
         Ok(())
     }
+}
+
+/// Of two sorted lists.
+fn first_in_both(ids: &[u32], others: &[u32]) -> Option<u32> {
+    let mut others = others.iter();
+    let mut other = others.next()?;
+    for id in ids {
+        while other < id {
+            other = others.next()?;
+        }
+        if other == id {
+            return Some(*id);
+        }
+    }
+    None
 }
 
 /// Sorted, unique, and of this terrain.

@@ -109,7 +109,12 @@ pub(super) fn crowd_mass(view: &View, threshold: f64, fate: impl Fn(u32, u32) ->
 
 /// Whether any pixel may show crowd.
 pub(super) fn shows_crowd(view: &View, threshold: f64) -> bool {
-    view.heatmap.values().iter().any(|&value| f64::from(value) > threshold)
+    // Line by line of the cache without a branch, so that it becomes vectors.
+    let is_above = |value: &f32| f64::from(*value) > threshold;
+    view.heatmap
+        .values()
+        .chunks(16)
+        .any(|values| values.iter().fold(false, |any, value| any | is_above(value)))
 }
 
 fn part(mass: &mut CrowdMass, fate: Fate) -> &mut f64 {

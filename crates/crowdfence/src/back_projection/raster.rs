@@ -4,8 +4,8 @@
 //! moves away from the camera along both axes, so whatever hides a column stands in a column painted before; within
 //! one, solids are painted from the camera's height upwards and downwards. A mask keeps the pixels that are taken.
 //! The sum and the number of the pixels that a voxel gains are all that an observation needs: no rays are cast, and
-//! no list of hits is sorted. What stands on a column is painted as the polygons of its faces that are turned to the
-//! camera ([`faces`]), or in one go where the ground goes on smoothly ([`prism`]).
+//! no list of hits is sorted. What stands on a column is painted as polygons: its part of smooth ground ([`ground`]), the
+//! hulls of its voxels ([`hull`]), or where it is close to the camera the faces that are turned to it ([`faces`]).
 //!
 //! A voxel whose top gains no pixel, as the pixels around step over it, is asked for its middle, see
 //! [`Painter::shows_middle`].
@@ -14,9 +14,10 @@ mod canvas;
 mod faces;
 mod frame;
 mod ground;
+mod hull;
 mod optics;
-mod outlines;
 mod prism;
+mod strokes;
 mod tile;
 
 use glam::{DVec3, Vec3};
@@ -24,13 +25,14 @@ use glam::{DVec3, Vec3};
 use super::sighting::{Sighting, seen_voxels};
 use super::{Looked, Vantage};
 use crate::camera::IdealPixels;
-use crate::terrain::Solid;
 use crate::terrain::tree::{Square, Stacks};
+use crate::terrain::{Plane, Solid};
 use canvas::{Canvas, NOBODY, Painted};
 use frame::Frame;
 use ground::Shown;
 use optics::Optics;
-use tile::{Piece, Tile};
+use strokes::Strokes;
+use tile::{Piece, Tile, corner};
 
 /// Looks through a pinhole, or through a lens by its ideal pixels. With `between_pixels`, voxels that no pixel centre
 /// hits are seen as well.
@@ -70,6 +72,7 @@ struct Painter<'a> {
     canvas: Canvas<'a>,
     rows: Vec<Row>,
     occluded_ids: Vec<u32>,
+    strokes: Strokes,
     /// Camera, tree coordinates. All other places are relative to it.
     origin: DVec3,
     /// Voxels.
@@ -105,7 +108,26 @@ struct Place {
     side: [i32; 2],
 }
 
+/// Numbers of the corners of a column, see [`corner`], as the camera sees them.
+struct Edges {
+    left: usize,
+    near: usize,
+    right: usize,
+    far: usize,
+}
+
 impl Place {
+    /// Of a column away from the camera's own row and column.
+    #[inline(always)]
+    fn edges(&self) -> Edges {
+        let [side_x, side_y] = self.side;
+        let (near_x, near_y) = (usize::from(side_x < 0), usize::from(side_y < 0));
+        let (far_x, far_y) = (1 - near_x, 1 - near_y);
+        let (one, other) = (corner(near_x, far_y), corner(far_x, near_y));
+        let (left, right) = if side_x == side_y { (one, other) } else { (other, one) };
+        Edges { left, near: corner(near_x, near_y), right, far: corner(far_x, far_y) }
+    }
+
     /// Relative to the camera, at a height that is too.
     #[inline(always)]
     fn corner(&self, x: usize, y: usize, height: f64) -> DVec3 {
@@ -128,6 +150,7 @@ impl<'a> Painter<'a> {
             canvas: Canvas::new(vantage.view, lens, between_pixels),
             rows: Vec::new(),
             occluded_ids: Vec::new(),
+            strokes: Strokes::default(),
             origin: terrain.tree_from_world(vantage.origin),
             range: vantage.max_range_m / terrain.voxel_size_m(),
             between_pixels,
@@ -224,12 +247,17 @@ impl<'a> Painter<'a> {
             return self.paint_rows(square, tile, &frame);
         }
         let side = square.side();
+        let mut strokes = std::mem::take(&mut self.strokes);
         for i in self.outward(0, square.low[0], 1, side) {
             for j in self.outward(1, square.low[1], 1, side) {
                 let place = self.place(square.low, [i as i32, j as i32]);
-                self.paint_column(tile, &place, Shown::Unsure, None);
+                self.plan_column(tile, &place, &Shown::Unsure, &mut strokes);
+                strokes.find_none();
+                self.paint_strokes(tile, &strokes, None);
+                strokes.clear();
             }
         }
+        self.strokes = strokes;
     }
 
     #[inline(always)]
@@ -267,35 +295,6 @@ impl<'a> Painter<'a> {
         beyond.first().into_iter().for_each(|(square, _)| self.stacks.release(square));
     }
 
-    /// What stands on one column: what is at the camera's height, then downwards and upwards. The last two are what is
-    /// known of its ground.
-    #[inline(always)]
-    fn paint_column(&mut self, tile: &Tile, place: &Place, ground: Shown, middle_px: Option<(usize, usize)>) {
-        let upper = tile.upper(place.at);
-        let below = upper.partition_point(|piece| piece.solid.bottom <= self.origin.z);
-        for piece in upper[..below].iter().rev() {
-            self.paint_piece(tile, piece, place);
-        }
-        self.paint_ground(tile, place, ground, middle_px);
-        for piece in &upper[below..] {
-            self.paint_piece(tile, piece, place);
-        }
-    }
-
-    #[inline(always)]
-    fn paint_piece(&mut self, tile: &Tile, piece: &Piece, place: &Place) {
-        let painted = match self.paint_prism(tile, piece, place) {
-            Some(painted) => painted,
-            None => match self.paint_outlines(tile, piece, place) {
-                Some(painted) => painted,
-                None => self.paint_faces(tile, piece, place),
-            },
-        };
-        if painted.count == 0 && self.between_pixels {
-            self.paint_middle(piece, place);
-        }
-    }
-
     #[inline(always)]
     fn add(&mut self, id: u32, painted: Painted, place: DVec3) {
         if painted.count > 0 {
@@ -307,6 +306,11 @@ impl<'a> Painter<'a> {
     #[inline(always)]
     fn paint_middle(&mut self, piece: &Piece, place: &Place) {
         let middle = place.middle(piece.solid.top() - self.origin.z);
+        self.paint_middle_at(piece.id, middle, piece.solid.plane);
+    }
+
+    #[inline(always)]
+    fn paint_middle_at(&mut self, id: u32, middle: DVec3, plane: Plane) {
         let image = self.optics.image(middle);
         if image.depth <= 0.0 || middle.length_squared() > self.range * self.range {
             return;
@@ -314,7 +318,7 @@ impl<'a> Painter<'a> {
         let Some((column, row)) = self.canvas.pixel_at(image.pixel()) else {
             return;
         };
-        self.paint_top(piece.id, piece.solid.plane.normal(), middle, column, row);
+        self.paint_top(id, plane.normal(), middle, column, row);
     }
 
     /// The same by its middle and the pixel over that.

@@ -14,21 +14,53 @@ pub(super) struct Sighting {
 }
 
 /// Of sightings sorted by id, so many of them.
-pub(super) fn seen_voxels(sightings: impl Iterator<Item = Sighting>, count: usize) -> SeenVoxels {
+pub(super) fn seen_voxels(mut sightings: impl Iterator<Item = Sighting>, count: usize) -> SeenVoxels {
     let mut seen = SeenVoxels::with_capacity(count);
-    let mut along = Vec::with_capacity(count);
-    for Sighting { voxel_id, mean, pixel_count, line } in sightings {
-        seen.ids.push(voxel_id);
-        seen.mean.push(mean);
-        seen.pixel_count.push(pixel_count);
-        seen.range_m.push(line.length() as f32);
-        along.push(line.truncate().length() as f32);
-        seen.tilt_deg.push(-line.z as f32); // for the loop below, which becomes one of vectors
+    let mut lines = Lines { along: [[0.0; LINES]; 3], range_m: [0.0; LINES], tilt_deg: [0.0; LINES] };
+    loop {
+        let mut found = 0;
+        for Sighting { voxel_id, mean, pixel_count, line } in sightings.by_ref().take(LINES) {
+            seen.ids.push(voxel_id);
+            seen.mean.push(mean);
+            seen.pixel_count.push(pixel_count);
+            (0..3).for_each(|axis| lines.along[axis][found] = line[axis]);
+            found += 1;
+        }
+        if found == 0 {
+            return seen;
+        }
+        pulp::Arch::new().dispatch(Measure(&mut lines));
+        seen.range_m.extend_from_slice(&lines.range_m[..found]);
+        seen.tilt_deg.extend_from_slice(&lines.tilt_deg[..found]);
     }
-    for (tilt, along) in seen.tilt_deg.iter_mut().zip(along) {
-        *tilt = tilt_deg(*tilt, along);
+}
+
+/// Lines of sight that are measured at once.
+const LINES: usize = 256;
+
+/// Lines of sight, their numbers side by side.
+struct Lines {
+    along: [[f64; LINES]; 3],
+    range_m: [f32; LINES],
+    tilt_deg: [f32; LINES],
+}
+
+/// Lengths and tilts, compiled for every width of vectors.
+struct Measure<'l>(&'l mut Lines);
+
+impl pulp::WithSimd for Measure<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Lines { along: [xs, ys, zs], range_m, tilt_deg: tilts_deg } = self.0;
+        for at in 0..LINES {
+            let (x, y, z) = (xs[at], ys[at], zs[at]);
+            let level = x * x + y * y;
+            range_m[at] = (level + z * z).sqrt() as f32;
+            tilts_deg[at] = tilt_deg(-z as f32, level.sqrt() as f32);
+        }
     }
-    seen
 }
 
 /// Of a line of sight, below the horizon, to 3e-5 degrees, from how far it goes down and along. There are some 100,000

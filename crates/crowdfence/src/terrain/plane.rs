@@ -48,10 +48,13 @@ impl Plane {
     }
 
     /// The inverse; numbers that no plane has are cut to the bounds.
+    #[inline(always)]
     pub fn from_bits(bits: u32) -> Plane {
+        const BOUNDS: [i16; 2] =
+            [(Plane::LOWEST * HEIGHT_STEPS) as i16, (Plane::HIGHEST * HEIGHT_STEPS) as i16];
         let [low, high, x, y] = bits.to_le_bytes();
-        let kept = Plane { height: i16::from_le_bytes([low, high]), slope: [x as i8, y as i8] };
-        Plane::new(kept.height(), kept.slope())
+        let height = i16::from_le_bytes([low, high]).clamp(BOUNDS[0], BOUNDS[1]);
+        Plane { height, slope: [(x as i8).max(-127), (y as i8).max(-127)] }
     }
 
     /// At the centre of the column, voxels above the voxel's floor.

@@ -1,4 +1,4 @@
-//! Columns of smooth ground -> the polygons that they are painted as, a row of sixteen at once, in f32.
+//! Columns of smooth ground, or hulls -> the polygons that they are painted as, sixteen at once, in f32.
 //!
 //! Coordinates are those of a tile, from its middle, and pixels are counted from one in its image. So the numbers are
 //! small: heights and places are exact, and an image is off by less than [`Frame::error`].
@@ -8,6 +8,7 @@
 use glam::DVec3;
 
 use super::Painter;
+use super::hull::Sixteen;
 use super::prism::OVERLAP;
 use super::tile::{COLUMNS, SIDE, STRIDE, Tile, index};
 use crate::terrain::tree::Square;
@@ -70,6 +71,34 @@ pub struct Outlines {
     pub sure: Row,
     /// Negative when a column is out of range.
     pub reach: Row,
+}
+
+impl Outlines {
+    pub const NONE: Outlines = Outlines {
+        value: [[0.0; SIDE]; EDGES],
+        along: [[[0.0; SIDE]; EDGES]; 2],
+        first: [[0; SIDE]; 2],
+        count: [[0; SIDE]; 2],
+        middle: [[0; SIDE]; 2],
+        in_image: [0; SIDE],
+        unsure_within: [0.0; SIDE],
+        sure: [0.0; SIDE],
+        reach: [0.0; SIDE],
+    };
+}
+
+/// Images of the corners of a polygon, clockwise as the camera sees them, of which a crest or a foot that is not there
+/// is the next corner.
+struct Corners {
+    left_top: (f32, f32),
+    crest: (f32, f32),
+    right_top: (f32, f32),
+    right_low: (f32, f32),
+    foot: (f32, f32),
+    left_low: (f32, f32),
+    /// Infinite where there is none, else 0.
+    no_crest: f32,
+    no_foot: f32,
 }
 
 impl Frame {
@@ -143,7 +172,7 @@ impl Frame {
 
     /// Of row `i` of a tile, which lies on side `side_x` of the camera, and each of its columns on its `side_y`.
     #[inline(always)]
-    pub fn outlines(&self, tile: &Tile, i: usize, side_x: f32, side_y: &Row) -> Outlines {
+    pub fn outline_ground(&self, tile: &Tile, i: usize, side_x: f32, side_y: &Row, outlines: &mut Outlines) {
         let ground = &tile.ground;
         let at = index([i as i32, 0]);
         let beside = if side_x > 0.0 { at - STRIDE } else { at + STRIDE };
@@ -166,17 +195,6 @@ impl Frame {
 
         let x = i as f32 + 0.5 - 0.5 * SIDE as f32;
         let half_x = 0.5 * side_x;
-        let mut outlines = Outlines {
-            value: [[0.0; SIDE]; EDGES],
-            along: [[[0.0; SIDE]; EDGES]; 2],
-            first: [[0; SIDE]; 2],
-            count: [[0; SIDE]; 2],
-            middle: [[0; SIDE]; 2],
-            in_image: [0; SIDE],
-            unsure_within: [0.0; SIDE],
-            sure: [0.0; SIDE],
-            reach: [0.0; SIDE],
-        };
         for j in 0..SIDE {
             let y = j as f32 + 0.5 - 0.5 * SIDE as f32;
             let (side_y, is_high) = (side_y[j], side_y[j] < 0.0);
@@ -213,33 +231,24 @@ impl Frame {
             let is_above = above > 0.0;
             let ridge_side = if is_above { 1.0 } else { -1.0 };
             let ridge_height = if is_above { back } else { front };
-            let left_top = self.image(x - half_y, y + half_x, left);
-            let right_top = self.image(x + half_y, y - half_x, right);
-            let ridge = self.image(x + ridge_side * half_x, y + ridge_side * half_y, ridge_height);
-            let left_low = self.image(x - half_y, y + half_x, left - drop);
-            let right_low = self.image(x + half_y, y - half_x, right - drop);
-            let front_low = self.image(x - half_x, y - half_y, front - drop);
-            let (left_up, left_length) = self.upwards(left_top);
-            let (right_up, right_length) = self.upwards(right_top);
-            sure = least(sure, least(left_length, right_length) - PLUMB * self.focal_px);
+            let corners = Corners {
+                left_top: self.image(x - half_y, y + half_x, left),
+                crest: self.image(x + ridge_side * half_x, y + ridge_side * half_y, ridge_height),
+                right_top: self.image(x + half_y, y - half_x, right),
+                right_low: self.image(x + half_y, y - half_x, right - drop),
+                foot: self.image(x - half_x, y - half_y, front - drop),
+                left_low: self.image(x - half_y, y + half_x, left - drop),
+                no_crest: 0.0,
+                no_foot: 0.0,
+            };
+            sure = least(sure, self.outline(&corners, j, outlines));
             // Turned away behind an edge that is no lower, it shows nothing.
             let is_hidden = above < 0.0 && step <= 0.0;
             let is_step_behind = above + drop < SURE && step > 0.0;
             outlines.sure[j] = if is_step_behind { -1.0 } else { sure };
             outlines.reach[j] = spare + size;
+            outlines.count[0][j] = if is_hidden { 0 } else { outlines.count[0][j] };
 
-            let lowest_x = least(least(left_top.0, ridge.0), least(right_top.0, right_low.0));
-            let lowest_x = least(lowest_x, least(front_low.0, left_low.0));
-            let lowest_y = least(least(left_top.1, ridge.1), least(right_top.1, right_low.1));
-            let lowest_y = least(lowest_y, least(front_low.1, left_low.1));
-            let highest_x = most(most(left_top.0, ridge.0), most(right_top.0, right_low.0));
-            let highest_x = most(highest_x, most(front_low.0, left_low.0));
-            let highest_y = most(most(left_top.1, ridge.1), most(right_top.1, right_low.1));
-            let highest_y = most(highest_y, most(front_low.1, left_low.1));
-            let margin = 2.0 * self.error;
-            let (column, line) = (self.bound(lowest_x - margin, 0), self.bound(lowest_y - margin, 1));
-            outlines.first[0][j] = column;
-            outlines.first[1][j] = line;
             let (u, v) = self.image(x, y, top);
             let (u, v) = (u + self.middle_px[0], v + self.middle_px[1]);
             // On the bound itself `below` could be the number before it.
@@ -247,30 +256,78 @@ impl Frame {
             outlines.middle[0][j] = below(u);
             outlines.middle[1][j] = below(v);
             outlines.in_image[j] = i32::from(is_in);
-            let columns = self.bound(highest_x + margin, 0).wrapping_sub(column);
-            outlines.count[0][j] = if is_hidden { 0 } else { columns };
-            outlines.count[1][j] = self.bound(highest_y + margin, 1).wrapping_sub(line);
-            let extent = highest_x - lowest_x + (highest_y - lowest_y);
-            outlines.unsure_within[j] = (4.0 * extent + 4.0) * (self.error + 2e-6);
-
-            // Seen from the centre of the first pixel.
-            let center = (column as f32 + 0.5 - self.middle_px[0], line as f32 + 0.5 - self.middle_px[1]);
-            let sides = [
-                (left_top, minus(ridge, left_top)),
-                (ridge, minus(right_top, ridge)),
-                (right_top, (-right_up.0, -right_up.1)),
-                (right_low, minus(front_low, right_low)),
-                (front_low, minus(left_low, front_low)),
-                (left_top, left_up),
-            ];
-            for (edge, (from, along)) in sides.into_iter().enumerate() {
-                let (u, v) = minus(center, from);
-                outlines.value[edge][j] = along.0 * v - along.1 * u;
-                outlines.along[0][edge][j] = along.0;
-                outlines.along[1][edge][j] = along.1;
-            }
         }
-        outlines
+    }
+
+    /// Of hulls, all of them in range.
+    #[inline(always)]
+    pub fn outline_hulls(&self, hulls: &Sixteen, outlines: &mut Outlines) {
+        let Sixteen { place: [xs, ys], side: [sides_x, sides_y], left, right, crest, foot } = hulls;
+        for j in 0..SIDE {
+            let (x, y, half_x, half_y) = (xs[j], ys[j], 0.5 * sides_x[j], 0.5 * sides_y[j]);
+            let (left_x, left_y, right_x, right_y) = (x - half_y, y + half_x, x + half_y, y - half_x);
+            let right_top = self.image(right_x, right_y, right[0][j]);
+            let left_low = self.image(left_x, left_y, left[1][j]);
+            let (crest_side, foot_side) = (crest[0][j], foot[0][j]);
+            let crest = self.image(x + crest_side * half_x, y + crest_side * half_y, crest[1][j]);
+            let foot = self.image(x + foot_side * half_x, y + foot_side * half_y, foot[1][j]);
+            let corners = Corners {
+                left_top: self.image(left_x, left_y, left[0][j]),
+                crest: if crest_side == 0.0 { right_top } else { crest },
+                right_top,
+                right_low: self.image(right_x, right_y, right[1][j]),
+                foot: if foot_side == 0.0 { left_low } else { foot },
+                left_low,
+                no_crest: if crest_side == 0.0 { f32::INFINITY } else { 0.0 },
+                no_foot: if foot_side == 0.0 { f32::INFINITY } else { 0.0 },
+            };
+            outlines.sure[j] = self.outline(&corners, j, outlines);
+            outlines.reach[j] = 0.0;
+            outlines.in_image[j] = 0;
+        }
+    }
+
+    /// Puts down sides and pixels of polygon `j`. Negative when its vertical edges have no direction to rely on.
+    #[inline(always)]
+    fn outline(&self, corners: &Corners, j: usize, outlines: &mut Outlines) -> f32 {
+        let &Corners { left_top, crest, right_top, right_low, foot, left_low, no_crest, no_foot } = corners;
+        let (left_up, left_length) = self.upwards(left_top);
+        let (right_up, right_length) = self.upwards(right_top);
+
+        let lowest_x = least(least(left_top.0, crest.0), least(right_top.0, right_low.0));
+        let lowest_x = least(lowest_x, least(foot.0, left_low.0));
+        let lowest_y = least(least(left_top.1, crest.1), least(right_top.1, right_low.1));
+        let lowest_y = least(lowest_y, least(foot.1, left_low.1));
+        let highest_x = most(most(left_top.0, crest.0), most(right_top.0, right_low.0));
+        let highest_x = most(highest_x, most(foot.0, left_low.0));
+        let highest_y = most(most(left_top.1, crest.1), most(right_top.1, right_low.1));
+        let highest_y = most(highest_y, most(foot.1, left_low.1));
+        let margin = 2.0 * self.error;
+        let (column, line) = (self.bound(lowest_x - margin, 0), self.bound(lowest_y - margin, 1));
+        outlines.first[0][j] = column;
+        outlines.first[1][j] = line;
+        outlines.count[0][j] = self.bound(highest_x + margin, 0).wrapping_sub(column);
+        outlines.count[1][j] = self.bound(highest_y + margin, 1).wrapping_sub(line);
+        let extent = highest_x - lowest_x + (highest_y - lowest_y);
+        outlines.unsure_within[j] = (4.0 * extent + 4.0) * (self.error + 2e-6);
+
+        // Seen from the centre of the first pixel.
+        let center = (column as f32 + 0.5 - self.middle_px[0], line as f32 + 0.5 - self.middle_px[1]);
+        let sides = [
+            (left_top, minus(crest, left_top), 0.0),
+            (crest, minus(right_top, crest), no_crest),
+            (right_top, (-right_up.0, -right_up.1), 0.0),
+            (right_low, minus(foot, right_low), 0.0),
+            (foot, minus(left_low, foot), no_foot),
+            (left_top, left_up, 0.0),
+        ];
+        for (edge, (from, along, none)) in sides.into_iter().enumerate() {
+            let (u, v) = minus(center, from);
+            outlines.value[edge][j] = along.0 * v - along.1 * u + none;
+            outlines.along[0][edge][j] = along.0;
+            outlines.along[1][edge][j] = along.1;
+        }
+        least(left_length, right_length) - PLUMB * self.focal_px
     }
 }
 

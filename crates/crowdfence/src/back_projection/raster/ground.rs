@@ -1,11 +1,11 @@
 //! Smooth ground: the pixels of a row of sixteen columns at once, painted column after column. What is worked out in f32
-//! is exact or is not used: where a sign could be wrong, a column goes to [`Painter::paint_piece`], which asks the same
-//! in f64.
+//! is exact or is not used: where a sign could be wrong, a column is painted as a hull, in f64 if need be.
 
 use glam::DVec3;
 
 use super::canvas::{Block, Painted};
 use super::frame::{Frame, Outlines, Row, least};
+use super::hull::Sixteen;
 use super::tile::{SIDE, Tile, index};
 use super::{Painter, Place};
 use crate::terrain::tree::Square;
@@ -14,7 +14,7 @@ use crate::terrain::tree::Square;
 const LARGEST: i32 = 8;
 
 /// What of a row of columns is painted.
-struct Shapes {
+pub(super) struct Shapes {
     outlines: Outlines,
     /// The pixels of each, the upper four rows and the lower. Some beside its first columns and rows may be marked.
     bits: [[u32; SIDE]; 2],
@@ -36,19 +36,26 @@ pub(super) enum Shown {
 }
 
 impl Shapes {
+    pub const NONE: Shapes =
+        Shapes { outlines: Outlines::NONE, bits: [[0; SIDE]; 2], may_show: 0, in_image: 0, pixel: [0; 2] };
+
     /// Of row `i` of a tile that lies on side `side_x` of the camera, and each of its columns on its `side_y`.
     #[inline(always)]
-    fn of(frame: &Frame, tile: &Tile, i: usize, side_x: f32, side_y: &Row) -> Shapes {
-        let outlines = frame.outlines(tile, i, side_x, side_y);
-        let mut shapes =
-            Shapes { outlines, bits: [[0; SIDE]; 2], may_show: 0, in_image: 0, pixel: frame.pixel };
-        shapes.fill();
-        shapes
+    fn find_ground(&mut self, frame: &Frame, tile: &Tile, i: usize, side_x: f32, side_y: &Row) {
+        frame.outline_ground(tile, i, side_x, side_y, &mut self.outlines);
+        self.fill(frame.pixel);
     }
 
-    /// Finds the pixels.
     #[inline(always)]
-    fn fill(&mut self) {
+    pub fn find_hulls(&mut self, frame: &Frame, hulls: &Sixteen) {
+        frame.outline_hulls(hulls, &mut self.outlines);
+        self.fill(frame.pixel);
+    }
+
+    /// Finds the pixels, which are counted from one.
+    #[inline(always)]
+    fn fill(&mut self, pixel: [i32; 2]) {
+        (self.bits, self.may_show, self.in_image, self.pixel) = ([[0; SIDE]; 2], 0, 0, pixel);
         let Outlines { value, along, count, in_image, unsure_within, sure, reach, .. } = &mut self.outlines;
         let (mut columns, mut rows) = (0, 0);
         for j in 0..SIDE {
@@ -91,7 +98,7 @@ impl Shapes {
     }
 
     #[inline(always)]
-    fn shown(&self, j: usize) -> Shown {
+    pub fn shown(&self, j: usize) -> Shown {
         let Outlines { first, count, sure, reach, .. } = &self.outlines;
         let (columns, rows) = (count[0][j], count[1][j]);
         if reach[j] < 0.0 {
@@ -138,12 +145,15 @@ impl Painter<'_> {
             beside_y |= u32::from(side == 0) << j;
         }
         let [own_i, own_j] = [0, 1].map(|axis| self.own(axis, square.low[axis], 1, side));
+        let (mut shapes, mut of_hulls) = (Shapes::NONE, Shapes::NONE);
+        let mut strokes = std::mem::take(&mut self.strokes);
         for i in (own_i..side).chain((0..own_i).rev()) {
             let side_x = self.place(square.low, [i as i32, 0]).side[0];
             let beside = if side_x == 0 { u32::MAX } else { beside_y };
-            let shapes = Shapes::of(frame, tile, i as usize, side_x as f32, &side_y);
+            shapes.find_ground(frame, tile, i as usize, side_x as f32, &side_y);
             let middles = if self.between_pixels { shapes.in_image } else { 0 };
-            let wanted = shapes.may_show | beside | tile.stacked(i as usize) | middles;
+            let stacked = tile.stacked(i as usize);
+            let wanted = shapes.may_show | beside | stacked | middles;
             let wanted = wanted & tile.occupied(i as usize);
             // Onwards from the camera, then backwards.
             let (mut onwards, mut backwards) = (wanted >> own_j << own_j, wanted & ((1 << own_j) - 1));
@@ -155,30 +165,30 @@ impl Painter<'_> {
                     backwards &= !(1 << j);
                 }
                 let shown = if beside >> j & 1 != 0 { Shown::Unsure } else { shapes.shown(j as usize) };
-                let middle_px = (middles >> j & 1 != 0).then(|| shapes.middle(j as usize));
                 let place = self.place(square.low, [i as i32, j as i32]);
-                self.paint_column(tile, &place, shown, middle_px);
-            }
-        }
-    }
-
-    /// The lowest solid of a column; with the pixel over its middle where that is in the image.
-    #[inline(always)]
-    pub(super) fn paint_ground(
-        &mut self,
-        tile: &Tile,
-        place: &Place,
-        shown: Shown,
-        middle_px: Option<(usize, usize)>,
-    ) {
-        match shown {
-            Shown::OutOfRange => (),
-            Shown::Unsure => {
-                if let Some(piece) = tile.lowest(place.at) {
-                    self.paint_piece(tile, &piece, place);
+                let is_alone = strokes.is_empty() && stacked >> j & 1 == 0;
+                match shown {
+                    // Nothing is to be painted before it.
+                    Shown::Pixels(block) if is_alone => {
+                        self.paint_shape(tile, &place, block, &shapes, middles);
+                    }
+                    shown => self.plan_column(tile, &place, &shown, &mut strokes),
                 }
             }
-            Shown::Pixels(block) => self.paint_shape(tile, place, block, middle_px),
+            if !strokes.is_empty() {
+                strokes.find_pixels(frame, tile, &mut of_hulls);
+                self.paint_strokes(tile, &strokes, Some((&shapes, middles)));
+                strokes.clear();
+            }
+        }
+        self.strokes = strokes;
+    }
+
+    /// The lowest solid of a column; a bit for each column of the row that has its middle in the image.
+    #[inline(always)]
+    pub(super) fn paint_ground(&mut self, tile: &Tile, place: &Place, shapes: &Shapes, middles: u32) {
+        if let Shown::Pixels(block) = shapes.shown(place.at[1] as usize) {
+            self.paint_shape(tile, place, block, shapes, middles);
         }
     }
 
@@ -188,7 +198,8 @@ impl Painter<'_> {
         tile: &Tile,
         place: &Place,
         block: Option<Block>,
-        middle_px: Option<(usize, usize)>,
+        shapes: &Shapes,
+        middles: u32,
     ) {
         let painted = match block {
             Some(block) => self.canvas.paint_block(&block, self.rows.len() as u32),
@@ -196,9 +207,11 @@ impl Painter<'_> {
         };
         let (at, id) = (index(place.at), tile.lowest_id(place.at));
         let middle = place.middle(f64::from(tile.ground.top[at]) + f64::from(tile.level) - self.origin.z);
+        let j = place.at[1] as usize;
         if painted.count > 0 {
             self.add(id, painted, middle);
-        } else if let Some((column, row)) = middle_px {
+        } else if middles >> j & 1 != 0 {
+            let (column, row) = shapes.middle(j);
             let [rise_x, rise_y] = &tile.ground.rise;
             let normal = DVec3::new(-2.0 * f64::from(rise_x[at]), -2.0 * f64::from(rise_y[at]), 1.0);
             self.paint_top(id, normal, middle, column, row);

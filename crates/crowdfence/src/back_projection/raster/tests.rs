@@ -162,6 +162,38 @@ fn a_pixel_of_smooth_ground_belongs_to_what_its_ray_meets() {
     assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
 }
 
+/// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
+/// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
+#[test]
+fn a_pixel_of_towers_belongs_to_what_its_ray_meets() {
+    let mut voxels = Vec::new();
+    for (i, j) in (0..64).flat_map(|i| (0..64).map(move |j| (i, j))) {
+        let lot = (i / 7) * 31 + (j / 5) * 17;
+        let is_street = i % 7 < 2 || j % 5 == 0;
+        let height = if is_street { 0 } else { lot % 23 };
+        voxels.extend((0..=height).map(|k| [i, j, k]));
+        if lot % 4 == 0 {
+            voxels.push([i, j, lot % 23 + 3]);
+        }
+    }
+    let terrain = Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap();
+    let (mut pixels, mut one_sided, mut elsewhere) = (0, 0, 0);
+    for number in 0..32 {
+        let turn = f64::from(number);
+        let rotation = looking(0.83 * turn, -0.3 + 0.06 * turn, 0.1 * (turn % 5.0 - 2.0));
+        let above = [1.6, 7.3, 28.4, 41.7][number as usize % 4];
+        // In the middle of a street.
+        let at = DVec3::new(0.93 + 7.0 * (turn % 9.0), 3.37 + 1.9 * turn, above);
+        let surface = [Surface::Planes, Surface::Voxels][number as usize / 4 % 2];
+        let counts = disagreements(&terrain, surface, &view(at, rotation, 60.0), 50.0);
+        pixels += (WIDTH * HEIGHT) as usize;
+        one_sided += counts[0];
+        elsewhere += counts[1];
+    }
+    assert_eq!(one_sided, 0, "of {pixels} pixels");
+    assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
+}
+
 /// Tops between the pixels: seen by the raster and by their own ray, by one of the two alone, by neither.
 fn between_pixels(terrain: &Terrain, view: &View, max_range_m: f64) -> [usize; 4] {
     let projection = Projection::new(max_range_m, 0.0, Coverage::Full).unwrap();

@@ -44,7 +44,9 @@ impl Piece {
     /// Height of the highest corner of its top.
     #[inline(always)]
     pub fn highest(&self) -> f64 {
-        self.tops.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        let [a, b, c, d] = self.tops;
+        let most = |a: f64, b: f64| if b > a { b } else { a };
+        most(most(a, b), most(c, d))
     }
 }
 
@@ -167,6 +169,15 @@ fn put_row<T: Copy>(to: &mut [T; COLUMNS], at: usize, from: &[T; 16], x: usize) 
 #[inline(always)]
 fn above(z: u32, level: u32) -> f32 {
     z.wrapping_sub(level) as i32 as f32
+}
+
+/// Voxels of a column without a gap.
+#[derive(Clone, Copy)]
+struct Run<'b> {
+    lowest: u32,
+    uppermost: u32,
+    /// Of the uppermost.
+    brick: &'b Brick,
 }
 
 pub struct Tile {
@@ -301,29 +312,33 @@ impl Tile {
     fn take_upper(&mut self, place: [i32; 2], bricks: &[Brick], number: u32, planes: &[Plane]) {
         let at = index(place);
         let begin = self.upper.len() as u32;
-        let mut run: Option<(u32, u32, u32)> = None;
+        let mut run: Option<Run> = None;
         for brick in bricks {
-            for z in (0..Brick::SIDE).filter(|&z| brick.level(z) >> number & 1 != 0) {
-                let (height, id) = (brick.low + z, brick.voxel_id(number, z));
-                run = match run {
-                    Some((lowest, uppermost, _)) if uppermost + 1 == height => Some((lowest, height, id)),
-                    _ => {
-                        self.push_upper(run, at, planes);
-                        Some((height, height, id))
-                    }
-                };
+            let mut left = brick.column(number);
+            while left != 0 {
+                let (first, length) =
+                    (left.trailing_zeros(), (left >> left.trailing_zeros()).trailing_ones());
+                left &= !(((1 << length) - 1) << first);
+                let (begins, uppermost) = (brick.low + first, brick.low + first + length - 1);
+                let continued = run.filter(|run| run.uppermost + 1 == begins);
+                if continued.is_none() {
+                    self.push_upper(run, number, at, planes);
+                }
+                run = Some(Run { lowest: continued.map_or(begins, |run| run.lowest), uppermost, brick });
             }
         }
-        self.push_upper(run, at, planes);
+        self.push_upper(run, number, at, planes);
         self.upper_of[at] = (begin, self.upper.len() as u32);
         self.ground.next_bottom[at] =
             (self.upper[begin as usize].solid.bottom - f64::from(self.level)) as f32;
     }
 
-    /// A run of voxels, lowest, uppermost and id of that, unless it is the lowest of its column.
-    fn push_upper(&mut self, run: Option<(u32, u32, u32)>, at: usize, planes: &[Plane]) {
-        if let Some((lowest, uppermost, id)) = run.filter(|run| run.0 != self.ground.solids.lowest[at]) {
-            let solid = self.solid(lowest, uppermost, planes[id as usize], false);
+    /// Unless it is the lowest of its column.
+    #[inline(always)]
+    fn push_upper(&mut self, run: Option<Run>, number: u32, at: usize, planes: &[Plane]) {
+        if let Some(run) = run.filter(|run| run.lowest != self.ground.solids.lowest[at]) {
+            let id = run.brick.voxel_id(number, run.uppermost - run.brick.low);
+            let solid = self.solid(run.lowest, run.uppermost, planes[id as usize], false);
             self.upper.push(Piece::new(solid, id, false));
         }
     }
@@ -364,7 +379,7 @@ impl Tile {
     /// Whether there is something in every column.
     #[inline(always)]
     pub fn is_full(&self) -> bool {
-        self.occupied.iter().all(|columns| columns.count_ones() as usize == SIDE)
+        self.occupied == [(1 << SIDE) - 1; SIDE]
     }
 
     /// Bit j for a column of row i with something in it.
@@ -381,8 +396,12 @@ impl Tile {
 
     /// Id of the voxel of a solid at a height.
     pub fn id(&self, at: [i32; 2], z: u32) -> u32 {
+        let bricks = &self.bricks[brick_index(at)];
+        // Without gaps it lies as many bricks above the lowest.
+        let likely = bricks.get(((z - bricks[0].low) / Brick::SIDE) as usize);
         let brick =
-            self.bricks[brick_index(at)].iter().find(|brick| brick.contains(z)).expect("a voxel of the tile");
+            likely.filter(|brick| brick.contains(z)).or_else(|| bricks.iter().find(|b| b.contains(z)));
+        let brick = brick.expect("a voxel of the tile");
         let [x, y] = at.map(|place| place.rem_euclid(Brick::SIDE as i32) as u32);
         brick.voxel_id(x + y * Brick::SIDE, z)
     }

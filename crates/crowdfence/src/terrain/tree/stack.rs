@@ -36,6 +36,13 @@ impl Brick {
         (self.node.mask >> (z * SIDE * SIDE)) as u16
     }
 
+    /// Bit z for each voxel of column x + 4 y.
+    #[inline(always)]
+    pub fn column(&self, number: u32) -> u32 {
+        let bits = self.node.mask >> number & 0x0001_0001_0001_0001;
+        (bits | bits >> 15 | bits >> 30 | bits >> 45) as u32 & 0xf
+    }
+
     /// Of a voxel of column x + 4 y that is there.
     #[inline(always)]
     pub fn voxel_id(&self, number: u32, z: u32) -> u32 {
