@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ProjectionConfig:
-    """ValueError for a range that is not positive: it decides early whether cameras and terrain are apart. The
-    core checks the other values when it takes them."""
+    """ValueError for a range that is not positive: it decides early whether cameras and terrain are apart.
+    The core checks the other values when it takes them."""
 
     max_range_m: float = 300.0
     """Rays end here; > 0."""
