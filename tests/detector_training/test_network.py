@@ -236,8 +236,26 @@ def test_wide_crops_show_things_at_more_scales_and_without_alias():
     assert float((crops.image - 0.5).abs().max()) < 0.12
     mixed = replace(plan, wide=0.3, scale=(1.0, 1.2))
     sampler, rng = CropSampler([frames], mixed), np.random.default_rng(12)
-    scales = np.array([sampler._scale(rng) for _ in range(1000)])
+    scales = np.array([sampler._scale(96, 128, rng) for _ in range(1000)])
     assert 0.25 < (scales > 2.0).mean() < 0.35
+    # No crop shows more than the frame.
+    short = np.array([sampler._scale(42, 128, rng) for _ in range(1000)])
+    assert short.max() <= 42 / 16
+
+
+def test_frames_are_drawn_as_often_as_their_pixels_say():
+    """Two pictures of 3 x the side have 18 of the 28 shares of ten small ones and themselves."""
+
+    def mission(count: int, side: int, grey: int) -> StoredMission:
+        images = np.full((count, side, side, 3), grey, np.uint8)
+        labels = np.zeros((count, 1, side // 2, side // 2), np.uint8)
+        return StoredMission("", images, labels, np.ones(labels.shape, np.bool_), ())
+
+    plan = CropPlan(height=16, width=16, rotation_deg=0.0, scale=(1.0, 1.0))
+    sampler = CropSampler([mission(10, 32, 0), mission(2, 96, 255)], plan)
+    rng = np.random.default_rng(13)
+    light = [float(sampler.draw(1, rng, CPU).image.mean()) for _ in range(600)]
+    assert np.mean(light) == pytest.approx(18 / 28, abs=0.06)
 
 
 def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):

@@ -41,24 +41,27 @@ class CropPlan:
     """Share of the crops that are put around a crowd cell, where the frame has one."""
     wide: float = 0.0
     """Share of the crops whose scale lies anywhere in `wide_scale`."""
-    wide_scale: tuple[float, float] = (0.2, 3.0)
+    wide_scale: tuple[float, float] = (0.2, 4.0)
+    """Its upper end is not reached where a crop would show more than the frame."""
 
 
 class CropSampler:
-    """Draws batches from all frames of all missions; every mission is drawn as often as its frames say."""
+    """Draws batches from all frames of all missions, each as often as its pixels say."""
 
     def __init__(self, missions: Sequence[StoredMission], plan: CropPlan) -> None:
         self._missions, self._plan = missions, plan
         self._where = [
             (mission, frame) for mission in range(len(missions)) for frame in range(len(missions[mission]))
         ]
+        pixels = np.array([missions[mission].images[0, ..., 0].size for mission, _ in self._where], float)
+        self._chance = pixels / pixels.sum()
 
     def __len__(self) -> int:
         return len(self._where)
 
     def draw(self, size: int, rng: np.random.Generator, device: torch.device) -> Batch:
-        """`size` crops of different frames."""
-        chosen = rng.choice(len(self._where), size, replace=size > len(self._where))
+        """`size` crops of different frames, as far as there are that many."""
+        chosen = rng.choice(len(self._where), size, replace=size > len(self._where), p=self._chance)
         crops = [self._crop(*self._where[int(one)], rng, device) for one in chosen]
         return Batch(*(torch.cat(parts) for parts in zip(*crops, strict=True)))
 
@@ -66,7 +69,7 @@ class CropSampler:
         stored, plan = self._missions[mission], self._plan
         crowd, known = stored.crowd[frame], stored.known[frame]
         height, width = stored.images.shape[1:3]
-        scale = self._scale(rng)
+        scale = self._scale(height, width, rng)
         centre = self._centre(crowd, height, width, scale, rng)
         turn = math.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg))
         mirror = -1.0 if rng.random() < 0.5 else 1.0
@@ -88,10 +91,12 @@ class CropSampler:
         half = cells.shape[1] // 2
         return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
 
-    def _scale(self, rng: np.random.Generator) -> float:
+    def _scale(self, height: int, width: int, rng: np.random.Generator) -> float:
         plan = self._plan
-        wide = plan.wide > 0.0 and rng.random() < plan.wide
-        low, high = plan.wide_scale if wide else plan.scale
+        low, high = plan.scale
+        if plan.wide > 0.0 and rng.random() < plan.wide:
+            low, high = plan.wide_scale
+            high = max(low, min(high, height / plan.height, width / plan.width))
         return math.exp(rng.uniform(math.log(low), math.log(high)))
 
     def _centre(
