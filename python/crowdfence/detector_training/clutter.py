@@ -2,8 +2,8 @@
 
 Pictures without crowds, photographs among them where there are some, replace or stain the ground of other
 crops in soft patches, never where somebody stands. A dense and random background at the scale of the objects
-is what training on renderings needs most (Hinterstoisser et al., 2019); pasted edges must not show (Dwibedi et
-al., 2017).
+is what training on renderings needs most (Hinterstoisser et al., 2019); pasted edges must not show (Dwibedi
+et al., 2017).
 """
 
 from __future__ import annotations
