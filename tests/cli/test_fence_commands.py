@@ -175,7 +175,7 @@ def test_watch_follows_a_file_until_it_is_stopped(served: UdpVehicle, tmp_path: 
         events_of(process, "written")
         assert served.vehicle.items == []
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 0
+        assert process.wait(60) == 0
     finally:
         process.kill()
         process.wait()

@@ -17,8 +17,10 @@ from support.small_recordings import Flight, flight, write_folder
 
 
 def test_every_option_of_run_but_those_about_files() -> None:
+    """A service closes ground: it is about crowds, and has no other layer."""
     options = commands()
-    assert options["run"] - options["serve"] == {"--output", "-o", "--files", "--open", "--force"}
+    files = {"--output", "-o", "--files", "--open", "--force"}
+    assert options["run"] - options["serve"] == files | {"--layer"}
 
 
 @pytest.fixture
