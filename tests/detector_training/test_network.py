@@ -444,10 +444,11 @@ def test_the_shipped_model_can_be_trained_further():
 
     from crowdfence.detector.shipped import shipped_model
 
+    as_trained = shipped_model("crowdnet-s-float32")
     back = CrowdNet(1)
-    back.load_state_dict(import_onnx(shipped_model(), 1, 1.0))
+    back.load_state_dict(import_onnx(as_trained, 1, 1.0))
     pictures = np.random.default_rng(0).integers(0, 256, (1, 96, 128, 3), np.uint8)
-    session = onnxruntime.InferenceSession(shipped_model(), providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(as_trained, providers=["CPUExecutionProvider"])
     stored = json.loads(session.get_modelmeta().custom_metadata_map["crowdfence"])
     (heatmap,) = session.run(None, {"image": pictures})
     in_graph = stored["calibration"]["in_graph"]
