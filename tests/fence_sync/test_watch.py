@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import pytest
 import shapely
 
 from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan, ZoneSource
@@ -186,14 +185,18 @@ def test_a_refusal_is_said_once_and_tried_again(tmp_path: Path) -> None:
     assert "written" in watched.run(5.0) and watched.watch.alarms == ()
 
 
-def test_nothing_is_watched_without_an_end(tmp_path: Path) -> None:
+def test_a_stop_is_granted_between_two_steps(tmp_path: Path) -> None:
+    """What a stop meets on its way is sent to its end."""
     watched = Watched(tmp_path)
+    watched.watch.run(stopped=lambda: watched.link.now_s > 12.0)
+    assert 12.0 < watched.link.now_s < 13.5 and len(watched.vehicle.items) == 4
+    other = Watched(tmp_path)
+    asked_with: list[int] = []
 
-    def interrupt() -> None:
-        if watched.link.now_s > 12.0:
-            raise KeyboardInterrupt
+    def ask() -> None:
+        if other.vehicle.is_taking_a_list:
+            asked_with.append(len(other.vehicle.items))
 
-    watched.link.before_receive = interrupt
-    with pytest.raises(KeyboardInterrupt):
-        watched.watch.run()
-    assert len(watched.vehicle.items) == 4
+    other.link.before_receive = ask
+    other.watch.run(stopped=lambda: bool(asked_with))
+    assert asked_with[0] == 0 and len(other.vehicle.items) == 4

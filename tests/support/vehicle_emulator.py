@@ -128,6 +128,11 @@ class EmulatedVehicle:
         self._say(self._mavlink.statustext_encode(severity, words.encode()))
 
     @property
+    def is_taking_a_list(self) -> bool:
+        """Between the first word of a list and its last item."""
+        return self._expected is not None
+
+    @property
     def kept(self) -> list[int]:
         """Where the shapes begin that PX4 keeps: those that hold neither the vehicle nor its home."""
         dropped = {

@@ -184,6 +184,7 @@ def watch(
     New ground is closed at once, ground opens after a while. --json prints an event a line.
     """
     from crowdfence.fence_sync import FenceWatch, WatchPlan, ZoneSource
+    from crowdfence.stop_request import StopRequest
 
     source = ZoneSource(zones)
     source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
@@ -191,9 +192,11 @@ def watch(
     with _keeper(link, system, capacity, state, timeout_s) as keeper:
         watching = FenceWatch(keeper, source, plan, lambda event: _tell([event], as_json))
         clock = keeper.station.clock
-        try:
-            watching.run(float("inf") if duration_s is None else clock() + duration_s)
-        except KeyboardInterrupt:
+        # No exception: raised while a message is decoded, it could be taken for a damaged one and be lost.
+        with StopRequest() as stop:
+            until_s = float("inf") if duration_s is None else clock() + duration_s
+            watching.run(until_s, lambda: stop.wanted)
+        if stop.wanted:
             console.stderr().print("stopped; the vehicle keeps its fence")
     if watching.alarms:
         raise typer.Exit(GATE_NOT_MET)

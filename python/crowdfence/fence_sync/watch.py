@@ -86,9 +86,10 @@ class FenceWatch:
     def _new_debounce(self) -> Debounce:
         return Debounce(self._plan.opening_s, self._plan.interval_s)
 
-    def run(self, until_s: float = float("inf")) -> None:
-        """Until the clock says so, or KeyboardInterrupt, which leaves the fence as it is."""
-        while self._clock() < until_s:
+    def run(self, until_s: float = float("inf"), stopped: Callable[[], bool] = lambda: False) -> None:
+        """Until the clock says so, or until somebody has `stopped` it, which is asked between two steps: no
+        fence is left half written. The vehicle keeps the last one."""
+        while self._clock() < until_s and not stopped():
             self.step()
             self._keeper.station.listen(min(POLL_S, max(0.0, until_s - self._clock())))
 

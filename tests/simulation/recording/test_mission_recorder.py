@@ -24,7 +24,6 @@ from scipy.ndimage import uniform_filter
 from crowdfence.simulation.recording import mission_recorder
 from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
 from crowdfence.simulation.recording.frame_pool import FramePool
-from crowdfence.simulation.recording.interrupts import StopRequest
 from crowdfence.simulation.recording.manifest import first_difference
 from crowdfence.simulation.recording.mission_recorder import record_mission
 from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant, arriving, timeline
@@ -42,6 +41,7 @@ from crowdfence.sources.mission import topic_writer
 from crowdfence.sources.mission.layout import CLASSES, CROWD_CLASS
 from crowdfence.sources.mission.messages import depth_in_whole_cm
 from crowdfence.sources.mission.topic_writer import part_path
+from crowdfence.stop_request import StopRequest
 
 LABELS = FrameOptions(rgb=False)
 SEED, FRAMES, DRONES = 3, 6, 3

@@ -35,7 +35,6 @@ from crowdfence.simulation.recording.airsim_frames import (
 )
 from crowdfence.simulation.recording.frame_maker import FrameOptions, camera_pose
 from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
-from crowdfence.simulation.recording.interrupts import StopRequest
 from crowdfence.simulation.recording.manifest import first_difference, mission_manifest
 from crowdfence.simulation.recording.preparation import Preparation
 from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
@@ -46,6 +45,7 @@ from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.scene_truth import people_truth
 from crowdfence.simulation.schedule import Capture, Schedule, build_schedule
 from crowdfence.sources.recorded_truth import CameraPose
+from crowdfence.stop_request import StopRequest
 
 MANIFEST = "simulation.json"
 _FOLDERS = ("images", "heatmaps", "telemetry", "terrain", "truth/regions", "truth/instances", "truth/people")

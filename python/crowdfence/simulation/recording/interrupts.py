@@ -1,6 +1,6 @@
-"""Ctrl-C as a request that is granted between two frames, so that a recording ends where it can be resumed.
+"""Interrupts and the processes that only help.
 
-A terminal sends it to all processes at once: those that only help ignore it and end with their parent.
+A terminal sends Ctrl-C to all processes at once: helpers ignore it and end with their parent.
 """
 
 from __future__ import annotations
@@ -11,36 +11,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import parent_process
-from types import FrameType, TracebackType
-from typing import Any
-
-
-class StopRequest:
-    """While entered, the first interrupt (SIGINT, SIGTERM) only sets `wanted`; a second one interrupts.
-
-    Outside the main thread signals are left alone and `wanted` stays false.
-    """
-
-    def __init__(self) -> None:
-        self.wanted = False
-        self._before: dict[signal.Signals, Any] = {}
-
-    def __enter__(self) -> StopRequest:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._before[number] = signal.signal(number, self._take)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _take(self, number: int, frame: FrameType | None) -> None:
-        if self.wanted:
-            raise KeyboardInterrupt
-        self.wanted = True
 
 
 @contextmanager

@@ -12,7 +12,6 @@ import numpy as np
 from crowdfence.simulation.landing_ground import landing_ground
 from crowdfence.simulation.recording.frame_maker import FrameOptions
 from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
-from crowdfence.simulation.recording.interrupts import StopRequest
 from crowdfence.simulation.recording.manifest import mission_manifest
 from crowdfence.simulation.recording.mission_salvage import Salvage, finished, salvage, summary_of_parts
 from crowdfence.simulation.recording.preparation import Preparation
@@ -29,6 +28,7 @@ from crowdfence.sources.mission.messages import FrameContent, encode_frame
 from crowdfence.sources.mission.topic_writer import part_path
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.recorded_truth import RecordedPeople
+from crowdfence.stop_request import StopRequest
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame
 from crowdfence.simulation.recording.frame_summary import MissionStatistics
-from crowdfence.simulation.recording.interrupts import StopRequest
 from crowdfence.simulation.recording.recorded import Progress
 from crowdfence.simulation.recording.timeline import Event, TelemetryRow, WorldInstant, timeline
 from crowdfence.simulation.schedule import Capture, Schedule
+from crowdfence.stop_request import StopRequest
 
 FRAMES_AHEAD = 3
 """Frames per worker that are begun before they are needed."""
