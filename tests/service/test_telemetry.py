@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
+from scipy.spatial.transform import Rotation
 from starlette.testclient import TestClient
 
 from crowdfence.config import EvidenceConfig, GroupingConfig, ProjectionConfig, RunConfig, ZoneConfig
@@ -175,6 +176,42 @@ def test_the_pose_of_a_view_is_that_of_the_recorded_camera(tmp_path: Path) -> No
             assert apart_m < 0.1  # 1e-7 degrees, millimetres, straight lines over 0.1 s
             turned = found[:3, :3].T @ frame.world_from_camera[:3, :3]
             assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1.0))) < 0.1
+
+
+def test_what_each_row_is_off_by_itself_is_taken_out_of_its_neighbours() -> None:
+    """Rows of half a metre's and half a degree's noise, as far as they have come when the view does."""
+    dice = np.random.default_rng(4)
+    noisy = [
+        replace(
+            row,
+            position=row.position + 0.5 * dice.standard_normal(3),
+            turn=row.turn * Rotation.from_rotvec(np.radians(0.5) * dice.standard_normal(3)),
+        )
+        for row in rows()
+    ]
+    anchor = mission().georeference
+    feeds = [
+        Telemetry("uav1", ground(), anchor, replace(SEA, noise=noise))
+        for noise in (None, (0.5, 0.5), "estimate")
+    ]
+    errors: list[list[tuple[float, float]]] = [[] for _ in feeds]
+    came = 0
+    for frame in frames():
+        for row in noisy[came:]:
+            if row.stamp_ns > frame.stamp_ns + SECOND_NS // 10:
+                break
+            for feed in feeds:
+                for message in (position(row), gimbal(row), *([system_time(row)] if came == 0 else [])):
+                    feed.heard(message, row.stamp_ns)
+            came += 1
+        for feed, found in zip(feeds, errors, strict=True):
+            pose, true = feed.pose_at(frame.stamp_ns), frame.world_from_camera
+            turned = Rotation.from_matrix(true[:3, :3].T @ pose[:3, :3]).magnitude()
+            found.append((float(np.linalg.norm(pose[:3, 3] - true[:3, 3])), float(np.degrees(turned))))
+    raw, given, estimated = (np.sqrt(np.mean(np.square(one), axis=0)) for one in errors)
+    # Three axes of the given noise; where a view lies between two rows, their mean has less of it.
+    assert 0.5 < raw[0] < 1.0 and 0.5 < raw[1] < 1.0
+    assert (given < 0.6 * raw).all() and (estimated < 0.6 * raw).all(), (raw, given, estimated)
 
 
 def test_a_mount_stands_in_for_a_gimbal_and_the_map_for_heights_above_the_take_off(tmp_path: Path) -> None:
