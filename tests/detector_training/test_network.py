@@ -243,19 +243,35 @@ def test_wide_crops_show_things_at_more_scales_and_without_alias():
     assert short.max() <= 42 / 16
 
 
+def mission(count: int, side: int, grey: int, photographs: bool = False) -> StoredMission:
+    """Frames of one grey without anybody."""
+    images = np.full((count, side, side, 3), grey, np.uint8)
+    labels = np.zeros((count, 1, side // 2, side // 2), np.uint8)
+    return StoredMission("", images, labels, np.ones(labels.shape, np.bool_), (), photographs)
+
+
 def test_frames_are_drawn_as_often_as_their_pixels_say():
     """Two pictures of 3 x the side have 18 of the 28 shares of ten small ones and themselves."""
-
-    def mission(count: int, side: int, grey: int) -> StoredMission:
-        images = np.full((count, side, side, 3), grey, np.uint8)
-        labels = np.zeros((count, 1, side // 2, side // 2), np.uint8)
-        return StoredMission("", images, labels, np.ones(labels.shape, np.bool_), ())
 
     plan = CropPlan(height=16, width=16, rotation_deg=0.0, scale=(1.0, 1.0))
     sampler = CropSampler([mission(10, 32, 0), mission(2, 96, 255)], plan)
     rng = np.random.default_rng(13)
     light = [float(sampler.draw(1, rng, CPU).image.mean()) for _ in range(600)]
     assert np.mean(light) == pytest.approx(18 / 28, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "photographs", "share"),
+    [(97, 3, 0.1), (80, 20, 0.2), (0, 5, 1.0)],  # lifted; already more; nothing else
+)
+def test_photographs_keep_a_share_of_the_crops(rendered: int, photographs: int, share: float):
+    plan = CropPlan(height=16, width=16, rotation_deg=0.0, scale=(1.0, 1.0), photographs=0.1)
+    groups = [
+        mission(count, 32, grey, grey > 0) for count, grey in ((rendered, 0), (photographs, 255)) if count
+    ]
+    sampler, rng = CropSampler(groups, plan), np.random.default_rng(14)
+    light = [float(sampler.draw(1, rng, CPU).image.mean()) for _ in range(1000)]
+    assert np.mean(light) == pytest.approx(share, abs=0.04)
 
 
 def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 WIDE_CROPS = 0.3
 """Share of the crops of any scale with `--wide`."""
+WIDE_PHOTOGRAPHS = 0.1
+"""Least share of the crops from labelled pictures with `--wide`, where there are some."""
 
 
 def train(
@@ -80,7 +82,9 @@ def train(
         target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
     )
     if wide:
-        plan = replace(plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS))
+        plan = replace(
+            plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
+        )
     if initial is not None and initial.suffix == ".onnx":
         plan = replace(plan, frozen_statistics=True)
     paths, held_out = options.recordings_in(data), options.recordings_in(validation)

@@ -43,6 +43,9 @@ class CropPlan:
     """Share of the crops whose scale lies anywhere in `wide_scale`."""
     wide_scale: tuple[float, float] = (0.2, 4.0)
     """Its upper end is not reached where a crop would show more than the frame."""
+    photographs: float = 0.0
+    """Least share of the crops from labelled pictures, where there are some: a few of them would be lost
+    among thousands of rendered frames."""
 
 
 class CropSampler:
@@ -54,7 +57,8 @@ class CropSampler:
             (mission, frame) for mission in range(len(missions)) for frame in range(len(missions[mission]))
         ]
         pixels = np.array([missions[mission].images[0, ..., 0].size for mission, _ in self._where], float)
-        self._chance = pixels / pixels.sum()
+        photographs = np.array([missions[mission].photographs for mission, _ in self._where], bool)
+        self._chance = _with_share(pixels / pixels.sum(), photographs, plan.photographs)
 
     def __len__(self) -> int:
         return len(self._where)
@@ -114,6 +118,15 @@ class CropSampler:
                 centre = np.array([columns[one] + 0.5, rows[one] + 0.5]) * LABEL_STRIDE + near
         margin = np.minimum(0.5 * scale * np.array([plan.width, plan.height]), 0.5 * size)
         return np.clip(centre, margin, size - margin)
+
+
+def _with_share(chance: NDArray[np.float64], chosen: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
+    """The chances such that those `chosen` make up `share` of all; as they are where they do, or are all or
+    none."""
+    now = float(chance[chosen].sum())
+    if now >= share or not chosen.any() or chosen.all():
+        return chance
+    return np.where(chosen, chance * share / now, chance * (1.0 - share) / (1.0 - now))
 
 
 def _affine(centre: NDArray[np.float64], scale: float, turn: float, mirror: float) -> NDArray[np.float64]:

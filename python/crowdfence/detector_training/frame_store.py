@@ -22,6 +22,7 @@ from crowdfence.detector_training.labels import (
     training_labels,
 )
 from crowdfence.labelled_pictures.coco import annotation_file
+from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
 
 _FORMAT = 4
 
@@ -39,6 +40,8 @@ class StoredMission:
     """[N, T, h, w] False where the truth is unknown."""
     skipped: tuple[str, ...]
     """Frames that could not be used, and why."""
+    photographs: bool = False
+    """Labelled pictures instead of a recording."""
 
     def __len__(self) -> int:
         return len(self.images)
@@ -65,8 +68,9 @@ def store_missions(
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         options = dict(terrain_options or {})
         parts = [folder / _key(path, targets, options) for path in paths]
-        for mission in pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts):
-            missions.append(_mapped(mission))
+        stored = pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts)
+        for path, part in zip(paths, stored, strict=True):
+            missions.append(_mapped(part, is_labelled_pictures(path)))
             if on_mission is not None:
                 on_mission(missions[-1])
     return missions
@@ -85,7 +89,6 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     if description.exists():
         return part
     from crowdfence.errors import FrameError
-    from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
     from crowdfence.pipeline import open_terrain
     from crowdfence.sources import open_recording
 
@@ -166,12 +169,12 @@ class _Arrays:
         )
 
 
-def _mapped(part: Path) -> StoredMission:
+def _mapped(part: Path, photographs: bool) -> StoredMission:
     facts = json.loads(part.with_suffix(".json").read_text())
     images, crowd, known = (
         np.load(_file(part, name), mmap_mode="r")[: facts["frames"]] for name in ("images", "crowd", "known")
     )
-    return StoredMission(facts["name"], images, crowd, known, tuple(facts["skipped"]))
+    return StoredMission(facts["name"], images, crowd, known, tuple(facts["skipped"]), photographs)
 
 
 def _file(part: Path, name: str) -> Path:
