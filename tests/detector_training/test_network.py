@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
 from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
-from crowdfence.detector_training.clutter import cluttered  # noqa: E402
+from crowdfence.detector_training.clutter import cluttered, overgrown  # noqa: E402
 from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
 from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
@@ -176,6 +176,23 @@ def test_clutter_comes_from_crops_without_crowd_and_covers_nobody():
     away = torch.ones(96, 128, dtype=torch.bool)
     away[4:44, 4:44] = False
     assert (reached[away] > 0.5).all()
+
+
+def test_foliage_has_the_colours_of_plants_and_covers_nobody():
+    """On white ground: what is darker are leaves, few of them blue, violet or pink."""
+    crowd = torch.zeros(2, 1, 24, 32)
+    crowd[:, 0, 4:8, 4:8] = 1.0
+    batch = Batch(torch.ones(2, 3, 96, 128), crowd, torch.ones_like(crowd))
+    rng, coloured, grown, plain = np.random.default_rng(10), 0, 0, 0
+    for _ in range(100):
+        image = overgrown(batch, rng)
+        assert float(image.min()) >= 0.0 and (image[:, :, 10:38, 10:38] == 1.0).all()
+        leaves = image.amax(dim=1) < 0.9
+        grown += int(leaves.sum())
+        plain += int((image == 1.0).flatten(1).all(dim=1).sum())
+        coloured += int((leaves & (image[:, 2] > image[:, :2].amax(dim=1) + 0.05)).sum())
+    assert grown > 200 * 96 * 128 * 0.03 and 100 < plain < 180  # three in ten
+    assert coloured < 0.05 * grown  # flowers: a fifth of the leaves of a seventh of the plants, at most
 
 
 def test_clutter_lies_on_no_unknown_cell():

@@ -1,9 +1,9 @@
 """Crops laid upon one another: what lies around a crowd becomes other than anything that was rendered.
 
 Pictures without crowds, photographs among them where there are some, replace or stain the ground of other
-crops in soft patches, never where somebody stands. A dense and random background at the scale of the objects
-is what training on renderings needs most (Hinterstoisser et al., 2019); pasted edges must not show (Dwibedi
-et al., 2017).
+crops in soft patches, and foliage grows over them, never where somebody stands. A dense and random background
+at the scale of the objects is what training on renderings needs most (Hinterstoisser et al., 2019); pasted
+edges must not show (Dwibedi et al., 2017).
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from crowdfence.detector_training.crops import Batch
+from crowdfence.detector_training.foliage import crowns
 
 SHARE = 0.5
 """Of the crops, where the batch holds one without crowd."""
+OVERGROWN = 0.3
+"""Of the crops."""
 _AROUND_PEOPLE = 5
 """Cells across which nothing is laid around a cell with people."""
 
@@ -37,6 +40,16 @@ def cluttered(batch: Batch, rng: np.random.Generator) -> Tensor:
             light = laid.mean(dim=0, keepdim=True) / laid.mean().clamp_min(0.05)
             laid = image[index] * light.clamp(0.2, 2.5)
         image[index] = image[index] * (1.0 - share) + laid.clamp(0.0, 1.0) * share
+    return image
+
+
+def overgrown(batch: Batch, rng: np.random.Generator) -> Tensor:
+    """Images [B, 3, H, W] of `batch`, some with foliage (`foliage`) in them; the labels stay true."""
+    image, free = batch.image.clone(), _free(batch)
+    for index in np.flatnonzero(rng.random(len(image)) < OVERGROWN).tolist():
+        leaves, cover = crowns(rng, image[index])
+        share = free[index] * cover
+        image[index] = image[index] * (1.0 - share) + leaves * share
     return image
 
 
