@@ -11,12 +11,14 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
 from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
-from crowdfence.detector_training.clutter import cluttered, overgrown  # noqa: E402
+from crowdfence.detector_training.clutter import cluttered, furnished  # noqa: E402
 from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler  # noqa: E402
+from crowdfence.detector_training.foliage import crowns  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
 from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
 from crowdfence.detector_training.network import CrowdNet  # noqa: E402
 from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx  # noqa: E402
+from crowdfence.detector_training.patterns import panels  # noqa: E402
 from crowdfence.detector_training.photography import (  # noqa: E402
     _softened,
     photographed,
@@ -178,21 +180,44 @@ def test_clutter_comes_from_crops_without_crowd_and_covers_nobody():
     assert (reached[away] > 0.5).all()
 
 
-def test_foliage_has_the_colours_of_plants_and_covers_nobody():
-    """On white ground: what is darker are leaves, few of them blue, violet or pink."""
+def test_what_is_laid_over_crops_covers_nobody_and_three_to_five_in_ten_crops():
     crowd = torch.zeros(2, 1, 24, 32)
     crowd[:, 0, 4:8, 4:8] = 1.0
-    batch = Batch(torch.ones(2, 3, 96, 128), crowd, torch.ones_like(crowd))
-    rng, coloured, grown, plain = np.random.default_rng(10), 0, 0, 0
+    batch = Batch(torch.full((2, 3, 96, 128), 0.5), crowd, torch.ones_like(crowd))
+    rng, changed = np.random.default_rng(10), 0
     for _ in range(100):
-        image = overgrown(batch, rng)
-        assert float(image.min()) >= 0.0 and (image[:, :, 10:38, 10:38] == 1.0).all()
-        leaves = image.amax(dim=1) < 0.9
-        grown += int(leaves.sum())
-        plain += int((image == 1.0).flatten(1).all(dim=1).sum())
-        coloured += int((leaves & (image[:, 2] > image[:, :2].amax(dim=1) + 0.05)).sum())
-    assert grown > 200 * 96 * 128 * 0.03 and 100 < plain < 180  # three in ten
-    assert coloured < 0.05 * grown  # flowers: a fifth of the leaves of a seventh of the plants, at most
+        image = furnished(batch, rng)
+        assert float(image.min()) >= 0.0 and float(image.max()) <= 1.0
+        assert torch.allclose(image[:, :, 10:38, 10:38], batch.image[:, :, 10:38, 10:38], atol=1e-6)
+        changed += int((image != batch.image).flatten(1).any(dim=1).sum())
+    # 1 - 0.7 x 0.8 = 0.44 of 200, less where what is laid falls beside the crop or on people.
+    assert 50 < changed < 105
+
+
+def test_foliage_has_the_colours_of_plants():
+    """Yellow to red and green: where no plant is in flower, the largest of the three is never blue."""
+    rng, like = np.random.default_rng(11), torch.zeros(3, 96, 128)
+    blue = total = 0
+    for _ in range(60):
+        leaves, cover = crowns(rng, like)
+        assert leaves.shape == (3, 96, 128) and cover.shape == (1, 96, 128)
+        assert float(cover.min()) >= 0.0 and float(cover.max()) <= 1.0
+        shown = (cover[0] > 0.5) & (leaves.amax(dim=0) > 0.1)
+        blue += int((shown & (leaves[2] > leaves[:2].amax(dim=0) + 0.03)).sum())
+        total += int(shown.sum())
+    assert total > 50_000 and blue < 0.05 * total  # flowers: a third of the leaves of a seventh of the plants
+
+
+def test_things_in_rows_show_where_they_cover_and_nowhere_else():
+    rng, like = np.random.default_rng(12), torch.zeros(3, 96, 128)
+    covered = 0.0
+    for _ in range(60):
+        laid, cover = panels(rng, like)
+        assert float(laid.min()) >= 0.0 and float(laid.max()) <= 1.0
+        assert float(cover.min()) >= 0.0 and float(cover.max()) <= 1.0
+        assert (laid[:, cover[0] == 0.0] == 0.0).all()
+        covered += float(cover.mean()) / 60
+    assert 0.1 < covered < 0.9
 
 
 def test_clutter_lies_on_no_unknown_cell():

@@ -1,9 +1,9 @@
 """Crops laid upon one another: what lies around a crowd becomes other than anything that was rendered.
 
 Pictures without crowds, photographs among them where there are some, replace or stain the ground of other
-crops in soft patches, and foliage grows over them, never where somebody stands. A dense and random background
-at the scale of the objects is what training on renderings needs most (Hinterstoisser et al., 2019); pasted
-edges must not show (Dwibedi et al., 2017).
+crops in soft patches; foliage and things made in rows are laid over them; never where somebody stands. A
+dense and random background at the scale of the objects is what training on renderings needs most
+(Hinterstoisser et al., 2019); pasted edges must not show (Dwibedi et al., 2017).
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from torch.nn import functional
 
 from crowdfence.detector_training.crops import Batch
 from crowdfence.detector_training.foliage import crowns
+from crowdfence.detector_training.patterns import panels
 
 SHARE = 0.5
 """Of the crops, where the batch holds one without crowd."""
-OVERGROWN = 0.3
-"""Of the crops."""
+LAID = ((crowns, 0.3), (panels, 0.2))
+"""What else is laid upon which share of the crops."""
 _AROUND_PEOPLE = 5
 """Cells across which nothing is laid around a cell with people."""
 
@@ -43,13 +44,14 @@ def cluttered(batch: Batch, rng: np.random.Generator) -> Tensor:
     return image
 
 
-def overgrown(batch: Batch, rng: np.random.Generator) -> Tensor:
-    """Images [B, 3, H, W] of `batch`, some with foliage (`foliage`) in them; the labels stay true."""
+def furnished(batch: Batch, rng: np.random.Generator) -> Tensor:
+    """Images [B, 3, H, W] of `batch`, some with foliage or things in rows in them; the labels stay true."""
     image, free = batch.image.clone(), _free(batch)
-    for index in np.flatnonzero(rng.random(len(image)) < OVERGROWN).tolist():
-        leaves, cover = crowns(rng, image[index])
-        share = free[index] * cover
-        image[index] = image[index] * (1.0 - share) + leaves * share
+    for made, often in LAID:
+        for index in np.flatnonzero(rng.random(len(image)) < often).tolist():
+            laid, cover = made(rng, image[index])
+            share = free[index] * cover
+            image[index] = image[index] * (1.0 - share) + laid * share
     return image
 
 

@@ -22,7 +22,7 @@ _HEIGHT, _WIDTH = 300, 400
 
 
 def crowns(rng: np.random.Generator, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Leaves [3, H, W] for an image of that shape, and the share [1, H, W] of each pixel that they cover."""
+    """Leaves [3, H, W] for an image of that shape, and the share [1, H, W] that they cover."""
     bank = _bank()
     texture = bank[int(rng.integers(len(bank)))].to(like.device)
     span = rng.uniform(0.4, 1.0)
@@ -34,7 +34,7 @@ def crowns(rng: np.random.Generator, like: Tensor) -> tuple[Tensor, Tensor]:
     height, width = like.shape[1:]
     leaves = functional.interpolate(part[None], (height, width), mode="bilinear", align_corners=False)[0]
     cover, lit = (torch.from_numpy(one).to(like.device) for one in _crown_shapes(rng, height, width))
-    light = float(np.exp(rng.normal(0.0, 0.2)))
+    light = float(np.exp(rng.normal(0.0, 0.3)))
     return (leaves * lit * light).clamp(0.0, 1.0), cover
 
 
@@ -84,7 +84,7 @@ def _leaves(rng: np.random.Generator) -> NDArray[np.float32]:
     if rng.random() < 0.15:  # in flower
         bloom = rng.random(len(seeds)) < rng.uniform(0.03, 0.3)
         hue, value = np.where(bloom, rng.random(), hue), np.where(bloom, rng.uniform(0.6, 1.0), value)
-    gap = rng.random(len(seeds)) < rng.uniform(0.0, 0.25)
+    gap = rng.random(len(seeds)) < rng.uniform(0.0, 0.4)
     value = np.clip(np.where(gap, 0.3 * value, value), 0.02, 1.0)
     colours = _rgb(hue, np.clip(saturation, 0.05, 0.95), value)
     boughs, bough, edge = _cells(rng, size * float(rng.uniform(4.0, 9.0)))
@@ -100,7 +100,7 @@ def _cells(
     """Random seeds [N, 2] about `size` pixels apart, the nearest of each pixel [H, W], and how far from its
     cell's border the pixel lies, up to 1."""
     seeds = rng.uniform(0.0, 1.0, (round(_HEIGHT * _WIDTH / size**2), 2)) * (_HEIGHT, _WIDTH)
-    pixels = np.stack(np.mgrid[0:_HEIGHT, 0:_WIDTH], axis=-1)
+    pixels = np.moveaxis(np.mgrid[0:_HEIGHT, 0:_WIDTH], 0, -1)
     distance, nearest = cKDTree(seeds).query(pixels, k=2)
     return seeds, nearest[..., 0], np.clip((distance[..., 1] - distance[..., 0]) / (0.4 * size), 0.0, 1.0)
 

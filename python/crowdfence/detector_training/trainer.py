@@ -16,7 +16,7 @@ import torch
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector_training.augmentation import varied
 from crowdfence.detector_training.average import WeightAverage
-from crowdfence.detector_training.clutter import cluttered, overgrown
+from crowdfence.detector_training.clutter import cluttered, furnished
 from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
 from crowdfence.detector_training.loss import crowd_loss
@@ -126,7 +126,7 @@ def _batches(
         if not plan.wide:
             return batch._replace(image=varied(batch.image, rng))
         batch = batch._replace(image=cluttered(batch, rng))
-        return batch._replace(image=photographed(varied(overgrown(batch, rng), rng), rng))
+        return batch._replace(image=photographed(varied(furnished(batch, rng), rng), rng))
 
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(made, first) if first < plan.steps else None
