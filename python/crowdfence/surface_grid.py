@@ -19,6 +19,7 @@ MAX_COLUMNS = 1 << 28
 
 _VOXELS_PER_BLOCK = 1 << 20  # 24 MB of indices at a time, however large the terrain is
 _UP = np.array([0, 0, 1], dtype=np.int64)
+_NOWHERE = np.zeros(2, dtype=np.int64)
 _NO_TOP = np.iinfo(np.int32).min
 _NO_BOTTOM = np.iinfo(np.int32).max
 
@@ -92,6 +93,7 @@ class SurfaceGrid:
             len(index_array),
             lambda ids: index_array[ids],
             _buried_among(index_array),
+            _extent(index_array[:, :2]) if len(index_array) else (_NOWHERE, _NOWHERE),
             np.asarray(probability, dtype=np.float64),
             np.asarray(state, dtype=np.uint8),
             None if last_seen_ns is None else np.asarray(last_seen_ns, dtype=np.int64),
@@ -115,10 +117,12 @@ class SurfaceGrid:
         Raises ValueError as `from_voxels` does.
         """
         terrain = crowd_map.terrain
+        corners = np.rint((terrain.bounds - terrain.origin) / terrain.voxel_size_m).astype(np.int64)
         voxels = _Voxels(
             terrain.voxel_count,
             terrain.voxel_indices,
             lambda indices: terrain.voxel_ids(indices + _UP) >= 0,
+            (corners[0, :2], corners[1, :2] - 1),
             crowd_map.probability(stamp_ns),
             crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s),
             crowd_map.last_seen_ns(),
@@ -181,6 +185,8 @@ class _Voxels:
     """ids [N] -> grid indices [N, 3]"""
     is_buried: Callable[[NDArray[np.int64]], NDArray[np.bool_]]
     """grid indices [N, 3] -> whether a voxel lies on top [N]"""
+    columns: tuple[NDArray[np.int64], NDArray[np.int64]]
+    """Lowest and highest column index [2] of all voxels."""
     probability: NDArray[np.float64]
     state: NDArray[np.uint8]
     last_seen_ns: NDArray[np.int64] | None
@@ -201,15 +207,24 @@ class _Voxels:
         if bad.size:
             raise ValueError(f"probability {bad[0]} of a seen voxel is outside [0, 1]")
 
-    def blocks(self, only_seen: bool = False) -> Iterator[NDArray[np.int64]]:
+    def blocks(self) -> Iterator[NDArray[np.int64]]:
         """Ids in blocks, so that no array of indices of the whole terrain ever exists."""
         for start in range(0, self.count, _VOXELS_PER_BLOCK):
-            stop = min(start + _VOXELS_PER_BLOCK, self.count)
-            ids: NDArray[np.int64] = np.arange(start, stop, dtype=np.int64)
-            if only_seen:
-                ids = ids[_is_seen(self.state[start:stop])]
-            if ids.size:
-                yield ids
+            yield np.arange(start, min(start + _VOXELS_PER_BLOCK, self.count), dtype=np.int64)
+
+    def seen_columns(self) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+        """Lowest and highest column index [2] of the voxels that were ever seen."""
+        corners: list[NDArray[np.int64]] = []
+        for ids in self.blocks():
+            seen = ids[_is_seen(self.state[ids[0] : ids[-1] + 1])]
+            if seen.size:
+                corners += _extent(self.indices_of(seen)[:, :2])
+        return _extent(np.array(corners)) if corners else None
+
+
+def _extent(columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Lowest and highest [2] of column indices [N, 2], N at least 1."""
+    return columns.min(axis=0), columns.max(axis=0)
 
 
 def _buried_among(indices: NDArray[np.int64]) -> Callable[[NDArray[np.int64]], NDArray[np.bool_]]:
@@ -269,30 +284,17 @@ def _kept_columns(
     voxels: _Voxels, crop: Crop, margin_cells: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Lowest and highest column index [2] to keep."""
-    surface = _column_extent(voxels, only_seen=False)
-    assert surface is not None
+    surface = voxels.columns
     if crop == "surface":
         return surface
     if crop != "seen":
         raise ValueError(f'crop must be "surface" or "seen", got {crop!r}')
-    seen = _column_extent(voxels, only_seen=True)
+    seen = voxels.seen_columns()
     if seen is None:
         return surface
     # The margin never reaches beyond the terrain, where there is nothing to show.
     margin = int(np.ceil(min(margin_cells, float(MAX_COLUMNS))))
     return np.maximum(seen[0] - margin, surface[0]), np.minimum(seen[1] + margin, surface[1])
-
-
-def _column_extent(voxels: _Voxels, *, only_seen: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    extents = [
-        (columns.min(axis=0), columns.max(axis=0))
-        for columns in (voxels.indices_of(ids)[:, :2] for ids in voxels.blocks(only_seen))
-    ]
-    if not extents:
-        return None
-    lowest = np.min([low for low, _ in extents], axis=0)
-    highest = np.max([high for _, high in extents], axis=0)
-    return lowest.astype(np.int64), highest.astype(np.int64)
 
 
 class _Columns:

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,28 +25,23 @@ from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
-from crowdfence.sources.mission.camera_info import camera_from_info
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
-from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of, open_bag
+from crowdfence.sources.ros_bag.bag_content import BagContent, PoseRows
+from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, open_bag
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
-    FIX,
-    ODOMETRY,
-    POSE_WITH_COVARIANCE,
-    TRANSFORM,
     DroneTopics,
     guessed_topics,
     stated_topics,
     topic_list,
 )
-from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, TransformTree, composed
+from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, composed
 
 _BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
 """Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
-_NO_FIX = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,123 +68,16 @@ def read_bag(path: Path, limits: Limits, options: BagOptions) -> Recording:
             f"{path} holds no camera with a pose that can be told by itself; name them with --topics "
             f"camera=...,info=...,pose=... from {topic_list(topics)}"
         )
-    content = _Content(bag, chosen)
+    content = BagContent(bag, chosen)
     reader = _Reader(bag, chosen, content, limits, options, guessed=not stated)
     return reader.recording()
-
-
-@dataclass(slots=True)
-class _Rows:
-    """Poses or attitudes of one topic in the order of recording."""
-
-    stamps_ns: list[int] = field(default_factory=list)
-    positions: list[list[float]] = field(default_factory=list)
-    quaternions: list[list[float]] = field(default_factory=list)
-    child_frame: str = ""
-
-    def track(self) -> tuple[PoseTrack, list[str]]:
-        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)
-
-
-class _Content:
-    """What one pass over the chosen topics meets."""
-
-    def __init__(self, bag: Bag, chosen: Sequence[DroneTopics]) -> None:
-        self.bag = bag
-        self.types = {name: topic.type for name, topic in bag.topics().items()}
-        self.tree = TransformTree()
-        self.rows: dict[str, _Rows] = {}
-        self.fixes: dict[str, list[tuple[int, float, float, float]]] = {}
-        """Stamp, latitude, longitude, ellipsoidal height by topic."""
-        self.cameras: dict[str, dict[int, Camera | str]] = {}
-        self.pictures: dict[str, dict[int, BagMessage]] = {}
-        """Messages without their data, by topic and stamp."""
-        self.repeated: dict[str, list[int]] = {}
-        self.frames: dict[str, str] = {}
-        """Frame that the messages of a topic name."""
-        self.faulty: dict[str, list[str]] = {}
-        self._known: dict[bytes, Camera | str] = {}
-        pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
-        static = [name for name in self.types if name.endswith("/tf_static")]
-        wanted = {
-            name
-            for one in chosen
-            for name in (one.info, one.camera_pose, one.pose, one.tf, one.fix, one.imu, one.origin)
-            if name
-        }
-        for message in bag.messages([*pixels, *wanted, *static]):
-            try:
-                if message.topic in pixels:
-                    self._take_picture(message)
-                else:
-                    self._take(message)
-            except (ValueError, AttributeError) as error:
-                self.faulty.setdefault(message.topic, []).append(str(error))
-
-    def _take_picture(self, message: BagMessage) -> None:
-        header = header_of(message.data, ros1=self.bag.ros1)
-        self.frames.setdefault(message.topic, header.frame)
-        place = BagMessage(message.topic, message.log_ns, b"", message.place)
-        taken = self.pictures.setdefault(message.topic, {})
-        if taken.setdefault(header.stamp_ns, place) is not place:
-            self.repeated.setdefault(message.topic, []).append(header.stamp_ns)
-
-    def _take(self, message: BagMessage) -> None:
-        kind = self.types[message.topic]
-        if kind.endswith("CameraInfo"):
-            self._take_info(message)
-            return
-        found = decode(message.data, kind, ros1=self.bag.ros1)
-        if hasattr(found, "transforms"):
-            for transform in found.transforms:
-                self.tree.add(transform, fixed=message.topic.endswith("_static"))
-            return
-        stamp = found.header.stamp
-        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-        self.frames.setdefault(message.topic, found.header.frame_id.lstrip("/"))
-        if kind == FIX:
-            if found.status.status > _NO_FIX:
-                place = (float(found.latitude), float(found.longitude), float(found.altitude))
-                self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
-        elif kind.endswith("GeoPointStamped"):
-            at = found.position
-            self.fixes.setdefault(message.topic, []).append(
-                (stamp_ns, float(at.latitude), float(at.longitude), float(at.altitude))
-            )
-        else:
-            self._take_pose(message.topic, kind, stamp_ns, found)
-
-    def _take_pose(self, topic: str, kind: str, stamp_ns: int, found: Any) -> None:
-        rows = self.rows.setdefault(topic, _Rows())
-        rows.child_frame = getattr(found, "child_frame_id", "").lstrip("/") or rows.child_frame
-        if kind.endswith("Imu"):
-            position, turn = SimpleNamespace(x=0.0, y=0.0, z=0.0), found.orientation
-        elif kind == TRANSFORM:
-            position, turn = found.transform.translation, found.transform.rotation
-        else:
-            pose = found.pose.pose if kind in (ODOMETRY, POSE_WITH_COVARIANCE) else found.pose
-            position, turn = pose.position, pose.orientation
-        rows.stamps_ns.append(stamp_ns)
-        rows.positions.append([position.x, position.y, position.z])
-        rows.quaternions.append([turn.w, turn.x, turn.y, turn.z])
-
-    def _take_info(self, message: BagMessage) -> None:
-        header = header_of(message.data, ros1=self.bag.ros1)
-        key = message.data[12:]
-        if key not in self._known:
-            try:
-                info = decode(message.data, self.types[message.topic], ros1=self.bag.ros1)
-                self._known[key] = camera_from_info(_as_ros2(info))
-            except ValueError as error:
-                self._known[key] = f"its camera_info cannot be used: {error}"
-        self.cameras.setdefault(message.topic, {})[header.stamp_ns] = self._known[key]
 
 
 @dataclass(slots=True)
 class _Reader:
     bag: Bag
     chosen: list[DroneTopics]
-    content: _Content
+    content: BagContent
     limits: Limits
     options: BagOptions
     guessed: bool
@@ -268,7 +155,7 @@ class _Reader:
         return frames.get(one.camera or "") or frames.get(one.info or "") or ""
 
     def _rows(self, drone: str, topic: str) -> PoseTrack:
-        track, remarks = self.content.rows.get(topic, _Rows()).track()
+        track, remarks = self.content.rows.get(topic, PoseRows()).track()
         self.warnings += [f"{drone}: {topic}: {remark}" for remark in remarks]
         return track
 
@@ -304,7 +191,7 @@ class _Reader:
         positions = self.anchor.local_from_geodetic(*fixes[:, 1:].T)
         level = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
         place, _ = track_from_rows(stamps, positions, level)
-        turn, remarks = self.content.rows.get(imu, _Rows()).track()
+        turn, remarks = self.content.rows.get(imu, PoseRows()).track()
         self.warnings += [f"{imu}: {remark}" for remark in remarks]
         gap_s = max(self.limits.max_pose_gap_s, _longest_usual_gap_s(stamps))
         return composed([place, turn], gap_s)
@@ -403,11 +290,3 @@ def _near(track: PoseTrack, stamp_ns: int) -> NDArray[np.float64] | None:
 def _longest_usual_gap_s(stamps_ns: Sequence[int]) -> float:
     """Receivers report once to ten times a second: half as much again as the usual pause."""
     return 1.5 * float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
-
-
-def _as_ros2(info: Any) -> Any:
-    """A CameraInfo of ROS 1, whose matrices are in capitals, as one of ROS 2."""
-    names = ("d", "k", "r", "p")
-    matrices = {name: list(getattr(info, name, getattr(info, name.upper(), []))) for name in names}
-    plain = ("width", "height", "distortion_model", "binning_x", "binning_y", "roi")
-    return SimpleNamespace(**{name: getattr(info, name) for name in plain}, **matrices)

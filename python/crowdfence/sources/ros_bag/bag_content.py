@@ -1,0 +1,138 @@
+"""What one pass over the chosen topics of a bag meets: poses, places, intrinsics, where its pictures are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+from crowdfence._core import Camera
+from crowdfence.sources.mission.camera_info import camera_from_info
+from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of
+from crowdfence.sources.ros_bag.topic_choice import (
+    FIX,
+    ODOMETRY,
+    POSE_WITH_COVARIANCE,
+    TRANSFORM,
+    DroneTopics,
+)
+from crowdfence.sources.ros_bag.transforms import TransformTree
+
+_NO_FIX = -1
+
+
+@dataclass(slots=True)
+class PoseRows:
+    """Poses or attitudes of one topic in the order of recording."""
+
+    stamps_ns: list[int] = field(default_factory=list)
+    positions: list[list[float]] = field(default_factory=list)
+    quaternions: list[list[float]] = field(default_factory=list)
+    child_frame: str = ""
+
+    def track(self) -> tuple[PoseTrack, list[str]]:
+        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)
+
+
+class BagContent:
+    """Everything but the pixels, which stay in the bag until they are asked for."""
+
+    def __init__(self, bag: Bag, chosen: Sequence[DroneTopics]) -> None:
+        self.bag = bag
+        self.types = {name: topic.type for name, topic in bag.topics().items()}
+        self.tree = TransformTree()
+        self.rows: dict[str, PoseRows] = {}
+        self.fixes: dict[str, list[tuple[int, float, float, float]]] = {}
+        """Stamp, latitude, longitude, ellipsoidal height by topic."""
+        self.cameras: dict[str, dict[int, Camera | str]] = {}
+        self.pictures: dict[str, dict[int, BagMessage]] = {}
+        """Messages without their data, by topic and stamp."""
+        self.repeated: dict[str, list[int]] = {}
+        self.frames: dict[str, str] = {}
+        """Frame that the messages of a topic name."""
+        self.faulty: dict[str, list[str]] = {}
+        self._known: dict[bytes, Camera | str] = {}
+        pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
+        static = [name for name in self.types if name.endswith("/tf_static")]
+        wanted = {
+            name
+            for one in chosen
+            for name in (one.info, one.camera_pose, one.pose, one.tf, one.fix, one.imu, one.origin)
+            if name
+        }
+        for message in bag.messages([*pixels, *wanted, *static]):
+            try:
+                if message.topic in pixels:
+                    self._take_picture(message)
+                else:
+                    self._take(message)
+            except (ValueError, AttributeError) as error:
+                self.faulty.setdefault(message.topic, []).append(str(error))
+
+    def _take_picture(self, message: BagMessage) -> None:
+        header = header_of(message.data, ros1=self.bag.ros1)
+        self.frames.setdefault(message.topic, header.frame)
+        place = BagMessage(message.topic, message.log_ns, b"", message.place)
+        taken = self.pictures.setdefault(message.topic, {})
+        if taken.setdefault(header.stamp_ns, place) is not place:
+            self.repeated.setdefault(message.topic, []).append(header.stamp_ns)
+
+    def _take(self, message: BagMessage) -> None:
+        kind = self.types[message.topic]
+        if kind.endswith("CameraInfo"):
+            self._take_info(message)
+            return
+        found = decode(message.data, kind, ros1=self.bag.ros1)
+        if hasattr(found, "transforms"):
+            for transform in found.transforms:
+                self.tree.add(transform, fixed=message.topic.endswith("_static"))
+            return
+        stamp = found.header.stamp
+        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+        self.frames.setdefault(message.topic, found.header.frame_id.lstrip("/"))
+        if kind == FIX:
+            if found.status.status > _NO_FIX:
+                place = (float(found.latitude), float(found.longitude), float(found.altitude))
+                self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
+        elif kind.endswith("GeoPointStamped"):
+            at = found.position
+            self.fixes.setdefault(message.topic, []).append(
+                (stamp_ns, float(at.latitude), float(at.longitude), float(at.altitude))
+            )
+        else:
+            self._take_pose(message.topic, kind, stamp_ns, found)
+
+    def _take_pose(self, topic: str, kind: str, stamp_ns: int, found: Any) -> None:
+        rows = self.rows.setdefault(topic, PoseRows())
+        rows.child_frame = getattr(found, "child_frame_id", "").lstrip("/") or rows.child_frame
+        if kind.endswith("Imu"):
+            position, turn = SimpleNamespace(x=0.0, y=0.0, z=0.0), found.orientation
+        elif kind == TRANSFORM:
+            position, turn = found.transform.translation, found.transform.rotation
+        else:
+            pose = found.pose.pose if kind in (ODOMETRY, POSE_WITH_COVARIANCE) else found.pose
+            position, turn = pose.position, pose.orientation
+        rows.stamps_ns.append(stamp_ns)
+        rows.positions.append([position.x, position.y, position.z])
+        rows.quaternions.append([turn.w, turn.x, turn.y, turn.z])
+
+    def _take_info(self, message: BagMessage) -> None:
+        header = header_of(message.data, ros1=self.bag.ros1)
+        key = message.data[12:]
+        if key not in self._known:
+            try:
+                info = decode(message.data, self.types[message.topic], ros1=self.bag.ros1)
+                self._known[key] = camera_from_info(_as_ros2(info))
+            except ValueError as error:
+                self._known[key] = f"its camera_info cannot be used: {error}"
+        self.cameras.setdefault(message.topic, {})[header.stamp_ns] = self._known[key]
+
+
+def _as_ros2(info: Any) -> Any:
+    """A CameraInfo of ROS 1, whose matrices are in capitals, as one of ROS 2."""
+    names = ("d", "k", "r", "p")
+    matrices = {name: list(getattr(info, name, getattr(info, name.upper(), []))) for name in names}
+    plain = ("width", "height", "distortion_model", "binning_x", "binning_y", "roi")
+    return SimpleNamespace(**{name: getattr(info, name) for name in plain}, **matrices)
