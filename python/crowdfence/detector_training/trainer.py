@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,9 @@ from crowdfence.detector_training.onnx_import import freeze_statistics, import_o
 from crowdfence.detector_training.photography import photographed
 from crowdfence.detector_training.plan import TrainingPlan
 from crowdfence.detector_training.validation import ValidationScore, validate
+
+_MADE_AHEAD = 2
+"""Batches that are made while one is learned, each by a thread: with `wide` a batch takes longer to make."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +122,7 @@ def default_device() -> torch.device:
 def _batches(
     sampler: CropSampler, plan: TrainingPlan, first: int, device: torch.device
 ) -> Iterator[tuple[int, Batch]]:
-    """Batches of the steps from `first` on, the next one made while the last is learned. The random numbers
+    """Batches of the steps from `first` on, the next ones made while the last is learned. The random numbers
     of a step depend on nothing but seed and step: that is what makes a resumed training the same."""
 
     def made(step: int) -> Batch:
@@ -128,14 +133,13 @@ def _batches(
         batch = batch._replace(image=cluttered(batch, rng))
         return batch._replace(image=photographed(varied(furnished(batch, rng), rng), rng))
 
-    with ThreadPoolExecutor(1) as pool:
-        following = pool.submit(made, first) if first < plan.steps else None
-        for step in range(first, plan.steps):
-            assert following is not None
-            batch = following.result()
-            if step + 1 < plan.steps:
-                following = pool.submit(made, step + 1)
-            yield step, batch
+    steps = iter(range(first, plan.steps))
+    with ThreadPoolExecutor(_MADE_AHEAD) as pool:
+        coming = deque((step, pool.submit(made, step)) for step in islice(steps, _MADE_AHEAD))
+        while coming:
+            step, batch = coming.popleft()
+            coming.extend((later, pool.submit(made, later)) for later in islice(steps, 1))
+            yield step, batch.result()
 
 
 class _Run:
