@@ -6,7 +6,6 @@ The files have other names than those of crowds, so that no tool takes the one f
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
@@ -18,9 +17,9 @@ from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.octomap import write_coloured_octomap, write_terrain_octomap
 from crowdfence.exports.site_picture import write_site_picture
 from crowdfence.exports.sites_geojson import write_sites
-from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run
-from crowdfence.results import PICTURE_MARGIN_M, drone_tracks, heatmaps_of
+from crowdfence.results import PICTURE_MARGIN_M, drone_tracks
+from crowdfence.run_summary import run_facts
 from crowdfence.sources.layers import LANDING_SITE
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
@@ -111,27 +110,9 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
 
 def _summary(run: Run, grid: SurfaceGrid, sites: tuple[LandingSite, ...]) -> dict[str, Any]:
     """What was run, on what, with which result, ready for JSON."""
-    first_ns, description = run.rows[0].stamp_ns, run.description
-    integrated = Counter(drone for row in run.rows for drone in row.drones)
     return {
         "layer": run.recording.layer,
-        "recording": run.recording.name,
-        "first_instant": iso_utc(first_ns),
-        "last_instant": iso_utc(run.stamp_ns),
-        "duration_s": (run.stamp_ns - first_ns) / 1e9,
-        "instants": len(run.rows),
-        "frames": {drone: integrated[drone] for drone in run.recording.drones},
-        "refused": [str(refused) for refused in run.refused],
-        "warnings": run.warnings,
-        "detector": heatmaps_of(run),
-        "terrain": {
-            "voxels": run.terrain.voxel_count,
-            "voxel_size_m": run.terrain.voxel_size_m,
-            "seen_voxels": run.rows[-1].voxels_seen_so_far,
-        },
-        "method": description.method,
-        "parameters": description.parameters,
-        "threshold": run.threshold,
+        **run_facts(run),
         "area_m2": _areas(grid),
         "closed_zones": len(run.zones.closed),
         "min_area_m2": run.config.zones.min_area_m2,

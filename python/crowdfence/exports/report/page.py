@@ -35,8 +35,8 @@ _MOST_REFUSALS = 200
 def report_page(
     summary: Mapping[str, Any], zones: ZoneSet, stamp_ns: int, picture: bytes, version: str
 ) -> str:
-    """HTML of a run: its summary (`results.summarise`), the zones at its last instant, the picture of the map
-    (PNG)."""
+    """HTML of a run: its summary (`run_summary.summarise`), the zones at its last instant, the picture of the
+    map (PNG)."""
     frames, refused = sum(summary["frames"].values()), list(summary["refused"])
     return Template(files(__package__).joinpath("page.html").read_text(encoding="utf-8")).substitute(
         title=escape(summary["recording"]),
