@@ -107,8 +107,8 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 	$(BIN)/pytest tests/detector_training/test_network.py
 
 # Twice: on rendered pictures as they are, then on the same and more varied ones with what photographs hold besides
-# laid over them (--wide), fourteen of the roadside missions left out. NO_CROWD may be a folder of photographs without
-# crowds (training/pictures_without_crowds.py); the shipped weights are made without.
+# laid over them (--wide), fourteen of the roadside missions left out; what ships is halfway between. NO_CROWD may be a
+# folder of photographs without crowds (training/pictures_without_crowds.py); the shipped weights are made without.
 detector: setup-training opengl ## the shipped detector from its recipe: about five hours on two cores
 	@mkdir -p $(MISSIONS)/first $(MISSIONS)/second
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
@@ -118,7 +118,9 @@ detector: setup-training opengl ## the shipped detector from its recipe: about f
 	  sed 's/^/--data /') $(NO_CROWD:%=--data %) --validation $(MISSIONS)/validation --resume --wide \
 	  --initial $(MISSIONS)/first/crowdnet-s.onnx --target ground --steps 5000 --learning-rate 4e-4 \
 	  --licence Apache-2.0 -o $(MISSIONS)/second/crowdnet-s.onnx
-	$(BIN)/crowdfence calibrate $(MISSIONS)/second/crowdnet-s.onnx --data $(MISSIONS)/calibration \
+	$(BIN)/python training/between_weights.py $(MISSIONS)/first/crowdnet-s.onnx $(MISSIONS)/second/crowdnet-s.onnx \
+	  $(MISSIONS)/crowdnet-s.onnx
+	$(BIN)/crowdfence calibrate $(MISSIONS)/crowdnet-s.onnx --data $(MISSIONS)/calibration \
 	  -o python/crowdfence/detector/models/crowdnet-s.onnx
 	$(BIN)/python training/picture_sizes.py python/crowdfence/detector/models/crowdnet-s.onnx $(MISSIONS)/calibration
 	$(BIN)/python training/model_card.py python/crowdfence/detector/models/crowdnet-s.onnx --version 0.2.0
