@@ -59,12 +59,12 @@ def check(
     is NaN, out of range or of another shape.
     """
     from crowdfence.detector.model_check import check_model
-    from crowdfence.detector.shipped import shipped_model
+    from crowdfence.detector.shipped import model_path
 
     _require_png("--overlay", overlay)
     with console.working() as tell:
         tell("running the model")
-        report = check_model(model or shipped_model(), contract, image, gsd_m, threads)
+        report = check_model(model_path(model), contract, image, gsd_m, threads)
     if overlay is not None:
         _write_overlay(overlay, report)
     if as_json:
