@@ -280,7 +280,8 @@ def _depth(depth_m: NDArray[np.float32], as_image: bool) -> tuple[Part, dict[str
 
         centimetres = np.rint(np.nan_to_num(depth_m) * 100).astype(np.uint16)
         encoded = io.BytesIO()
-        Image.fromarray(centimetres).save(encoded, format="PNG")
+        # At level 6, the usual one, this is a third of a simulation's work, for a tenth fewer bytes.
+        Image.fromarray(centimetres).save(encoded, format="PNG", compress_level=4)
         return "depth_cm", {"format": "png", "data": encoded.getvalue()}
     return "depth", _raster(depth_m)
 
