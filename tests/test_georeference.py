@@ -52,7 +52,7 @@ def enu(anchor, latitude_deg, longitude_deg, height_m):
 anchors = st.builds(Georeference, st.floats(-89, 89), st.floats(-180, 180), st.floats(-100, 5000))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(anchors, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-100, 5000))
 def test_local_agrees_with_the_closed_form_to_a_micrometre(anchor, north_deg, east_deg, height_m):
     latitude = anchor.latitude_deg + north_deg
@@ -62,7 +62,7 @@ def test_local_agrees_with_the_closed_form_to_a_micrometre(anchor, north_deg, ea
     np.testing.assert_allclose(local[0], enu(anchor, latitude, longitude, height_m), rtol=0, atol=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(anchors, st.tuples(st.floats(-2e4, 2e4), st.floats(-2e4, 2e4), st.floats(-3e3, 3e3)))
 def test_geodetic_is_the_inverse_of_local(anchor, point):
     latitude, longitude, height_m = anchor.geodetic_from_local([point])

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
@@ -74,7 +74,6 @@ def test_a_curve_follows_what_no_line_can() -> None:
     )
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), min_size=1, max_size=60),
     st.sampled_from([name for name in FITS if name != "none"]),

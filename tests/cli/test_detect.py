@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from crowdfence import open_recording
+from crowdfence.cli.demo import RECORDING as DEMO
 from crowdfence.detector.detector import Detector
 from crowdfence.detector.overlay import overlay
 from crowdfence.exports.video import VideoWriter
@@ -182,6 +183,18 @@ def test_a_folder_of_pictures(model: Path, tmp_path: Path) -> None:
     assert "exists" in line and "--force" in line
     assert detect(pictures / "a.png", "--model", model, "-o", tmp_path / "out", "--force").returncode == 0
     assert [path.name for path in (tmp_path / "out" / "heatmaps").iterdir()] == ["frame_000000.png"]
+
+
+def test_who_looks_where_nobody_is_named(tmp_path: Path) -> None:
+    """Pictures without poses are a camera's; a recording has a map, or may be given one."""
+    Image.fromarray(picture(4)).save(tmp_path / "a.png")
+    for source, output, expected in (
+        (tmp_path / "a.png", tmp_path / "out", "crowdnet-s-wide"),
+        (DEMO, tmp_path / "seen.mcap", "crowdnet-s"),
+    ):
+        done = detect(source, "-o", output, "--every", 60, "--no-video", "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["detector"]["name"] == expected
 
 
 def test_a_folder_without_pictures_or_recording(model: Path, tmp_path: Path) -> None:

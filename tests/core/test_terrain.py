@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ def _sorted(indices: NDArray[Any]) -> list[list[int]]:
 # --- construction
 
 
-@settings(deadline=None)
 @given(
     occupied=occupancies, origin=st.sampled_from([(0.0, 0.0, 0.0), UTM]), voxel_size_m=st.floats(0.05, 20.0)
 )
@@ -87,7 +86,6 @@ def test_a_point_on_a_plane_belongs_to_the_upper_voxel() -> None:
     assert _sorted(_indices(Terrain.from_points(points, 0.5))) == [[0, 0, -2], [1, 0, -1]]
 
 
-@settings(deadline=None)
 @given(
     heights=rough_heights, holes=st.randoms(use_true_random=False), voxel_size_m=st.sampled_from([1.0, 0.75])
 )
@@ -134,7 +132,6 @@ def test_voxels_of_another_size_sample_the_height_between_cells(
     np.testing.assert_allclose(terrain.surface_heights(ids), 50.0 + origin[2] - distances, rtol=0, atol=1e-7)
 
 
-@settings(deadline=None)
 @given(
     heights=rough_heights,
     start=st.tuples(*[st.floats(0.0, 1.0)] * 2, st.floats(7.5, 15.0)),

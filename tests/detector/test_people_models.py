@@ -249,7 +249,7 @@ def octagon(steps: int) -> np.ndarray[Any, Any]:
     return shape
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     hnp.arrays(np.float32, (18, 23), elements=st.sampled_from([0.0, 0.25, 0.5, 1.0])),
     st.integers(1, 5),

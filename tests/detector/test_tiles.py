@@ -37,7 +37,7 @@ def local_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_map_model(tmp_path_factory.mktemp("local") / "m.onnx", document(), blur_cells=1)
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(64, 200), st.integers(64, 200), st.integers(0, 2**32 - 1))
 def test_a_local_model_gives_the_same_on_tiles(local_model: Path, height: int, width: int, seed: int) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
@@ -62,7 +62,7 @@ def test_an_image_at_the_limit_is_one_patch() -> None:
     assert len(list(patches(2000, 2001, model, 4))) > 1
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_people_on_seams_are_counted_once(tmp_path: Path, seed: int) -> None:
     """A model that finds every red pixel, on tiles of 64 and on the whole image."""

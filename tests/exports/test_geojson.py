@@ -60,7 +60,7 @@ def test_corners_lie_within_a_centimetre_of_the_closed_form(tmp_path: Path) -> N
         assert min(np.hypot(*(point[:2] - corner)) for point in corners) < 0.01
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     crowd=hnp.arrays(bool, st.tuples(st.integers(1, 7), st.integers(1, 7))).filter(np.any),
     anchor=st.tuples(st.floats(-80, 80), st.floats(-180, 180), st.floats(-100, 4000)),

@@ -163,7 +163,7 @@ def test_only_what_is_known_to_be_empty_is_free() -> None:
 corners = st.lists(st.tuples(st.floats(-3, 13), st.floats(-3, 9)), min_size=3, max_size=8)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(corners)
 def test_a_zone_closes_every_cell_that_it_reaches_into(places: list[tuple[float, float]]) -> None:
     outline = shapely.MultiPoint(places).convex_hull.buffer(0.05)

@@ -218,7 +218,7 @@ def test_what_is_read_covers_what_is_closed_and_little_more(name: str, picture: 
 ANCHORS = [ANCHOR, (-33.9, 18.4, 5.0), (78.2, 15.6, 400.0), (10.0, 179.99999, 3.0), (-17.0, -179.99999, 0.0)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     crowd=hnp.arrays(bool, (8, 7)).filter(np.any),
     anchor=st.sampled_from(ANCHORS),

@@ -35,7 +35,7 @@ def held(shapes: tuple[FenceShape, ...]) -> EmulatedVehicle:
 
 
 @pytest.mark.filterwarnings("ignore:.* encountered in buffer:RuntimeWarning")  # needles of 1e-300 m
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     place=st.sampled_from(sorted(PLACES)),
     corners=st.lists(

@@ -269,7 +269,7 @@ def test_a_memory_that_is_damaged_or_cannot_be_written(tmp_path: Path) -> None:
     assert vehicle.lists == []
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     lose=st.sampled_from([0.0, 0.15, 0.3]),

@@ -75,7 +75,7 @@ def test_what_px4_was_measured_to_say() -> None:
     assert sent(ground, foreign) == MissionResult.ACCEPTED and vehicle.items == raw(foreign)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     lose=st.sampled_from([0.0, 0.1, 0.3]),

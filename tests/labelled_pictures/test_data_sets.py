@@ -201,9 +201,9 @@ def test_a_picture_that_cannot_be_read_is_refused_by_name(imported: Path) -> Non
     (imported / "images" / "a.png").write_bytes(b"no picture")
     finished = crowdfence("model", "evaluate", "--data", imported, "--json")
     assert finished.returncode == OK
-    assert json.loads(finished.stdout)["refused"][0].startswith(
-        "data: images/a.png at 0: image cannot be read"
-    )
+    report = json.loads(finished.stdout)
+    assert report["refused"][0].startswith("data: images/a.png at 0: image cannot be read")
+    assert report["contract"] == "crowdnet-s-wide"  # which looks at pictures where nobody is named
 
 
 def test_pictures_have_placeholders_for_poses_and_say_so(imported: Path) -> None:

@@ -134,7 +134,7 @@ def is_closed(zones: ZoneHistory, point: np.ndarray, stamp_ns: int, expires: boo
     return False
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), expires=st.booleans())
 def test_answers_agree_with_slow_ones(seed: int, expires: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -212,7 +212,7 @@ def apart_m(one: Zone, point: np.ndarray) -> float:
     return float(np.hypot(one.polygon.distance(here), max(over, 0.0)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), expires=st.booleans(), far_m=st.sampled_from([0.0, 40.0, 5000.0]))
 def test_any_shape_is_judged_as_shapely_judges_it_alone(seed: int, expires: bool, far_m: float) -> None:
     rng = np.random.default_rng(seed)

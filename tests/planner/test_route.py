@@ -85,7 +85,7 @@ def test_what_is_no_place_is_refused() -> None:
         safe_route((0, 0), (1, 1), [], clearance_m=-1.0)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 12), clearance_m=st.sampled_from([0.0, 3.0]))
 def test_a_way_is_clear_and_no_shorter_than_the_straight_one(
     seed: int, count: int, clearance_m: float
@@ -181,7 +181,7 @@ def test_a_clock_needs_a_speed(options: dict[str, object], message: str) -> None
         safe_route((0, 0), (1, 1), [], **options)  # type: ignore[arg-type]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), clearance_m=st.sampled_from([0.0, 2.0]))
 def test_a_timed_way_is_clear_and_no_later_than_one_that_waits_for_nothing(
     seed: int, clearance_m: float

@@ -35,7 +35,7 @@ def test_two_zones_that_meet_are_left_together() -> None:
     assert way_out((50.0, 5.0), [SQUARE, beside]) == pytest.approx((50.0, 40.05), abs=0.01)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     boxes=st.lists(st.tuples(*[st.integers(-60, 60)] * 2, *[st.integers(1, 50)] * 2), min_size=1, max_size=5),
     clearance_m=st.sampled_from([0.0, 3.0, 15.0]),

@@ -37,9 +37,7 @@ def test_no_answer_breaks_the_description(tmp_path: Path) -> None:
             operation = found.ok()
             for mode in GenerationMode:
 
-                @settings(
-                    max_examples=3, deadline=None, database=None, suppress_health_check=list(HealthCheck)
-                )
+                @settings(max_examples=3, database=None, suppress_health_check=list(HealthCheck))
                 @given(operation.as_strategy(generation_mode=mode))
                 def keeps_its_promise(case) -> None:
                     case.call_and_validate(checks=CHECKS)

@@ -66,7 +66,7 @@ def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp
     assert history_line(0, newest.zones, {}) == history_line(0, again.zones, {})
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_a_loop_goes_on_from_its_bytes_as_if_nothing_had_happened(seed: int) -> None:
     """Zones are created, split, merged and held in this flight; cut anywhere, the rest is the same."""

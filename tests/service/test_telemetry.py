@@ -350,7 +350,7 @@ def test_a_mission_without_a_place_on_earth_takes_no_telemetry() -> None:
 # --- whose clock ---
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(
     start_ns=st.integers(10**18, 2 * 10**18),
     ways_ns=st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=24),

@@ -24,7 +24,7 @@ def numbers_in(track: Track, numbers: range) -> list[int]:
 
 
 @given(st.lists(st.integers(0, 60), max_size=60), st.integers(-1, 61), st.integers(1, 9))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_it_tells_the_newest_until_a_stamp_and_the_way_there(
     given_in: list[int], asked: int, points: int
 ) -> None:

@@ -63,7 +63,7 @@ def test_rounded_heights_are_never_below(heights: list[float], rounding: float, 
 
 @pytest.mark.parametrize("name", ["race", "empty"])
 @given(drone=st.integers(0, 2), t_s=st.floats(-5.0, 2000.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_poses_are_rigid_and_the_camera_stays_on_the_drone(name: str, drone: int, t_s: float) -> None:
     state = scene_of(name).flight.at(drone, t_s)
     for pose in (state.world_from_body, state.world_from_camera):

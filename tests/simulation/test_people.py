@@ -81,7 +81,7 @@ def test_guide_line_around_a_quarter_circle() -> None:
     shape=st.floats(0.2, 5.0),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_slots_keep_their_distance(people: int, spacing: float, room: float, shape: float, seed: int) -> None:
     area = people * spacing**2 * room + (4.0 * spacing) ** 2
     length, depth = np.sqrt(area * shape), np.sqrt(area / shape)
@@ -93,7 +93,7 @@ def test_slots_keep_their_distance(people: int, spacing: float, room: float, sha
 
 
 @given(people=st.integers(1, 120), spacing=st.floats(0.5, 2.0), seed=st.integers(0, 1000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_core_slots_keep_their_distance_and_stay_inside(people: int, spacing: float, seed: int) -> None:
     length, depth = 20.0 * spacing, 16.0 * spacing
     slots = core_slots(people, length, depth, spacing, everywhere, np.random.default_rng(seed))
@@ -131,7 +131,7 @@ def test_no_room_is_no_crowd() -> None:
     t_s=st.floats(-10.0, 5000.0),
     seed=st.integers(0, 50),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_personal_distance_is_kept_at_any_time(
     motion: str, density: str, spacing: float, t_s: float, seed: int
 ) -> None:

@@ -69,7 +69,7 @@ fractions = st.floats(0.0, 0.9)
     ),
     frames=st.integers(1, 1100),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_every_frame_is_accounted_for(trouble: TroublePlan, frames: int) -> None:
     schedule = with_trouble(trouble, frames)
     taken = captures(schedule)
@@ -86,7 +86,7 @@ def test_every_frame_is_accounted_for(trouble: TroublePlan, frames: int) -> None
 
 
 @given(frames=st.integers(2, 1300))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_shorter_mission_is_the_beginning_of_a_longer_one(frames: int) -> None:
     trouble = TroublePlan(clock_jitter_ms=3, dropped=0.1, duplicated=0.1, late=0.1)
     longer = captures(with_trouble(trouble, 1300))
@@ -167,7 +167,7 @@ def lossy_telemetry() -> tuple[Schedule, Telemetry]:
 
 
 @given(start=st.integers(-400, 16_000), span=st.integers(0, 4_800))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_any_span_of_telemetry_is_a_piece_of_the_whole(start: int, span: int) -> None:
     schedule, whole = lossy_telemetry()
     piece = schedule.telemetry(0, start / 400, (start + span) / 400)

@@ -96,7 +96,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, text: str, why: str) -> None:
 
 
 @given(st.binary(max_size=300), st.integers(0, len(ROS)))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_bytes_are_a_calibration_or_refused(
     tmp_path_factory: pytest.TempPathFactory, noise: bytes, at: int
 ) -> None:

@@ -476,7 +476,7 @@ def test_lying_lengths_cost_no_memory(tmp_path, record):
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_damaged_bytes_never_crash(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
     content = bytearray(small_mission(folder / "m.mcap").read_bytes())

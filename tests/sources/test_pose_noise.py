@@ -72,7 +72,7 @@ def off(one: PoseTrack, other: PoseTrack) -> PoseNoise:
 
 
 @given(st.floats(0.01, 1.0), st.floats(0.05, 1.0), st.integers(0, 1000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_rows_tell_how_large_their_errors_are(position_m: float, attitude_deg: float, seed: int) -> None:
     found = noise_of(noisy(orbit(seconds()), PoseNoise(position_m, attitude_deg), seed))
     assert found is not None
@@ -95,7 +95,7 @@ def test_rows_that_are_far_apart_tell_nothing() -> None:
 
 
 @given(st.integers(0, 1000), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_most_of_the_noise_goes(seed: int, position_m: float, attitude_deg: float) -> None:
     exact, noise = orbit(seconds()), PoseNoise(position_m, attitude_deg)
     left = off(steadied(noisy(exact, noise, seed), noise), exact)

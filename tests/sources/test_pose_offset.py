@@ -54,7 +54,7 @@ def test_a_picture_belongs_to_later_telemetry() -> None:
 
 
 @given(st.tuples(*[st.floats(-20, 20)] * 3), st.floats(-0.1, 0.1), st.tuples(*[st.floats(-5, 5)] * 3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_opposite_offset_takes_it_back(
     angles: tuple[float, float, float], time_s: float, place: tuple[float, float, float]
 ) -> None:

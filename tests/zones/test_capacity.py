@@ -56,7 +56,7 @@ def test_holes_are_closed_and_zones_that_overlap_are_one() -> None:
     assert (fence.zone_area_m2, fence.over_coverage_m2) == (99.0, 9.0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(1, 25),

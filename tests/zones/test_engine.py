@@ -172,7 +172,7 @@ def test_a_zone_that_jumps_a_step_of_motion_keeps_its_id_and_one_far_away_does_n
     assert told(zones.step(np.eye(30)[[13]].T)) == [("expired", "Z1"), ("created", "Z2")]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), speed=st.floats(0.0, 1.5))
 def test_ids_survive_slow_motion(seed: int, speed: float) -> None:
     """Crowds of 3 to 6 m that walk, less than their own width a second, in lanes of their own."""
@@ -206,7 +206,7 @@ RULES = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     maps=st.lists(hnp.arrays(float, (9, 8), elements=st.sampled_from([0.0, 0.4, 0.7, np.nan])), max_size=4),
     rules=RULES,
@@ -418,7 +418,7 @@ class EverythingRead:
         self.closed, self._stepped_ns = now, stamp_ns
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     name=st.sampled_from(["evidence", "paper", "or"]),

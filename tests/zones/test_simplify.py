@@ -59,7 +59,7 @@ def test_parts_and_holes_go_only_when_the_budget_asks() -> None:
     assert same(simplified(two, max_vertices=4), shapely.box(0, 0, 6, 1))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     cells=CELLS,
     tolerance_m=st.sampled_from([0.0, 0.5, 0.8, 2.0, 50.0]),
@@ -88,7 +88,7 @@ def test_simplification_and_budgets_never_uncover(
         assert vertex_count(result) <= max_vertices
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(cells=CELLS, distance_m=st.floats(0.01, 20.0), seed=st.integers(0, 2**32 - 1))
 def test_a_buffer_covers_everything_within_its_distance(
     cells: NDArray[np.bool_], distance_m: float, seed: int
@@ -154,7 +154,7 @@ def test_a_needle_fits_into_three_corners() -> None:
     assert vertex_count(triangle) == 3 and triangle.covers(needle)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     # Whole decimetres: the hull that the outline is made of fails on corners 1e-170 m apart.
     corners=st.lists(st.tuples(DECIMETRES, DECIMETRES), min_size=8, max_size=40, unique=True),

@@ -101,7 +101,7 @@ def test_small_sites_are_left_out_and_roomy_ones_come_first():
 
 
 @given(arrays.arrays(np.bool_, (16, 14)), st.integers(0, 12), st.integers(0, 10))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_sites_hold_nothing_but_fit_open_ground(unfit, x, y):
     ground = np.where(unfit & (np.arange(16) % 4 == 0)[:, None], 0.1, 0.9)
     closed = zone(shapely.box(x + 0.3, y + 0.3, x + 2.2, y + 1.1))

@@ -1,7 +1,7 @@
 """Which zone is which, by itself: regions are plain sets of columns."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -14,7 +14,6 @@ def row(*columns: int) -> NDArray[np.int64]:
     return column_keys(np.array([(i, 0) for i in columns]).reshape(-1, 2))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.integers(-(2**30), 2**30), st.integers(-(2**30), 2**30)), max_size=20, unique=True)
 )
@@ -25,7 +24,6 @@ def test_keys_hold_their_columns_in_their_order(columns: list[tuple[int, int]]) 
     np.testing.assert_array_equal(column_places(keys), places)
 
 
-@settings(deadline=None)
 @given(st.lists(st.lists(st.integers(0, 25), max_size=12, unique=True), min_size=2, max_size=8))
 def test_ids_are_unique_never_reborn_and_every_end_is_told(history: list[list[int]]) -> None:
     tracker, ended, alive = ZoneTracker(), set(), {}

@@ -12,7 +12,7 @@ from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.wording import counted
-from crowdfence.detector.shipped import SHIPPED_MODEL
+from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -41,7 +41,8 @@ def detect(
         typer.Option(
             "--model",
             "--detector",
-            help="ONNX model, several to combine them. Default: crowdnet-s, which comes with crowdfence.",
+            help="ONNX model, several to combine them. Default, of those that come with crowdfence: "
+            "crowdnet-s for recordings, crowdnet-s-wide for pictures and films without poses.",
         ),
     ] = None,
     contract: options.ContractPath = None,
@@ -76,12 +77,12 @@ def detect(
     from crowdfence.pipeline import named_detector
     from crowdfence.sources import is_flight, is_recording
 
-    names = models or [SHIPPED_MODEL]
+    with_poses = is_recording(source) or (output.suffix == ".mcap" and is_flight(source))
+    names = models or [SHIPPED_MODEL if with_poses else PHOTOGRAPH_MODEL]
     if contract is not None and len(names) > 1:
         raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
 
-    with_poses = output.suffix == ".mcap" and is_flight(source)
-    if not (is_recording(source) or with_poses):
+    if not with_poses:
         with writable_folder(output):
             detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
             _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)

@@ -93,7 +93,8 @@ def evaluate(
     models: Annotated[
         list[str] | None,
         typer.Argument(
-            help="ONNX model, or several to combine. Default: the shipped one, crowdnet-s.",
+            help="ONNX model, or several to combine. Default, of the shipped ones: crowdnet-s, and for pictures "
+            "alone crowdnet-s-wide.",
             show_default=False,
         ),
     ] = None,
@@ -123,20 +124,22 @@ def evaluate(
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
     from crowdfence.calibration.calibrate import plan_for
-    from crowdfence.detector.shipped import SHIPPED_MODEL
+    from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
     from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
     from crowdfence.evaluation.model_quality import model_quality
+    from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
     from crowdfence.pipeline import named_detector
 
     _require_png("--examples", examples)
-    detector = named_detector(models or [SHIPPED_MODEL], contract=contract, enlarge=enlarge.value)
+    paths = options.recordings_in(data)
+    default = PHOTOGRAPH_MODEL if all(map(is_labelled_pictures, paths)) else SHIPPED_MODEL
+    detector = named_detector(models or [default], contract=contract, enlarge=enlarge.value)
     map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}
     if target_height_m is not None:
         given["target_height_m"] = target_height_m
     plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
-    paths = options.recordings_in(data)
     with ExitStack() as stack:
         if examples is not None:
             stack.enter_context(writable_file(examples))

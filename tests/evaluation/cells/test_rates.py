@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
@@ -61,7 +61,6 @@ def test_stride_need_not_be_whole() -> None:
     np.testing.assert_array_equal(crowd_cells(np.array([[0, 1, 0]] * 3), (2, 2)), [[False, False]] * 2)
 
 
-@settings(deadline=None)  # exact fractions of 81 x 81 overlaps take 0.2 s on a busy machine
 @given(
     hnp.arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9))),
     st.integers(1, 9),
