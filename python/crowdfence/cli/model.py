@@ -93,8 +93,8 @@ def evaluate(
     models: Annotated[
         list[str] | None,
         typer.Argument(
-            help="ONNX model, or several to combine. Default, of the shipped ones: crowdnet-s, and for pictures "
-            "alone crowdnet-s-wide.",
+            help="ONNX model, or several to combine. Default, of the shipped ones: crowdnet-s, and for "
+            "pictures alone crowdnet-s-wide.",
             show_default=False,
         ),
     ] = None,
