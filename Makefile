@@ -199,7 +199,7 @@ bench-rivals: setup-rivals ## back-projection against its rivals: benchmarks/riv
 	cargo build --release --locked --quiet -p crowdfence-rivals
 	$(BIN)/python benchmarks/rivals/run.py $(if $(QUICK),--quick) $(if $(MAPS),--maps $(MAPS))
 
-SEEDS ?= 5001 5002
+SEEDS ?= 5001 5002 5003 5004 5005
 paper: setup opengl ## the paper's Table 1 and Fig. 3 into paper/: hours (QUICK=1: out/paper-quick/, the bundled race)
 	$(BIN)/python paper/reproduce.py $(if $(QUICK),--quick --work out/paper-quick/work -o out/paper-quick,--seeds $(SEEDS))
 

@@ -74,9 +74,10 @@ def _bars(axes: Axes, regime: Regime, *, legend: bool) -> None:
     places = np.arange(len(names))
     reported = [REPORTED_NO_FUSION, *(REPORTED[alpha] for alpha in ALPHAS)]
     ours = [regime.mean(NO_FUSION), *(regime.best_decay(alpha) for alpha in ALPHAS)]
+    seeds = len(regime.missions)
     for shift, values, colour, label in (
         (-0.2, reported, FAINT, "the paper"),
-        (0.2, ours, SHADES[1], "here"),
+        (0.2, ours, SHADES[1], f"here, {seeds} missions" if seeds > 1 else "here"),
     ):
         bars = axes.bar(places + shift, values, 0.38, color=colour, label=label)
         axes.bar_label(bars, fmt="%.2f", fontsize=7, color=INK, padding=1)

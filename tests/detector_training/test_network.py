@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make test-training")
 
 from crowdfence.detector_training.augmentation import _focused, varied  # noqa: E402
-from crowdfence.detector_training.clutter import cluttered, furnished  # noqa: E402
+from crowdfence.detector_training.clutter import cluttered, free_of_people, furnished  # noqa: E402
 from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler  # noqa: E402
 from crowdfence.detector_training.foliage import crowns  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
@@ -170,7 +170,7 @@ def test_clutter_comes_from_crops_without_crowd_and_covers_nobody():
     batch = Batch(image, crowd, torch.ones_like(crowd))
     rng, reached = np.random.default_rng(7), torch.zeros(96, 128)
     for _ in range(60):
-        mixed = cluttered(batch, rng)
+        mixed = cluttered(batch, free_of_people(batch), rng)
         assert torch.equal(mixed[1], image[1])  # the only other crop has a crowd, which must not be copied
         # Cells 2 to 9 are people's or within 2 of them: pixels 8 to 39. Cells next to them fade in.
         assert torch.allclose(mixed[0, :, 10:38, 10:38], image[0, :, 10:38, 10:38], atol=1e-6)
@@ -186,7 +186,7 @@ def test_what_is_laid_over_crops_covers_nobody_and_three_to_five_in_ten_crops():
     batch = Batch(torch.full((2, 3, 96, 128), 0.5), crowd, torch.ones_like(crowd))
     rng, changed = np.random.default_rng(10), 0
     for _ in range(100):
-        image = furnished(batch, rng)
+        image = furnished(batch, free_of_people(batch), rng)
         assert float(image.min()) >= 0.0 and float(image.max()) <= 1.0
         assert torch.allclose(image[:, :, 10:38, 10:38], batch.image[:, :, 10:38, 10:38], atol=1e-6)
         changed += int((image != batch.image).flatten(1).any(dim=1).sum())
@@ -226,7 +226,8 @@ def test_clutter_lies_on_no_unknown_cell():
     image = torch.stack([torch.full((3, 96, 128), 0.1), torch.full((3, 96, 128), 0.9)])
     rng = np.random.default_rng(8)
     for _ in range(30):
-        mixed = cluttered(Batch(image, torch.zeros(2, 1, 24, 32), known), rng)
+        batch = Batch(image, torch.zeros(2, 1, 24, 32), known)
+        mixed = cluttered(batch, free_of_people(batch), rng)
         assert torch.allclose(mixed[0, :, :, 66:], image[0, :, :, 66:], atol=1e-6)
 
 
@@ -294,7 +295,6 @@ def mission(count: int, side: int, grey: int, photographs: bool = False) -> Stor
 
 def test_frames_are_drawn_as_often_as_their_pixels_say():
     """Two pictures of 3 x the side have 18 of the 28 shares of ten small ones and themselves."""
-
     plan = CropPlan(height=16, width=16, rotation_deg=0.0, scale=(1.0, 1.0))
     sampler = CropSampler([mission(10, 32, 0), mission(2, 96, 255)], plan)
     rng = np.random.default_rng(13)

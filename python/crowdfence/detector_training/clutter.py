@@ -25,10 +25,18 @@ _AROUND_PEOPLE = 5
 """Cells across which nothing is laid around a cell with people."""
 
 
-def cluttered(batch: Batch, rng: np.random.Generator) -> Tensor:
-    """Images [B, 3, H, W] of `batch`, some with parts of others in them; the labels stay true."""
+def free_of_people(batch: Batch) -> Tensor:
+    """[B, 1, H, W] from 0, where people or unknown cells are near, to 1."""
+    taken = torch.maximum(batch.crowd, 1.0 - batch.known).amax(dim=1, keepdim=True)
+    near = functional.max_pool2d(taken, _AROUND_PEOPLE, 1, _AROUND_PEOPLE // 2)
+    size = list(batch.image.shape[2:])
+    return 1.0 - functional.interpolate(near, size, mode="bilinear", align_corners=False)
+
+
+def cluttered(batch: Batch, free: Tensor, rng: np.random.Generator) -> Tensor:
+    """Images [B, 3, H, W] of `batch`, some with parts of others in them where they are `free_of_people`; the
+    labels stay true."""
     image, empty = batch.image.clone(), _empty(batch)
-    free = _free(batch)
     for index in range(len(image)):
         others = empty[empty != index]
         if not len(others) or rng.random() >= SHARE:
@@ -44,9 +52,10 @@ def cluttered(batch: Batch, rng: np.random.Generator) -> Tensor:
     return image
 
 
-def furnished(batch: Batch, rng: np.random.Generator) -> Tensor:
-    """Images [B, 3, H, W] of `batch`, some with foliage or things in rows in them; the labels stay true."""
-    image, free = batch.image.clone(), _free(batch)
+def furnished(batch: Batch, free: Tensor, rng: np.random.Generator) -> Tensor:
+    """Images [B, 3, H, W] of `batch`, some with foliage or things in rows in them where they are
+    `free_of_people`; the labels stay true."""
+    image = batch.image.clone()
     for made, often in LAID:
         for index in np.flatnonzero(rng.random(len(image)) < often).tolist():
             laid, cover = made(rng, image[index])
@@ -60,14 +69,6 @@ def _empty(batch: Batch) -> np.ndarray:
     crowd = batch.crowd.amax(dim=(1, 2, 3)) > 0.0
     whole = batch.known.mean(dim=(1, 2, 3)) > 0.9
     return np.flatnonzero((whole & ~crowd).cpu().numpy())
-
-
-def _free(batch: Batch) -> Tensor:
-    """[B, 1, H, W] from 0, where people or unknown cells are near, to 1."""
-    taken = torch.maximum(batch.crowd, 1.0 - batch.known).amax(dim=1, keepdim=True)
-    near = functional.max_pool2d(taken, _AROUND_PEOPLE, 1, _AROUND_PEOPLE // 2)
-    size = list(batch.image.shape[2:])
-    return 1.0 - functional.interpolate(near, size, mode="bilinear", align_corners=False)
 
 
 def _patches(rng: np.random.Generator, like: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ hues that mingle in clumps, light from above, dark gaps. A crowd has the spots, 
 from __future__ import annotations
 
 from functools import cache
+from threading import Lock
 
 import numpy as np
 import torch
@@ -19,11 +20,14 @@ from torch.nn import functional
 
 TEXTURES = 48
 _HEIGHT, _WIDTH = 300, 400
+_GROWING = Lock()
+"""Batches are made by several threads, and the bank takes seconds."""
 
 
 def crowns(rng: np.random.Generator, like: Tensor) -> tuple[Tensor, Tensor]:
     """Leaves [3, H, W] for an image of that shape, and the share [1, H, W] that they cover."""
-    bank = _bank()
+    with _GROWING:
+        bank = _bank()
     texture = bank[int(rng.integers(len(bank)))].to(like.device)
     span = rng.uniform(0.4, 1.0)
     rows, columns = int(span * _HEIGHT), int(span * _WIDTH)

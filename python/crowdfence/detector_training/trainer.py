@@ -18,7 +18,7 @@ import torch
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector_training.augmentation import varied
 from crowdfence.detector_training.average import WeightAverage
-from crowdfence.detector_training.clutter import cluttered, furnished
+from crowdfence.detector_training.clutter import cluttered, free_of_people, furnished
 from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
 from crowdfence.detector_training.loss import crowd_loss
@@ -130,8 +130,9 @@ def _batches(
         batch = sampler.draw(plan.batch, rng, device)
         if not plan.wide:
             return batch._replace(image=varied(batch.image, rng))
-        batch = batch._replace(image=cluttered(batch, rng))
-        return batch._replace(image=photographed(varied(furnished(batch, rng), rng), rng))
+        free = free_of_people(batch)
+        batch = batch._replace(image=cluttered(batch, free, rng))
+        return batch._replace(image=photographed(varied(furnished(batch, free, rng), rng), rng))
 
     steps = iter(range(first, plan.steps))
     with ThreadPoolExecutor(_MADE_AHEAD) as pool:
