@@ -15,6 +15,7 @@ from support.onnx_models import write_map_model
 @pytest.mark.parametrize("name", ["crowdnet-s", "crowdnet-s-wide"])
 def test_the_shipped_models_have_names(name: str) -> None:
     assert named_detector([name]).contract.name == name
+    assert crowdfence.Detector(name).contract.name == name
 
 
 def test_several_are_one(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from crowdfence.detector.inference.onnx_model import OnnxModel
 from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.detector.inference.sized_model import SizedModel
 from crowdfence.detector.onnx_session import open_session
-from crowdfence.detector.shipped import shipped_model
+from crowdfence.detector.shipped import model_path
 from crowdfence.errors import DetectorError
 
 AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
@@ -60,7 +60,8 @@ class Detector:
         output: Mapping[str, Any] | None = None,
         enlarge: Enlarge = "always",
     ) -> None:
-        """Load an ONNX model (None: the shipped one).
+        """Load an ONNX model: its file, or a shipped one by its name, such as "crowdnet-s-wide" (None:
+        "crowdnet-s").
 
         contract: a Contract, its JSON object or the path of a JSON file, instead of what is found with the
         model (see `contract_lookup`).
@@ -71,7 +72,7 @@ class Detector:
 
         OSError when a file cannot be read; DetectorError when the model or the contract cannot be used.
         """
-        path = shipped_model() if model is None else Path(model)
+        path = model_path(model)
         session = open_session(path, threads)
         found = find_contract(session.face, output) if contract is None else _given(contract)
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)

@@ -1,5 +1,6 @@
 """The models that come with the package: a network in eight bits and as it was trained, and a second one."""
 
+from os import PathLike
 from pathlib import Path
 
 SHIPPED_MODEL = "crowdnet-s"
@@ -12,9 +13,9 @@ FILES = {
     "crowdnet-s-float32": "crowdnet-s.onnx",
     "crowdnet-s-wide": "crowdnet-s-wide-int8.onnx",
 }
-"""By the names that `--detector` takes. In eight bits it is two and a half times as fast on a CPU and finds
-the same crowds (training/README.md); as it was trained it can be trained further, and suits a GPU. The wide
-one does better on photographs and worse on far and loose crowds of rendered missions."""
+"""By the names that `Detector` and `--detector` take. In eight bits it is two and a half times as fast on a
+CPU and finds the same crowds (training/README.md); as it was trained it can be trained further, and suits a
+GPU. The wide one does better on photographs and worse on far and loose crowds of rendered missions."""
 
 
 def shipped_model(name: str = SHIPPED_MODEL) -> Path:
@@ -27,7 +28,7 @@ def shipped_model(name: str = SHIPPED_MODEL) -> Path:
     return path
 
 
-def model_path(model: str | Path | None) -> Path:
+def model_path(model: str | PathLike[str] | None) -> Path:
     """A shipped model by its name, the default for None; any other model is its file."""
     if model is None:
         return shipped_model()
