@@ -193,7 +193,7 @@ def test_automatic_choice(
     without = open_recording(write_folder(tmp_path / "plain", flight()))
     some_missing = tmp_path / "some"
     shutil.copytree(recorded, some_missing)
-    monkeypatch.setattr("crowdfence.detector.detector.shipped_model", lambda: model)
+    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", lambda: model)
     chosen = choose_detector(with_pictures, "auto")
     assert chosen is not None and chosen.path == model
     assert choose_detector(with_pictures, "recorded") is None
@@ -206,7 +206,7 @@ def test_automatic_choice(
     def missing() -> Path:
         raise FileNotFoundError("no model")
 
-    monkeypatch.setattr("crowdfence.detector.detector.shipped_model", missing)
+    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", missing)
     with pytest.raises(ValueError, match="is missing .* --detector recorded"):
         choose_detector(with_pictures, "auto")
     assert choose_detector(without, "auto") is None
