@@ -6,8 +6,8 @@ from pathlib import Path
 SHIPPED_MODEL = "crowdnet-s"
 """What looks where nobody names a detector."""
 PHOTOGRAPH_MODEL = "crowdnet-s-wide"
-"""... and what looks at pictures and films without poses: those are a camera's, and no map tells how far away
-a crowd is, so that nothing is lost by what it finds less of there."""
+"""... and what looks at pictures and films without poses: most of them are a camera's, and of rendered ones
+shown without their poses it finds as much as the other (training/README.md)."""
 FILES = {
     SHIPPED_MODEL: "crowdnet-s-int8.onnx",
     "crowdnet-s-float32": "crowdnet-s.onnx",
