@@ -147,15 +147,14 @@ def _bilinear(
     window: NDArray[np.float64], column: NDArray[np.float64], row: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Weighted mean of the heights of the four nearest pixels; NaN where the own pixel has none."""
-    left, top = np.floor(column - 0.5).astype(np.intp), np.floor(row - 0.5).astype(np.intp)
-    right_share, bottom_share = column - 0.5 - left, row - 0.5 - top
-    total, weights = np.zeros(column.shape), np.zeros(column.shape)
-    for down, row_share in ((0, 1 - bottom_share), (1, bottom_share)):
-        for across, column_share in ((0, 1 - right_share), (1, right_share)):
-            height = window[top + down, left + across]
-            weight = np.where(np.isnan(height), 0.0, row_share * column_share)
-            total += weight * np.where(weight > 0, height, 0.0)
-            weights += weight
-    own = window[row.astype(np.intp), column.astype(np.intp)]
+    from scipy import ndimage
+
+    at = [row - 0.5, column - 0.5]  # counted from the middle of the first pixel
+    missing = np.isnan(window)
+    if not missing.any():
+        return ndimage.map_coordinates(window, at, order=1)
+    weights = ndimage.map_coordinates((~missing).astype(np.float64), at, order=1)
+    total = ndimage.map_coordinates(np.where(missing, 0.0, window), at, order=1)
+    own = missing[row.astype(np.intp), column.astype(np.intp)]
     with np.errstate(invalid="ignore"):
-        return np.where(np.isnan(own), np.nan, total / weights)
+        return np.where(own, np.nan, total / weights)
