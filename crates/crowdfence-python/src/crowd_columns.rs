@@ -4,7 +4,8 @@ use pyo3::prelude::*;
 
 use crate::arrays::{id_array, rows};
 
-/// The columns of the terrain that hold crowd, sorted by i, then j; `CrowdMap.crowd_columns` makes it.
+/// The columns of the terrain that hold some voxels, sorted by i, then j; `CrowdMap.crowd_columns` makes it of
+/// those that hold crowd, `CrowdMap.columns_of` of any.
 #[pyclass(frozen, name = "CrowdColumns", module = "crowdfence")]
 pub struct PyCrowdColumns(pub CrowdColumns);
 
@@ -39,25 +40,25 @@ impl PyCrowdColumns {
         self.each(py, |column| column.top.into())
     }
 
-    /// Largest probability over the voxels of each column that were ever seen [C] float64.
+    /// Largest probability of these voxels in each column [C] float64.
     #[getter]
     fn probability<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.each(py, |column| column.probability)
     }
 
-    /// Stamp of the newest look at any voxel of each column, crowd or not [C] int64.
+    /// Stamp of the newest look at any of these voxels in each column [C] int64.
     #[getter]
     fn last_seen_ns<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         self.each(py, |column| column.last_seen_ns)
     }
 
-    /// How many voxels of each column are crowd [C] int64, at least 1.
+    /// How many of these voxels are in each column [C] int64, at least 1.
     #[getter]
     fn crowd_count<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         self.each(py, |column| column.crowd_count.into())
     }
 
-    /// Those voxels [sum of `crowd_count`] int64, column by column.
+    /// The voxels [sum of `crowd_count`] int64, column by column.
     #[getter]
     fn voxel_ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         id_array(py, &self.0.voxel_ids)

@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
-use crowdfence::{ClosedFrom, CrowdMap, Observation, Update, View};
+use crowdfence::{CrowdMap, Observation, Update, View};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -368,33 +368,67 @@ impl PyCrowdMap {
         Ok(PyCrowdColumns(columns))
     }
 
-    /// The columns that hold crowd, and those of `closed` [C, 2] (i, j), in any order, that are not
-    /// known to hold none; at a stamp not before the newest instant. Costs `closed` beside what
-    /// `crowd_columns` costs.
+    /// The voxels that held crowd when somebody last looked at them, sorted ids [N] int64. What was
+    /// forgotten since takes none away, and crowd that a late view showed is among them.
     ///
-    /// threshold      in (0, 1]: a column with a voxel at or above it holds crowd
-    /// off_threshold  in (0, `threshold`]: one that is closed is told down to this one; of every column the
-    ///                voxels at or above it
-    /// least          in (0, `off_threshold`]: of a column of `closed` that has none of these, the voxels at
-    ///                or above this one; None = `off_threshold`
+    /// threshold  in (0, 1]: a voxel that was at or above it held crowd; None = the method's `default_threshold`
+    ///
+    /// CrowdfenceError for a threshold out of bounds.
+    #[pyo3(signature = (*, threshold=None))]
+    fn crowd_ids_at_last_looks<'py>(
+        &self,
+        py: Python<'py>,
+        threshold: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.read(py, |map| {
+            map.crowd_ids_at_last_looks(threshold.unwrap_or_else(|| map.method().default_threshold()))
+        })?;
+        Ok(id_array(py, &ids))
+    }
+
+    /// The voxels that hold crowd at a stamp not before the newest instant, sorted ids [N] int64. Costs
+    /// what holds crowd and what was seen since the last call, not the map.
+    ///
+    /// threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     ///
     /// StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
-    #[pyo3(signature = (stamp_ns, closed, *, threshold, off_threshold, least=None))]
-    fn closed_columns(
+    #[pyo3(signature = (stamp_ns, *, threshold=None))]
+    fn crowd_ids<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.read(py, |map| {
+            map.crowd_ids(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
+        })?;
+        Ok(id_array(py, &ids))
+    }
+
+    /// The columns of the voxels `ids` [N], each given once, at a stamp not before the newest instant.
+    /// Voxels that nobody has seen are left out.
+    ///
+    /// StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
+    fn columns_of(
         &self,
         py: Python<'_>,
+        ids: &Bound<'_, PyAny>,
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
-        closed: &Bound<'_, PyAny>,
-        threshold: f64,
-        off_threshold: f64,
-        least: Option<f64>,
     ) -> PyResult<PyCrowdColumns> {
-        let places: Vec<i64> = Array::new(closed, "closed", &[None, Some(2)])?.to_vec()?;
-        let inside = |index: i64| i32::try_from(index).ok();
-        let places: Vec<[i32; 2]> =
-            places.chunks_exact(2).filter_map(|at| Some([inside(at[0])?, inside(at[1])?])).collect();
-        let from = ClosedFrom { threshold, off_threshold, least: least.unwrap_or(off_threshold) };
-        Ok(PyCrowdColumns(self.read(py, |map| map.closed_columns(stamp_ns, from, &places))?))
+        let ids = self.ids(py, ids)?;
+        Ok(PyCrowdColumns(self.read(py, |map| map.columns_of(&ids, stamp_ns))?))
+    }
+
+    /// Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
+    /// than there was, and more than the method holds of ground that nobody has seen. Of looks that
+    /// an older build wrote to a file it says no. CrowdfenceError for an id that does not exist.
+    fn spoke_for_crowd<'py>(
+        &self,
+        py: Python<'py>,
+        ids: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        let ids = self.ids(py, ids)?;
+        Ok(self.read(py, |map| Ok(map.spoke_for_crowd(&ids)))?.into_pyarray(py))
     }
 
     /// Union of the fields of view so far (equation 4): [V] bool per voxel.

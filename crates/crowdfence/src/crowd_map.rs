@@ -27,7 +27,7 @@ use crate::stamp::{check_stamp, check_unit, seconds_between};
 use crate::terrain::Terrain;
 use crate::view::View;
 
-pub use columns::{ClosedFrom, CrowdColumn, CrowdColumns};
+pub use columns::{CrowdColumn, CrowdColumns};
 pub use voxel_state::{VoxelKnowledge, VoxelState};
 
 use beliefs::Beliefs;
@@ -49,7 +49,9 @@ pub struct CrowdMap {
     max_gap_s: f64,
     history: History,
     beliefs: Beliefs,
+    /// Pages without crowd: as the map fades, and as the last looks left them.
     quiet: Quiet,
+    quiet_at_last_looks: Quiet,
 }
 
 /// What one instant changed.
@@ -83,6 +85,7 @@ impl CrowdMap {
             history: History::new(voxel_count),
             beliefs: Beliefs::new(method, voxel_count),
             quiet: Quiet::default(),
+            quiet_at_last_looks: Quiet::default(),
         })
     }
 
@@ -112,7 +115,9 @@ impl CrowdMap {
         let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
             fuse(beliefs, &mut self.history, views, now)
         });
-        self.quiet.wake(voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH));
+        let written = voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH);
+        self.quiet.wake(written.clone());
+        self.quiet_at_last_looks.wake(written);
         self.remember(&observations, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }

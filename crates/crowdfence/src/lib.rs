@@ -24,7 +24,7 @@ pub mod view;
 
 pub use back_projection::{Coverage, Projection, project, project_by_rays};
 pub use camera::{Camera, Distortion};
-pub use crowd_map::{ClosedFrom, CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
+pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
 pub use method::{
     Calibration, Evidence, EvidenceSettings, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method,

@@ -32,28 +32,17 @@ class ColumnBelief:
 
 
 def column_belief(
-    crowd_map: CrowdMap,
-    stamp_ns: int,
-    closed: NDArray[np.int64],
-    *,
-    threshold: float,
-    off_threshold: float,
-    least: float,
+    crowd_map: CrowdMap, stamp_ns: int, voxel_ids: NDArray[np.int64], off_threshold: float
 ) -> ColumnBelief:
-    """The columns that are at or above a threshold at a stamp not before the newest instant, and those of
-    `closed` [C, 2] that are not below `least`. Costs both, and what was seen since the last call."""
-    columns = crowd_map.closed_columns(
-        stamp_ns, closed, threshold=threshold, off_threshold=off_threshold, least=least
-    )
+    """The columns of voxels [N] that hold crowd or did, at a stamp not before the newest instant."""
+    columns = crowd_map.columns_of(voxel_ids, stamp_ns)
     until_ns = _valid_until_ns(crowd_map, columns, stamp_ns, off_threshold)
     return ColumnBelief(columns, until_ns, _interval(crowd_map, columns, stamp_ns))
 
 
-def forgotten_probability(crowd_map: CrowdMap) -> float | None:
-    """What crowd that nobody looks at comes down to, where a method forgets towards "not known" and not
-    towards "free": the prior. None for the others."""
-    parameters = crowd_map.method.parameters
-    return float(parameters["prior"]) if crowd_map.method.name in _FORGET_TO_PRIOR else None
+def forgets_to_unknown(crowd_map: CrowdMap) -> bool:
+    """Whether crowd that nobody looks at becomes "not known", the prior, and not "free"."""
+    return crowd_map.method.name in _FORGET_TO_PRIOR
 
 
 def forgotten_ns(

@@ -1,4 +1,4 @@
-"""Which columns are closed as crowd, from instant to instant."""
+"""Which voxels are closed as crowd, from instant to instant, and the ground they lie on."""
 
 from __future__ import annotations
 
@@ -6,87 +6,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap
-from crowdfence.zones.belief import ColumnBelief, column_belief, forgotten_probability
-from crowdfence.zones.tracker import column_keys, column_places
+from crowdfence.zones.belief import ColumnBelief, column_belief, forgets_to_unknown
+from crowdfence.zones.tracker import column_keys
 
 NEVER_NS = -1
-_LEAST = float(np.finfo(np.float64).tiny)
 
 
 class ClosedGround:
-    """Columns that a crowd map calls crowd, and those that were closed before and that no look has opened.
+    """Voxels that a crowd map calls crowd, and those that were closed before and that no look has opened.
 
-    Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, its
-    ground stays closed until somebody looks again.
+    Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, a
+    voxel that was crowd at its last look is closed, however late that look came, and stays so until somebody
+    looks at it again, finds less than the threshold, and sees nothing that speaks for crowd. A look at the roof
+    opens nothing below it.
     """
 
     def __init__(
         self, crowd_map: CrowdMap, threshold: float, off_threshold: float, opening_looks: int = 1
     ) -> None:
-        """A column is closed from `threshold` on and stays so down to `off_threshold`, at most as high. Where
+        """A voxel is closed from `threshold` on and stays so down to `off_threshold`, at most as high. Where
         ground is opened by looks, so many in a row must find it below."""
         self._crowd_map = crowd_map
         self._threshold, self._off_threshold = threshold, off_threshold
         self._opening_looks = opening_looks
-        self.keys = np.empty(0, dtype=np.int64)
-        """Of the columns that are closed as of the last step, sorted."""
+        self.voxel_ids = np.empty(0, dtype=np.int64)
+        """What is closed as of the last step, sorted."""
         self.below = np.empty(0, dtype=np.int64)
         """How many looks in a row, up to the last one, found each of them below the off threshold."""
         self.stepped_ns = NEVER_NS
         """When that was."""
-        forgotten = forgotten_probability(crowd_map)
-        # A hair below, so that what is forgotten to the last bit is found.
-        self._forgotten = None if forgotten is None else min(forgotten * (1.0 - 1e-9), off_threshold)
-
-    @property
-    def forgets_to_unknown(self) -> bool:
+        self.forgets_to_unknown = forgets_to_unknown(crowd_map)
         """Whether ground can be closed that is below both thresholds."""
-        return self._forgotten is not None
 
     @property
     def columns(self) -> NDArray[np.int64]:
         """(i, j) of what is closed as of the last step [C, 2]."""
-        return column_places(self.keys)
+        return np.unique(self._crowd_map.terrain.voxel_indices(self.voxel_ids)[:, :2], axis=0)
 
-    def step(self, stamp_ns: int) -> tuple[ColumnBelief, NDArray[np.int64], NDArray[np.bool_]]:
-        """At the newest instant, or later if nothing came: columns that can be closed, their keys, and which
-        of them are. After every instant, in order."""
-        belief = column_belief(
-            self._crowd_map,
-            stamp_ns,
-            self.columns,
-            threshold=self._threshold,
-            off_threshold=self._off_threshold,
-            least=self._least,
-        )
-        columns = belief.columns
-        keys = column_keys(columns.indices)
-        was_closed = np.isin(keys, self.keys, assume_unique=True)
-        is_below = columns.probability < self._off_threshold
-        if self._forgotten is None:
-            count = np.zeros(len(keys), dtype=np.int64)
-            opens = is_below
+    def step(self, stamp_ns: int) -> tuple[ColumnBelief, NDArray[np.int64]]:
+        """At the newest instant, or later if nothing came: columns that are closed, and their keys. After every
+        instant, in order."""
+        crowd_map = self._crowd_map
+        if self.forgets_to_unknown:
+            crowd = crowd_map.crowd_ids_at_last_looks(threshold=self._threshold)
         else:
-            looked = columns.last_seen_ns > self.stepped_ns
-            count = np.zeros(len(keys), dtype=np.int64)
-            count[was_closed] = self.below[np.isin(self.keys, keys, assume_unique=True)]
-            count = np.where(looked, np.where(is_below, count + 1, 0), count)
-            opens = looked & is_below & (count >= self._opening_looks)
-        is_closed = (columns.probability >= self._threshold) | (was_closed & ~opens)
-        self.keys, self.below, self.stepped_ns = keys[is_closed], count[is_closed], stamp_ns
-        return belief, keys, is_closed
+            crowd = crowd_map.crowd_ids(stamp_ns, threshold=self._threshold)
+        stays = ~np.isin(self.voxel_ids, crowd, assume_unique=True)
+        held, below = self.voxel_ids[stays], self.below[stays]
+        if self.forgets_to_unknown:
+            opens, below = self._opened_by_looks(held, below)
+        else:
+            opens = crowd_map.probability(stamp_ns, held) < self._off_threshold
+        ids = np.concatenate([crowd, held[~opens]])
+        order = np.argsort(ids)
+        self.voxel_ids = ids[order]
+        self.below = np.concatenate([np.zeros(len(crowd), dtype=np.int64), below[~opens]])[order]
+        self.stepped_ns = stamp_ns
+        belief = column_belief(crowd_map, stamp_ns, self.voxel_ids, self._off_threshold)
+        return belief, column_keys(belief.columns.indices)
 
     def restore(
-        self, keys: NDArray[np.int64], stepped_ns: int, below: NDArray[np.int64] | None = None
+        self, voxel_ids: NDArray[np.int64], stepped_ns: int, below: NDArray[np.int64] | None = None
     ) -> None:
         """Go on from there."""
-        self.keys, self.stepped_ns = keys, stepped_ns
-        self.below = np.zeros(len(keys), dtype=np.int64) if below is None else below
+        self.voxel_ids, self.stepped_ns = voxel_ids, stepped_ns
+        self.below = np.zeros(len(voxel_ids), dtype=np.int64) if below is None else below
 
-    @property
-    def _least(self) -> float:
-        """Probability down to which closed columns are read."""
-        if self._forgotten is None:
-            return self._off_threshold
-        # One look below opens nothing yet, however far below it is.
-        return self._forgotten if self._opening_looks == 1 else _LEAST
+    def _opened_by_looks(
+        self, held: NDArray[np.int64], below: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        """Of voxels that were closed [N]: which the looks since the last step open, and how many in a row now
+        found each below."""
+        crowd_map = self._crowd_map
+        looked = crowd_map.last_seen_ns(held) > self.stepped_ns
+        still = crowd_map.crowd_ids_at_last_looks(threshold=self._off_threshold)
+        is_below = ~np.isin(held, still, assume_unique=True) & ~crowd_map.spoke_for_crowd(held)
+        below = np.where(looked, np.where(is_below, below + 1, 0), below)
+        return looked & is_below & (below >= self._opening_looks), below

@@ -32,7 +32,7 @@ from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
 from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.simplify import simplified
-from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_places
+from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
 from crowdfence.zones.unseen import StandingPlaces
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
 
@@ -75,12 +75,11 @@ class ZoneEngine:
         """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
         what the drones saw becomes the zones' evidence."""
         rules = self.rules
-        belief, keys, is_crowd = self._closed.step(stamp_ns)
+        belief, keys = self._closed.step(stamp_ns)
         columns = belief.columns
         self.crowd_voxel_ids = self._at_threshold(columns, stamp_ns)
-        region = np.full(len(keys), -1, dtype=np.int64)
-        runs = Runs.of(columns.indices[is_crowd])
-        region[is_crowd] = np.repeat(largest_first(runs), runs.length)
+        runs = Runs.of(columns.indices)
+        region = np.repeat(largest_first(runs), runs.length)
         region, dropped = self._without_small(region, keys)
         tracks, shapes, events = self._crowd.step(region, keys, stamp_ns)
         self._follow_evidence(tracks, events, columns, region, list(observations))
@@ -105,7 +104,7 @@ class ZoneEngine:
     def to_bytes(self) -> bytes:
         """What the next step depends on beside the crowd map, to go on from."""
         arrays = {
-            "closed": self._closed.keys,
+            "closed_voxels": self._closed.voxel_ids,
             "closed_below": self._closed.below,
             "crowd_voxel_ids": self.crowd_voxel_ids,
             **self._crowd.arrays(),
@@ -128,9 +127,10 @@ class ZoneEngine:
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 told = json.loads(arrays["told"].tobytes())
-                # Of one look, as builds kept it that counted no more.
-                below = arrays.get("closed_below")
-                self._closed.restore(arrays["closed"], told["stepped_ns"], below)
+                if "closed_voxels" in arrays:
+                    self._closed.restore(arrays["closed_voxels"], told["stepped_ns"], arrays["closed_below"])
+                else:  # a build that kept columns: all that was seen of them
+                    self._closed.restore(self._seen_in(arrays["closed"]), told["stepped_ns"])
                 self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
                 self._evidence = {
                     name: {drone: DroneEvidence(**look) for drone, look in looks.items()}
@@ -139,6 +139,12 @@ class ZoneEngine:
                 self._crowd.restore(told, arrays)
         except (KeyError, TypeError, OSError) as error:
             raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
+
+    def _seen_in(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Voxels of columns that somebody has seen, sorted."""
+        seen = self._crowd_map.seen_ids()
+        indices = self._crowd_map.terrain.voxel_indices(seen)[:, :2]
+        return seen[np.isin(column_keys(indices), keys)]
 
     def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> NDArray[np.int64]:
         ids = np.sort(columns.voxel_ids)

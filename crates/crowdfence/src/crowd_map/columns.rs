@@ -3,21 +3,22 @@
 use rayon::prelude::*;
 
 use super::beliefs::Beliefs;
+use super::quiet::Quiet;
 use super::reading::Reading;
 use super::{CrowdMap, check_threshold};
-use crate::error::{Result, require};
+use crate::error::Result;
 use crate::method::{FusionMethod, each_method};
 
 /// Crowd seen from above.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CrowdColumns {
-    /// Every column with a voxel at or above the threshold, sorted by i, then j.
+    /// Every column with one of the voxels that were asked for, sorted by i, then j.
     pub columns: Vec<CrowdColumn>,
     /// Those voxels, column by column, sorted within each.
     pub voxel_ids: Vec<u32>,
 }
 
-/// One column of voxels, of which at least one is crowd.
+/// One column of voxels, of which at least one was asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrowdColumn {
     /// Grid indices.
@@ -26,142 +27,134 @@ pub struct CrowdColumn {
     /// Grid indices k of the lowest and of the highest voxel of the terrain.
     pub bottom: i32,
     pub top: i32,
-    /// How many of its voxels count: those at or above the threshold.
+    /// How many of its voxels were asked for.
     pub crowd_count: u32,
-    /// Largest probability over the voxels that were ever seen.
+    /// Largest probability of these.
     pub probability: f64,
-    /// Newest look at any of its voxels, crowd or not.
+    /// Newest look at any of these: a look at a roof says nothing about who stands below it.
     pub last_seen_ns: i64,
 }
 
-/// From which probability on columns are closed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClosedFrom {
-    /// A column is closed when one of its voxels is at or above it.
-    pub threshold: f64,
-    /// One that is closed stays so down to this one, at most as high.
-    pub off_threshold: f64,
-    /// One that is closed is told down to this one, at most as high, for callers who know other reasons.
-    pub least: f64,
-}
-
 impl CrowdMap {
-    /// The columns that hold crowd, P >= `threshold`, at a stamp not before the last instant.
+    /// The columns that hold crowd, P >= `threshold`, at a stamp not before the last instant; costs what
+    /// [`CrowdMap::crowd_ids`] costs.
+    pub fn crowd_columns(&self, stamp_ns: i64, threshold: f64) -> Result<CrowdColumns> {
+        self.columns_of(&self.crowd_ids(stamp_ns, threshold)?, stamp_ns)
+    }
+
+    /// The voxels that hold crowd, P >= `threshold`, at a stamp not before the last instant, sorted.
     ///
     /// Costs what holds crowd and what was seen since the last call, where nothing becomes crowd by being forgotten
     /// ([`FusionMethod::stays_below`]), and what was seen so far elsewhere.
-    pub fn crowd_columns(&self, stamp_ns: i64, threshold: f64) -> Result<CrowdColumns> {
-        self.closed_columns(
-            stamp_ns,
-            ClosedFrom { threshold, off_threshold: threshold, least: threshold },
-            &[],
-        )
-    }
-
-    /// The columns that hold crowd, and those of `closed` (i, j), in any order, that are not known to hold none. The
-    /// voxels of a column are those at or above the off threshold or, where there are none, `least`. Costs `closed`
-    /// beside what [`CrowdMap::crowd_columns`] costs.
-    pub fn closed_columns(
-        &self,
-        stamp_ns: i64,
-        from: ClosedFrom,
-        closed: &[[i32; 2]],
-    ) -> Result<CrowdColumns> {
+    pub fn crowd_ids(&self, stamp_ns: i64, threshold: f64) -> Result<Vec<u32>> {
         let now = self.moment(stamp_ns)?;
-        from.check()?;
-        let columns: Vec<Column> = each_method!(&self.beliefs, Beliefs, beliefs => {
+        check_threshold(threshold)?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
             let reading = Reading::new(beliefs, &self.history, now);
-            let places = self.with_crowd_places(&reading, now.stamp_ns, from.threshold, closed);
-            places.par_iter().filter_map(|&place| self.column(&reading, from, place)).collect()
-        });
-        let mut crowd_columns = CrowdColumns::default();
-        for Column { told, voxel_ids } in columns {
-            crowd_columns.columns.push(told);
-            crowd_columns.voxel_ids.extend(voxel_ids);
-        }
-        Ok(crowd_columns)
+            if reading.method().stays_below(threshold) {
+                self.crowd_of(&reading, &self.quiet, stamp_ns, threshold)
+            } else {
+                reading.of_seen(|id, p| (p >= threshold).then_some(id))
+            }
+        }))
     }
 
-    /// Places of columns with crowd and those of `closed`, sorted.
-    fn with_crowd_places<M: FusionMethod>(
-        &self,
-        reading: &Reading<'_, M>,
-        stamp_ns: i64,
-        threshold: f64,
-        closed: &[[i32; 2]],
-    ) -> Vec<[i32; 2]> {
-        let ids = self.crowd_ids(reading, stamp_ns, threshold);
-        let mut places: Vec<[i32; 2]> =
-            self.terrain.indices_of(&ids).iter().map(|&[i, j, _]| [i, j]).collect();
-        places.extend(closed);
-        places.par_sort_unstable();
-        places.dedup();
-        places
+    /// The voxels that held crowd, P >= `threshold`, when somebody last looked, sorted. What was forgotten since
+    /// takes none away, and crowd that a late view showed is among them. Costs as [`CrowdMap::crowd_ids`] at best.
+    pub fn crowd_ids_at_last_looks(&self, threshold: f64) -> Result<Vec<u32>> {
+        check_threshold(threshold)?;
+        let Some(stamp_ns) = self.history.instants.newest_ns() else { return Ok(vec![]) };
+        let now = self.moment(stamp_ns)?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::at_last_looks(beliefs, &self.history, now);
+            self.crowd_of(&reading, &self.quiet_at_last_looks, NEVER_LATER_NS, threshold)
+        }))
     }
 
-    fn crowd_ids<M: FusionMethod>(
+    /// Whether the last look at each of some voxels spoke for crowd: it left more of it than there was, and more than
+    /// the method holds of ground that nobody has seen. Files that older builds wrote do not say so of any look.
+    pub fn spoke_for_crowd(&self, ids: &[u32]) -> Vec<bool> {
+        ids.iter().map(|&id| self.history.spoke_for_crowd(id)).collect()
+    }
+
+    /// The voxels at or above a threshold; pages that hold none are known to `quiet`, as of `stamp_ns`.
+    fn crowd_of<M: FusionMethod>(
         &self,
         reading: &Reading<'_, M>,
+        quiet: &Quiet,
         stamp_ns: i64,
         threshold: f64,
     ) -> Vec<u32> {
-        if !reading.method().stays_below(threshold) {
-            return reading.of_seen(|id, p| (p >= threshold).then_some(id));
-        }
-        let mut pages = self.quiet.take(threshold, self.history.looks.written().map(|(number, _)| number));
+        let mut pages = quiet.take(threshold, self.history.looks.written().map(|(number, _)| number));
         let numbers = pages.to_read(stamp_ns);
         let mut crowd = Vec::new();
         for (&number, (largest, ids)) in numbers.iter().zip(reading.crowd_of(&numbers, threshold)) {
             pages.found(number, largest, stamp_ns);
             crowd.extend(ids);
         }
-        self.quiet.put(pages);
+        quiet.put(pages);
         crowd
     }
 
-    /// The column at a place; None where none of its voxels is at or above any of the three.
-    fn column<M: FusionMethod>(
-        &self,
-        reading: &Reading<'_, M>,
-        from: ClosedFrom,
-        [i, j]: [i32; 2],
-    ) -> Option<Column> {
-        let (mut bottom, mut top, mut last_seen_ns) = (i32::MAX, i32::MIN, i64::MIN);
-        let mut seen: Vec<(u32, f64)> = Vec::new();
-        for (k, id) in self.terrain.column(i, j) {
-            (bottom, top) = (bottom.min(k), top.max(k));
-            if let Some(look) = self.history.last_look(id) {
-                last_seen_ns = last_seen_ns.max(look.stamp_ns);
-                seen.push((id, reading.probability(id)));
-            }
-        }
-        let probability = seen.iter().fold(0.0, |largest: f64, voxel| voxel.1.max(largest));
-        let least = [from.off_threshold, from.least].into_iter().find(|&least| probability >= least)?;
-        let mut voxel_ids: Vec<u32> =
-            seen.iter().filter(|voxel| voxel.1 >= least).map(|voxel| voxel.0).collect();
-        voxel_ids.sort_unstable();
-        let crowd_count = voxel_ids.len() as u32;
-        Some(Column {
-            told: CrowdColumn { i, j, bottom, top, crowd_count, probability, last_seen_ns },
-            voxel_ids,
+    /// The columns of some voxels, each given once and in any order, at a stamp not before the last instant. Of
+    /// voxels that nobody has seen nothing is told.
+    pub fn columns_of(&self, ids: &[u32], stamp_ns: i64) -> Result<CrowdColumns> {
+        let now = self.moment(stamp_ns)?;
+        let seen = ids.iter().filter_map(|&id| self.history.last_look(id).map(|look| (id, look.stamp_ns)));
+        let mut voxels: Vec<(u32, i64)> = seen.collect();
+        voxels.par_sort_unstable();
+        let seen_ids: Vec<u32> = voxels.iter().map(|voxel| voxel.0).collect();
+        let probability: Vec<f64> = each_method!(&self.beliefs, Beliefs, beliefs => {
+            let reading = Reading::new(beliefs, &self.history, now);
+            seen_ids.par_iter().map(|&id| reading.probability(id)).collect()
+        });
+        let mut placed: Vec<Placed> = self
+            .terrain
+            .indices_of(&seen_ids)
+            .iter()
+            .zip(voxels)
+            .zip(probability)
+            .map(|((&[i, j, _], (id, seen_ns)), probability)| Placed {
+                column: [i, j],
+                id,
+                seen_ns,
+                probability,
+            })
+            .collect();
+        placed.par_sort_by_key(|voxel| voxel.column);
+        let columns: Vec<&[Placed]> = placed.chunk_by(|a, b| a.column == b.column).collect();
+        Ok(CrowdColumns {
+            columns: columns.par_iter().map(|voxels| self.column(voxels)).collect(),
+            voxel_ids: placed.iter().map(|voxel| voxel.id).collect(),
         })
     }
-}
 
-impl ClosedFrom {
-    fn check(self) -> Result<()> {
-        check_threshold(self.threshold)?;
-        let ClosedFrom { threshold, off_threshold, least } = self;
-        let off = off_threshold > 0.0 && off_threshold <= threshold;
-        require(off, "off_threshold", off_threshold, "above 0 and at most the threshold")?;
-        require(least > 0.0 && least <= off_threshold, "least", least, "above 0 and at most off_threshold")
+    /// The column of some voxels, at least one.
+    fn column(&self, voxels: &[Placed]) -> CrowdColumn {
+        let [i, j] = voxels[0].column;
+        let heights = self.terrain.column(i, j).map(|(k, _)| k);
+        let (bottom, top) = heights.fold((i32::MAX, i32::MIN), |(low, high), k| (low.min(k), high.max(k)));
+        CrowdColumn {
+            i,
+            j,
+            bottom,
+            top,
+            crowd_count: voxels.len() as u32,
+            probability: voxels.iter().fold(0.0, |largest, voxel| voxel.probability.max(largest)),
+            last_seen_ns: voxels.iter().fold(i64::MIN, |newest, voxel| voxel.seen_ns.max(newest)),
+        }
     }
 }
 
-/// A column and those of its voxels that count.
-struct Column {
-    told: CrowdColumn,
-    voxel_ids: Vec<u32>,
+/// What a page was at the last looks, it is at every stamp.
+const NEVER_LATER_NS: i64 = 0;
+
+/// One of the voxels that were asked for.
+struct Placed {
+    column: [i32; 2],
+    id: u32,
+    seen_ns: i64,
+    probability: f64,
 }
 
 #[cfg(test)]
@@ -255,7 +248,7 @@ mod tests {
                 top: column.iter().map(|voxel| voxel.0).max().unwrap(),
                 crowd_count: crowd.len() as u32,
                 probability: seen.iter().map(|&id| probability[id as usize]).reduce(f64::max).unwrap(),
-                last_seen_ns: seen.iter().map(|&id| map.last_seen_ns_of(id).unwrap()).max().unwrap(),
+                last_seen_ns: crowd.iter().map(|&id| map.last_seen_ns_of(id).unwrap()).max().unwrap(),
             });
             crowd_columns.voxel_ids.extend(crowd);
         }
@@ -263,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_look_below_the_crowd_counts() {
+    fn a_newer_look_below_the_crowd_says_nothing_of_it() {
         let mut map = map(&[[4, -7, 0], [4, -7, 9], [5, -7, 2]], paper());
         let id = |index| map.terrain.id(index).unwrap();
         let (ground, roof, beside) = (id([4, -7, 0]), id([4, -7, 9]), id([5, -7, 2]));
@@ -277,7 +270,7 @@ mod tests {
             top: 9,
             crowd_count: 1,
             probability: map.probability_of(&[roof], 10 * SECOND).unwrap()[0],
-            last_seen_ns: 10 * SECOND,
+            last_seen_ns: 0,
         };
         assert_eq!(seen, CrowdColumns { columns: vec![column], voxel_ids: vec![roof] });
         assert_eq!(map.crowd_columns(30 * SECOND, THRESHOLD).unwrap(), CrowdColumns::default());
@@ -388,36 +381,68 @@ mod tests {
         }
 
         #[test]
-        fn closed_columns_are_those_of_a_scan(
-            means in prop::collection::vec(0.0..=1.0, 40), closed in prop::collection::vec((0i32..9, 0i32..9), 0..30),
+        fn columns_of_voxels_are_those_of_a_scan(
+            means in prop::collection::vec(0.0..=1.0, 0..40), wanted in prop::collection::btree_set(0u32..40, 0..40),
         ) {
             let voxels: Vec<[i32; 3]> = (0..40).map(|at| [at % 5, at / 5 % 4, at / 20 * 3]).collect();
             let mut map = map(&voxels, evidence(0.2));
+            let seen = means.len() as u32;
             look(&mut map, 0, &(0..).zip(means).collect());
-            let from = ClosedFrom { threshold: 0.5, off_threshold: 0.3, least: 0.1 };
-            let closed: Vec<[i32; 2]> = closed.into_iter().map(<[i32; 2]>::from).collect();
-            let found = map.closed_columns(0, from, &closed).unwrap();
-            let mut told = Vec::new();
-            for column in &found.columns {
-                told.push((column.i, column.j));
+            let wanted: Vec<u32> = wanted.into_iter().rev().collect();
+            let found = map.columns_of(&wanted, 10 * SECOND).unwrap();
+            let mut expected: BTreeMap<[i32; 2], Vec<u32>> = BTreeMap::new();
+            for &id in wanted.iter().filter(|&&id| id < seen) {
+                let [i, j, _] = map.terrain.index(id);
+                expected.entry([i, j]).or_default().push(id);
             }
-            let mut expected = Vec::new();
-            let mut ids = Vec::new();
-            for (i, j) in (0..5).flat_map(|i| (0..4).map(move |j| (i, j))) {
-                let mut column: Vec<u32> = map.terrain.column(i, j).map(|voxel| voxel.1).collect();
-                column.sort_unstable();
-                let values = map.probability_of(&column, 0).unwrap();
-                let largest = values.iter().copied().fold(0.0, f64::max);
-                let least = if closed.contains(&[i, j]) { 0.1 } else { 0.5 };
-                if largest >= least {
-                    let level = if largest >= 0.3 { 0.3 } else { 0.1 };
-                    expected.push((i, j));
-                    ids.extend(column.iter().zip(&values).filter(|(_, value)| **value >= level).map(|(id, _)| *id));
-                }
+            expected.values_mut().for_each(|ids| ids.sort_unstable());
+            let told: Vec<[i32; 2]> = found.columns.iter().map(|column| [column.i, column.j]).collect();
+            prop_assert_eq!(told, expected.keys().copied().collect::<Vec<_>>());
+            prop_assert_eq!(found.voxel_ids, expected.values().flatten().copied().collect::<Vec<_>>());
+            for (column, ids) in found.columns.iter().zip(expected.values()) {
+                let values = map.probability_of(ids, 10 * SECOND).unwrap();
+                prop_assert_eq!(column.probability, values.into_iter().fold(0.0, f64::max));
+                prop_assert_eq!(column.crowd_count as usize, ids.len());
             }
-            prop_assert_eq!(told, expected);
-            prop_assert_eq!(found.voxel_ids, ids);
         }
+
+        /// Each voxel is read as if it had been looked at just now.
+        #[test]
+        fn crowd_at_last_looks_is_that_of_no_time_gone_by(
+            deeds in deeds(), number in 0u8..3, threshold in prop_oneof![Just(0.3), Just(0.07), 0.005..0.6],
+        ) {
+            let mut map = square(method_of(number));
+            let (mut stamp_ns, mut after): (i64, BTreeMap<u32, f64>) = (1000 * SECOND, BTreeMap::new());
+            for deed in deeds {
+                stamp_ns += (deed.after.abs() + 1) * SECOND / 10;
+                let (low, high) = (deed.corner, (deed.corner.0 + deed.side, deed.corner.1 + deed.side));
+                let inside = |[i, j, _]: [i32; 3]| i >= low.0 && i < high.0 && j >= low.1 && j < high.1;
+                let all = 0..map.terrain.voxel_count() as u32;
+                let ids: Vec<u32> = all.filter(|&id| inside(map.terrain.index(id))).collect();
+                look_at(&mut map, stamp_ns, &ids.iter().map(|&id| (id, deed.mean)).collect());
+                after.extend(ids.iter().copied().zip(map.probability_of(&ids, stamp_ns).unwrap()));
+                let expected: Vec<u32> =
+                    after.iter().filter(|(_, p)| **p >= threshold).map(|(&id, _)| id).collect();
+                prop_assert_eq!(map.crowd_ids_at_last_looks(threshold).unwrap(), expected);
+            }
+        }
+    }
+
+    /// Looks at .9, .5, .3 and 0 speak for crowd by 3.4, 1.4, .3 and -2; the log odds above the prior are E / (W + 1).
+    #[test]
+    fn a_look_speaks_for_crowd_when_it_leaves_more_of_it() {
+        let mut map = map(&[[0, 0, 0], [1, 0, 0], [2, 0, 0]], evidence(0.1));
+        let means = |values: [f64; 3]| (0..3).zip(values).collect();
+        look(&mut map, 0, &means([0.9, 0.3, 0.0]));
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [true, true, false]);
+        look(&mut map, 1, &means([0.3, 0.9, 0.5]));
+        // 3.4 / 2 falls to about 3.4 / 3. What spoke against crowd, -2 / 2, rises to -.4 / 3 and is still below.
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [false, true, false]);
+        // 100 s later nothing is left of all that, and .3 / 2 is more than nothing.
+        look(&mut map, 101, &means([0.3, 0.0, 0.3]));
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [true, false, true]);
+        let read = CrowdMap::from_bytes(&map.to_bytes(), map.terrain.clone()).unwrap();
+        assert_eq!(read.spoke_for_crowd(&[0, 1, 2]), [true, false, true]);
     }
 
     #[test]

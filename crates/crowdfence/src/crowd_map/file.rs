@@ -1,4 +1,4 @@
-//! The crowd map's file format, version 4, in the frame of [`crate::sealed`]; versions 1 to 3 are read too.
+//! The crowd map's file format, version 5, in the frame of [`crate::sealed`]; versions 1 to 4 are read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
@@ -9,13 +9,15 @@
 //! max_gap_s        f64
 //! instants         u64 integrated so far, i64 first stamp, i64 newest stamp (0, 0 before the first)
 //! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
-//! looks            pages of u32: position among the named instants, 2^32 - 2 occluded, 2^32 - 1 never
+//! looks            pages of u32: position among the named instants, 2^31 more where the look spoke for crowd;
+//!                  2^32 - 2 occluded, 2^32 - 1 never
 //! beliefs          pages of the method's beliefs
 //! drones           u32 count, then per drone: name (u32 length, UTF-8), u32 how many gave a view before it, pages of
 //!                  u64: a bit a voxel that it saw
 //! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! version 3 does not say which drone came first; version 2 also differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
+//! version 4 does not say which looks spoke for crowd; version 3 also not which drone came first; version 2 also
+//! differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
 //!   drones         u32 count, names
 //!   instants       u32 count, i64 stamps, strictly increasing
 //!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
@@ -46,7 +48,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
     (Coverage::Full, Surface::Planes),
 ];
 
-const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 4 };
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 5 };
 
 impl CrowdMap {
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -124,7 +126,7 @@ fn write_looks(history: &History, payload: &mut Writer) {
     named.iter().zip(0..).for_each(|(&slot, at)| position[slot as usize] = at);
     write_pages(&history.looks, payload, |&code, payload| {
         payload.u32(match Look::from_code(code) {
-            Look::At(slot) => position[slot as usize],
+            Look::At(slot) => Look::had(position[slot as usize], Look::is_for_crowd(code)),
             Look::Never | Look::Occluded => code,
         });
     });

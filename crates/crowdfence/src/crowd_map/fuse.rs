@@ -200,7 +200,8 @@ impl<M: FusionMethod> Page<'_, M> {
         };
         self.aged.clear();
         self.aged.extend(looks.iter().map(|look| (*look, late(look))));
-        let before = last.map(|slot| (self.beliefs[at], times.fading[newest][slot as usize]));
+        let believed = last.map(|slot| (self.beliefs[at], slot as usize));
+        let before = believed.map(|(belief, slot)| (belief, times.fading[newest][slot]));
         let belief = method.update(before, &self.aged);
         self.beliefs[at] = belief;
         let slot = match last {
@@ -211,9 +212,13 @@ impl<M: FusionMethod> Page<'_, M> {
                 times.slots[newest]
             }
         };
-        self.looks[at] = slot;
+        let probability = method.probability(belief, times.fading_after[slot as usize]);
+        let was = |(belief, slot): (_, usize)| method.probability(belief, times.fading_after[slot]);
+        let for_crowd = probability > method.unseen_probability()
+            && believed.is_none_or(|believed| probability > was(believed));
+        self.looks[at] = Look::had(slot, for_crowd);
         self.seen.voxel_ids.push(id);
-        self.seen.probability.push(method.probability(belief, times.fading_after[slot as usize]));
+        self.seen.probability.push(probability);
     }
 }
 

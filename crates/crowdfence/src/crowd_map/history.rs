@@ -36,13 +36,25 @@ pub(super) enum Look {
 impl Look {
     pub const NEVER: u32 = u32::MAX;
     pub const OCCLUDED: u32 = u32::MAX - 1;
+    /// Set beside a slot where the look spoke for crowd.
+    const FOR_CROWD: u32 = 1 << 31;
 
     pub fn from_code(code: u32) -> Look {
         match code {
             Look::NEVER => Look::Never,
             Look::OCCLUDED => Look::Occluded,
-            slot => Look::At(slot),
+            code => Look::At(code & !Look::FOR_CROWD),
         }
+    }
+
+    /// Code of a look at the instant of a slot.
+    pub fn had(slot: u32, for_crowd: bool) -> u32 {
+        if for_crowd { slot | Look::FOR_CROWD } else { slot }
+    }
+
+    /// Whether somebody looked and the look spoke for crowd.
+    pub fn is_for_crowd(code: u32) -> bool {
+        code < Look::OCCLUDED && code & Look::FOR_CROWD != 0
     }
 }
 
@@ -82,6 +94,12 @@ impl History {
             Look::At(slot) => Some(self.instants.at(slot)),
             Look::Never | Look::Occluded => None,
         }
+    }
+
+    /// Whether the last look at a voxel spoke for crowd: it left more of it than the looks before, and more than is
+    /// held of ground that nobody has seen.
+    pub fn spoke_for_crowd(&self, id: u32) -> bool {
+        Look::is_for_crowd(self.looks.get(id as usize))
     }
 
     /// Something hides the voxel from a camera. What was seen before stays seen.

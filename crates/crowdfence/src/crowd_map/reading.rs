@@ -9,7 +9,7 @@ use super::instants::{Instant, Instants};
 use super::pages::PAGE_LENGTH;
 use super::voxel_state::{VoxelKnowledge, VoxelState};
 use crate::error::{Result, require};
-use crate::method::FusionMethod;
+use crate::method::{Elapsed, FusionMethod};
 use crate::stamp::seconds_between;
 
 /// Few voxels of a page are seen as a rule: so many pages are one piece of work.
@@ -41,6 +41,13 @@ impl StateRule {
 impl<'a, M: FusionMethod> Reading<'a, M> {
     pub fn new(beliefs: &'a BeliefsOf<M>, history: &'a History, now: Instant) -> Reading<'a, M> {
         Reading { beliefs, history, now, fading: fading(&beliefs.method, &history.instants, now) }
+    }
+
+    /// As the last look at each voxel left it, whatever was forgotten since.
+    pub fn at_last_looks(beliefs: &'a BeliefsOf<M>, history: &'a History, now: Instant) -> Reading<'a, M> {
+        let none = beliefs.method.fading(Elapsed { seconds: 0.0, instants: 0 });
+        let fading = history.instants.elapsed(now).map(|_| none).collect();
+        Reading { beliefs, history, now, fading }
     }
 
     pub fn method(&self) -> &M {
