@@ -6,15 +6,17 @@ import json
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
+from threading import Barrier, Event, Thread
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from crowdfence import CrowdMap, View, project
+from crowdfence.config import PaperConfig
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
+from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Record
 from crowdfence.service.live import Live
 from crowdfence.service.service import Service
@@ -22,6 +24,7 @@ from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewM
 from support.small_service import (
     CAMERA,
     CONFIG,
+    DRONES,
     SECOND_NS,
     SETTINGS,
     START_NS,
@@ -34,6 +37,8 @@ from support.small_service import (
     view,
     views,
 )
+
+FLEET_OF_TWO = replace(CONFIG, method=PaperConfig(fleet_size=2))
 
 
 def live_of(service: Service) -> Live:
@@ -326,3 +331,54 @@ def test_a_record_that_cannot_be_applied_stops_nothing_also_after_a_restart(tmp_
         settle(service)
         assert live.works and service.mission.loop.crowd_map.instant_count > 0
         assert any("record 2 (operator)" in alert.text for alert in service.alerts.all())
+
+
+def test_more_drones_than_the_method_takes_lose_nobody_elses_views(tmp_path: Path) -> None:
+    """Three drones begin at the same moment in a fleet of two: one is refused, the others are taken."""
+    for folder in ("a", "b", "c"):
+        with running(tmp_path / folder, config=FLEET_OF_TWO) as service:
+            together, refused = Barrier(3), []
+
+            def give(drone: str, live: Live = live_of(service), together=together, refused=refused) -> None:
+                for number in range(4):
+                    together.wait()
+                    try:
+                        live.give_view(message(view(drone, number)))
+                    except Refused as error:
+                        refused.append((drone, str(error)))
+
+            threads = [Thread(target=give, args=(drone,)) for drone in DRONES]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            live_of(service).finish()
+            assert service.mission.loop.crowd_map.instant_count == 4
+            assert len({drone for drone, _ in refused}) == 1 and len(refused) == 4
+            assert "this fleet has 2 at most" in refused[0][1]
+
+
+def test_the_place_of_a_drone_whose_view_was_not_kept_is_free_again(tmp_path: Path) -> None:
+    with running(tmp_path, config=FLEET_OF_TWO, inputs=Inputs()) as service:
+        live = live_of(service)
+        without_pose = json.loads(message(view("uav3", 0)))
+        del without_pose["world_from_camera"]
+        with pytest.raises(Refused):
+            live.give_view(json.dumps(without_pose).encode())
+        for drone in ("uav1", "uav2"):
+            assert not live.give_view(message(view(drone, 0))).duplicate
+
+
+def test_a_view_that_cannot_be_used_does_not_take_its_instant_with_it(tmp_path: Path) -> None:
+    """Views of three drones are in the journal of a fleet of two, as an older build kept them."""
+    with running(tmp_path, config=FLEET_OF_TWO) as service:
+        live = live_of(service)
+        live._gate._most_drones = 3
+        for drone in DRONES:
+            live.give_view(message(view(drone, 0)))
+        live.finish()
+        crowd_map = service.mission.loop.crowd_map
+        assert crowd_map.instant_count == 1 and set(crowd_map.drones) == {"uav1", "uav2"}
+        assert live.refused == {"uav3": 1}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert alert.drone == "uav3" and "fleet_size is 2" in alert.text

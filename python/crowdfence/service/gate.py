@@ -38,7 +38,7 @@ class Gate:
         fleet: Callable[[], Iterable[str]],
         most_drones: int,
     ) -> None:
-        """`fleet`: the drones that are known so far."""
+        """`fleet`: the drones that have a view on disk or are expected; not those of views on the way."""
         self._clock, self._alerts, self._settings = clock, alerts, settings
         self._fleet, self._most_drones = fleet, most_drones
         self._rate = Rate(settings.views_per_s)
@@ -48,8 +48,10 @@ class Gate:
     def enter(self, drone: str, stamp_ns: int) -> None:
         """Refused."""
         self._check_stamp(drone, stamp_ns)
-        self._check_fleet(drone)
-        self._reserve(drone)
+        # Together: two newcomers must not both find the last place of the fleet free.
+        with self._counting:
+            self._check_fleet(drone)
+            self._reserve(drone)
 
     def leave(self, drone: str) -> None:
         with self._counting:
@@ -75,7 +77,7 @@ class Gate:
         raise Refused(422, reason)
 
     def _check_fleet(self, drone: str) -> None:
-        known = set(self._fleet())
+        known = {*self._fleet(), *self._on_the_way}
         if drone not in known and len(known) >= self._most_drones:
             raise Refused(
                 422, f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
@@ -87,7 +89,7 @@ class Gate:
             raise Refused(
                 429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
             )
-        with self._counting:
-            if self._on_the_way[drone] >= self._settings.waiting_per_drone:
-                raise Refused(429, f"{self._on_the_way[drone]} views of {drone} wait to be taken in", 1.0)
-            self._on_the_way[drone] += 1
+        waiting = self._on_the_way.get(drone, 0)
+        if waiting >= self._settings.waiting_per_drone:
+            raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
+        self._on_the_way[drone] = waiting + 1

@@ -10,7 +10,7 @@ from crowdfence.sources.synchronize import InstantGrouper
 
 
 class Gathering:
-    """Not safe for several threads, apart from `is_due`."""
+    """Not safe for several threads, apart from `is_due` and `drones`."""
 
     def __init__(self, *, tolerance_ns: int, max_delay_ns: int) -> None:
         self._patience_ns = tolerance_ns + max_delay_ns
@@ -35,6 +35,11 @@ class Gathering:
         """They wait no more."""
         for arrival in group:
             del self._waiting[arrival.seq]
+
+    @property
+    def drones(self) -> set[str]:
+        """Whose views wait."""
+        return {one.drone for one in list(self._waiting.values())}
 
     @property
     def end_ns(self) -> int:

@@ -166,7 +166,6 @@ class Live:
         except sqlite3.Error as error:
             raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
         self.acknowledging.took(time.monotonic() - started_s)
-        self.accepted[drone] += 1
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
 
@@ -178,7 +177,7 @@ class Live:
             raise
 
     def _known_drones(self) -> Iterable[str]:
-        return (*self._mission.drones, *self.accepted)
+        return (*self._mission.drones, *self.accepted, *self._gathering.drones)
 
     @property
     def waiting(self) -> int:
@@ -191,6 +190,7 @@ class Live:
             self._gate.leave(record.drone)
             return
         seq = done.result()
+        self.accepted[record.drone] += 1  # before the gate forgets the name
         self._acknowledged_s[seq] = time.monotonic()
         self._records.put(_placed(record, seq))
 
@@ -333,7 +333,7 @@ class Live:
         try:
             step = stepped(self._mission.loop, contents, stamp_ns)
         except CrowdfenceError as error:
-            self._refuse(group, str(error))
+            self._step_without(group, contents, stamp_ns, error)
             return
         for refused in step.refused:
             self._refuse([one for one in group if one.drone == refused.drone], refused.reason)
@@ -341,6 +341,19 @@ class Live:
         for arrival, content in zip(group, contents, strict=True):
             self._show(arrival, content)
         self._mission.stepped(step)
+
+    def _step_without(
+        self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int, error: CrowdfenceError
+    ) -> None:
+        """One view that cannot be used does not take the others of its instant with it. The core names the
+        drone where a view is at fault, and nobody where the instant is."""
+        at_fault = next((one for one in group if f"drone '{one.drone}'" in str(error)), None)
+        if at_fault is None or len(group) == 1:
+            self._refuse(group, str(error))
+            return
+        self._refuse([at_fault], str(error))
+        left = [pair for pair in zip(group, contents, strict=True) if pair[0] is not at_fault]
+        self._step_with([arrival for arrival, _ in left], [content for _, content in left], stamp_ns)
 
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
