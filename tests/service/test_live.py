@@ -34,6 +34,7 @@ from support.small_service import (
     pose,
     running,
     settle,
+    stamp_ns,
     view,
     views,
 )
@@ -337,9 +338,9 @@ def test_more_drones_than_the_method_takes_lose_nobody_elses_views(tmp_path: Pat
     """Three drones begin at the same moment in a fleet of two: one is refused, the others are taken."""
     for folder in ("a", "b", "c"):
         with running(tmp_path / folder, config=FLEET_OF_TWO) as service:
-            together, refused = Barrier(3), []
+            live, together, refused = live_of(service), Barrier(3), []
 
-            def give(drone: str, live: Live = live_of(service), together=together, refused=refused) -> None:
+            def give(drone: str, live=live, together=together, refused=refused) -> None:
                 for number in range(4):
                     together.wait()
                     try:
@@ -352,7 +353,7 @@ def test_more_drones_than_the_method_takes_lose_nobody_elses_views(tmp_path: Pat
                 thread.start()
             for thread in threads:
                 thread.join()
-            live_of(service).finish()
+            live.finish()
             assert service.mission.loop.crowd_map.instant_count == 4
             assert len({drone for drone, _ in refused}) == 1 and len(refused) == 4
             assert "this fleet has 2 at most" in refused[0][1]
@@ -382,3 +383,30 @@ def test_a_view_that_cannot_be_used_does_not_take_its_instant_with_it(tmp_path: 
         assert live.refused == {"uav3": 1}
         (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
         assert alert.drone == "uav3" and "fleet_size is 2" in alert.text
+
+
+def test_an_instant_that_fails_takes_none_of_the_others_with_it(tmp_path: Path) -> None:
+    """Two instants are completed by one view, and the first cannot be taken in by a mistake of ours."""
+    with running(tmp_path) as service:
+        live, take_in = live_of(service), service.mission.loop.step
+        tries = []
+
+        def once_failing(*what):
+            tries.append(what)
+            if len(tries) == 1:
+                raise MemoryError("once")
+            return take_in(*what)
+
+        service.mission.loop.step = once_failing  # type: ignore[method-assign]
+        for one in views(2):
+            live.give_view(message(one))
+        live.give_view(message(view("uav1", 30)))
+        settle(service)
+        assert service.mission.loop.crowd_map.instant_count == 1
+        assert live.refused == dict.fromkeys(DRONES, 1)
+        told = [alert for alert in service.alerts.all() if alert.kind == "refused_views"]
+        assert {alert.drone for alert in told} == set(DRONES) and "MemoryError once" in told[0].text
+        live.finish()
+        assert service.mission.loop.crowd_map.instant_count == 2
+        assert not live._gathering.is_due(stamp_ns("uav1", 1000)), "nothing waits for good"
+        assert live._gathering.first_waiting(10**9) == 10**9, "nothing pins the journal"

@@ -319,12 +319,18 @@ class Live:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
-        # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
-        contents = [arrival.arrived() for arrival in group]
-        self._gathering.took(group)
+        """Never fails: what cannot be taken in is refused, and the next instant follows."""
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
-        with self._mission.lock:
-            self._step_with(group, contents, stamp_ns)
+        try:
+            # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
+            contents = [arrival.arrived() for arrival in group]
+            with self._mission.lock:
+                self._step_with(group, contents, stamp_ns)
+        except Exception as error:  # a mistake of ours
+            _LOG.exception("the instant %s could not be taken in", stamp_ns)
+            self._refuse(group, f"the service failed: {type(error).__name__} {error}")
+        finally:
+            self._gathering.took(group)
         for then_s in acknowledged_s:
             if then_s is not None:
                 self.publishing.took(time.monotonic() - then_s)
