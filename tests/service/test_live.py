@@ -410,3 +410,21 @@ def test_an_instant_that_fails_takes_none_of_the_others_with_it(tmp_path: Path) 
         assert service.mission.loop.crowd_map.instant_count == 2
         assert not live._gathering.is_due(stamp_ns("uav1", 1000)), "nothing waits for good"
         assert live._gathering.first_waiting(10**9) == 10**9, "nothing pins the journal"
+
+
+@pytest.mark.parametrize("method", [CONFIG.method, PaperConfig(fleet_size=3)], ids=["evidence", "paper"])
+@pytest.mark.parametrize("start_s", [0, 1500, 1_760_000_000])
+def test_a_late_view_is_taken_in_on_every_clock(tmp_path: Path, start_s: int, method) -> None:
+    """Also on that of a simulation, whose stamps can look like milliseconds."""
+    start_ns = start_s * SECOND_NS
+    with running(tmp_path, config=replace(CONFIG, method=method)) as service:
+        live = live_of(service)
+        for number in range(10):
+            live.give_view(at("uav1", start_ns + number * 200_000_000))
+        for number in range(3):
+            live.give_view(at("uav2", start_ns + number * 100_000_000))
+        live.give_view(at("uav1", start_ns + 2 * SECOND_NS))
+        live.finish()
+        assert live.late == {"uav2": 3} and not live.refused
+        assert service.mission.loop.crowd_map.instant_count == 14
+        assert "uav2" in service.mission.loop.crowd_map.drones

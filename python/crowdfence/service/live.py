@@ -49,6 +49,9 @@ _SECOND_NS = 1_000_000_000
 _MOST_DRONES = 1000
 _TICK_S = 0.1
 _DECIDED_WITHIN_S = 10.0
+_APART_NS = 200_000
+"""From one instant to one of the same stamp or an older one that comes behind it. Closer ones are taken for
+stamps in a larger unit on the clock of a simulation (`crates/crowdfence/src/stamp.rs`)."""
 
 
 class Accepted(NamedTuple):
@@ -262,6 +265,7 @@ class Live:
 
     def finish(self) -> None:
         """No view follows: what waits becomes instants now. The journal says so."""
+        self.settled(30.0)
         self._tick(self._gathering.end_ns)
         self.settled(30.0)
 
@@ -311,15 +315,17 @@ class Live:
         self._take(instants)
         for late in too_late:
             self.late[late.drone] += 1
-            stamp_ns = late.stamp_ns if self._last_ns is None else self._last_ns + 1
-            self._step([late], max(stamp_ns, late.stamp_ns))
+            self._step([late], late.stamp_ns)
 
     def _take(self, instants: Sequence[Sequence[Arrival]]) -> None:
         for group in instants:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
-        """Never fails: what cannot be taken in is refused, and the next instant follows."""
+        """Never fails: what cannot be taken in is refused, and the next instant follows. Zones, and some
+        methods, need every instant after the one before; what was seen keeps its age."""
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            stamp_ns = self._last_ns + _APART_NS
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
         try:
             # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
