@@ -428,3 +428,33 @@ def test_a_late_view_is_taken_in_on_every_clock(tmp_path: Path, start_s: int, me
         assert live.late == {"uav2": 3} and not live.refused
         assert service.mission.loop.crowd_map.instant_count == 14
         assert "uav2" in service.mission.loop.crowd_map.drones
+
+
+def test_a_drone_whose_views_are_lost_again_is_told_again(tmp_path: Path) -> None:
+    """Whether somebody acknowledged the loss before, or good views came between."""
+    with running(tmp_path, settings=replace(SETTINGS, max_delay_ms=0.0)) as service:
+        live, take_in, alerts = live_of(service), service.mission.loop.step, service.alerts
+
+        def failing(*what):
+            raise MemoryError("no room")
+
+        def give(number: int, *, fails: bool) -> None:
+            service.mission.loop.step = failing if fails else take_in  # type: ignore[method-assign]
+            live.give_view(message(view("uav1", number)))
+            live.finish()
+
+        def told() -> list[tuple[bool, bool]]:
+            """Newest first: still active, acknowledged."""
+            found = [one for one in alerts.all() if one.kind == "refused_views"]
+            return [(one.cleared_ns is None, one.acknowledged_by is not None) for one in found]
+
+        give(0, fails=True)
+        give(10, fails=True)
+        assert told() == [(True, False)], "once is enough while nobody has looked"
+        alerts.acknowledge(alerts.all()[0].id, "ops", 1)
+        give(20, fails=True)
+        assert told() == [(True, False), (False, True)]
+        give(30, fails=False)
+        assert told() == [(False, False), (False, True)]
+        give(40, fails=True)
+        assert told() == [(True, False), (False, False), (False, True)]

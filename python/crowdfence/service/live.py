@@ -306,6 +306,7 @@ class Live:
                 "alarm",
                 f"record {record.seq} ({record.kind}) could not be applied: {error}",
                 self._clock.now_ns(),
+                is_new=True,
             )
 
     def _arrive(self, record: Record) -> None:
@@ -351,6 +352,8 @@ class Live:
             self._refuse([one for one in group if one.drone == refused.drone], refused.reason)
         self._last_ns = stamp_ns
         for arrival, content in zip(group, contents, strict=True):
+            if arrival.drone in step.drones and not self._recovering:
+                self._alerts.clear("refused_views", self._clock.now_ns(), drone=arrival.drone)
             self._show(arrival, content)
         self._mission.stepped(step)
 
@@ -380,6 +383,7 @@ class Live:
                     f"a view of {arrival.drone} could not be used: {reason}",
                     self._clock.now_ns(),
                     drone=arrival.drone,
+                    is_new=True,
                 )
 
     def _act(self, record: Record) -> None:
