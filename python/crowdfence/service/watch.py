@@ -36,6 +36,8 @@ class Watch:
         self._stopping = Event()
         self._thread = Thread(target=self._look_all, name="watch", daemon=True)
         self._tidied_s = time.monotonic()
+        self._dismissed: set[str] = set()
+        """Zones that drones may pass, at the moment before."""
 
     def start(self) -> None:
         self._thread.start()
@@ -64,7 +66,8 @@ class Watch:
         self._dismissals()
 
     def happened(self, moment: Moment) -> None:
-        """A listener of the mission: new zones."""
+        """A listener of the mission: new zones, and those that are closed again."""
+        self._ended_dismissals(moment)
         for event in moment.zones.events:
             if event.kind in ("created", "split"):
                 zone = next((one for one in moment.zones if one.id == event.id), None)
@@ -73,6 +76,16 @@ class Watch:
                     self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
             elif event.kind in ("expired", "merged"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
+
+    def _ended_dismissals(self, moment: Moment) -> None:
+        """A dismissal that ends before its time: whoever flies through the zone must hear of it."""
+        before, marks = self._dismissed, moment.marks
+        self._dismissed = {name for name, mark in marks.items() if mark.get("dismissed")}
+        for zone in moment.zones:
+            if zone.id in before - self._dismissed and not marks.get(zone.id, {}).get("locked"):
+                text = f"zone {zone.id} is closed again: it is no longer dismissed"
+                self._service.alerts.clear("new_zone", moment.stamp_ns, zone=zone.id)
+                self._service.alerts.raise_("new_zone", "warning", text, moment.stamp_ns, zone=zone.id)
 
     def _silence(self) -> None:
         service, now_ns = self._service, self._service.now_ns()
