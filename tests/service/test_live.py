@@ -3,16 +3,18 @@
 import base64
 import io
 import json
+import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from threading import Barrier, Event, Thread
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import CrowdMap, View, project
+from crowdfence import Camera, CrowdMap, View, project
 from crowdfence.config import PaperConfig
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
@@ -39,6 +41,7 @@ from support.small_service import (
     views,
 )
 
+FINE_CAMERA = Camera.pinhole(160, 120, 120.0, 120.0, 80.0, 60.0)
 FLEET_OF_TWO = replace(CONFIG, method=PaperConfig(fleet_size=2))
 
 
@@ -458,3 +461,50 @@ def test_a_drone_whose_views_are_lost_again_is_told_again(tmp_path: Path) -> Non
         assert told() == [(False, False), (False, True)]
         give(40, fails=True)
         assert told() == [(True, False), (False, False), (False, True)]
+
+
+def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: Path) -> None:
+    """All drones fall silent: what was seen empty is stale soon. A service that begins anew says the same."""
+    now = Now(START_NS)
+    zones = replace(CONFIG.zones, close_unseen=True, stale_after_s=2.0)
+    how = {
+        "config": replace(CONFIG, zones=zones),
+        "settings": replace(SETTINGS, clock="system", snapshot_every=1000),
+    }
+    empty = np.zeros((12, 16), np.float32)
+
+    def unseen_m2(service: Service) -> float:
+        assert service.mission.newest is not None
+        return service.mission.newest.zones.unseen[0].polygon.area
+
+    def closed_again(service: Service) -> bool:
+        give_up_s = monotonic() + 20.0
+        while unseen_m2(service) < 60.0 * 60.0 and monotonic() < give_up_s:
+            sleep(0.02)
+        return unseen_m2(service) == 60.0 * 60.0
+
+    with running(tmp_path / "one", clock=now.clock(), **how) as service:
+        live = live_of(service)
+        for number in range(4):
+            stamp = START_NS + number * 100_000_000
+            one = View("uav1", stamp, FINE_CAMERA, pose("uav1", 0.0), empty)
+            live.give_view(message(one))
+        live.finish()
+        assert unseen_m2(service) < 60.0 * 60.0, "something was seen empty"
+        now.pass_s(1.5)
+        sleep(0.5)
+        settle(service)
+        assert unseen_m2(service) < 60.0 * 60.0, "and is not stale yet"
+        now.pass_s(2.0)
+        assert closed_again(service)
+        settle(service)
+        assert not live.refused
+        shutil.copytree(tmp_path / "one", tmp_path / "two")
+        state = live.to_bytes()
+        later = View("uav1", now.system_ns, FINE_CAMERA, pose("uav1", 0.0), empty)
+        live.give_view(message(later))
+        live.finish()
+        assert unseen_m2(service) < 60.0 * 60.0, "a look opens it again"
+        assert not live.refused and not live.late
+    with running(tmp_path / "two", clock=now.clock(), **how) as service:
+        assert live_of(service).to_bytes() == state

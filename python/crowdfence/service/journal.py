@@ -1,4 +1,5 @@
-"""What was accepted, in order: views, observations, ticks of the clock, what operators did.
+"""What was accepted, in order: views, observations, ticks of the clock, when the map was looked at
+again without them, what operators did.
 
 The state of the service is a function of these records alone, so that it can be had again from the last
 snapshot and the records behind it.
@@ -15,7 +16,7 @@ from typing import Any, Literal
 
 from crowdfence.service.store import Store, Write
 
-RecordKind = Literal["view", "observation", "tick", "operator"]
+RecordKind = Literal["view", "observation", "tick", "look", "operator"]
 KEPT_SNAPSHOTS = 2
 
 
@@ -27,7 +28,7 @@ class Record:
     """Its place; 0 for one that is not written yet."""
     kind: RecordKind
     drone: str
-    """Empty for ticks and operators."""
+    """Empty for ticks, looks and operators."""
     stamp_ns: int
     received_ns: int
     body: bytes

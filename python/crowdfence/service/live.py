@@ -297,6 +297,9 @@ class Live:
                 self._act(record)
             elif record.kind == "tick":
                 self._take(self._gathering.advance(record.stamp_ns))
+            elif record.kind == "look":
+                self._take(self._gathering.advance(record.stamp_ns))
+                self._look_again(record.stamp_ns - self._gathering.patience_ns)
             else:
                 self._arrive(record)
         except Exception as error:  # a mistake of ours: one record must not stop all that follow
@@ -370,6 +373,13 @@ class Live:
         left = [pair for pair in zip(group, contents, strict=True) if pair[0] is not at_fault]
         self._step_with([arrival for arrival, _ in left], [content for _, content in left], stamp_ns)
 
+    def _look_again(self, stamp_ns: int) -> None:
+        """No view came for long: zones as of a stamp that lies before every instant to come."""
+        if self._last_ns is None or stamp_ns > self._last_ns:
+            with self._mission.lock:
+                self._mission.look_again(stamp_ns)
+            self._last_ns = stamp_ns
+
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
             _LOG.warning(
@@ -431,17 +441,33 @@ class Live:
     # -- time and snapshots ------------------------------------------------------------------------------
 
     def _tick_all(self) -> None:
-        """An instant that no view completes is completed by the clock, and the journal says so."""
-        ticked_ns = 0
+        """An instant that no view completes is completed by the clock, and ground that nobody looks at any
+        more is closed by it; the journal says so."""
+        ticked_ns = looked_ns = 0
         while not self._stopping.wait(_TICK_S):
             now_ns = self._clock.now_ns()
+            if self._records.qsize():
+                continue
             again = now_ns - ticked_ns > self._settings.max_delay_ms * 1e6
-            if again and self._gathering.is_due(now_ns) and not self._records.qsize():
+            if again and self._gathering.is_due(now_ns):
                 ticked_ns = now_ns
                 self._tick(now_ns)
+            if now_ns - looked_ns > self._look_every_ns and self._has_nothing_new(now_ns):
+                looked_ns = now_ns
+                self._tick(now_ns, "look")
 
-    def _tick(self, stamp_ns: int) -> None:
-        record = Record(0, "tick", "", stamp_ns, self._clock.now_ns(), b"")
+    @property
+    def _look_every_ns(self) -> float:
+        return self._mission.config.zones.stale_after_s / 2 * _SECOND_NS
+
+    def _has_nothing_new(self, now_ns: int) -> bool:
+        """Whether ground that is open could have become unknown since the last zones were made."""
+        if self._last_ns is None or not self._mission.config.zones.close_unseen:
+            return False
+        return now_ns - self._gathering.patience_ns - self._last_ns > self._look_every_ns
+
+    def _tick(self, stamp_ns: int, kind: RecordKind = "tick") -> None:
+        record = Record(0, kind, "", stamp_ns, self._clock.now_ns(), b"")
         future = self._journal.append(record)
         future.add_done_callback(partial(self._ticked, record))
         with suppress(sqlite3.Error):  # the disk is full: told elsewhere, and tried again

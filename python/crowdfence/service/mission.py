@@ -84,6 +84,11 @@ class Mission:
         self.found = step.zones
         return self.publish(step.stamp_ns)
 
+    def look_again(self, stamp_ns: int) -> Moment:
+        """Publish the zones as of a stamp after the last step, when no view came."""
+        self.found = self.loop.look_again(stamp_ns)
+        return self.publish(stamp_ns)
+
     def publish(self, stamp_ns: int) -> Moment:
         """Publish the zones of the last step with what operators made of them, as of a stamp."""
         found = self.found
