@@ -246,6 +246,12 @@ class Live:
         _LOG.info("recovered", extra={"records": len(records), "damaged": damaged, "seq": self._applied})
         return damaged
 
+    def apply_static(self) -> None:
+        """Close the static zones of now, where those of before were others. Between `recover` and `start`."""
+        if self._mission.apply_static(self._clock.now_ns()):
+            self._since_snapshot += 1  # kept, so that the history goes on behind it
+            self._snapshot()
+
     @property
     def works(self) -> bool:
         """Whether views still go into the map."""
