@@ -508,3 +508,19 @@ def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: P
         assert not live.refused and not live.late
     with running(tmp_path / "two", clock=now.clock(), **how) as service:
         assert live_of(service).to_bytes() == state
+
+
+def test_a_write_that_fails_by_a_mistake_of_ours_fails_alone(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        store = service.store
+        insert = "INSERT INTO about VALUES (?, '')"
+        bad = store.submit(lambda connection: connection.execute(insert, ("\ud800",)))
+        good = store.submit(lambda connection: connection.execute(insert, ("a",)))
+        assert isinstance(bad.exception(timeout=10), UnicodeEncodeError)
+        good.result(timeout=10)
+        assert service.store_trouble is None and service.works
+
+
+def test_room_that_is_freed_in_the_file_can_be_given_back(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        assert service.store.rows("PRAGMA auto_vacuum") == [(2,)], "incremental"
