@@ -76,6 +76,9 @@ class _Udp:
     def _met(self, peer: tuple[str, int]) -> None:
         pass
 
+    def reopen(self) -> None:
+        """Nothing is to be done: what is away may come back at any time."""
+
     def close(self) -> None:
         self._socket.close()
 
