@@ -23,6 +23,7 @@ AlertKind = Literal[
     "clock",
     "disk",
     "refused_views",
+    "watch_failed",
 ]
 Level = Literal["info", "warning", "alarm"]
 

@@ -5,6 +5,7 @@ Data that stops opens nothing: zones stay as they are, and somebody is told.
 
 from __future__ import annotations
 
+import logging
 import shutil
 import sqlite3
 import time
@@ -21,6 +22,7 @@ from crowdfence.service.timeline import Moment, forget_before
 from crowdfence.service.track import Sighting
 from crowdfence.zones import Zone
 
+_LOG = logging.getLogger(__name__)
 _EVERY_S = 1.0
 _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
@@ -48,10 +50,19 @@ class Watch:
 
     def _look_all(self) -> None:
         while not self._stopping.wait(_EVERY_S):
-            self.look()
-            if time.monotonic() - self._tidied_s > _TIDY_EVERY_S:
-                self._tidied_s = time.monotonic()
-                self.tidy()
+            try:
+                self.look()
+                if time.monotonic() - self._tidied_s > _TIDY_EVERY_S:
+                    self._tidied_s = time.monotonic()
+                    self.tidy()
+            except Exception as error:  # a mistake of ours must not end all looking
+                _LOG.exception("looking after the mission failed")
+                text = (
+                    f"looking for trouble failed, other alerts may be missing: {type(error).__name__} {error}"
+                )
+                self._set(True, "watch_failed", "alarm", text)
+            else:
+                self._set(False, "watch_failed", "alarm", "")
 
     def look(self) -> None:
         """Raise and clear what follows from how things stand now."""
