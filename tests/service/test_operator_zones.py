@@ -221,3 +221,14 @@ def test_crowd_that_comes_to_a_dismissed_zone_is_told(tmp_path: Path) -> None:
         assert [one.id for one in passable(moment.zones, moment.marks).closed] == [zone.id]
         alert = service.alerts.active("new_zone", zone=zone.id)
         assert alert is not None and alert.level == "warning" and "closed again" in alert.text
+
+
+@pytest.mark.parametrize("text", ["abc \\ud800 def", "\\udc00\\udc00\\udc00"])
+def test_a_reason_with_half_a_character_is_refused(tmp_path: Path, text: str) -> None:
+    body = f'{{"reason": "{text}", "polygon": [[1, 1], [5, 1], [5, 5]]}}'.encode()
+    with running(tmp_path) as service, asked(service) as http:
+        answer = http.post("/api/v1/zones", content=body, headers={"content-type": "application/json"})
+        assert answer.status_code == 422 and service.works
+        odd = f'{{"reason": "because", "{text}": 1}}'.encode()
+        answer = http.post("/api/v1/zones", content=odd, headers={"content-type": "application/json"})
+        assert answer.status_code == 422
