@@ -524,3 +524,23 @@ def test_a_write_that_fails_by_a_mistake_of_ours_fails_alone(tmp_path: Path) -> 
 def test_room_that_is_freed_in_the_file_can_be_given_back(tmp_path: Path) -> None:
     with running(tmp_path) as service:
         assert service.store.rows("PRAGMA auto_vacuum") == [(2,)], "incremental"
+
+
+def test_another_view_of_the_same_stamp_is_refused(tmp_path: Path) -> None:
+    """It is not told that it is there already, which only what came first is."""
+    with running(tmp_path) as service, asked(service) as http:
+        one = view("uav1", 0)
+        empty = View("uav1", one.stamp_ns, one.camera, one.world_from_camera, np.zeros((12, 16), np.float32))
+        assert http.post("/api/v1/views", content=message(empty)).status_code == 202
+        other = http.post("/api/v1/views", content=message(one))
+        assert other.status_code == 409 and "another view" in other.json()["detail"]
+        spaced = json.dumps(json.loads(message(empty)), indent=1)
+        again = http.post("/api/v1/views", content=spaced)
+        assert again.status_code == 200 and again.json()["duplicate"], "the same in other words"
+
+
+def test_a_first_stamp_that_is_absurd_does_not_set_the_clock_of_the_views(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        with pytest.raises(Refused, match="clock is wrong"):
+            live_of(service).give_view(at("uav1", 2**63 - 1))
+        assert not live_of(service).give_view(at("uav2", START_NS)).duplicate

@@ -16,6 +16,8 @@ from crowdfence.service.settings import ServiceSettings
 _SECOND_NS = 1_000_000_000
 _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+_LATEST_NS = 4_000_000_000 * _SECOND_NS
+"""A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
 
 
 class Refused(ValueError):
@@ -63,6 +65,8 @@ class Gate:
         now_ns = self._clock.now_ns()
         by_views = self._clock.kind == "views"
         if by_views and now_ns == 0:
+            if stamp_ns > _LATEST_NS:
+                raise Refused(422, f"{drone} stamps {stamp_ns} ns, beyond the year 2096: its clock is wrong")
             return
         ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
         off_s = (stamp_ns - now_ns) / _SECOND_NS

@@ -165,12 +165,29 @@ class Live:
             place = self._journal.place_of(kind, drone, stamp_ns)
             if place is None:
                 raise Refused(409, f"{drone} gave a view of {stamp_ns} before") from None
+            if not self._is_same(place, kind, raw):
+                raise Refused(
+                    409, f"{drone} gave another view of {stamp_ns} before; that one counts"
+                ) from None
             return Accepted(place, duplicate=True)
         except sqlite3.Error as error:
             raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
         self.acknowledging.took(time.monotonic() - started_s)
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
+
+    def _is_same(self, place: int, kind: RecordKind, raw: bytes) -> bool:
+        """Whether the journal holds this very view. Poses from telemetry are left out: more of it may have
+        come in between."""
+        kept = self._journal.record(place)
+        if kept is None or kept.body == raw:
+            return kept is not None
+        if kind != "view":
+            return False
+        there, here = (ViewMessage.model_validate_json(body) for body in (kept.body, raw))
+        if here.drone in self.poses.feeds:
+            there, here = (one.model_copy(update={"world_from_camera": None}) for one in (there, here))
+        return there == here
 
     def _body(self, drone: str, body: Callable[[], bytes]) -> bytes:
         try:
