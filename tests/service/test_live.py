@@ -544,3 +544,29 @@ def test_a_first_stamp_that_is_absurd_does_not_set_the_clock_of_the_views(tmp_pa
         with pytest.raises(Refused, match="clock is wrong"):
             live_of(service).give_view(at("uav1", 2**63 - 1))
         assert not live_of(service).give_view(at("uav2", START_NS)).duplicate
+
+
+def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_givers_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread of the first view is held up between its commit and whatever it does next."""
+    with running(tmp_path) as service:
+        live, journal, applied = live_of(service), live_of(service)._journal, []
+        append, apply_ = journal.append, live._apply
+
+        def slowly(record: Record, *how, **more):
+            future = append(record, *how, **more)
+            if record.drone == "uav1":
+                future.result()
+                live.give_view(message(view("uav2", 0)))
+            return future
+
+        def noted(record: Record) -> None:
+            applied.append(record.seq)
+            apply_(record)
+
+        monkeypatch.setattr(journal, "append", slowly)
+        monkeypatch.setattr(live, "_apply", noted)
+        live.give_view(message(view("uav1", 0)))
+        settle(service)
+        assert applied == [1, 2]

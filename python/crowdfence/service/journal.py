@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -46,10 +46,12 @@ class Journal:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def append(self, record: Record, beside: Write | None = None) -> Future[int]:
+    def append(
+        self, record: Record, then: Callable[[Future[int]], None], beside: Write | None = None
+    ) -> Future[int]:
         """Write it, and what must be written with it or not at all; its place comes once it is on disk.
         sqlite3.IntegrityError for a view that is there already, other sqlite3.Error where it cannot be
-        written."""
+        written. `then` is called in the order of the places."""
         row = (
             record.kind,
             record.drone,
@@ -68,7 +70,7 @@ class Journal:
                 row,
             ).lastrowid
 
-        return self._store.submit(write)
+        return self._store.submit(write, then)
 
     def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
         """Of a view that is there already."""

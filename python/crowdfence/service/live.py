@@ -157,8 +157,7 @@ class Live:
             raise
         started_s = time.monotonic()
         record = Record(0, kind, drone, stamp_ns, self._clock.now_ns() or stamp_ns, raw)
-        future = self._journal.append(record)
-        future.add_done_callback(partial(self._journaled, record))
+        future = self._journal.append(record, partial(self._journaled, record))
         try:
             seq = future.result()
         except sqlite3.IntegrityError:
@@ -232,8 +231,7 @@ class Live:
                 self._done[future.result()] = done
                 self._records.put(_placed(record, future.result()))
 
-        future = self._journal.append(record, beside)
-        future.add_done_callback(journaled)
+        future = self._journal.append(record, journaled, beside)
         try:
             future.result()
         except sqlite3.Error as error:
@@ -491,8 +489,7 @@ class Live:
 
     def _tick(self, stamp_ns: int, kind: RecordKind = "tick") -> None:
         record = Record(0, kind, "", stamp_ns, self._clock.now_ns(), b"")
-        future = self._journal.append(record)
-        future.add_done_callback(partial(self._ticked, record))
+        future = self._journal.append(record, partial(self._ticked, record))
         with suppress(sqlite3.Error):  # the disk is full: told elsewhere, and tried again
             future.result()
 

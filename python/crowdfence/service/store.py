@@ -114,10 +114,13 @@ class Store:
             lambda connection: connection.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", rows)
         ).result()
 
-    def submit(self, write: Write) -> Future[Any]:
+    def submit(self, write: Write, then: Callable[[Future[Any]], None] | None = None) -> Future[Any]:
         """Write with the next commit; the result of `write` comes once it is on disk. Its error comes instead
-        where it failed, sqlite3.Error where that was the file's; nothing of it was written then."""
+        where it failed, sqlite3.Error where that was the file's; nothing of it was written then. `then` is
+        called in the thread that writes, in the order of the writes."""
         future: Future[Any] = Future()
+        if then is not None:
+            future.add_done_callback(then)
         self._writes.put((write, future))
         return future
 
