@@ -1,12 +1,15 @@
 """A fence that follows zones: when it is sent, when ground opens, what is said when something goes wrong."""
 
 import json
+import socket
 from pathlib import Path
 
+import pytest
 import shapely
 
 from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan, ZoneSource
 from crowdfence.fence_sync.debounce import Debounce
+from crowdfence.fence_sync.transport import open_transport
 from support.fence_zones import box, station
 from support.vehicle_emulator import EmulatedLink, EmulatedVehicle, polygon
 
@@ -80,7 +83,11 @@ class Watched:
             WatchPlan(**plan),  # type: ignore[arg-type]
             self.said.append,
             wall_ns=lambda: round((self.wall_s + self.link.now_s) * 1e9),
+            sleep=self.sleep,
         )
+
+    def sleep(self, duration_s: float) -> None:
+        self.link.now_s += duration_s
 
     def write(self, *, north_m: float, count: int = 1, **properties: object) -> None:
         features = []
@@ -200,3 +207,31 @@ def test_a_stop_is_granted_between_two_steps(tmp_path: Path) -> None:
     other.link.before_receive = ask
     other.watch.run(stopped=lambda: bool(asked_with))
     assert asked_with[0] == 0 and len(other.vehicle.items) == 4
+
+
+def test_a_link_that_closes_is_said_and_opened_again(tmp_path: Path) -> None:
+    """Zones that changed meanwhile are written once the vehicle is heard again."""
+    watched = Watched(tmp_path, opening_s=1.0)
+    assert "written" in watched.run(3.0)
+    watched.link.broken_until_s = watched.link.now_s + 20.0
+    said = watched.run(10.0)
+    assert said == ["link_lost"], "once"
+    assert "closed the link" in watched.said[0].text and watched.watch.alarms == tuple(watched.said)
+    watched.write(north_m=100.0, count=2)
+    said = watched.run(50.0)
+    assert said[:2] == ["link_back", "written"] and len(watched.vehicle.items) == 8
+    assert watched.watch.alarms == ()
+
+
+def test_a_stream_is_opened_again() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_transport(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        server.accept()[0].close()
+        with pytest.raises(ConnectionError):
+            link.receive(5.0)
+        link.reopen()
+        there, _ = server.accept()
+        there.sendall(b"again")
+        assert link.receive(5.0) == b"again"
+        there.close()
+        link.close()

@@ -3,18 +3,22 @@
 import base64
 import io
 import json
+import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
+from threading import Barrier, Event, Thread
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import CrowdMap, View, project
+from crowdfence import Camera, CrowdMap, View, project
+from crowdfence.config import PaperConfig
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
+from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Record
 from crowdfence.service.live import Live
 from crowdfence.service.service import Service
@@ -22,6 +26,7 @@ from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewM
 from support.small_service import (
     CAMERA,
     CONFIG,
+    DRONES,
     SECOND_NS,
     SETTINGS,
     START_NS,
@@ -31,9 +36,13 @@ from support.small_service import (
     pose,
     running,
     settle,
+    stamp_ns,
     view,
     views,
 )
+
+FINE_CAMERA = Camera.pinhole(160, 120, 120.0, 120.0, 80.0, 60.0)
+FLEET_OF_TWO = replace(CONFIG, method=PaperConfig(fleet_size=2))
 
 
 def live_of(service: Service) -> Live:
@@ -326,3 +335,238 @@ def test_a_record_that_cannot_be_applied_stops_nothing_also_after_a_restart(tmp_
         settle(service)
         assert live.works and service.mission.loop.crowd_map.instant_count > 0
         assert any("record 2 (operator)" in alert.text for alert in service.alerts.all())
+
+
+def test_more_drones_than_the_method_takes_lose_nobody_elses_views(tmp_path: Path) -> None:
+    """Three drones begin at the same moment in a fleet of two: one is refused, the others are taken."""
+    for folder in ("a", "b", "c"):
+        with running(tmp_path / folder, config=FLEET_OF_TWO) as service:
+            live, together, refused = live_of(service), Barrier(3), []
+
+            def give(drone: str, live=live, together=together, refused=refused) -> None:
+                for number in range(4):
+                    together.wait()
+                    try:
+                        live.give_view(message(view(drone, number)))
+                    except Refused as error:
+                        refused.append((drone, str(error)))
+
+            threads = [Thread(target=give, args=(drone,)) for drone in DRONES]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            live.finish()
+            assert service.mission.loop.crowd_map.instant_count == 4
+            assert len({drone for drone, _ in refused}) == 1 and len(refused) == 4
+            assert "this fleet has 2 at most" in refused[0][1]
+
+
+def test_the_place_of_a_drone_whose_view_was_not_kept_is_free_again(tmp_path: Path) -> None:
+    with running(tmp_path, config=FLEET_OF_TWO, inputs=Inputs()) as service:
+        live = live_of(service)
+        without_pose = json.loads(message(view("uav3", 0)))
+        del without_pose["world_from_camera"]
+        with pytest.raises(Refused):
+            live.give_view(json.dumps(without_pose).encode())
+        for drone in ("uav1", "uav2"):
+            assert not live.give_view(message(view(drone, 0))).duplicate
+
+
+def test_a_view_that_cannot_be_used_does_not_take_its_instant_with_it(tmp_path: Path) -> None:
+    """Views of three drones are in the journal of a fleet of two, as an older build kept them."""
+    with running(tmp_path, config=FLEET_OF_TWO) as service:
+        live = live_of(service)
+        live._gate._most_drones = 3
+        for drone in DRONES:
+            live.give_view(message(view(drone, 0)))
+        live.finish()
+        crowd_map = service.mission.loop.crowd_map
+        assert crowd_map.instant_count == 1 and set(crowd_map.drones) == {"uav1", "uav2"}
+        assert live.refused == {"uav3": 1}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert alert.drone == "uav3" and "fleet_size is 2" in alert.text
+
+
+def test_an_instant_that_fails_takes_none_of_the_others_with_it(tmp_path: Path) -> None:
+    """Two instants are completed by one view, and the first cannot be taken in by a mistake of ours."""
+    with running(tmp_path) as service:
+        live, take_in = live_of(service), service.mission.loop.step
+        tries = []
+
+        def once_failing(*what):
+            tries.append(what)
+            if len(tries) == 1:
+                raise MemoryError("once")
+            return take_in(*what)
+
+        service.mission.loop.step = once_failing  # type: ignore[method-assign]
+        for one in views(2):
+            live.give_view(message(one))
+        live.give_view(message(view("uav1", 30)))
+        settle(service)
+        assert service.mission.loop.crowd_map.instant_count == 1
+        assert live.refused == dict.fromkeys(DRONES, 1)
+        told = [alert for alert in service.alerts.all() if alert.kind == "refused_views"]
+        assert {alert.drone for alert in told} == set(DRONES) and "MemoryError once" in told[0].text
+        live.finish()
+        assert service.mission.loop.crowd_map.instant_count == 2
+        assert not live._gathering.is_due(stamp_ns("uav1", 1000)), "nothing waits for good"
+        assert live._gathering.first_waiting(10**9) == 10**9, "nothing pins the journal"
+
+
+@pytest.mark.parametrize("method", [CONFIG.method, PaperConfig(fleet_size=3)], ids=["evidence", "paper"])
+@pytest.mark.parametrize("start_s", [0, 1500, 1_760_000_000])
+def test_a_late_view_is_taken_in_on_every_clock(tmp_path: Path, start_s: int, method) -> None:
+    """Also on that of a simulation, whose stamps can look like milliseconds."""
+    start_ns = start_s * SECOND_NS
+    with running(tmp_path, config=replace(CONFIG, method=method)) as service:
+        live = live_of(service)
+        for number in range(10):
+            live.give_view(at("uav1", start_ns + number * 200_000_000))
+        for number in range(3):
+            live.give_view(at("uav2", start_ns + number * 100_000_000))
+        live.give_view(at("uav1", start_ns + 2 * SECOND_NS))
+        live.finish()
+        assert live.late == {"uav2": 3} and not live.refused
+        assert service.mission.loop.crowd_map.instant_count == 14
+        assert "uav2" in service.mission.loop.crowd_map.drones
+
+
+def test_a_drone_whose_views_are_lost_again_is_told_again(tmp_path: Path) -> None:
+    """Whether somebody acknowledged the loss before, or good views came between."""
+    with running(tmp_path, settings=replace(SETTINGS, max_delay_ms=0.0)) as service:
+        live, take_in, alerts = live_of(service), service.mission.loop.step, service.alerts
+
+        def failing(*what):
+            raise MemoryError("no room")
+
+        def give(number: int, *, fails: bool) -> None:
+            service.mission.loop.step = failing if fails else take_in  # type: ignore[method-assign]
+            live.give_view(message(view("uav1", number)))
+            live.finish()
+
+        def told() -> list[tuple[bool, bool]]:
+            """Newest first: still active, acknowledged."""
+            found = [one for one in alerts.all() if one.kind == "refused_views"]
+            return [(one.cleared_ns is None, one.acknowledged_by is not None) for one in found]
+
+        give(0, fails=True)
+        give(10, fails=True)
+        assert told() == [(True, False)], "once is enough while nobody has looked"
+        alerts.acknowledge(alerts.all()[0].id, "ops", 1)
+        give(20, fails=True)
+        assert told() == [(True, False), (False, True)]
+        give(30, fails=False)
+        assert told() == [(False, False), (False, True)]
+        give(40, fails=True)
+        assert told() == [(True, False), (False, False), (False, True)]
+
+
+def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: Path) -> None:
+    """All drones fall silent: what was seen empty is stale soon. A service that begins anew says the same."""
+    now = Now(START_NS)
+    zones = replace(CONFIG.zones, close_unseen=True, stale_after_s=2.0)
+    how = {
+        "config": replace(CONFIG, zones=zones),
+        "settings": replace(SETTINGS, clock="system", snapshot_every=1000),
+    }
+    empty = np.zeros((12, 16), np.float32)
+
+    def unseen_m2(service: Service) -> float:
+        assert service.mission.newest is not None
+        return service.mission.newest.zones.unseen[0].polygon.area
+
+    def closed_again(service: Service) -> bool:
+        give_up_s = monotonic() + 20.0
+        while unseen_m2(service) < 60.0 * 60.0 and monotonic() < give_up_s:
+            sleep(0.02)
+        return unseen_m2(service) == 60.0 * 60.0
+
+    with running(tmp_path / "one", clock=now.clock(), **how) as service:
+        live = live_of(service)
+        for number in range(4):
+            stamp = START_NS + number * 100_000_000
+            one = View("uav1", stamp, FINE_CAMERA, pose("uav1", 0.0), empty)
+            live.give_view(message(one))
+        live.finish()
+        assert unseen_m2(service) < 60.0 * 60.0, "something was seen empty"
+        now.pass_s(1.5)
+        sleep(0.5)
+        settle(service)
+        assert unseen_m2(service) < 60.0 * 60.0, "and is not stale yet"
+        now.pass_s(2.0)
+        assert closed_again(service)
+        settle(service)
+        assert not live.refused
+        shutil.copytree(tmp_path / "one", tmp_path / "two")
+        state = live.to_bytes()
+        later = View("uav1", now.system_ns, FINE_CAMERA, pose("uav1", 0.0), empty)
+        live.give_view(message(later))
+        live.finish()
+        assert unseen_m2(service) < 60.0 * 60.0, "a look opens it again"
+        assert not live.refused and not live.late
+    with running(tmp_path / "two", clock=now.clock(), **how) as service:
+        assert live_of(service).to_bytes() == state
+
+
+def test_a_write_that_fails_by_a_mistake_of_ours_fails_alone(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        store = service.store
+        insert = "INSERT INTO about VALUES (?, '')"
+        bad = store.submit(lambda connection: connection.execute(insert, ("\ud800",)))
+        good = store.submit(lambda connection: connection.execute(insert, ("a",)))
+        assert isinstance(bad.exception(timeout=10), UnicodeEncodeError)
+        good.result(timeout=10)
+        assert service.store_trouble is None and service.works
+
+
+def test_room_that_is_freed_in_the_file_can_be_given_back(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        assert service.store.rows("PRAGMA auto_vacuum") == [(2,)], "incremental"
+
+
+def test_another_view_of_the_same_stamp_is_refused(tmp_path: Path) -> None:
+    """It is not told that it is there already, which only what came first is."""
+    with running(tmp_path) as service, asked(service) as http:
+        one = view("uav1", 0)
+        empty = View("uav1", one.stamp_ns, one.camera, one.world_from_camera, np.zeros((12, 16), np.float32))
+        assert http.post("/api/v1/views", content=message(empty)).status_code == 202
+        other = http.post("/api/v1/views", content=message(one))
+        assert other.status_code == 409 and "another view" in other.json()["detail"]
+        spaced = json.dumps(json.loads(message(empty)), indent=1)
+        again = http.post("/api/v1/views", content=spaced)
+        assert again.status_code == 200 and again.json()["duplicate"], "the same in other words"
+
+
+def test_a_first_stamp_that_is_absurd_does_not_set_the_clock_of_the_views(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        with pytest.raises(Refused, match="clock is wrong"):
+            live_of(service).give_view(at("uav1", 2**63 - 1))
+        assert not live_of(service).give_view(at("uav2", START_NS)).duplicate
+
+
+def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_givers_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread of the first view is held up between its commit and whatever it does next."""
+    with running(tmp_path) as service:
+        live, journal, applied = live_of(service), live_of(service)._journal, []
+        append, apply_ = journal.append, live._apply
+
+        def slowly(record: Record, *how, **more):
+            future = append(record, *how, **more)
+            if record.drone == "uav1":
+                future.result()
+                live.give_view(message(view("uav2", 0)))
+            return future
+
+        def noted(record: Record) -> None:
+            applied.append(record.seq)
+            apply_(record)
+
+        monkeypatch.setattr(journal, "append", slowly)
+        monkeypatch.setattr(live, "_apply", noted)
+        live.give_view(message(view("uav1", 0)))
+        settle(service)
+        assert applied == [1, 2]

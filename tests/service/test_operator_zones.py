@@ -1,15 +1,18 @@
 """What operators close, lock and open: conservative, for a while, and told."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from shapely import Point, Polygon, box
 
 from crowdfence.config import ZoneConfig
+from crowdfence.service.access import User
 from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
 from crowdfence.service.service import Service
 from crowdfence.zones import Zone, ZoneSet
 from support.small_service import SECOND_NS, START_NS, asked, message, plain, running, settle, view, views
+from support.small_zones import DrawnZones, ids
 
 SQUARE = [[[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0]]]]
 
@@ -155,3 +158,77 @@ def test_on_the_running_service(tmp_path: Path) -> None:
         settle(service)
         zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
         assert zones["Z1"]["dismissed"] is None and '"Z1"' in http.get("/api/v1/export").text
+
+
+def passed(mine: OperatorZones, zones: ZoneSet, second: int) -> list[str]:
+    """The zones that are dismissed then."""
+    published, marks = mine.applied_to(zones, START_NS + second * SECOND_NS)
+    assert [zone.id for zone in published] == [zone.id for zone in zones], "they stay on the list"
+    return [zone.id for zone in published if zone not in passable(published, marks).zones]
+
+
+def test_a_dismissal_ends_where_its_crowd_reaches_beyond_the_dismissed_ground() -> None:
+    """Step by step too: what counts is the ground of the moment at which somebody looked at it."""
+    mine, first = operators(), zone_set(crowd("Z1", box(0, 0, 9, 9)))
+    mine.do(action("dismiss"), first)
+    assert passed(mine, zone_set(crowd("Z1", box(0, 0, 10, 10))), 1) == ["Z1"], "flicker"
+    assert passed(mine, zone_set(crowd("Z1", box(-2, -2, 11, 11))), 2) == ["Z1"]
+    assert passed(mine, zone_set(crowd("Z1", box(0, 0, 11.5, 9))), 3) == []
+    assert passed(mine, first, 4) == [], "it takes a new dismissal"
+
+
+def test_other_crowd_that_merges_into_a_dismissed_zone_is_closed() -> None:
+    """The zones of the engine: the merged zone keeps the dismissed name, as the older one."""
+    drawn, mine = DrawnZones((9, 3)), operators()
+    first = drawn.drawn("""
+##.....##
+##.....##
+.........""")
+    assert ids(first) == ["Z1", "Z2"]
+    mine.do(action("dismiss"), first)
+    assert passed(mine, first, 0) == ["Z1"]
+    merged = drawn.drawn("""
+#########
+#########
+.........""")
+    assert ids(merged) == ["Z1"] and passed(mine, merged, 1) == []
+
+
+def test_a_small_crowd_beside_a_dismissed_zone_that_merges_into_it_is_closed() -> None:
+    drawn, mine = DrawnZones((9, 3)), operators()
+    first = drawn.drawn("""
+######.#.
+######...
+######...""")
+    mine.do(action("dismiss"), first)
+    merged = drawn.drawn("""
+########.
+######...
+######...""")
+    assert ids(merged) == ["Z1"] and passed(mine, merged, 1) == []
+
+
+def test_crowd_that_comes_to_a_dismissed_zone_is_told(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        flown(service, 12)
+        mission = service.mission
+        zone = next(one for one in mission.found)
+        service.decide(User("ana", "operator"), "dismiss", zone.id, "two cars")
+        assert mission.newest is not None and mission.newest.marks[zone.id]["dismissed"]
+        grown = replace(zone, polygon=zone.polygon.buffer(9.0), crowd_outline=None)
+        mission.found = replace(mission.found, zones=(grown,), events=())
+        moment = mission.publish(mission.newest.stamp_ns + SECOND_NS)
+        assert [one.id for one in passable(moment.zones, moment.marks).closed] == [zone.id]
+        alert = service.alerts.active("new_zone", zone=zone.id)
+        assert alert is not None and alert.level == "warning" and "closed again" in alert.text
+
+
+@pytest.mark.parametrize("text", ["abc \\ud800 def", "\\udc00\\udc00\\udc00"])
+def test_a_reason_with_half_a_character_is_refused(tmp_path: Path, text: str) -> None:
+    body = f'{{"reason": "{text}", "polygon": [[1, 1], [5, 1], [5, 5]]}}'.encode()
+    with running(tmp_path) as service, asked(service) as http:
+        answer = http.post("/api/v1/zones", content=body, headers={"content-type": "application/json"})
+        assert answer.status_code == 422 and service.works
+        odd = f'{{"reason": "because", "{text}": 1}}'.encode()
+        answer = http.post("/api/v1/zones", content=odd, headers={"content-type": "application/json"})
+        assert answer.status_code == 422

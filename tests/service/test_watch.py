@@ -271,3 +271,21 @@ def test_counts_for_prometheus(tmp_path: Path) -> None:
         assert 'crowdfence_views_accepted_total{drone="uav1"} 6.0' in text
         assert "crowdfence_acknowledge_seconds_count 18.0" in text
         assert 'crowdfence_publish_seconds_bucket{le="+Inf"}' in text
+
+
+def test_the_watch_survives_its_own_mistakes_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "_EVERY_S", 0.02)
+
+    def until(is_so) -> bool:
+        give_up_s = time.monotonic() + 20.0
+        while not is_so() and time.monotonic() < give_up_s:
+            time.sleep(0.02)
+        return is_so()
+
+    with running(tmp_path) as service:
+        with monkeypatch.context() as failing:
+            failing.setattr(watch.Watch, "look", lambda self: {}["mistake"])
+            assert until(lambda: service.alerts.active("watch_failed") is not None)
+        assert until(lambda: service.alerts.active("watch_failed") is None), "it goes on"

@@ -112,8 +112,8 @@ def recording(flown: Sequence[View]) -> Recording:
 @contextmanager
 def running(folder: Path, **how: Any) -> Iterator[Service]:
     """A live service in this process."""
-    chosen: dict[str, Any] = {"settings": SETTINGS, "name": "plain", **how}
-    with live(folder, plain(), CONFIG, **chosen) as service:
+    chosen: dict[str, Any] = {"config": CONFIG, "settings": SETTINGS, "name": "plain", **how}
+    with live(folder, plain(), **chosen) as service:
         yield service
 
 

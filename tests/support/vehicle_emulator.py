@@ -313,15 +313,19 @@ class EmulatedLink:
         self._flying: list[tuple[float, int, EmulatedVehicle | None, bytes]] = []
         self._number = 0
         self.before_receive: Callable[[], None] = lambda: None
+        self.broken_until_s: float | None = None
+        """While it is not None everything fails; from then on it can be opened again."""
 
     def clock(self) -> float:
         return self.now_s
 
     def send(self, data: bytes) -> None:
+        self._check()
         for vehicle in self.vehicles:
             self._launch(vehicle, data)
 
     def receive(self, timeout_s: float) -> bytes | None:
+        self._check()
         end_s = self.now_s + timeout_s
         while True:
             self.before_receive()
@@ -336,8 +340,17 @@ class EmulatedLink:
             for data in self._landed():
                 return data
 
+    def reopen(self) -> None:
+        if self.broken_until_s is not None and self.now_s >= self.broken_until_s:
+            self.broken_until_s = None
+        self._check()
+
     def close(self) -> None:
         pass
+
+    def _check(self) -> None:
+        if self.broken_until_s is not None:
+            raise ConnectionError("the other end closed the link")
 
     def _landed(self) -> Iterator[bytes]:
         """What has come to the ground station; what has come to a vehicle is given to it."""

@@ -112,6 +112,12 @@ class GroundStation:
         while self._next(until_s) is not None:
             pass
 
+    def reconnect(self) -> None:
+        """Open a link anew that broke with an OSError; the vehicle is to be heard again first. OSError."""
+        self._heard.clear()
+        self.vehicle.heard_s = float("-inf")
+        self._transport.reopen()
+
     def close(self) -> None:
         self._transport.close()
 

@@ -27,6 +27,9 @@ class Transport(Protocol):
     def receive(self, timeout_s: float) -> bytes | None:
         """What arrived, None when nothing did in time."""
 
+    def reopen(self) -> None:
+        """Begin anew after an OSError of the other two. OSError where that is not possible now."""
+
     def close(self) -> None: ...
 
 
@@ -73,6 +76,9 @@ class _Udp:
     def _met(self, peer: tuple[str, int]) -> None:
         pass
 
+    def reopen(self) -> None:
+        """Nothing is to be done: what is away may come back at any time."""
+
     def close(self) -> None:
         self._socket.close()
 
@@ -105,7 +111,8 @@ class Tcp:
     """A stream; one that ends is an error."""
 
     def __init__(self, host: str, port: int) -> None:
-        self._socket = socket.create_connection((host, port), timeout=_CONNECT_S)
+        self._place = (host, port)
+        self._socket = socket.create_connection(self._place, timeout=_CONNECT_S)
 
     def send(self, data: bytes) -> None:
         self._socket.sendall(data)
@@ -117,6 +124,10 @@ class Tcp:
         if not data:
             raise ConnectionError("the other end closed the link")
         return data
+
+    def reopen(self) -> None:
+        self._socket.close()
+        self._socket = socket.create_connection(self._place, timeout=_CONNECT_S)
 
     def close(self) -> None:
         self._socket.close()

@@ -22,6 +22,8 @@ from crowdfence.zones import Zone
 POLL_S = 0.5
 LOST_S = 3.0
 """Without a word from a vehicle, which sends a heartbeat a second."""
+REOPEN_S = (1.0, 30.0)
+"""From a link that broke to the next try to open it, doubled every time, and the longest of them."""
 
 _PLACES = ("vehicle_inside", "home_inside", "position_unknown", "home_unknown")
 _LASTING = (
@@ -63,16 +65,21 @@ class FenceWatch:
         plan: WatchPlan,
         tell: Tell,
         wall_ns: Callable[[], int] = time.time_ns,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """`wall_ns` is what `valid_until` is compared with; everything else goes by the station's clock."""
+        """`wall_ns` is what `valid_until` is compared with; everything else goes by the station's clock.
+        `sleep` passes the time while the link is broken."""
         self._keeper, self._source, self._plan, self._tell = keeper, source, plan, tell
-        self._wall_ns = wall_ns
+        self._wall_ns, self._sleep = wall_ns, sleep
         self._debounce = self._new_debounce()
         self._placed: PlacedZones | None = None
         self._alive: tuple[Zone, ...] | None = None
         self._shapes: tuple[FenceShape, ...] = ()
         self._read_s = self._checked_s = self._clock()
         self._standing: dict[str, FenceEvent] = {}
+        self._reopen_at_s: float | None = None
+        """While the link is broken."""
+        self._reopen_after_s = REOPEN_S[0]
 
     @property
     def _clock(self) -> Clock:
@@ -90,11 +97,32 @@ class FenceWatch:
         """Until the clock says so, or until somebody has `stopped` it, which is asked between two steps: no
         fence is left half written. The vehicle keeps the last one."""
         while self._clock() < until_s and not stopped():
-            self.step()
-            self._keeper.station.listen(min(POLL_S, max(0.0, until_s - self._clock())))
+            wait_s = min(POLL_S, max(0.0, until_s - self._clock()))
+            try:
+                if self._reopen_at_s is not None and not self._is_reopened():
+                    self._read_zones()
+                    self._sleep(wait_s)
+                    continue
+                self.step()
+                self._keeper.station.listen(wait_s)
+            except OSError as error:
+                self._broke(error)
+
+    def _broke(self, error: OSError) -> None:
+        text = f"the link broke ({' '.join(str(error).split())}): it is opened again; the last fence stays"
+        self._say_while(("link_lost",), [FenceEvent("link_lost", text, alarm=True)])
+        self._reopen_at_s = self._clock() + self._reopen_after_s
+        self._reopen_after_s = min(2.0 * self._reopen_after_s, REOPEN_S[1])
+
+    def _is_reopened(self) -> bool:
+        """Whether the link works again; tried when it is time. OSError."""
+        if self._reopen_at_s is not None and self._clock() >= self._reopen_at_s:
+            self._keeper.station.reconnect()
+            self._reopen_at_s = None
+        return self._reopen_at_s is None
 
     def step(self) -> None:
-        """Everything once."""
+        """Everything once. OSError where the link broke."""
         self._read_zones()
         if not self._is_heard():
             return
@@ -145,6 +173,7 @@ class FenceWatch:
             self._say_while(("link_lost",), [FenceEvent("link_lost", text, alarm=True)])
         elif "link_lost" in self._standing:
             self._say_while(("link_lost",), [])
+            self._reopen_after_s = REOPEN_S[0]
             self._tell(FenceEvent("link_back", "the vehicle is heard again; its fence is read"))
             self._checked_s = float("-inf")
         return not lost

@@ -77,6 +77,11 @@ class FrameLoop:
         """The same for views that were projected before, by another loop on this terrain or elsewhere."""
         return self._happened(self.integrate_observed(observations, stamp_ns), refused)
 
+    def look_again(self, stamp_ns: int) -> ZoneSet:
+        """The zones at a stamp after the last step, when nothing came: what nobody looked at for long is not
+        known any more. StampError for a stamp before the last step."""
+        return self._engine.step(stamp_ns)
+
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
         """The first half of `step`, for those who want the map without zones."""
         return self._counted(self.crowd_map.integrate(views, stamp_ns))

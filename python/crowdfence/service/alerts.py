@@ -23,6 +23,7 @@ AlertKind = Literal[
     "clock",
     "disk",
     "refused_views",
+    "watch_failed",
 ]
 Level = Literal["info", "warning", "alarm"]
 
@@ -121,12 +122,17 @@ class Alerts:
         *,
         drone: str | None = None,
         zone: str | None = None,
+        is_new: bool = False,
     ) -> Alert:
-        """Raise it, or return the one that is active."""
+        """Raise it, or return the one that is active. `is_new`: it happened again, rather than still holds;
+        an active one that somebody acknowledged is over then, and a new one is raised."""
         with self._lock:
             known = self._active(kind, drone, zone)
-            if known is not None:
+        if known is not None:
+            if not is_new or known.acknowledged_by is None:
                 return known
+            self._changed(replace(known, cleared_ns=now_ns))
+        with self._lock:
             self._count += 1
             alert = Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns)
             while len(self._alerts) >= _REMEMBERED:

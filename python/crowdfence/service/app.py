@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
+from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
@@ -60,6 +62,8 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         hello = {"type": "hello", "scene": service.scene_json(user)}
         await service.hub.serve(socket, hello)
 
+    app.add_exception_handler(RequestValidationError, _invalid)
+
     @app.get("/", include_in_schema=False)
     def page(request: Request) -> Response:
         token = request.query_params.get("token")
@@ -85,6 +89,14 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         requests=Rate(service.settings.requests_per_s),
     )
     return app
+
+
+def _invalid(request: Request, error: Exception) -> Response:
+    """Where and what, as FastAPI says it, without what was sent: that can be text that no answer can hold,
+    with halves of characters (lone surrogates), which are escaped where they are in a name."""
+    assert isinstance(error, RequestValidationError)
+    problems = [{name: problem[name] for name in ("type", "loc", "msg")} for problem in error.errors()]
+    return Response(json.dumps({"detail": problems}), 422, media_type="application/json")
 
 
 def _describe(app: FastAPI, messages: Sequence[type[BaseModel]]) -> None:

@@ -16,6 +16,8 @@ from crowdfence.service.settings import ServiceSettings
 _SECOND_NS = 1_000_000_000
 _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+_LATEST_NS = 4_000_000_000 * _SECOND_NS
+"""A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
 
 
 class Refused(ValueError):
@@ -38,7 +40,7 @@ class Gate:
         fleet: Callable[[], Iterable[str]],
         most_drones: int,
     ) -> None:
-        """`fleet`: the drones that are known so far."""
+        """`fleet`: the drones that have a view on disk or are expected; not those of views on the way."""
         self._clock, self._alerts, self._settings = clock, alerts, settings
         self._fleet, self._most_drones = fleet, most_drones
         self._rate = Rate(settings.views_per_s)
@@ -48,8 +50,10 @@ class Gate:
     def enter(self, drone: str, stamp_ns: int) -> None:
         """Refused."""
         self._check_stamp(drone, stamp_ns)
-        self._check_fleet(drone)
-        self._reserve(drone)
+        # Together: two newcomers must not both find the last place of the fleet free.
+        with self._counting:
+            self._check_fleet(drone)
+            self._reserve(drone)
 
     def leave(self, drone: str) -> None:
         with self._counting:
@@ -61,6 +65,8 @@ class Gate:
         now_ns = self._clock.now_ns()
         by_views = self._clock.kind == "views"
         if by_views and now_ns == 0:
+            if stamp_ns > _LATEST_NS:
+                raise Refused(422, f"{drone} stamps {stamp_ns} ns, beyond the year 2096: its clock is wrong")
             return
         ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
         off_s = (stamp_ns - now_ns) / _SECOND_NS
@@ -75,7 +81,7 @@ class Gate:
         raise Refused(422, reason)
 
     def _check_fleet(self, drone: str) -> None:
-        known = set(self._fleet())
+        known = {*self._fleet(), *self._on_the_way}
         if drone not in known and len(known) >= self._most_drones:
             raise Refused(
                 422, f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
@@ -87,7 +93,7 @@ class Gate:
             raise Refused(
                 429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
             )
-        with self._counting:
-            if self._on_the_way[drone] >= self._settings.waiting_per_drone:
-                raise Refused(429, f"{self._on_the_way[drone]} views of {drone} wait to be taken in", 1.0)
-            self._on_the_way[drone] += 1
+        waiting = self._on_the_way.get(drone, 0)
+        if waiting >= self._settings.waiting_per_drone:
+            raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
+        self._on_the_way[drone] = waiting + 1

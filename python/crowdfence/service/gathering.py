@@ -10,10 +10,11 @@ from crowdfence.sources.synchronize import InstantGrouper
 
 
 class Gathering:
-    """Not safe for several threads, apart from `is_due`."""
+    """Not safe for several threads, apart from `is_due` and `drones`."""
 
     def __init__(self, *, tolerance_ns: int, max_delay_ns: int) -> None:
-        self._patience_ns = tolerance_ns + max_delay_ns
+        self.patience_ns = tolerance_ns + max_delay_ns
+        """Once it is so much later than a stamp, every instant that follows is later than that stamp."""
         self._grouper = InstantGrouper[Arrival](tolerance_ns, max_delay_ns)
         self._newest_ns = 0
         self._waiting: dict[int, Arrival] = {}
@@ -37,15 +38,20 @@ class Gathering:
             del self._waiting[arrival.seq]
 
     @property
+    def drones(self) -> set[str]:
+        """Whose views wait."""
+        return {one.drone for one in list(self._waiting.values())}
+
+    @property
     def end_ns(self) -> int:
         """Once it is so late, nothing waits."""
         newest_ns = max((one.stamp_ns for one in self._waiting.values()), default=0)
-        return newest_ns + self._patience_ns + 1
+        return newest_ns + self.patience_ns + 1
 
     def is_due(self, now_ns: int) -> bool:
         """Whether something has waited longer than views may come late."""
         oldest_ns = min((one.stamp_ns for one in list(self._waiting.values())), default=None)
-        return oldest_ns is not None and now_ns - oldest_ns > self._patience_ns
+        return oldest_ns is not None and now_ns - oldest_ns > self.patience_ns
 
     def first_waiting(self, default: int) -> int:
         """The first place in the journal that is still needed."""

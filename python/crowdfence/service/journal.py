@@ -1,4 +1,5 @@
-"""What was accepted, in order: views, observations, ticks of the clock, what operators did.
+"""What was accepted, in order: views, observations, ticks of the clock, when the map was looked at
+again without them, what operators did.
 
 The state of the service is a function of these records alone, so that it can be had again from the last
 snapshot and the records behind it.
@@ -8,14 +9,14 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from crowdfence.service.store import Store, Write
 
-RecordKind = Literal["view", "observation", "tick", "operator"]
+RecordKind = Literal["view", "observation", "tick", "look", "operator"]
 KEPT_SNAPSHOTS = 2
 
 
@@ -27,7 +28,7 @@ class Record:
     """Its place; 0 for one that is not written yet."""
     kind: RecordKind
     drone: str
-    """Empty for ticks and operators."""
+    """Empty for ticks, looks and operators."""
     stamp_ns: int
     received_ns: int
     body: bytes
@@ -45,10 +46,12 @@ class Journal:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def append(self, record: Record, beside: Write | None = None) -> Future[int]:
+    def append(
+        self, record: Record, then: Callable[[Future[int]], None], beside: Write | None = None
+    ) -> Future[int]:
         """Write it, and what must be written with it or not at all; its place comes once it is on disk.
         sqlite3.IntegrityError for a view that is there already, other sqlite3.Error where it cannot be
-        written."""
+        written. `then` is called in the order of the places."""
         row = (
             record.kind,
             record.drone,
@@ -67,7 +70,7 @@ class Journal:
                 row,
             ).lastrowid
 
-        return self._store.submit(write)
+        return self._store.submit(write, then)
 
     def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
         """Of a view that is there already."""

@@ -49,6 +49,9 @@ _SECOND_NS = 1_000_000_000
 _MOST_DRONES = 1000
 _TICK_S = 0.1
 _DECIDED_WITHIN_S = 10.0
+_APART_NS = 200_000
+"""From one instant to one of the same stamp or an older one that comes behind it. Closer ones are taken for
+stamps in a larger unit on the clock of a simulation (`crates/crowdfence/src/stamp.rs`)."""
 
 
 class Accepted(NamedTuple):
@@ -154,21 +157,36 @@ class Live:
             raise
         started_s = time.monotonic()
         record = Record(0, kind, drone, stamp_ns, self._clock.now_ns() or stamp_ns, raw)
-        future = self._journal.append(record)
-        future.add_done_callback(partial(self._journaled, record))
+        future = self._journal.append(record, partial(self._journaled, record))
         try:
             seq = future.result()
         except sqlite3.IntegrityError:
             place = self._journal.place_of(kind, drone, stamp_ns)
             if place is None:
                 raise Refused(409, f"{drone} gave a view of {stamp_ns} before") from None
+            if not self._is_same(place, kind, raw):
+                raise Refused(
+                    409, f"{drone} gave another view of {stamp_ns} before; that one counts"
+                ) from None
             return Accepted(place, duplicate=True)
         except sqlite3.Error as error:
             raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
         self.acknowledging.took(time.monotonic() - started_s)
-        self.accepted[drone] += 1
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
+
+    def _is_same(self, place: int, kind: RecordKind, raw: bytes) -> bool:
+        """Whether the journal holds this very view. Poses from telemetry are left out: more of it may have
+        come in between."""
+        kept = self._journal.record(place)
+        if kept is None or kept.body == raw:
+            return kept is not None
+        if kind != "view":
+            return False
+        there, here = (ViewMessage.model_validate_json(body) for body in (kept.body, raw))
+        if here.drone in self.poses.feeds:
+            there, here = (one.model_copy(update={"world_from_camera": None}) for one in (there, here))
+        return there == here
 
     def _body(self, drone: str, body: Callable[[], bytes]) -> bytes:
         try:
@@ -178,7 +196,7 @@ class Live:
             raise
 
     def _known_drones(self) -> Iterable[str]:
-        return (*self._mission.drones, *self.accepted)
+        return (*self._mission.drones, *self.accepted, *self._gathering.drones)
 
     @property
     def waiting(self) -> int:
@@ -191,6 +209,7 @@ class Live:
             self._gate.leave(record.drone)
             return
         seq = done.result()
+        self.accepted[record.drone] += 1  # before the gate forgets the name
         self._acknowledged_s[seq] = time.monotonic()
         self._records.put(_placed(record, seq))
 
@@ -212,8 +231,7 @@ class Live:
                 self._done[future.result()] = done
                 self._records.put(_placed(record, future.result()))
 
-        future = self._journal.append(record, beside)
-        future.add_done_callback(journaled)
+        future = self._journal.append(record, journaled, beside)
         try:
             future.result()
         except sqlite3.Error as error:
@@ -243,6 +261,12 @@ class Live:
         _LOG.info("recovered", extra={"records": len(records), "damaged": damaged, "seq": self._applied})
         return damaged
 
+    def apply_static(self) -> None:
+        """Close the static zones of now, where those of before were others. Between `recover` and `start`."""
+        if self._mission.apply_static(self._clock.now_ns()):
+            self._since_snapshot += 1  # kept, so that the history goes on behind it
+            self._snapshot()
+
     @property
     def works(self) -> bool:
         """Whether views still go into the map."""
@@ -262,6 +286,7 @@ class Live:
 
     def finish(self) -> None:
         """No view follows: what waits becomes instants now. The journal says so."""
+        self.settled(30.0)
         self._tick(self._gathering.end_ns)
         self.settled(30.0)
 
@@ -293,6 +318,9 @@ class Live:
                 self._act(record)
             elif record.kind == "tick":
                 self._take(self._gathering.advance(record.stamp_ns))
+            elif record.kind == "look":
+                self._take(self._gathering.advance(record.stamp_ns))
+                self._look_again(record.stamp_ns - self._gathering.patience_ns)
             else:
                 self._arrive(record)
         except Exception as error:  # a mistake of ours: one record must not stop all that follow
@@ -302,6 +330,7 @@ class Live:
                 "alarm",
                 f"record {record.seq} ({record.kind}) could not be applied: {error}",
                 self._clock.now_ns(),
+                is_new=True,
             )
 
     def _arrive(self, record: Record) -> None:
@@ -311,20 +340,28 @@ class Live:
         self._take(instants)
         for late in too_late:
             self.late[late.drone] += 1
-            stamp_ns = late.stamp_ns if self._last_ns is None else self._last_ns + 1
-            self._step([late], max(stamp_ns, late.stamp_ns))
+            self._step([late], late.stamp_ns)
 
     def _take(self, instants: Sequence[Sequence[Arrival]]) -> None:
         for group in instants:
             self._step(group, group[-1].stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
-        # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
-        contents = [arrival.arrived() for arrival in group]
-        self._gathering.took(group)
+        """Never fails: what cannot be taken in is refused, and the next instant follows. Zones, and some
+        methods, need every instant after the one before; what was seen keeps its age."""
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            stamp_ns = self._last_ns + _APART_NS
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
-        with self._mission.lock:
-            self._step_with(group, contents, stamp_ns)
+        try:
+            # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
+            contents = [arrival.arrived() for arrival in group]
+            with self._mission.lock:
+                self._step_with(group, contents, stamp_ns)
+        except Exception as error:  # a mistake of ours
+            _LOG.exception("the instant %s could not be taken in", stamp_ns)
+            self._refuse(group, f"the service failed: {type(error).__name__} {error}")
+        finally:
+            self._gathering.took(group)
         for then_s in acknowledged_s:
             if then_s is not None:
                 self.publishing.took(time.monotonic() - then_s)
@@ -333,14 +370,36 @@ class Live:
         try:
             step = stepped(self._mission.loop, contents, stamp_ns)
         except CrowdfenceError as error:
-            self._refuse(group, str(error))
+            self._step_without(group, contents, stamp_ns, error)
             return
         for refused in step.refused:
             self._refuse([one for one in group if one.drone == refused.drone], refused.reason)
         self._last_ns = stamp_ns
         for arrival, content in zip(group, contents, strict=True):
+            if arrival.drone in step.drones and not self._recovering:
+                self._alerts.clear("refused_views", self._clock.now_ns(), drone=arrival.drone)
             self._show(arrival, content)
         self._mission.stepped(step)
+
+    def _step_without(
+        self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int, error: CrowdfenceError
+    ) -> None:
+        """One view that cannot be used does not take the others of its instant with it. The core names the
+        drone where a view is at fault, and nobody where the instant is."""
+        at_fault = next((one for one in group if f"drone '{one.drone}'" in str(error)), None)
+        if at_fault is None or len(group) == 1:
+            self._refuse(group, str(error))
+            return
+        self._refuse([at_fault], str(error))
+        left = [pair for pair in zip(group, contents, strict=True) if pair[0] is not at_fault]
+        self._step_with([arrival for arrival, _ in left], [content for _, content in left], stamp_ns)
+
+    def _look_again(self, stamp_ns: int) -> None:
+        """No view came for long: zones as of a stamp that lies before every instant to come."""
+        if self._last_ns is None or stamp_ns > self._last_ns:
+            with self._mission.lock:
+                self._mission.look_again(stamp_ns)
+            self._last_ns = stamp_ns
 
     def _refuse(self, group: Sequence[Arrival], reason: str) -> None:
         for arrival in group:
@@ -355,6 +414,7 @@ class Live:
                     f"a view of {arrival.drone} could not be used: {reason}",
                     self._clock.now_ns(),
                     drone=arrival.drone,
+                    is_new=True,
                 )
 
     def _act(self, record: Record) -> None:
@@ -402,19 +462,34 @@ class Live:
     # -- time and snapshots ------------------------------------------------------------------------------
 
     def _tick_all(self) -> None:
-        """An instant that no view completes is completed by the clock, and the journal says so."""
-        ticked_ns = 0
+        """An instant that no view completes is completed by the clock, and ground that nobody looks at any
+        more is closed by it; the journal says so."""
+        ticked_ns = looked_ns = 0
         while not self._stopping.wait(_TICK_S):
             now_ns = self._clock.now_ns()
+            if self._records.qsize():
+                continue
             again = now_ns - ticked_ns > self._settings.max_delay_ms * 1e6
-            if again and self._gathering.is_due(now_ns) and not self._records.qsize():
+            if again and self._gathering.is_due(now_ns):
                 ticked_ns = now_ns
                 self._tick(now_ns)
+            if now_ns - looked_ns > self._look_every_ns and self._has_nothing_new(now_ns):
+                looked_ns = now_ns
+                self._tick(now_ns, "look")
 
-    def _tick(self, stamp_ns: int) -> None:
-        record = Record(0, "tick", "", stamp_ns, self._clock.now_ns(), b"")
-        future = self._journal.append(record)
-        future.add_done_callback(partial(self._ticked, record))
+    @property
+    def _look_every_ns(self) -> float:
+        return self._mission.config.zones.stale_after_s / 2 * _SECOND_NS
+
+    def _has_nothing_new(self, now_ns: int) -> bool:
+        """Whether ground that is open could have become unknown since the last zones were made."""
+        if self._last_ns is None or not self._mission.config.zones.close_unseen:
+            return False
+        return now_ns - self._gathering.patience_ns - self._last_ns > self._look_every_ns
+
+    def _tick(self, stamp_ns: int, kind: RecordKind = "tick") -> None:
+        record = Record(0, kind, "", stamp_ns, self._clock.now_ns(), b"")
+        future = self._journal.append(record, partial(self._ticked, record))
         with suppress(sqlite3.Error):  # the disk is full: told elsewhere, and tried again
             future.result()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from crowdfence.service.operator_zones import OperatorZones
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.zones import Zone, ZoneSet
-from crowdfence.zones.history import history_line, zone_set_of_line
+from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
 
 if TYPE_CHECKING:
     from crowdfence.pipeline.detect import HeatmapSource
@@ -59,10 +60,10 @@ class Mission:
         self.operator_zones = OperatorZones(config.zones, terrain, dismissed_for_s)
         self.newest: Moment | None = None
         """What is published; replaced as a whole."""
-        self.found: ZoneSet = ZoneSet(
-            (), self.loop.threshold, config.zones.min_area_m2, 0, 0.0, (), tuple(static_zones)
-        )
-        """The zones of the last step, without what operators did."""
+        self.found: ZoneSet = self.loop.look_again(0)
+        """The zones of the last step, or of a map that nobody saw; without what operators did."""
+        self._unseen = self.found
+        self._had_other_static = False
         self.listeners: list[OnMoment] = []
         self.lock = RLock()
         """Held by whoever steps or reads the crowd map."""
@@ -84,23 +85,46 @@ class Mission:
         self.found = step.zones
         return self.publish(step.stamp_ns)
 
+    def look_again(self, stamp_ns: int) -> Moment:
+        """Publish the zones as of a stamp after the last step, when no view came."""
+        self.found = self.loop.look_again(stamp_ns)
+        return self.publish(stamp_ns)
+
+    def opening(self, stamp_ns: int) -> Moment:
+        """What holds before anybody saw anything, or before what is kept of it: the zones that somebody else
+        drew, and, with `close_unseen`, all ground. Of no history."""
+        figures = {**self._figures(self._unseen, self._unseen), "seen_m2": 0.0}
+        return Moment(0, stamp_ns, self._unseen, {}, figures)
+
+    def apply_static(self, stamp_ns: int) -> bool:
+        """Publish the static zones that this service was given, where the one before had others; whether."""
+        with self.lock:
+            if self.newest is None or not self._had_other_static:
+                return False
+            self._had_other_static = False
+            self.publish(max(stamp_ns, self.newest.stamp_ns))
+            return True
+
     def publish(self, stamp_ns: int) -> Moment:
         """Publish the zones of the last step with what operators made of them, as of a stamp."""
         found = self.found
         zones, marks = self.operator_zones.applied_to(found, stamp_ns)
-        figures = {
-            "seen_m2": self.loop.crowd_map.seen_count * self.terrain.voxel_size_m**2,
-            "crowd_m2": found.area_m2 + found.dropped_area_m2,
-            "closed_m2": closed_area_m2(zones),
-            "zones": len(zones.closed),
-        }
         number = 1 if self.newest is None else self.newest.number + 1
-        moment = Moment(number, stamp_ns, zones, marks, figures)
+        moment = Moment(number, stamp_ns, zones, marks, self._figures(found, zones))
         self.newest = moment
         self.timeline.add(moment)
         for listener in self.listeners:
             listener(moment)
         return moment
+
+    def _figures(self, found: ZoneSet, zones: ZoneSet) -> dict[str, Any]:
+        """`zones` are those found with what operators made of them."""
+        return {
+            "seen_m2": self.loop.crowd_map.seen_count * self.terrain.voxel_size_m**2,
+            "crowd_m2": found.area_m2 + found.dropped_area_m2,
+            "closed_m2": closed_area_m2(zones),
+            "zones": len(zones.closed),
+        }
 
     def to_bytes(self) -> bytes:
         """All that the next step depends on, for a snapshot."""
@@ -119,7 +143,9 @@ class Mission:
         self.loop = FrameLoop(CrowdMap.from_bytes(crowd_map, self.terrain), self.config.zones, self._static)
         self.loop.restore(loop)
         state = json.loads(told)
-        self.found = zone_set_of_line(state["found"], {})
+        kept = zone_set_of_line(state["found"], {})
+        self.found = replace(kept, static=self._static)
+        self._had_other_static = _records(kept.static) != _records(self._static)
         self.operator_zones.restore(state["operator_zones"])
         self._belief = None
         if state["number"]:
@@ -170,6 +196,10 @@ class Mission:
 
     def parameters(self) -> dict[str, Any]:
         return dict(self.config.parameters(self.loop.crowd_map))
+
+
+def _records(zones: Sequence[Zone]) -> list[str]:
+    return [json.dumps(zone_record(zone)) for zone in zones]
 
 
 def closed_area_m2(zones: ZoneSet) -> float:

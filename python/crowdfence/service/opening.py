@@ -163,6 +163,9 @@ def live(
             text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
             service.alerts.raise_("disk", "alarm", text, clock.now_ns())
         service.live = going
+        if service.mission.newest is None and clock.now_ns():  # else it has no place on a time line
+            service.publish(service.moment(None))
+        going.apply_static()
         watch = Watch(service)
         service.mission.listeners.append(watch.happened)
         going.start()

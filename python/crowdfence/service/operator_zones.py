@@ -1,8 +1,8 @@
 """What operators closed, locked and opened, and what the zones are with it.
 
 An operator can close ground, and keep a zone closed when its crowd is gone (lock). Crowd that the map still
-shows can be passed through for a while only (dismiss): it comes back by itself, and stays on the list
-meanwhile.
+shows can be passed through for a while only (dismiss): it comes back by itself, at the latest when it is no
+longer the crowd that was dismissed, and stays on the list meanwhile.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ Action = Literal["add", "lock", "unlock", "dismiss"]
 MOST_CORNERS = 2000
 FARTHEST_M = 1e6
 NEVER_NS = -1
+FLICKERS_M = 2.0
+"""How far crowd may reach beyond the ground that was dismissed. What was taken for crowd by mistake stands
+still, and its outline flickers by a voxel and by what poses are off; who walks there is beyond in seconds."""
 _SECOND_NS = 1_000_000_000
 
 
@@ -60,6 +63,8 @@ class _Lock:
 @dataclass(frozen=True, slots=True)
 class _Dismissal:
     until_ns: int
+    zone: Zone
+    """As it was then: of that crowd the operator spoke, and of no other that gets its name in a merge."""
     action: OperatorAction
 
 
@@ -104,24 +109,30 @@ class OperatorZones:
             zone = self._drawn(action)
             self._added[zone.id] = (zone, action)
             return zone.id
+        zone = next(one for one in zones.closed if one.id == action.zone)
         if action.action == "lock":
-            locked = next(one for one in zones.closed if one.id == action.zone)
-            self._locked[action.zone] = _Lock(locked, action)
+            self._locked[action.zone] = _Lock(zone, action)
             self._dismissed.pop(action.zone, None)
         elif action.action == "unlock":
             del self._locked[action.zone]
         elif action.zone in self._added:
             del self._added[action.zone]
         else:
-            self._dismissed[action.zone] = _Dismissal(action.stamp_ns + self._dismissed_for_ns, action)
+            until_ns = action.stamp_ns + self._dismissed_for_ns
+            self._dismissed[action.zone] = _Dismissal(until_ns, zone, action)
         return action.zone
 
     def applied_to(self, zones: ZoneSet, stamp_ns: int) -> tuple[ZoneSet, Marks]:
         """The zones as they are published, and what operators did to them."""
         marks: dict[str, dict[str, Any]] = {}
-        alive = {zone.id for zone in zones}
+        alive = {zone.id: zone for zone in zones}
+        merged = {event.other for event in zones.events if event.kind == "merged"}
         for name, dismissal in list(self._dismissed.items()):
-            if dismissal.until_ns <= stamp_ns or name not in alive:
+            if (
+                dismissal.until_ns <= stamp_ns
+                or name not in alive
+                or self._reaches_beyond(dismissal.zone, alive[name], has_merged=name in merged)
+            ):
                 del self._dismissed[name]
                 continue
             marks[name] = {
@@ -151,7 +162,8 @@ class OperatorZones:
                 _action_json(lock.action) | {"held": zone_record(lock.zone)} for lock in self._locked.values()
             ],
             "dismissed": [
-                _action_json(one.action) | {"until_ns": one.until_ns} for one in self._dismissed.values()
+                _action_json(one.action) | {"until_ns": one.until_ns, "held": zone_record(one.zone)}
+                for one in self._dismissed.values()
             ],
         }
 
@@ -166,9 +178,16 @@ class OperatorZones:
             held = zone_of_record(entry.pop("held"))
             self._locked[held.id] = _Lock(held, OperatorAction(**entry))
         for entry in told["dismissed"]:
-            until_ns = entry.pop("until_ns")
-            action = OperatorAction(**entry)
-            self._dismissed[action.zone] = _Dismissal(until_ns, action)
+            if "held" not in entry:  # as older builds kept it: of ground that nobody knows any more
+                continue
+            until_ns, zone = entry.pop("until_ns"), zone_of_record(entry.pop("held"))
+            self._dismissed[zone.id] = _Dismissal(until_ns, zone, OperatorAction(**entry))
+
+    def _reaches_beyond(self, dismissed: Zone, zone: Zone, *, has_merged: bool) -> bool:
+        """Whether it closes other crowd than what was dismissed. Ground that came in a merge is no flicker,
+        however near it is."""
+        margin_m = 1e-6 if has_merged else max(FLICKERS_M, self._terrain.voxel_size_m)
+        return not _crowd_ground(dismissed).buffer(margin_m, join_style="mitre").covers(_crowd_ground(zone))
 
     def _with_lock(self, zone: Zone) -> Zone:
         """A locked zone keeps all that it closed when it was locked."""
@@ -227,6 +246,10 @@ def drawn_polygon(parts: Sequence[Any]) -> Polygon | MultiPolygon:
     if not polygon.is_valid or not polygon.area > 0.0:
         raise RefusedAction("the polygon crosses itself or holds no ground")
     return polygon
+
+
+def _crowd_ground(zone: Zone) -> Polygon | MultiPolygon:
+    return zone.crowd_outline or zone.polygon
 
 
 def _who(action: OperatorAction) -> dict[str, Any]:

@@ -144,16 +144,11 @@ class Service:
             **moment_json("last_stamp", None if span is None else span[1]),
         }
 
-    def zones_json(self, moment: Moment | None) -> dict[str, Any]:
-        """The zones of a moment; before the first there are none, and nothing is known."""
-        if moment is None:
-            return {
-                **moment_json("stamp", None),
-                "threshold": self.mission.threshold,
-                "dropped_m2": 0.0,
-                "zones": [],
-            }
-        return zone_set_json(moment.zones, moment.stamp_ns, moment.marks)
+    def zones_json(self, moment: Moment) -> dict[str, Any]:
+        """The zones of a moment; without a stamp where the clock of the views has not begun."""
+        told = zone_set_json(moment.zones, moment.stamp_ns, moment.marks)
+        is_timeless = moment.number == 0 and moment.stamp_ns == 0
+        return {**told, **moment_json("stamp", None)} if is_timeless else told
 
     def step_json(self, moment: Moment) -> dict[str, Any]:
         """For the stream."""
@@ -168,12 +163,13 @@ class Service:
             "lag_s": max(0.0, (self.now_ns() - moment.stamp_ns) / 1e9),
         }
 
-    def moment(self, at_ns: int | None) -> Moment | None:
-        """The newest, or the last one up to a stamp."""
+    def moment(self, at_ns: int | None) -> Moment:
+        """The newest, or the last one up to a stamp; before the first one what holds without any view."""
         newest = self.mission.newest
-        if at_ns is None or (newest is not None and at_ns >= newest.stamp_ns):
+        if newest is not None and (at_ns is None or at_ns >= newest.stamp_ns):
             return newest
-        return self.mission.timeline.at(at_ns)
+        then = None if at_ns is None else self.mission.timeline.at(at_ns)
+        return then or self.mission.opening(self.now_ns() if at_ns is None else at_ns)
 
     def publish(self, moment: Moment) -> None:
         """A listener of the mission."""

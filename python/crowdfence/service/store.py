@@ -8,6 +8,7 @@ machine that loses power, finds it again, and nothing of what came after.
 from __future__ import annotations
 
 import fcntl
+import logging
 import queue
 import sqlite3
 from collections.abc import Callable, Sequence
@@ -22,6 +23,8 @@ LOCK = "crowdfence.lock"
 VERSION = 1
 MOST_TOGETHER = 256
 """Writes of one commit."""
+
+_LOG = logging.getLogger(__name__)
 
 Write = Callable[[sqlite3.Connection], Any]
 
@@ -81,9 +84,10 @@ class Store:
 
     def _opened(self, durable: bool) -> sqlite3.Connection:
         connection = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None, timeout=2.0)
+        # Before the first page is written, which WAL does: it cannot be chosen later.
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'OFF'}")
-        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":
             raise StoreError(
@@ -110,10 +114,13 @@ class Store:
             lambda connection: connection.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", rows)
         ).result()
 
-    def submit(self, write: Write) -> Future[Any]:
-        """Write with the next commit; the result of `write` comes once it is on disk. Its sqlite3.Error comes
-        instead where it failed; nothing of it was written then."""
+    def submit(self, write: Write, then: Callable[[Future[Any]], None] | None = None) -> Future[Any]:
+        """Write with the next commit; the result of `write` comes once it is on disk. Its error comes instead
+        where it failed, sqlite3.Error where that was the file's; nothing of it was written then. `then` is
+        called in the thread that writes, in the order of the writes."""
         future: Future[Any] = Future()
+        if then is not None:
+            future.add_done_callback(then)
         self._writes.put((write, future))
         return future
 
@@ -163,17 +170,17 @@ class Store:
 
     def _commit(self, batch: list[tuple[Write, Future[Any]]]) -> None:
         """All answers come after the commit, also that something is there already."""
-        done: list[tuple[Future[Any], Any, sqlite3.Error | None]] = []
+        done: list[tuple[Future[Any], Any, Exception | None]] = []
         try:
             self._writer.execute("BEGIN IMMEDIATE")
             for write, future in batch:
                 done.append((future, *self._alone(write)))
             self._writer.execute("COMMIT")
-        except sqlite3.Error as error:
+        except Exception as error:  # whatever it is: those who wait hear of it, and the next writes follow
             with suppress(sqlite3.Error):
                 self._writer.execute("ROLLBACK")
             done = [(future, None, error) for _, future in batch]
-        trouble = [error for *_, error in done if error and not isinstance(error, sqlite3.IntegrityError)]
+        trouble = [error for *_, error in done if _is_trouble(error)]
         if done:
             self._tell(str(trouble[0]) if trouble else None)
         for future, result, failure in done:
@@ -182,14 +189,16 @@ class Store:
             else:
                 future.set_exception(failure)
 
-    def _alone(self, write: Write) -> tuple[Any, sqlite3.Error | None]:
+    def _alone(self, write: Write) -> tuple[Any, Exception | None]:
         """The write by itself: one that fails takes back nothing but its own."""
         self._writer.execute("SAVEPOINT one")
         try:
             result = write(self._writer)
-        except sqlite3.Error as error:
+        except Exception as error:
             if not self._writer.in_transaction:  # a full disk ends the whole transaction
                 raise
+            if not isinstance(error, sqlite3.Error):
+                _LOG.exception("a write failed by a mistake of ours")
             self._writer.execute("ROLLBACK TO one")
             self._writer.execute("RELEASE one")
             return None, error
@@ -200,3 +209,8 @@ class Store:
         if trouble is not None or self._failing:
             self._failing = trouble is not None
             self.on_trouble(trouble)
+
+
+def _is_trouble(error: Exception | None) -> bool:
+    """Whether the file cannot be written, rather than one write refused."""
+    return isinstance(error, sqlite3.Error) and not isinstance(error, sqlite3.IntegrityError)

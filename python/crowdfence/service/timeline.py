@@ -25,7 +25,7 @@ class Moment:
     """What is published after a step, or after an operator did something."""
 
     number: int
-    """Counts from 1; the version of everything that follows from it."""
+    """Counts from 1; the version of everything that follows from it. 0 before the first step."""
     stamp_ns: int
     zones: ZoneSet
     marks: Marks

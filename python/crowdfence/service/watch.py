@@ -5,6 +5,7 @@ Data that stops opens nothing: zones stay as they are, and somebody is told.
 
 from __future__ import annotations
 
+import logging
 import shutil
 import sqlite3
 import time
@@ -21,6 +22,7 @@ from crowdfence.service.timeline import Moment, forget_before
 from crowdfence.service.track import Sighting
 from crowdfence.zones import Zone
 
+_LOG = logging.getLogger(__name__)
 _EVERY_S = 1.0
 _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
@@ -36,6 +38,8 @@ class Watch:
         self._stopping = Event()
         self._thread = Thread(target=self._look_all, name="watch", daemon=True)
         self._tidied_s = time.monotonic()
+        self._dismissed: set[str] = set()
+        """Zones that drones may pass, at the moment before."""
 
     def start(self) -> None:
         self._thread.start()
@@ -46,10 +50,19 @@ class Watch:
 
     def _look_all(self) -> None:
         while not self._stopping.wait(_EVERY_S):
-            self.look()
-            if time.monotonic() - self._tidied_s > _TIDY_EVERY_S:
-                self._tidied_s = time.monotonic()
-                self.tidy()
+            try:
+                self.look()
+                if time.monotonic() - self._tidied_s > _TIDY_EVERY_S:
+                    self._tidied_s = time.monotonic()
+                    self.tidy()
+            except Exception as error:  # a mistake of ours must not end all looking
+                _LOG.exception("looking after the mission failed")
+                text = (
+                    f"looking for trouble failed, other alerts may be missing: {type(error).__name__} {error}"
+                )
+                self._set(True, "watch_failed", "alarm", text)
+            else:
+                self._set(False, "watch_failed", "alarm", "")
 
     def look(self) -> None:
         """Raise and clear what follows from how things stand now."""
@@ -64,7 +77,8 @@ class Watch:
         self._dismissals()
 
     def happened(self, moment: Moment) -> None:
-        """A listener of the mission: new zones."""
+        """A listener of the mission: new zones, and those that are closed again."""
+        self._ended_dismissals(moment)
         for event in moment.zones.events:
             if event.kind in ("created", "split"):
                 zone = next((one for one in moment.zones if one.id == event.id), None)
@@ -73,6 +87,16 @@ class Watch:
                     self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
             elif event.kind in ("expired", "merged"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
+
+    def _ended_dismissals(self, moment: Moment) -> None:
+        """A dismissal that ends before its time: whoever flies through the zone must hear of it."""
+        before, marks = self._dismissed, moment.marks
+        self._dismissed = {name for name, mark in marks.items() if mark.get("dismissed")}
+        for zone in moment.zones:
+            if zone.id in before - self._dismissed and not marks.get(zone.id, {}).get("locked"):
+                text = f"zone {zone.id} is closed again: it is no longer dismissed"
+                self._service.alerts.clear("new_zone", moment.stamp_ns, zone=zone.id)
+                self._service.alerts.raise_("new_zone", "warning", text, moment.stamp_ns, zone=zone.id)
 
     def _silence(self) -> None:
         service, now_ns = self._service, self._service.now_ns()

@@ -20,7 +20,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
     **ERRORS,
     202: {"description": "on disk; `accepted` is its place in the journal"},
     200: {"description": "it was there already"},
-    409: {"description": "this service replays a recording"},
+    409: {"description": "this service replays a recording, or the drone gave another view of this stamp"},
     413: {"description": "too large"},
     503: {"description": "its drone's telemetry has not come yet"},
     507: {"description": "it cannot be kept: the disk is full"},

@@ -87,6 +87,6 @@ def _decide(
         raise HTTPException(422 if action == "add" else 409, str(error)) from error
     except Refused as error:
         raise HTTPException(error.status, error.reason) from error
-    told = service.zones_json(service.mission.newest)
+    told = service.zones_json(service.moment(None))
     zones: list[dict[str, Any]] = told["zones"]
     return next((one for one in zones if one["id"] == name), {"id": name})

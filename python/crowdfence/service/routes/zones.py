@@ -49,8 +49,6 @@ def export(
 ) -> Response:
     """The zones as a file, as `crowdfence export` writes it."""
     moment = service.moment(at)
-    if moment is None:
-        raise HTTPException(409, "there are no zones yet")
     try:
         file = download(
             service.mission,

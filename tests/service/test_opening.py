@@ -1,0 +1,64 @@
+"""What holds before the first view, and at a restart before the next one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import shapely
+
+from crowdfence.service.settings import ServiceSettings
+from crowdfence.static_zones.given_zone import GivenZone, _zone
+from crowdfence.zones import AltitudeBand, Zone
+from support.small_service import CONFIG, SIDE_M, START_NS, asked, message, running, settle, views
+
+CLOSED_UNSEEN = replace(CONFIG, zones=replace(CONFIG.zones, close_unseen=True))
+
+
+def hospital(name: str = "HOSP") -> Zone:
+    return _zone(name, shapely.box(1, 1, 9, 9), GivenZone(name, [], AltitudeBand(0, 120, "AGL")))
+
+
+def fly(service, first: int, last: int) -> None:
+    for one in views(last)[first * 3 :]:
+        service.live.give_view(message(one))
+    settle(service)
+
+
+def test_before_the_first_view_static_zones_hold_and_all_ground_is_unseen(tmp_path: Path) -> None:
+    how = {"config": CLOSED_UNSEEN, "static_zones": [hospital()]}
+    with running(tmp_path, **how) as service, asked(service) as http:
+        told = http.get("/api/v1/zones").json()
+        assert {zone["id"] for zone in told["zones"]} == {"HOSP", "UNSEEN"} and told["stamp_ns"] is None
+        unseen = next(zone for zone in told["zones"] if zone["id"] == "UNSEEN")
+        assert unseen["closed_m2"] == SIDE_M**2
+        exported = http.get("/api/v1/export").json()
+        assert len(exported["features"]) == 2
+        fly(service, 0, 10)
+        assert service.mission.timeline.span_ns()[0] >= START_NS, "it is of no history"
+        first = http.get("/api/v1/zones", params={"at": START_NS - 1}).json()
+        assert {zone["id"] for zone in first["zones"]} == {"HOSP", "UNSEEN"}
+
+
+def test_who_listens_before_the_first_view_hears_what_holds(tmp_path: Path) -> None:
+    how = {"config": CLOSED_UNSEEN, "settings": ServiceSettings()}
+    with running(tmp_path, **how) as service, asked(service) as http:
+        with http.websocket_connect("/api/v1/stream") as stream:
+            told = [stream.receive_json() for _ in range(2)]
+        step = next(one for one in told if one["type"] == "step")
+        assert [zone["id"] for zone in step["zones"]["zones"]] == ["UNSEEN"] and step["belief_version"] == 0
+
+
+def test_static_zones_that_come_or_go_at_a_restart_count_at_once(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        fly(service, 0, 10)
+        number = service.mission.newest.number
+    for given in ({"HOSP"}, {"HOSP", "SCHOOL"}, set()):
+        with running(tmp_path, static_zones=[hospital(name) for name in sorted(given)]) as service:
+            newest = service.mission.newest
+            assert {zone.id for zone in newest.zones.static} == given
+            assert newest.number == number + 1, "it is published"
+            service.store.flush()
+            kept = service.mission.timeline.at(newest.stamp_ns)
+            assert {zone.id for zone in kept.zones.static} == given, "and in the history"
+            number = newest.number
+    with running(tmp_path) as service:
+        assert service.mission.newest.number == number, "nothing new, nothing published"
