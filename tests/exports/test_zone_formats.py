@@ -390,6 +390,49 @@ def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
         export.band(given_above_sea)
 
 
+def static_zone(lower_m: float, upper_m: float) -> ZoneSet:
+    """A zone of others, closed up to 120 m above ground that lies between two local heights."""
+    zones = zones_of("#")
+    static = replace(
+        zones[0], id="HOSP", kind="static", lower_m=lower_m, upper_m=upper_m, valid_until_ns=None
+    )
+    return replace(zones, zones=(), static=(static,))
+
+
+@pytest.mark.parametrize(
+    ("lower_m", "upper_m", "band_m"),
+    [
+        (300.0, 340.0, (1500.0, 1660.0)),  # the anchor lies at 1200 m
+        # Nobody knows the ground: from the lowest on Earth to 120 m above the highest.
+        (0.0, 0.0, (-500.0, 9120.0)),
+    ],
+)
+def test_zones_of_others_are_closed_above_their_own_ground(
+    lower_m: float, upper_m: float, band_m: tuple[float, float]
+) -> None:
+    export = exported(static_zone(lower_m, upper_m), datum="WGS84")
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](export))["constraints"]
+    volume = constraint["details"]["volumes"][0]["volume"]
+    assert (volume["altitude_lower"]["value"], volume["altitude_upper"]["value"]) == pytest.approx(
+        band_m, abs=2e-3
+    )
+    (zone,) = json.loads(ZONE_FORMATS["ed269"](export))["features"]
+    (geometry,) = zone["geometry"]
+    assert geometry["lowerLimit"] <= band_m[0] and band_m[1] <= geometry["upperLimit"] <= band_m[1] + 1
+    band = exported(static_zone(lower_m, upper_m)).band(export.zones[0])
+    assert band == AltitudeBand(0.0, 120.0, "AGL")
+
+
+def test_a_zone_without_a_ceiling_keeps_the_altitudes_of_f3548() -> None:
+    zones = static_zone(300.0, 340.0)
+    endless = replace(zones.static[0], band=AltitudeBand(0.0, 99_999.0, "AGL"))
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](exported(replace(zones, static=(endless,)))))[
+        "constraints"
+    ]
+    # Its schema allows -8000 to 100000; 1540 + 99999 is more.
+    assert constraint["details"]["volumes"][0]["volume"]["altitude_upper"]["value"] == 100_000.0
+
+
 @pytest.fixture
 def geoid_grid(tmp_path: Path) -> Iterator[None]:
     """A geoid of our own under the name of EGM96's grid: a plane, 50 m above the ellipsoid at the anchor, 2 m

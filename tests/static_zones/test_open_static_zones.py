@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 import shapely
 
-from crowdfence import Georeference
+from crowdfence import Georeference, Terrain
 from crowdfence.config import ZoneConfig
+from crowdfence.exports.geographic_outline import geographic_outline
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
+from crowdfence.zones.given_ground import on_ground
 from support.small_crowd_maps import flat_crowd_map
 
 ANCHOR = Georeference(46.5, 8.0, 1200.0)
@@ -276,6 +278,21 @@ def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:
     (tmp_path / "zones").write_text(json.dumps(ed269()))
     with pytest.raises(StaticZoneError, match="no place on Earth"):
         open_static_zones(tmp_path / "zones", None)
+
+
+def test_a_zone_on_high_ground_is_written_where_it_was_read(tmp_path: Path) -> None:
+    """5.6 km from the anchor and 1000 m above it, verticals have moved 0.9 m from where the local plane has
+    them."""
+    corners = np.array(SQUARE) + np.array([0.0, 0.05])
+    zones = opened(tmp_path, {"type": "Polygon", "coordinates": [corners.tolist()]})
+    west, south, east, north = np.round(zones[0].polygon.bounds).astype(int)
+    places = np.mgrid[west - 2 : east + 2, south - 2 : north + 2].reshape(2, -1).T
+    terrain = Terrain.from_indices(np.column_stack([places, np.full(len(places), 1000)]), 1.0)
+    (zone,) = on_ground(zones, terrain)
+    assert (zone.lower_m, zone.upper_m) == (1000.0, 1001.0)
+    written = geographic_outline(zone, ANCHOR)
+    assert written.covers(shapely.Polygon(corners))
+    assert written.buffer(-2.0 / DEGREE_NORTH_M).within(shapely.Polygon(corners))
 
 
 def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:
