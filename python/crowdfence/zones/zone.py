@@ -95,7 +95,8 @@ class ZoneSet(Sequence[Zone]):
     threshold: float
     min_area_m2: float
     dropped_count: int
-    """Regions smaller than `min_area_m2`: crowd that no zone covers."""
+    """Regions smaller than `min_area_m2`: crowd in no zone but, where it is closed, that of
+    unseen ground."""
     dropped_area_m2: float
     unseen: tuple[Zone, ...] = ()
     """Ground that is closed because it is not known to be empty."""
