@@ -114,10 +114,10 @@ def test_names_become_ids_that_are_short_and_used_once(tmp_path: Path) -> None:
             "properties": {},
             "geometry": {"type": "Polygon", "coordinates": [SQUARE]},
         }
-        for name in ("LSZB003", "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3")
+        for name in ("LSZB003", "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3", "O1")
     ]
     zones = opened(tmp_path, {"type": "FeatureCollection", "features": features})
-    assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5"]
+    assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5", "S6"]
 
 
 KML = """<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>

@@ -101,7 +101,8 @@ def export(
         if output.exists() and not force:
             raise FileExistsError(f"{output} exists; --force replaces it")
         history = open_history(run)
-        others, left_out = read_static_zones(static_zones or [], history.georeference)
+        taken = {zone.id for zones in history.sets for zone in zones.closed}
+        others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
         history = with_static(history, _on_ground_of(run, others))
         # Zones hold from the instant that found them, not from when somebody asks.
         stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
