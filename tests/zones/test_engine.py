@@ -317,6 +317,23 @@ def test_zones_that_merge_keep_what_was_seen_of_both() -> None:
     assert [(look.drone, look.range_m) for look in zone.evidence] == [("a", 10.0), ("b", 20.0), ("c", 30.0)]
 
 
+@pytest.mark.parametrize(
+    ("memory_s", "knows_when"), [(5.0, True), (1e6, True), (1e10, False), (1e12, False), (1e300, False)]
+)
+def test_crowd_is_forgotten_later_than_it_was_seen_or_nobody_knows_when(
+    memory_s: float, knows_when: bool
+) -> None:
+    """1e10 s are 317 years, and a stamp in nanoseconds ends in 2262."""
+    seen_ns = 1_760_000_000 * SECOND_NS
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=memory_s).fusion_method(terrain, 1))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.default_threshold()))
+    look(crowd_map, "uav1", seen_ns, np.arange(3), 0.95)
+    (zone,) = engine.step(seen_ns)
+    assert (zone.forgotten_ns is not None) == knows_when
+    assert zone.forgotten_ns is None or seen_ns < zone.forgotten_ns < 2 * seen_ns
+
+
 def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
     probability = np.full((6, 5), np.nan)
     probability[:4, :3] = 0.0
