@@ -72,6 +72,21 @@ def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
     assert [one.id for one in opened(tmp_path, listed)] == ["ABC1234"]
 
 
+def test_further_rings_of_ed269_open_nothing(tmp_path: Path) -> None:
+    """Some read them as holes, InterUSS as areas of their own: both the ring inside the square and the one
+    beside it are closed."""
+    inside = [[8.0004, 46.5004], [8.0006, 46.5004], [8.0006, 46.5006], [8.0004, 46.5006], [8.0004, 46.5004]]
+    beside = (np.array(SQUARE) + np.array([0.002, 0.0])).tolist()
+    rings = {"type": "Polygon", "coordinates": [SQUARE, inside, beside]}
+    zones = opened(tmp_path, ed269(horizontalProjection=rings))
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    square_m2 = 0.001 * DEGREE_NORTH_M * 0.001 * 76_750.0  # a degree eastward is 76.75 km there
+    assert closed.area == pytest.approx(2 * square_m2, rel=1e-3)
+    assert zones[0].id == "ABC1234" and len({zone.id for zone in zones}) == len(zones)
+    with pytest.raises(StaticZoneError, match="has no outline"):
+        opened(tmp_path, ed269(horizontalProjection={"type": "Polygon", "coordinates": []}))
+
+
 def test_limits_above_different_data_close_everything(tmp_path: Path) -> None:
     (zone,) = opened(tmp_path, ed269(upperLimit=6259, upperVerticalReference="AMSL"))
     assert zone.band == AltitudeBand(0.0, 99_999.0, "AGL")
