@@ -390,6 +390,33 @@ def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
         export.band(given_above_sea)
 
 
+@settings(max_examples=100)
+@given(
+    west=st.floats(-2e4, 2e4),
+    south=st.floats(-2e4, 2e4),
+    width_m=st.floats(1.0, 2e4),
+    depth_m=st.floats(1.0, 2e4),
+    anchor=st.sampled_from(ANCHORS),
+)
+def test_no_ground_of_a_wide_zone_lies_below_or_above_what_is_written(
+    west: float, south: float, width_m: float, depth_m: float, anchor: tuple[float, ...]
+) -> None:
+    """The local plane leaves the ellipsoid to all sides: the lowest place may be inside, or on an edge."""
+    outline = shapely.box(west, south, west + width_m, south + depth_m)
+    wide = replace(zones_of("#")[0], polygon=outline, lower_m=300.0, upper_m=340.0)
+    band = exported(replace(zones_of("#"), zones=(wide,)), anchor).band(wide, "WGS84")
+    x, y = np.meshgrid(np.linspace(west, west + width_m, 9), np.linspace(south, south + depth_m, 9))
+    nearest = shapely.get_coordinates(shapely.shortest_line(outline, shapely.Point(0, 0)))[:1]
+    places = np.vstack([np.column_stack([x.ravel(), y.ravel()]), nearest])
+    for height_m, limit in ((300.0, band.lower_m), (340.0, band.upper_m - 120.0)):
+        _, _, above_m = Georeference(*anchor).geodetic_from_local(
+            np.column_stack([places, np.full(len(places), height_m)])
+        )
+        assert (above_m >= limit - 1e-9).all() if height_m == 300.0 else (above_m <= limit + 1e-9).all()
+        least_or_most = above_m.min() if height_m == 300.0 else above_m.max()
+        assert limit == pytest.approx(least_or_most, abs=2.0)
+
+
 def static_zone(lower_m: float, upper_m: float) -> ZoneSet:
     """A zone of others, closed up to 120 m above ground that lies between two local heights."""
     zones = zones_of("#")

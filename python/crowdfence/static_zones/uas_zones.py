@@ -3,8 +3,8 @@
 Both have longitude before latitude. Times and schedules are not looked at: a zone that holds at times is
 closed always. Zones that ask for an authorisation, or have conditions, are closed like those that prohibit.
 
-Rings of ED-269 beyond the first are areas of their own, as InterUSS reads them: others take them for holes, and
-a hole that may be none opens nothing. ED-318 is GeoJSON and has holes.
+Rings of ED-269 beyond the first are areas of their own, as InterUSS reads them: others take them for holes,
+and a hole that may be none opens nothing. ED-318 is GeoJSON and has holes.
 """
 
 from __future__ import annotations
