@@ -1,6 +1,7 @@
 """`export`, `explain` and `route` on the zones that a run left."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from crowdfence import Georeference
+from crowdfence import Georeference, Terrain
 from crowdfence.cli.app import app
 from crowdfence.cli.export import ExportFormat
 from crowdfence.cli.run import _left_out
+from crowdfence.exports.octomap import write_terrain_octomap
+from crowdfence.static_zones import read_static_zones
 from crowdfence.zones.history import ZoneHistory
 from support.small_zones import SECOND_NS, DrawnZones
 
@@ -97,6 +100,41 @@ def test_zones_of_others_join_an_export(run: Path, tmp_path: Path) -> None:
     )
     features = json.loads(output.read_text())["features"]
     assert [feature["properties"]["kind"] for feature in features] == ["crowd", "crowd", "static"]
+
+
+def test_zones_of_others_are_put_on_the_ground_of_the_run(run: Path, tmp_path: Path) -> None:
+    """The anchor lies at 1200 m, the ground 300 to 301 m above it."""
+    ring = [[8.0001, 46.50001], [8.0002, 46.50001], [8.0002, 46.5001], [8.0001, 46.5001], [8.0001, 46.50001]]
+    (tmp_path / "given.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    places = np.stack([*np.nonzero(np.ones((30, 30))), np.full(900, 300)], axis=1)
+
+    def heights() -> list[float]:
+        done = ("export", run, "-f", "f3548", "-o", tmp_path / "out", "--static-zones")
+        command(*done, tmp_path / "given.geojson", "--at", "first", "--force")
+        zones = json.loads((tmp_path / "out").read_text())["constraints"]
+        volume = zones[-1]["details"]["volumes"][0]["volume"]
+        return [volume[name]["value"] for name in ("altitude_lower", "altitude_upper")]
+
+    assert heights() == [-500.0, 100_000.0]
+    write_terrain_octomap(run / "terrain.bt", Terrain.from_indices(places, 1.0))
+    assert heights() == [pytest.approx(1500.0, abs=2e-3), 100_000.0]
+
+
+def test_zones_of_others_never_take_an_id_of_the_run(run: Path, tmp_path: Path) -> None:
+    """The run has a zone of others named S1 already, at its last instant alone."""
+    ring = [[8.0, 46.5], [8.0002, 46.5], [8.0002, 46.5002], [8.0, 46.5]]
+    square = {"type": "Polygon", "coordinates": [ring]}
+    (tmp_path / "one.geojson").write_text(json.dumps({"type": "Feature", "id": "S1", "geometry": square}))
+    done = history(Georeference(46.5, 8.0, 1200.0))
+    static, _ = read_static_zones([tmp_path / "one.geojson"], done.georeference)
+    sets = [*done.sets[:-1], replace(done.sets[-1], static=static)]
+    replace(done, sets=sets).write(run / "zone_history.jsonl")
+    given = ("--static-zones", tmp_path / "one.geojson", "-f", "f3548", "-o", tmp_path / "out", "--force")
+    command("export", run, *given)
+    constraints = json.loads((tmp_path / "out").read_text())["constraints"]
+    assert len({one["reference"]["id"] for one in constraints}) == len(constraints) == 2
+    command("export", run, *given, "--at", "first")
+    assert len(json.loads((tmp_path / "out").read_text())["constraints"]) == 3
 
 
 def test_a_fence_says_what_it_closes_for_nothing(run: Path, tmp_path: Path) -> None:

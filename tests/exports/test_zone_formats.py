@@ -390,6 +390,76 @@ def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
         export.band(given_above_sea)
 
 
+@settings(max_examples=100)
+@given(
+    west=st.floats(-2e4, 2e4),
+    south=st.floats(-2e4, 2e4),
+    width_m=st.floats(1.0, 2e4),
+    depth_m=st.floats(1.0, 2e4),
+    anchor=st.sampled_from(ANCHORS),
+)
+def test_no_ground_of_a_wide_zone_lies_below_or_above_what_is_written(
+    west: float, south: float, width_m: float, depth_m: float, anchor: tuple[float, ...]
+) -> None:
+    """The local plane leaves the ellipsoid to all sides: the lowest place may be inside, or on an edge."""
+    outline = shapely.box(west, south, west + width_m, south + depth_m)
+    wide = replace(zones_of("#")[0], polygon=outline, lower_m=300.0, upper_m=340.0)
+    band = exported(replace(zones_of("#"), zones=(wide,)), anchor).band(wide, "WGS84")
+    x, y = np.meshgrid(np.linspace(west, west + width_m, 9), np.linspace(south, south + depth_m, 9))
+    nearest = shapely.get_coordinates(shapely.shortest_line(outline, shapely.Point(0, 0)))[:1]
+    places = np.vstack([np.column_stack([x.ravel(), y.ravel()]), nearest])
+    for height_m, limit in ((300.0, band.lower_m), (340.0, band.upper_m - 120.0)):
+        _, _, above_m = Georeference(*anchor).geodetic_from_local(
+            np.column_stack([places, np.full(len(places), height_m)])
+        )
+        assert (above_m >= limit - 1e-9).all() if height_m == 300.0 else (above_m <= limit + 1e-9).all()
+        least_or_most = above_m.min() if height_m == 300.0 else above_m.max()
+        assert limit == pytest.approx(least_or_most, abs=2.0)
+
+
+def static_zone(lower_m: float, upper_m: float) -> ZoneSet:
+    """A zone of others, closed up to 120 m above ground that lies between two local heights."""
+    zones = zones_of("#")
+    static = replace(
+        zones[0], id="HOSP", kind="static", lower_m=lower_m, upper_m=upper_m, valid_until_ns=None
+    )
+    return replace(zones, zones=(), static=(static,))
+
+
+@pytest.mark.parametrize(
+    ("lower_m", "upper_m", "band_m"),
+    [
+        (300.0, 340.0, (1500.0, 1660.0)),  # the anchor lies at 1200 m
+        # Nobody knows the ground: from the lowest on Earth to 120 m above the highest.
+        (0.0, 0.0, (-500.0, 9120.0)),
+    ],
+)
+def test_zones_of_others_are_closed_above_their_own_ground(
+    lower_m: float, upper_m: float, band_m: tuple[float, float]
+) -> None:
+    export = exported(static_zone(lower_m, upper_m), datum="WGS84")
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](export))["constraints"]
+    volume = constraint["details"]["volumes"][0]["volume"]
+    assert (volume["altitude_lower"]["value"], volume["altitude_upper"]["value"]) == pytest.approx(
+        band_m, abs=2e-3
+    )
+    (zone,) = json.loads(ZONE_FORMATS["ed269"](export))["features"]
+    (geometry,) = zone["geometry"]
+    assert geometry["lowerLimit"] <= band_m[0] and band_m[1] <= geometry["upperLimit"] <= band_m[1] + 1
+    band = exported(static_zone(lower_m, upper_m)).band(export.zones[0])
+    assert band == AltitudeBand(0.0, 120.0, "AGL")
+
+
+def test_a_zone_without_a_ceiling_keeps_the_altitudes_of_f3548() -> None:
+    zones = static_zone(300.0, 340.0)
+    endless = replace(zones.static[0], band=AltitudeBand(0.0, 99_999.0, "AGL"))
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](exported(replace(zones, static=(endless,)))))[
+        "constraints"
+    ]
+    # Its schema allows -8000 to 100000; 1540 + 99999 is more.
+    assert constraint["details"]["volumes"][0]["volume"]["altitude_upper"]["value"] == 100_000.0
+
+
 @pytest.fixture
 def geoid_grid(tmp_path: Path) -> Iterator[None]:
     """A geoid of our own under the name of EGM96's grid: a plane, 50 m above the ellipsoid at the anchor, 2 m

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 import shapely
 
-from crowdfence import Georeference
+from crowdfence import Georeference, Terrain
 from crowdfence.config import ZoneConfig
+from crowdfence.exports.geographic_outline import geographic_outline
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
+from crowdfence.zones.given_ground import on_ground
 from support.small_crowd_maps import flat_crowd_map
 
 ANCHOR = Georeference(46.5, 8.0, 1200.0)
@@ -70,6 +72,21 @@ def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
     assert [one.id for one in opened(tmp_path, listed)] == ["ABC1234"]
 
 
+def test_further_rings_of_ed269_open_nothing(tmp_path: Path) -> None:
+    """Some read them as holes, InterUSS as areas of their own: both the ring inside the square and the one
+    beside it are closed."""
+    inside = [[8.0004, 46.5004], [8.0006, 46.5004], [8.0006, 46.5006], [8.0004, 46.5006], [8.0004, 46.5004]]
+    beside = (np.array(SQUARE) + np.array([0.002, 0.0])).tolist()
+    rings = {"type": "Polygon", "coordinates": [SQUARE, inside, beside]}
+    zones = opened(tmp_path, ed269(horizontalProjection=rings))
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    square_m2 = 0.001 * DEGREE_NORTH_M * 0.001 * 76_750.0  # a degree eastward is 76.75 km there
+    assert closed.area == pytest.approx(2 * square_m2, rel=1e-3)
+    assert zones[0].id == "ABC1234" and len({zone.id for zone in zones}) == len(zones)
+    with pytest.raises(StaticZoneError, match="has no outline"):
+        opened(tmp_path, ed269(horizontalProjection={"type": "Polygon", "coordinates": []}))
+
+
 def test_limits_above_different_data_close_everything(tmp_path: Path) -> None:
     (zone,) = opened(tmp_path, ed269(upperLimit=6259, upperVerticalReference="AMSL"))
     assert zone.band == AltitudeBand(0.0, 99_999.0, "AGL")
@@ -112,10 +129,10 @@ def test_names_become_ids_that_are_short_and_used_once(tmp_path: Path) -> None:
             "properties": {},
             "geometry": {"type": "Polygon", "coordinates": [SQUARE]},
         }
-        for name in ("LSZB003", "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3")
+        for name in ("LSZB003", "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3", "O1")
     ]
     zones = opened(tmp_path, {"type": "FeatureCollection", "features": features})
-    assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5"]
+    assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5", "S6"]
 
 
 KML = """<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>
@@ -276,6 +293,21 @@ def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:
     (tmp_path / "zones").write_text(json.dumps(ed269()))
     with pytest.raises(StaticZoneError, match="no place on Earth"):
         open_static_zones(tmp_path / "zones", None)
+
+
+def test_a_zone_on_high_ground_is_written_where_it_was_read(tmp_path: Path) -> None:
+    """5.6 km from the anchor and 1000 m above it, verticals have moved 0.9 m from where the local plane has
+    them."""
+    corners = np.array(SQUARE) + np.array([0.0, 0.05])
+    zones = opened(tmp_path, {"type": "Polygon", "coordinates": [corners.tolist()]})
+    west, south, east, north = np.round(zones[0].polygon.bounds).astype(int)
+    places = np.mgrid[west - 2 : east + 2, south - 2 : north + 2].reshape(2, -1).T
+    terrain = Terrain.from_indices(np.column_stack([places, np.full(len(places), 1000)]), 1.0)
+    (zone,) = on_ground(zones, terrain)
+    assert (zone.lower_m, zone.upper_m) == (1000.0, 1001.0)
+    written = geographic_outline(zone, ANCHOR)
+    assert written.covers(shapely.Polygon(corners))
+    assert written.buffer(-2.0 / DEGREE_NORTH_M).within(shapely.Polygon(corners))
 
 
 def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from scipy import ndimage
 from crowdfence import CrowdMap, Observation, Or, Paper, Rates, Terrain
 from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
-from support.small_crowd_maps import flat_crowd_map, look
-from support.small_zones import SECOND_NS, DrawnZones, ids, told
+from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
+from support.small_zones import SECOND_NS, DrawnZones, drawing, ids, told
 
 PLAIN = Terrain.from_occupancy(np.ones((30, 30, 1), bool), 1.0)
 
@@ -317,6 +317,23 @@ def test_zones_that_merge_keep_what_was_seen_of_both() -> None:
     assert [(look.drone, look.range_m) for look in zone.evidence] == [("a", 10.0), ("b", 20.0), ("c", 30.0)]
 
 
+@pytest.mark.parametrize(
+    ("memory_s", "knows_when"), [(5.0, True), (1e6, True), (1e10, False), (1e12, False), (1e300, False)]
+)
+def test_crowd_is_forgotten_later_than_it_was_seen_or_nobody_knows_when(
+    memory_s: float, knows_when: bool
+) -> None:
+    """1e10 s are 317 years, and a stamp in nanoseconds ends in 2262."""
+    seen_ns = 1_760_000_000 * SECOND_NS
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=memory_s).fusion_method(terrain, 1))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.default_threshold()))
+    look(crowd_map, "uav1", seen_ns, np.arange(3), 0.95)
+    (zone,) = engine.step(seen_ns)
+    assert (zone.forgotten_ns is not None) == knows_when
+    assert zone.forgotten_ns is None or seen_ns < zone.forgotten_ns < 2 * seen_ns
+
+
 def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
     probability = np.full((6, 5), np.nan)
     probability[:4, :3] = 0.0
@@ -331,6 +348,50 @@ def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
     later = zones.engine.step(zones.stamp_ns + 11 * SECOND_NS)
     assert sum(zone.polygon.area for zone in later.unseen) == 29.0
     assert ids(later) == ["Z1"] and ids(later.unseen) == ["UNSEEN"]
+
+
+def test_crowd_too_small_for_a_zone_is_closed_as_ground_that_is_not_known_to_be_empty() -> None:
+    zones = DrawnZones((7, 3), min_area_m2=3.0, close_unseen=True)
+    picture = """
+        .......
+        .#.....
+        ......."""
+    step = zones.drawn(picture)
+    assert step.dropped_count == 1 and step.dropped_area_m2 == 1.0 and not step.zones
+    (unseen,) = step.unseen
+    assert unseen.polygon.equals(shapely.box(1, 1, 2, 2)) and unseen.area_m2 == 1.0
+    assert zones.drawn(picture.replace("#", ".")).unseen == ()
+
+
+def test_crowd_that_a_lower_threshold_keeps_is_closed_as_well_where_it_is_too_small() -> None:
+    zones = DrawnZones((7, 3), min_area_m2=3.0, off_threshold=0.3, close_unseen=True)
+    zones.step(drawing("......#\n.......\n......."))
+    held = zones.step(drawing("......+\n.......\n......."))  # 0.4: above the threshold that opens
+    assert [one.polygon.bounds for one in held.unseen] == [(6.0, 2.0, 7.0, 3.0)]
+
+
+def test_a_hole_of_the_map_is_not_known_to_be_empty_whatever_lies_around() -> None:
+    places = [(i, j, 0) for i in range(7) for j in range(7) if (i, j) not in [(3, 3), (3, 4), (0, 5)]]
+    hole = shapely.box(3, 3, 4, 5)  # (0, 5) is on the rim: outside, of which no zone speaks
+    rules = ZoneConfig(threshold=0.5, close_unseen=True).rules(0.5)
+    never, cleared = (
+        ZoneEngine(crowd_map_of(places, np.full(46, probability)), rules).step(0)
+        for probability in (np.nan, 0.0)
+    )
+    assert never.unseen[0].polygon.equals(shapely.box(0, 0, 7, 7) - shapely.box(0, 5, 1, 6))
+    assert cleared.unseen[0].polygon.equals(hole) and cleared.unseen[0].area_m2 == 2.0
+
+
+@settings(max_examples=200)
+@given(ground=hnp.arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9))).filter(np.any))
+def test_holes_of_the_map_are_what_is_missing_inside_it(ground: NDArray[np.bool_]) -> None:
+    i, j = np.nonzero(ground)
+    places = np.column_stack([i, j, np.zeros(len(i), int)])
+    rules = ZoneConfig(threshold=0.5, close_unseen=True).rules(0.5)
+    closed = ZoneEngine(crowd_map_of(places, np.zeros(len(i))), rules).step(0)
+    missing = ndimage.binary_fill_holes(ground) & ~ground  # four neighbours
+    squares = shapely.union_all([shapely.box(x, y, x + 1, y + 1) for x, y in np.argwhere(missing)])
+    assert shapely.union_all([zone.polygon for zone in closed.unseen]).equals(squares)
 
 
 def test_the_same_instants_give_the_same_zones_to_the_bit() -> None:

@@ -104,6 +104,43 @@ def test_a_buffer_covers_everything_within_its_distance(
     assert (shapely.distance(ground, points[shapely.covers(result, points)]) <= 1.03 * distance_m).all()
 
 
+@st.composite
+def outlines_of_any_shape(draw: st.DrawFn) -> shapely.Polygon | shapely.MultiPolygon:
+    """Cells of any proportions, stars that are hardly ever convex, hulls, corners of every sharpness."""
+    kind = draw(st.sampled_from(["cells", "star", "hull", "wedge"]))
+    if kind == "cells":
+        width, height = draw(st.floats(0.1, 3.0)), draw(st.floats(0.1, 3.0))
+        return shapely.affinity.scale(outline(draw(CELLS)), width, height)
+    if kind == "wedge":
+        turn = np.radians(draw(st.floats(1.0, 179.0)))
+        return shapely.Polygon([(0, 0), (40, 0), (40 * np.cos(turn), 40 * np.sin(turn))])
+    count = draw(st.integers(3, 40))
+    radius_m = np.array(draw(st.lists(st.floats(1.0, 50.0), min_size=count, max_size=count)))
+    angle = 2 * np.pi * np.arange(count) / count
+    star = shapely.Polygon(radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return star if kind == "star" else shapely.convex_hull(star)
+
+
+@settings(max_examples=500)
+@given(ground=outlines_of_any_shape(), distance_m=st.sampled_from([0.5, 1.0, 5.0, 30.0, 120.0]))
+def test_the_edge_of_a_buffer_is_nowhere_nearer_than_its_distance(
+    ground: shapely.Polygon | shapely.MultiPolygon, distance_m: float
+) -> None:
+    edge = shapely.boundary(grown(ground, distance_m))
+    assert shapely.distance(edge, ground) >= distance_m
+
+
+def test_an_arc_that_gets_too_few_segments_keeps_its_distance() -> None:
+    """A turn of 22.4 degrees is 1.49 of the 15 degrees of a segment, and GEOS gives it one."""
+    turn = np.radians(22.4)
+    ground = shapely.Polygon([(-50, 0), (0, 0), (50 * np.cos(turn), 50 * np.sin(turn)), (-50, 30)])
+    edge = shapely.boundary(grown(ground, 60.0))
+    # The corner at the origin turns left; its arc is on the right, half way between the two normals.
+    middle = 70.0 * np.array([np.sin(turn / 2), -np.cos(turn / 2)])
+    reached = shapely.intersection(edge, shapely.LineString([(0, 0), middle]))
+    assert 60.0 <= shapely.distance(shapely.Point(0, 0), reached) <= 60.0 * 1.0005
+
+
 def test_holes_are_filled_by_area() -> None:
     cells = np.ones((9, 9), bool)
     cells[1, 1] = cells[4:7, 4:7] = False

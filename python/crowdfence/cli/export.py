@@ -15,6 +15,7 @@ from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
     from crowdfence.exports.zone_formats import ZoneExport
+    from crowdfence.zones import Zone
     from crowdfence.zones.history import ZoneHistory
 
 
@@ -100,8 +101,9 @@ def export(
         if output.exists() and not force:
             raise FileExistsError(f"{output} exists; --force replaces it")
         history = open_history(run)
-        others, left_out = read_static_zones(static_zones or [], history.georeference)
-        history = with_static(history, others)
+        taken = {zone.id for zones in history.sets for zone in zones.closed}
+        others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
+        history = with_static(history, _on_ground_of(run, others))
         # Zones hold from the instant that found them, not from when somebody asks.
         stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
@@ -131,6 +133,15 @@ def export(
         "left_out": left_out,
     }
     _report(report, as_json)
+
+
+def _on_ground_of(run: Path, others: tuple[Zone, ...]) -> tuple[Zone, ...]:
+    """With the heights of their ground, where the run wrote its terrain."""
+    from crowdfence.maps import open_terrain
+    from crowdfence.zones.given_ground import on_ground
+
+    terrain = run / "terrain.bt"
+    return on_ground(others, open_terrain(terrain)) if others and terrain.exists() else others
 
 
 def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int) -> None:

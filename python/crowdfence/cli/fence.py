@@ -89,7 +89,9 @@ def push(
     from crowdfence.static_zones import read_static_zones
 
     wanted = ZoneSource(zones, at).read()
-    others, left_out = read_static_zones(static_zones or [], wanted.georeference)
+    others, left_out = read_static_zones(
+        static_zones or [], wanted.georeference, {zone.id for zone in wanted.zones}
+    )
     for reason in left_out:
         console.warn(reason)
     with _keeper(link, system, capacity, state, timeout_s) as keeper:

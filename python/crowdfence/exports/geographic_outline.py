@@ -31,25 +31,25 @@ MAX_EDGE_M = 25.0
 MAX_LATITUDE_DEG = 89.0
 
 _SMALLEST_EARTH_RADIUS_M = 6.356e6
+_LARGEST_EARTH_RADIUS_M = 6.42e6
+"""Of curvature, at the poles, 20 km up."""
 _ANY_CORNER = 1e3
 _DEGREE_M = 111_700.0
 """The longest there is, of latitude at the poles."""
 
 
 def ellipsoidal_heights(zone: Zone, georeference: Georeference) -> tuple[float, float]:
-    """Lowest and highest ground above the WGS84 ellipsoid, rounded down and up to millimetres; local height 0
-    leaves the ellipsoid with the distance."""
+    """Lowest and highest ground above the WGS84 ellipsoid, rounded down and up to millimetres. The local
+    plane leaves the ellipsoid to all sides: it is highest above it at a corner, and lowest where the zone
+    comes nearest to the anchor, on an edge or inside too."""
     import shapely
 
-    corners = shapely.get_coordinates(zone.polygon)
-    heights = [
-        georeference.geodetic_from_local(_at_height(corners, level))[2]
-        for level in (zone.lower_m, zone.upper_m)
-    ]
-    return (
-        float(np.floor(heights[0].min() * 1e3) / 1e3),
-        float(np.ceil(heights[1].max() * 1e3) / 1e3),
-    )
+    corners = _at_height(shapely.get_coordinates(zone.polygon), zone.upper_m)
+    highest_m = georeference.geodetic_from_local(corners)[2].max()
+    nearest_m = shapely.distance(zone.polygon, shapely.Point(0.0, 0.0))
+    # Below any sphere through it that is larger than the Earth is curved anywhere.
+    lowest_m = georeference.height_m + zone.lower_m + nearest_m**2 / (2 * _LARGEST_EARTH_RADIUS_M)
+    return float(np.floor(lowest_m * 1e3) / 1e3), float(np.ceil(highest_m * 1e3) / 1e3)
 
 
 def _at_height(corners: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from crowdfence._core import CrowdMap, CrowdMass, Observation, Update, View
 from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import RefusedFrame
 from crowdfence.zones import Zone, ZoneEngine, ZoneSet
+from crowdfence.zones.given_ground import on_ground
 from crowdfence.zones.no_zones import NoZones
 
 
@@ -62,7 +63,9 @@ class FrameLoop:
         rules = zones.rules(crowd_map.default_threshold())
         self.threshold = rules.threshold
         """Probability from which ground is crowd."""
-        self._engine = (ZoneEngine if closes else NoZones)(crowd_map, rules, static_zones)
+        self._engine = (ZoneEngine if closes else NoZones)(
+            crowd_map, rules, on_ground(static_zones, crowd_map.terrain)
+        )
         self.crowd_mass: dict[str, CrowdMass] = {}
         """Where the crowd in the pictures of each drone went, over all steps."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from codecs import BOM_UTF8
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -59,10 +59,11 @@ def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:
 
 
 def read_static_zones(
-    paths: list[Path], georeference: Georeference | None
+    paths: list[Path], georeference: Georeference | None, taken: Iterable[str] = ()
 ) -> tuple[tuple[Zone, ...], list[str]]:
-    """The zones of several files, and a sentence for everything that is left out."""
-    taken: set[str] = set()
+    """The zones of several files, and a sentence for everything that is left out. No zone gets an id that is
+    `taken`, nor one of another."""
+    taken = set(taken)
     zones: list[Zone] = []
     left_out = []
     for path in paths:

@@ -36,6 +36,8 @@ _FAR_DEG = 20.0
 _MAX_REACH_DEG = 60.0
 """The local plane holds what is nearer than a quarter of the Earth's circumference."""
 _NEVER_NS = -1
+_OURS = "ZUO"
+"""Ids of crowds, of unseen ground and of what operators close begin so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,7 @@ def _zone(name: str, polygon: Polygon, given: GivenZone) -> Zone:
 
 def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
     """Its name where that can be an id, else the next number that is free."""
-    if 0 < len(name) <= MAX_ID_LENGTH and name not in taken and name[0] not in "ZU" and name.isprintable():
+    if 0 < len(name) <= MAX_ID_LENGTH and name not in taken and name[0] not in _OURS and name.isprintable():
         return name
     return next(free for free in (zone_id(number, "S") for number in numbers) if free not in taken)
 

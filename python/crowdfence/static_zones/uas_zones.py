@@ -2,6 +2,9 @@
 
 Both have longitude before latitude. Times and schedules are not looked at: a zone that holds at times is
 closed always. Zones that ask for an authorisation, or have conditions, are closed like those that prohibit.
+
+Rings of ED-269 beyond the first are areas of their own, as InterUSS reads them: others take them for holes,
+and a hole that may be none opens nothing. ED-318 is GeoJSON and has holes.
 """
 
 from __future__ import annotations
@@ -86,4 +89,5 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
                 radius_m = metres(projection["radius"], unit, 0.0)
                 yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
             else:
-                yield GivenZone(name, [ring_of(ring) for ring in projection["coordinates"]], band)
+                for ring in projection["coordinates"] or [[]]:
+                    yield GivenZone(name, [ring_of(ring)], band)

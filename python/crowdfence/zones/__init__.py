@@ -8,8 +8,10 @@
 - `safety_distance`  how large a buffer is: formulas with their sources
 - `evidence`         who saw a zone
 - `unseen`           ground that is not known to be empty
+- `map_holes`        what a map lacks inside of itself
 - `rules` `altitude_band` `zone` `zone_id`   what a zone is told, and what it is
 - `ground_heights`   how low and how high the ground of a zone lies
+- `given_ground`     the same for zones of others
 - `capacity`         all zones in a fence of few items
 - `history`          the zones of a whole mission, and its file
 - `engine`           all of these, instant by instant

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdColumns, CrowdMap
 
 _LATEST_NS = np.iinfo(np.int64).max // 2
-"""Beyond it (the year 2116) an expiry is none."""
+"""Beyond it (the year 2116) an expiry is none, and nothing is forgotten."""
 _FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
 
 
@@ -48,8 +48,8 @@ def forgets_to_unknown(crowd_map: CrowdMap) -> bool:
 def forgotten_ns(
     crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int, threshold: float
 ) -> NDArray[np.int64] | None:
-    """[C] When method `evidence` no longer knows crowd on each column, if nobody looks again; None for the
-    others, which forget towards "free" or not at all.
+    """[C] When method `evidence` no longer knows crowd on each column, if nobody looks again; None where that
+    is beyond the year 2116 for any, and for the others, which forget towards "free" or not at all.
 
     With e the log odds above the prior and W the looks that are remembered, e (W + doubt) = E D^a of the
     method, and a share f of both is left after memory_s ln(1 / f). The threshold, T above the prior, is met
@@ -66,8 +66,10 @@ def forgotten_ns(
         left = least * doubt / (above * (looks + doubt) - least * looks)
     after_s = np.where(above > least, -memory_s * np.log(np.clip(left, 1e-300, 1.0)), 0.0)
     first = np.cumsum(columns.crowd_count) - columns.crowd_count
-    after_ns = np.ceil(np.maximum.reduceat(after_s, first) * 1e9).astype(np.int64)
-    return np.asarray(stamp_ns + after_ns)
+    after_s = np.maximum.reduceat(after_s, first)
+    if not (after_s <= (_LATEST_NS - stamp_ns) / 1e9).all():
+        return None
+    return np.asarray(stamp_ns + np.ceil(after_s * 1e9).astype(np.int64))
 
 
 def _log_odds(probability: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -96,7 +96,7 @@ class ZoneEngine:
             min_area_m2=rules.min_area_m2,
             dropped_count=len(dropped),
             dropped_area_m2=float(sum(dropped)) * self._crowd_map.terrain.voxel_size_m**2,
-            unseen=self._unknown_ground(stamp_ns),
+            unseen=self._unknown_ground(stamp_ns, keys[is_crowd & (region < 0)]),
             static=self._static,
             events=tuple(events),
         )
@@ -237,12 +237,14 @@ class ZoneEngine:
             return "held" if looks_now or not self._closed.forgets_to_unknown else "not_looked_at"
         return "not_cleared" if looks_now else "not_looked_at"
 
-    def _unknown_ground(self, stamp_ns: int) -> tuple[Zone, ...]:
-        """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing."""
+    def _unknown_ground(self, stamp_ns: int, in_no_zone: NDArray[np.int64]) -> tuple[Zone, ...]:
+        """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing.
+        `in_no_zone` are keys of crowd whose regions are too small for a zone."""
         if self._standing is None:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
         keys = self._standing.unknown(self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s)
+        keys = np.union1d(keys, in_no_zone)
         if not len(keys):
             return ()
         runs = Runs.of(column_places(keys))

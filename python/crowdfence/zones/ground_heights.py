@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.zones.tracker import column_keys
+from crowdfence.zones.outline import outlines
+from crowdfence.zones.regions import Runs
+from crowdfence.zones.tracker import column_keys, column_places
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -32,9 +35,29 @@ class GroundHeights:
         self._highest = level[order][np.append(first[1:], len(order))[: len(first)] - 1]
         self._terrain = terrain
 
+    def below(self, outline: Polygon | MultiPolygon) -> tuple[float, float] | None:
+        """The same where the map has ground below all of an outline; None where it lacks any."""
+        import shapely
+
+        (west, south, _), (east, north, _) = self._terrain.bounds
+        if not shapely.box(west, south, east, north).covers(outline):
+            return None
+        runs = Runs.of(column_places(self._keys[self._inside(outline)]))
+        ground = outlines(runs, np.zeros(len(runs), dtype=np.int64), self._terrain)
+        return self.within(outline) if ground and ground[0].covers(outline) else None
+
     def within(self, outline: Polygon | MultiPolygon) -> tuple[float, float] | None:
         """Local heights of the underside of the lowest and the top of the highest voxel in the bounds of an
         outline; None where the map has no ground there."""
+        inside = self._inside(outline)
+        if not len(inside):
+            return None
+        size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
+        lowest, highest = self._lowest[inside].min(), self._highest[inside].max() + 1
+        return origin[2] + float(lowest) * size_m, origin[2] + float(highest) * size_m
+
+    def _inside(self, outline: Polygon | MultiPolygon) -> NDArray[np.int64]:
+        """Positions of the columns in the bounds of an outline."""
         size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
         west, south, east, north = outline.bounds
         first = np.floor((np.array([west, south]) - origin[:2]) / size_m).astype(np.int64)
@@ -43,8 +66,4 @@ class GroundHeights:
         begin = int(np.searchsorted(self._keys, corners[0], "left"))
         end = int(np.searchsorted(self._keys, corners[1], "right"))
         j = ((self._keys[begin:end] + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
-        inside = np.flatnonzero((j >= first[1]) & (j <= last[1])) + begin
-        if not len(inside):
-            return None
-        lowest, highest = self._lowest[inside].min(), self._highest[inside].max() + 1
-        return origin[2] + float(lowest) * size_m, origin[2] + float(highest) * size_m
+        return np.flatnonzero((j >= first[1]) & (j <= last[1])) + begin

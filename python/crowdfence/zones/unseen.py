@@ -1,4 +1,5 @@
-"""Ground that is not known to be empty: never seen, hidden, stale, or what else a method does not clear."""
+"""Ground that is not known to be empty: never seen, hidden, stale, or what else a method does not clear, and
+holes of the map."""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap, Terrain
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones.tracker import column_keys
+from crowdfence.zones.map_holes import hole_columns
+from crowdfence.zones.tracker import column_keys, column_places
 
 _UP = np.array([0, 0, 1], dtype=np.int64)
 _VOXELS_PER_BLOCK = 1 << 20
@@ -31,14 +33,16 @@ class StandingPlaces:
         self._ids = np.concatenate(ids)[order] if ids else key
         self.columns, self._first = np.unique(key[order], return_index=True)
         """Keys of the columns [C], sorted."""
+        self._holes = column_keys(hole_columns(column_places(self.columns)))
 
     def unknown(
         self, crowd_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float
     ) -> NDArray[np.int64]:
-        """Keys of the columns with a place that is neither empty nor crowd, sorted. Whatever state a method
-        may invent is unknown here."""
+        """Keys of the columns with a place that is neither empty nor crowd, and of those that the map lacks
+        inside of itself, sorted. Whatever state a method may invent is unknown here."""
         if not len(self.columns):
             return self.columns
         state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
         unknown = ~np.isin(state, _EMPTY_OR_CROWD)
-        return self.columns[np.logical_or.reduceat(unknown[self._ids], self._first)]
+        columns = self.columns[np.logical_or.reduceat(unknown[self._ids], self._first)]
+        return np.union1d(columns, self._holes) if len(self._holes) else columns

@@ -47,7 +47,8 @@ class Zone:
     """Local height of the underside of the lowest terrain voxel in the zone's columns (where more than these
     is closed: in the bounds of all that is)."""
     upper_m: float
-    """Local height of the top of the highest terrain voxel, likewise."""
+    """Local height of the top of the highest terrain voxel, likewise. Equal to `lower_m` where nobody knows
+    the ground: below zones of others that the map does not hold."""
     last_seen_ns: int
     """Newest look at any of its cells."""
     oldest_look_ns: int
@@ -75,6 +76,11 @@ class Zone:
     reason: Reason | None = None
     """Why it is closed at the instant of its zone set."""
 
+    @property
+    def ground_is_known(self) -> bool:
+        """Whether `lower_m` and `upper_m` are heights of the ground; its voxels are never flat."""
+        return self.lower_m < self.upper_m
+
     def __repr__(self) -> str:
         crowd = f"{self.area_m2:.0f} m2 of crowd, P up to {self.probability_max:.2f}"
         what = crowd if self.kind == "crowd" else f"{self.kind}, {self.polygon.area:.0f} m2"
@@ -89,7 +95,8 @@ class ZoneSet(Sequence[Zone]):
     threshold: float
     min_area_m2: float
     dropped_count: int
-    """Regions smaller than `min_area_m2`: crowd that no zone covers."""
+    """Regions smaller than `min_area_m2`: crowd in no zone but, where it is closed, that of
+    unseen ground."""
     dropped_area_m2: float
     unseen: tuple[Zone, ...] = ()
     """Ground that is closed because it is not known to be empty."""

@@ -1,8 +1,8 @@
 """Zones as ED-269 (EUROCAE, the older JSON form of UAS geographical zones).
 
 Longitude comes before latitude, as national files have it (the samples of the Swiss authority), although a
-package of types says otherwise. Limits are whole metres, rounded outward. The format has no holes: they are
-closed.
+package of types says otherwise. Limits are whole metres, rounded outward. Readers do not agree what rings
+beyond the first are, holes or areas of their own: none are written, holes are closed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Zones as constraints of ASTM F3548-21 (UTM between service suppliers).
 
 Its limits are kept: at most 1000 corners (an outline with more grows), at most 24 h, at least 10 min, so that
-a zone which ends sooner is kept longer, and one without an end has to be published again within a day.
+a zone which ends sooner is kept longer, and one without an end has to be published again within a day. Its
+altitudes end 8 km below and 100 km above the ellipsoid.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from crowdfence.zones.simplify import simplified, vertex_count
 MAX_VERTICES = 1000
 MAX_DURATION_NS = 24 * 3600 * 10**9
 LEAST_DURATION_NS = 10 * 60 * 10**9
+LOWEST_M, HIGHEST_M = -8000.0, 100_000.0
 _NAMESPACE = uuid.UUID("8d4f7a52-6a3a-5ad0-9d35-8f1f3f1f6b58")
 """Of the ids: the same zone of the same mission has the same one."""
 
@@ -87,4 +89,4 @@ def _vertices(part: Any) -> list[dict[str, float]]:
 
 
 def _altitude(height_m: float) -> dict[str, Any]:
-    return {"value": height_m, "reference": "W84", "units": "M"}
+    return {"value": min(max(height_m, LOWEST_M), HIGHEST_M), "reference": "W84", "units": "M"}

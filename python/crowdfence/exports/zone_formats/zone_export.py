@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 SOFTWARE = "crowdfence"
+LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
+"""No ground on Earth is lower or higher, above the sea or the ellipsoid: the shore of the Dead Sea lies at
+-440 m, Everest at 8849 m, and the sea from -107 to 86 m above the ellipsoid."""
 
 
 class NoGeoreference(ValueError):
@@ -61,7 +64,8 @@ class ZoneExport:
 
     def band(self, zone: Zone, datum: Datum | None = None) -> AltitudeBand:
         """From which height to which, above `datum`, that of the export by default. A band above ground is as
-        much thicker above another one as the ground is uneven. ValueError where the geoid is not known."""
+        much thicker above another one as the ground is uneven; where the ground is not known it holds every
+        ground on Earth. ValueError where the geoid is not known."""
         datum = self.datum if datum is None else datum
         if zone.band.datum == datum:
             return zone.band
@@ -69,6 +73,8 @@ class ZoneExport:
             raise ValueError(
                 f"zone {zone.id} is bounded above {zone.band.datum}, which is not converted to {datum}"
             )
+        if not zone.ground_is_known:
+            return zone.band.above(LOWEST_GROUND_M, HIGHEST_GROUND_M, datum)
         lower_m, upper_m = ellipsoidal_heights(zone, self.georeference)
         if datum == "AMSL":
             geoid_m = geoid_heights_m(np.array(self.outline(zone).bounds))
