@@ -1003,7 +1003,9 @@ class Update:
 
 @final
 class CrowdColumns:
-    """The columns of the terrain that hold crowd, sorted by i, then j; `CrowdMap.crowd_columns` makes it."""
+    """The columns of the terrain that hold some voxels, sorted by i, then j; `CrowdMap.crowd_columns` makes it of
+    those that hold crowd, `CrowdMap.columns_of` of any.
+    """
     @property
     def indices(self) -> NDArray[np.int64]:
         """Grid indices (i, j) [C, 2] int64."""
@@ -1015,16 +1017,16 @@ class CrowdColumns:
         """Grid index k of the highest voxel of the terrain in each column [C] int64."""
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Largest probability over the voxels of each column that were ever seen [C] float64."""
+        """Largest probability of these voxels in each column [C] float64."""
     @property
     def last_seen_ns(self) -> NDArray[np.int64]:
-        """Stamp of the newest look at any voxel of each column, crowd or not [C] int64."""
+        """Stamp of the newest look at any of these voxels in each column [C] int64."""
     @property
     def crowd_count(self) -> NDArray[np.int64]:
-        """How many voxels of each column are crowd [C] int64, at least 1."""
+        """How many of these voxels are in each column [C] int64, at least 1."""
     @property
     def voxel_ids(self) -> NDArray[np.int64]:
-        """Those voxels [sum of `crowd_count`] int64, column by column."""
+        """The voxels [sum of `crowd_count`] int64, column by column."""
     def __len__(self) -> int: ...
 
 @final
@@ -1162,19 +1164,7 @@ class CrowdMap:
         threshold: float,
         off_threshold: float,
         least: float | None = None,
-    ) -> CrowdColumns:
-        """The columns that hold crowd, and those of `closed` [C, 2] (i, j), in any order, that are not
-        known to hold none; at a stamp not before the newest instant. Costs `closed` beside what
-        `crowd_columns` costs.
-
-        threshold      in (0, 1]: a column with a voxel at or above it holds crowd
-        off_threshold  in (0, `threshold`]: one that is closed is told down to this one; of every column the
-                       voxels at or above it
-        least          in (0, `off_threshold`]: of a column of `closed` that has none of these, the voxels at
-                       or above this one; None = `off_threshold`
-
-        StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
-        """
+    ) -> CrowdColumns: ...
     def seen(self) -> NDArray[np.bool_]:
         """Union of the fields of view so far (equation 4): [V] bool per voxel."""
     def seen_ids(self) -> NDArray[np.int64]:

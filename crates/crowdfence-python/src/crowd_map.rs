@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::arrays::{Array, id_array, refuse, rows};
+use crate::arrays::{id_array, refuse, rows};
 use crate::crowd_columns::PyCrowdColumns;
 use crate::errors::MapFileError;
 use crate::method::{MethodArgument, method_object};

@@ -528,8 +528,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 5;
-    assert!(message(&newer).contains("version 5; this build reads version 1 to 4"));
+    newer[8] = 6;
+    assert!(message(&newer).contains("version 6; this build reads version 1 to 5"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;
