@@ -1003,8 +1003,8 @@ class Update:
 
 @final
 class CrowdColumns:
-    """The columns of the terrain that hold some voxels, sorted by i, then j; `CrowdMap.crowd_columns` makes it of
-    those that hold crowd, `CrowdMap.columns_of` of any.
+    """The columns of the terrain that hold some voxels, sorted by i, then j: `CrowdMap.crowd_columns` makes it
+    of those that hold crowd, `CrowdMap.columns_of` of any.
     """
     @property
     def indices(self) -> NDArray[np.int64]:
@@ -1156,15 +1156,33 @@ class CrowdMap:
 
         StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
         """
-    def closed_columns(
-        self,
-        stamp_ns: int,
-        closed: ArrayLike,
-        *,
-        threshold: float,
-        off_threshold: float,
-        least: float | None = None,
-    ) -> CrowdColumns: ...
+    def crowd_ids_at_last_looks(self, *, threshold: float | None = None) -> NDArray[np.int64]:
+        """The voxels that held crowd when somebody last looked at them, sorted ids [N] int64. What was
+        forgotten since takes none away, and crowd that a late view showed is among them.
+
+        threshold  in (0, 1]: a voxel that was at or above it held crowd; None = the method's `default_threshold`
+
+        CrowdfenceError for a threshold out of bounds.
+        """
+    def crowd_ids(self, stamp_ns: int, *, threshold: float | None = None) -> NDArray[np.int64]:
+        """The voxels that hold crowd at a stamp not before the newest instant, sorted ids [N] int64. Costs
+        what holds crowd and what was seen since the last call, not the map.
+
+        threshold  in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
+
+        StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+        """
+    def columns_of(self, ids: ArrayLike, stamp_ns: int) -> CrowdColumns:
+        """The columns of the voxels `ids` [N], each given once, at a stamp not before the newest instant.
+        Voxels that nobody has seen are left out.
+
+        StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
+        """
+    def spoke_for_crowd(self, ids: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
+        than there was, and more than the method holds of ground that nobody has seen. Of looks that
+        an older build wrote to a file it says no. CrowdfenceError for an id that does not exist.
+        """
     def seen(self) -> NDArray[np.bool_]:
         """Union of the fields of view so far (equation 4): [V] bool per voxel."""
     def seen_ids(self) -> NDArray[np.int64]:

@@ -25,8 +25,9 @@ def slow_zones(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> list[Zon
     zones = []
     for number, region in enumerate(sorted(regions, key=lambda region: (-len(region), region)), start=1):
         levels = [indices[v, 2] for column in region for v in voxels[column]]
-        newest = [max(last_seen_ns[seen[column]]) for column in region]
-        crowd = [v for column in region for v in seen[column] if probability[v] >= threshold]
+        crowd_in = [[v for v in seen[column] if probability[v] >= threshold] for column in region]
+        newest = [max(last_seen_ns[ids]) for ids in crowd_in]
+        crowd = [v for ids in crowd_in for v in ids]
         zones.append(
             Zone(
                 id=f"Z{np.base_repr(number, 36)}",

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from crowdfence import CrowdMap, Observation, Or, Paper, Rates, Terrain
+from crowdfence import CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain
 from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
@@ -113,6 +113,73 @@ def test_what_evidence_forgets_stays_closed_until_somebody_looks() -> None:
     assert [zone.cell_count for zone in engine.step(120 * SECOND_NS)] == [1]
     look(crowd_map, "uav1", 121 * SECOND_NS, ids_of[2:3], 0.0)
     assert told(engine.step(121 * SECOND_NS)) == [("expired", "Z1")]
+
+
+def test_a_look_at_the_roof_opens_nothing_below_it() -> None:
+    terrain = Terrain.from_indices([(i, 0, k) for i in range(3) for k in (0, 9)], 1.0)
+    ground, roof = (terrain.voxel_ids([(i, 0, k) for i in range(3)]) for k in (0, 9))
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    for second, seen, mean in [(0, ground, 0.95), (1, ground, 0.95), (60, roof, 0.0)]:
+        look(crowd_map, "uav1", second * SECOND_NS, seen, mean)
+        zones = engine.step(second * SECOND_NS)
+    (zone,) = zones
+    assert (zone.id, zone.cell_count, zone.reason) == ("Z1", 3, "not_looked_at")
+    assert zone.last_seen_ns == SECOND_NS
+    look(crowd_map, "uav1", 61 * SECOND_NS, ground, 0.0)
+    assert told(engine.step(61 * SECOND_NS)) == [("expired", "Z1")]
+
+
+def test_a_look_that_speaks_for_crowd_opens_nothing_however_weak_it_is() -> None:
+    """From 300 m a crowd of .95 says little: after a minute it leaves less than the threshold. The same look
+    at nothing opens the ground."""
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+
+    def zones_after(mean: float) -> ZoneSet:
+        crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
+        threshold = crowd_map.method.default_threshold
+        engine = ZoneEngine(crowd_map, ZoneConfig().rules(threshold))
+        for second, range_m, seen in [(0, 20.0, 0.95), (1, 20.0, 0.95), (60, 300.0, mean)]:
+            observation = Observation(
+                terrain,
+                "uav1",
+                second * SECOND_NS,
+                voxel_ids=np.arange(3),
+                mean=np.full(3, seen),
+                pixel_count=np.ones(3, dtype=int),
+                range_m=np.full(3, range_m),
+                tilt_deg=np.full(3, 60.0),
+                occluded_ids=[],
+                focal_px=376.0,
+            )
+            crowd_map.integrate_observations([observation], second * SECOND_NS)
+            zones = engine.step(second * SECOND_NS)
+        assert (crowd_map.probability(60 * SECOND_NS) < threshold).all()
+        return zones
+
+    assert [zone.cell_count for zone in zones_after(0.95)] == [3]
+    assert len(zones_after(0.0)) == 0
+
+
+def test_crowd_of_a_late_view_is_closed_as_if_it_had_come_in_time() -> None:
+    """A link was down for half a minute: what it brings is forgotten, but nobody has looked since."""
+    terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
+    crowd = ("uav1", 0, np.arange(3), 0.99)
+    elsewhere = [("uav2", second * SECOND_NS, np.arange(3, 6), 0.0) for second in range(1, 31)]
+
+    def zones_after(looks: list[tuple[str, int, NDArray[np.int64], float]]) -> ZoneSet:
+        crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=5.0).fusion_method(terrain, drones=2))
+        engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+        newest_ns = 0
+        for drone, stamp_ns, seen, mean in looks:
+            newest_ns = max(newest_ns, stamp_ns)
+            look(crowd_map, drone, stamp_ns, seen, mean)
+            zones = engine.step(newest_ns)
+        return zones
+
+    (in_time,), (late,) = zones_after([crowd, *elsewhere]), zones_after([*elsewhere, crowd])
+    assert (late.cell_count, late.reason, late.last_seen_ns) == (3, "not_looked_at", 0)
+    assert late.polygon.equals(in_time.polygon)
 
 
 def test_two_looks_in_a_row_open_ground_where_two_are_asked_for() -> None:
@@ -440,43 +507,56 @@ def test_ten_thousand_zones_at_once() -> None:
 
 
 class EverythingRead:
-    """Which columns are closed, from every voxel of the map at every instant."""
+    """Which voxels are closed, from every voxel of the map at every instant. What a voxel was at its last look
+    is read from maps that end there; what a look spoke for, from the map just before it."""
 
-    def __init__(self, crowd_map: CrowdMap, threshold: float, off_threshold: float, looks: int) -> None:
-        self._map, self._threshold, self._off, self._looks = crowd_map, threshold, off_threshold, looks
-        ids = np.arange(crowd_map.terrain.voxel_count)
-        self._places = [tuple(place) for place in crowd_map.terrain.voxel_indices(ids)[:, :2].tolist()]
-        self.closed: set[tuple[int, ...]] = set()
-        self._below: dict[tuple[int, ...], int] = {}
+    def __init__(self, terrain: Terrain, method: Evidence | Paper | Or, closes: float, stays: float, looks: int) -> None:
+        self._terrain, self._method = terrain, method
+        self._closes, self._stays, self._looks = closes, stays, looks
+        self._map = CrowdMap(terrain, method)
+        self._given: list[tuple[str, int, NDArray[np.int64], NDArray[np.float64]]] = []
+        self._spoke_for_crowd = np.zeros(terrain.voxel_count, dtype=bool)
+        self._below = np.zeros(terrain.voxel_count, dtype=np.int64)
         self._stepped_ns = -1
+        self.closed = np.zeros(terrain.voxel_count, dtype=bool)
+
+    def look(self, drone: str, stamp_ns: int, seen: NDArray[np.int64], mean: NDArray[np.float64]) -> None:
+        before, was_seen = CrowdMap.from_bytes(self._map.to_bytes(), self._terrain), self._map.seen()
+        look(self._map, drone, stamp_ns, seen, mean)
+        self._given.append((drone, stamp_ns, seen, mean))
+        assert self._map.span_ns is not None
+        _, now_ns = self._map.span_ns
+        after = self._map.probability(now_ns)
+        more = ~was_seen | (after > before.probability(now_ns))
+        prior = self._method.parameters.get("prior", 0.0)
+        self._spoke_for_crowd[seen] = (more & (after > prior))[seen]
+
+    def _at_last_looks(self) -> NDArray[np.float64]:
+        last_ns = self._map.last_seen_ns()
+        probability = np.full(self._terrain.voxel_count, -1.0)
+        for end_ns in np.unique(last_ns[last_ns >= 0]).tolist():
+            until_then = CrowdMap(self._terrain, self._method)
+            for given in sorted(self._given, key=lambda given: given[1]):
+                if given[1] <= end_ns:
+                    look(until_then, *given)
+            ends_there = last_ns == end_ns
+            probability[ends_there] = until_then.probability(end_ns)[ends_there]
+        return probability
 
     def step(self, stamp_ns: int) -> None:
-        method = self._map.method
-        prior = method.parameters["prior"] if method.name == "evidence" else None
-        last_ns = self._map.last_seen_ns()
-        largest: dict[tuple[int, ...], float] = {}
-        newest: dict[tuple[int, ...], int] = {}
-        for place, value, seen_ns in zip(
-            self._places, self._map.probability(stamp_ns), last_ns.tolist(), strict=True
-        ):
-            if seen_ns >= 0:
-                largest[place] = max(value, largest.get(place, 0.0))
-                newest[place] = max(seen_ns, newest.get(place, -1))
-        now = {place for place, value in largest.items() if value >= self._threshold}
-        for place in self.closed & largest.keys():
-            is_below = largest[place] < self._off
-            if prior is None:
-                opens = is_below
-            else:
-                if newest[place] > self._stepped_ns:
-                    self._below[place] = self._below.get(place, 0) + 1 if is_below else 0
-                opens = newest[place] > self._stepped_ns and self._below.get(place, 0) >= self._looks
-                # A look that came late is no newer one; it opens what it finds below the prior.
-                opens |= self._looks == 1 and largest[place] < min(prior * (1.0 - 1e-9), self._off)
-            if not opens:
-                now.add(place)
-        self._below = {place: self._below.get(place, 0) for place in now}
-        self.closed, self._stepped_ns = now, stamp_ns
+        now = self._map.probability(stamp_ns)
+        if self._method.name == "evidence":
+            at_last_look = self._at_last_looks()
+            crowd, is_below = at_last_look >= self._closes, at_last_look < self._stays
+            is_below &= ~self._spoke_for_crowd
+            looked = self._map.last_seen_ns() > self._stepped_ns
+            self._below[looked] = np.where(is_below, self._below + 1, 0)[looked]
+            opens = looked & (self._below >= self._looks)
+        else:
+            crowd, opens = now >= self._closes, now < self._stays
+        self.closed = (crowd & self._map.seen()) | (self.closed & ~opens)
+        self._below[crowd | ~self.closed] = 0
+        self._stepped_ns = stamp_ns
 
 
 @settings(max_examples=25)
@@ -489,7 +569,7 @@ class EverythingRead:
 def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: float, looks: int) -> None:
     """Over any history: looks anywhere, late ones too, times without a look, ground that is forgotten. At
     each instant an engine on a map that was read from bytes, which knows nothing of what was read before,
-    makes the same zones, and every column is judged as a scan of all voxels judges it."""
+    makes the same zones, and every voxel is judged as a scan of all voxels judges it."""
     rng = np.random.default_rng(seed)
     occupied = np.ones((40, 40, 2), bool)
     occupied[rng.random((40, 40)) < 0.7, 1] = False
@@ -503,7 +583,8 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
     threshold = method.default_threshold
     config = ZoneConfig(off_threshold=low * threshold, opening_looks=looks, min_area_m2=2.0, buffer_m=1.0)
     rules = config.rules(threshold)
-    engine, slow = ZoneEngine(crowd_map, rules), EverythingRead(crowd_map, threshold, low * threshold, looks)
+    engine = ZoneEngine(crowd_map, rules)
+    slow = EverythingRead(terrain, method, threshold, low * threshold, looks)
     centres = terrain.voxel_centers(np.arange(terrain.voxel_count))[:, :2]
     stamp_ns = newest_ns = 1000 * SECOND_NS
     ever = 0
@@ -516,7 +597,9 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
         if len(seen):
             crowd = np.hypot(*(centres[seen] - corner - size / 2).T) < size / rng.uniform(2, 6)
             mean = np.where(crowd, rng.choice([0.95, 0.3]), rng.choice([0.0, 0.1, 0.02]))
-            look(crowd_map, f"uav{rng.integers(2)}", stamp_ns, seen, mean)
+            drone = f"uav{rng.integers(2)}"
+            look(crowd_map, drone, stamp_ns, seen, mean)
+            slow.look(drone, stamp_ns, seen, mean)
         step_ns = newest_ns + int(rng.choice([0, 0, 1, 20]) * SECOND_NS)
         if step_ns > newest_ns and in_order:
             stamp_ns = newest_ns = step_ns
@@ -525,9 +608,8 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
         zones = engine.step(step_ns)
         assert zones == other.step(step_ns)
         slow.step(step_ns)
-        closed = {tuple(place) for place in engine._closed.columns.tolist()}
-        assert closed == slow.closed
-        ever += len(closed)
+        np.testing.assert_array_equal(engine._closed.voxel_ids, np.flatnonzero(slow.closed))
+        ever += len(zones)
         expected = np.flatnonzero((crowd_map.probability(step_ns) >= threshold) & crowd_map.seen())
         np.testing.assert_array_equal(engine.crowd_voxel_ids, expected)
     assume(ever)

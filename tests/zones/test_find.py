@@ -129,7 +129,7 @@ def test_seen_by_names_who_saw_the_crowd_and_not_what_lies_below_it() -> None:
         look(crowd_map, drone, stamp_ns, ids, mean)
     near, other = find_zones(crowd_map, 9)
     assert (near.cell_count, near.seen_by) == (2, ("alpha", "zulu"))
-    assert near.last_seen_ns == 2  # the ground below the roof was looked at last
+    assert near.last_seen_ns == 1  # the look at the ground below the roof, at 2, says nothing of the crowd
     assert other.seen_by == ("charlie",)
 
 
