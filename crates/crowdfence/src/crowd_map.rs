@@ -118,15 +118,16 @@ impl CrowdMap {
         let written = voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH);
         self.quiet.wake(written.clone());
         self.quiet_at_last_looks.wake(written);
-        self.remember(&observations, stamp_ns);
+        self.remember(views, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
     /// Stores who saw what, and what nobody could see.
-    fn remember(&mut self, observations: &[Arc<Observation>], stamp_ns: i64) {
-        for observation in observations {
+    fn remember(&mut self, views: Views<'_>, stamp_ns: i64) {
+        for (view, observation) in views.observations.iter().enumerate() {
             observation.occluded_ids().iter().for_each(|&id| self.history.hide(id));
-            self.history.add_seen(observation.drone(), observation.voxel_ids());
+            let told = each_method!(&self.beliefs, Beliefs, beliefs => views.told(view, &beliefs.method));
+            self.history.add_seen(observation.drone(), &told);
         }
         self.history.instants.integrated += 1;
         let (first_ns, newest_ns) = self.history.instants.span_ns.unwrap_or((stamp_ns, stamp_ns));

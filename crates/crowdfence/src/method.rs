@@ -91,6 +91,11 @@ pub trait FusionMethod: Clone + Send + Sync {
         looks: &[(VoxelLook, Self::Fading)],
     ) -> Self::Belief;
 
+    /// Does a look say anything about who stands at the place? If not, the place was not seen by it.
+    fn tells(&self, _look: &VoxelLook) -> bool {
+        true
+    }
+
     /// Probability of crowd that is left of a belief.
     fn probability(&self, belief: Self::Belief, fading: Self::Fading) -> f64;
 

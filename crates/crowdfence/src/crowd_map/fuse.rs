@@ -180,7 +180,11 @@ impl<M: FusionMethod> Page<'_, M> {
                     next.start += 1;
                 }
             }
-            self.see(id, &looks, method, instants, times);
+            looks.retain(|look| method.tells(look));
+            match looks.is_empty() {
+                true => Look::hide(&mut self.looks[id as usize % PAGE_LENGTH]),
+                false => self.see(id, &looks, method, instants, times),
+            }
         }
     }
 
@@ -223,6 +227,12 @@ impl<M: FusionMethod> Page<'_, M> {
 }
 
 impl Views<'_> {
+    /// The voxels of which a view tells `method` something, sorted.
+    pub fn told(&self, view: usize, method: &impl FusionMethod) -> Vec<u32> {
+        let ids = self.observations[view].voxel_ids().iter().enumerate();
+        ids.filter(|&(row, _)| method.tells(&self.look(view, row))).map(|(_, &id)| id).collect()
+    }
+
     /// What row `row` of a view's observation says.
     fn look(&self, view: usize, row: usize) -> VoxelLook {
         let seen = self.observations[view].seen();

@@ -52,6 +52,13 @@ impl Look {
         if for_crowd { slot | Look::FOR_CROWD } else { slot }
     }
 
+    /// Something hides a voxel from a camera. What was seen before stays seen.
+    pub fn hide(code: &mut u32) {
+        if *code == Look::NEVER {
+            *code = Look::OCCLUDED;
+        }
+    }
+
     /// Whether somebody looked and the look spoke for crowd.
     pub fn is_for_crowd(code: u32) -> bool {
         code < Look::OCCLUDED && code & Look::FOR_CROWD != 0
@@ -102,12 +109,8 @@ impl History {
         Look::is_for_crowd(self.looks.get(id as usize))
     }
 
-    /// Something hides the voxel from a camera. What was seen before stays seen.
     pub fn hide(&mut self, id: u32) {
-        let look = self.looks.get_mut(id as usize);
-        if *look == Look::NEVER {
-            *look = Look::OCCLUDED;
-        }
+        Look::hide(self.looks.get_mut(id as usize));
     }
 
     /// Number of a drone that gives a view.

@@ -319,6 +319,36 @@ fn evidence_worked_by_hand() {
     assert!((log_odds(map.probability(stamp).unwrap()[0]) - prior - expected).abs() < 1e-5);
 }
 
+/// A camera beside voxel 0 and lower than its top sees its side only: no crowd there says nothing of who stands on it.
+#[test]
+fn a_place_seen_from_below_is_not_found_empty() {
+    let beside = |drone: &str, m: f32, stamp_ns: i64| {
+        let camera = Camera::new(1, 1, 100.0, 100.0, 0.5, 0.5, Distortion::None).unwrap();
+        let east = DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X);
+        let pose = Pose { rotation: east, translation: DVec3::new(-9.0, 0.5, 0.25) };
+        View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
+    };
+    let mut below = map(evidence());
+    let update = below.integrate(&[beside("a", 0.1, 0)], 0).unwrap();
+    assert_eq!(update.observations[0].voxel_ids(), [0]);
+    assert_eq!((update.voxel_ids.len(), below.seen_count()), (0, 0));
+    assert_eq!(below.state(0, 0.5, 30.0).unwrap(), [VoxelState::Occluded, VoxelState::NeverSeen]);
+    assert!(below.seen_by(&[0]).is_empty());
+    // Crowd that shows there counts, beside the look of another drone that shows none.
+    below.integrate(&[beside("a", 0.9, SECOND), beside("b", 0.1, SECOND)], SECOND).unwrap();
+    assert_eq!((below.last_seen_ns_of(0), below.seen_by(&[0])), (Some(SECOND), vec!["a"]));
+    let crowd = below.probability(SECOND).unwrap()[0];
+    assert_close((crowd / (1.0 - crowd)).ln(), (0.2f64 / 0.8).ln() + 3.0 / 2.0);
+    // None there, later, does not make the look any newer, nor the place any emptier.
+    below.integrate(&[beside("a", 0.1, 2 * SECOND)], 2 * SECOND).unwrap();
+    assert_eq!(below.last_seen_ns_of(0), Some(SECOND));
+    assert_eq!(below.crowd_ids_at_last_looks(0.5).unwrap(), [0]);
+    // The paper's rule has every drone vote.
+    let mut literal = map(paper(0.1, 0.05, DecayUnit::Second, Initial::Prior));
+    literal.integrate(&[beside("a", 0.1, 0)], 0).unwrap();
+    assert_eq!(literal.seen_count(), 1);
+}
+
 #[test]
 fn looked_at_is_not_empty() {
     let mut map = map(evidence());

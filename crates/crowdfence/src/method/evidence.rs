@@ -88,12 +88,17 @@ impl FusionMethod for Evidence {
     fn update(&self, before: Option<(LooksSum, f32)>, looks: &[(VoxelLook, f32)]) -> LooksSum {
         let mut sum = before.map_or(Self::NO_BELIEF, |(sum, fading)| sum.faded(fading));
         for (look, fading) in looks {
-            let gsd_m = look.gsd_m(self.settings.focal_px as f32);
-            let weight = fading * self.sharpness(gsd_m);
-            sum.evidence += weight * self.likelihood.log_ratio(gsd_m, look.tilt_deg, look.mean as f32);
+            let weight = fading * self.sharpness(self.gsd_m(look));
+            sum.evidence += weight * self.log_ratio(look);
             sum.weights[look.drone as usize % DRONE_WEIGHTS] += weight;
         }
         sum
+    }
+
+    /// From below its top a camera sees the side of a place, and of those who stand on it at most the nearest: that
+    /// nobody shows there clears nothing.
+    fn tells(&self, look: &VoxelLook) -> bool {
+        look.tilt_deg > 0.0 || self.log_ratio(look) > 0.0
     }
 
     fn probability(&self, sum: LooksSum, fading: f32) -> f64 {
@@ -169,6 +174,15 @@ impl Evidence {
         // Most places are seen by one drone: D is 1 to the bit, and a power costs more than all else here.
         let stronger = if drones == 1.0 { 1.0 } else { drones.powf(self.settings.agreement) };
         (mean * stronger).clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
+    }
+
+    /// l.
+    fn log_ratio(&self, look: &VoxelLook) -> f32 {
+        self.likelihood.log_ratio(self.gsd_m(look), look.tilt_deg, look.mean as f32)
+    }
+
+    fn gsd_m(&self, look: &VoxelLook) -> f32 {
+        look.gsd_m(self.settings.focal_px as f32)
     }
 
     fn sharpness(&self, gsd_m: f32) -> f32 {
