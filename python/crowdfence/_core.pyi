@@ -1003,8 +1003,8 @@ class Update:
 
 @final
 class CrowdColumns:
-    """The columns of the terrain that hold some voxels, sorted by i, then j: `CrowdMap.crowd_columns` makes it
-    of those that hold crowd, `CrowdMap.columns_of` of any.
+    """The columns of the terrain that hold some voxels, sorted by i, then j: `CrowdMap.crowd_columns` makes
+    it of those that hold crowd, `CrowdMap.columns_of` of any.
     """
     @property
     def indices(self) -> NDArray[np.int64]:
@@ -1160,7 +1160,7 @@ class CrowdMap:
         """The voxels that held crowd when somebody last looked at them, sorted ids [N] int64. What was
         forgotten since takes none away, and crowd that a late view showed is among them.
 
-        threshold  in (0, 1]: a voxel that was at or above it held crowd; None = the method's `default_threshold`
+        threshold  in (0, 1]: what was at or above it held crowd; None = the method's `default_threshold`
 
         CrowdfenceError for a threshold out of bounds.
         """

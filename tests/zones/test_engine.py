@@ -507,10 +507,12 @@ def test_ten_thousand_zones_at_once() -> None:
 
 
 class EverythingRead:
-    """Which voxels are closed, from every voxel of the map at every instant. What a voxel was at its last look
-    is read from maps that end there; what a look spoke for, from the map just before it."""
+    """Which voxels are closed, from every voxel of the map at every instant. What a voxel was at its last
+    look is read from maps that end there; what a look spoke for, from the map just before it."""
 
-    def __init__(self, terrain: Terrain, method: Evidence | Paper | Or, closes: float, stays: float, looks: int) -> None:
+    def __init__(
+        self, terrain: Terrain, method: Evidence | Paper | Or, closes: float, stays: float, looks: int
+    ) -> None:
         self._terrain, self._method = terrain, method
         self._closes, self._stays, self._looks = closes, stays, looks
         self._map = CrowdMap(terrain, method)
@@ -536,9 +538,9 @@ class EverythingRead:
         probability = np.full(self._terrain.voxel_count, -1.0)
         for end_ns in np.unique(last_ns[last_ns >= 0]).tolist():
             until_then = CrowdMap(self._terrain, self._method)
-            for given in sorted(self._given, key=lambda given: given[1]):
-                if given[1] <= end_ns:
-                    look(until_then, *given)
+            for one in sorted(self._given, key=lambda one: one[1]):
+                if one[1] <= end_ns:
+                    look(until_then, *one)
             ends_there = last_ns == end_ns
             probability[ends_there] = until_then.probability(end_ns)[ends_there]
         return probability

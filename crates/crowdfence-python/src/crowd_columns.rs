@@ -4,8 +4,8 @@ use pyo3::prelude::*;
 
 use crate::arrays::{id_array, rows};
 
-/// The columns of the terrain that hold some voxels, sorted by i, then j: `CrowdMap.crowd_columns` makes it
-/// of those that hold crowd, `CrowdMap.columns_of` of any.
+/// The columns of the terrain that hold some voxels, sorted by i, then j: `CrowdMap.crowd_columns` makes
+/// it of those that hold crowd, `CrowdMap.columns_of` of any.
 #[pyclass(frozen, name = "CrowdColumns", module = "crowdfence")]
 pub struct PyCrowdColumns(pub CrowdColumns);
 

@@ -371,7 +371,7 @@ impl PyCrowdMap {
     /// The voxels that held crowd when somebody last looked at them, sorted ids [N] int64. What was
     /// forgotten since takes none away, and crowd that a late view showed is among them.
     ///
-    /// threshold  in (0, 1]: a voxel that was at or above it held crowd; None = the method's `default_threshold`
+    /// threshold  in (0, 1]: what was at or above it held crowd; None = the method's `default_threshold`
     ///
     /// CrowdfenceError for a threshold out of bounds.
     #[pyo3(signature = (*, threshold=None))]

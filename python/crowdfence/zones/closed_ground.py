@@ -17,8 +17,8 @@ class ClosedGround:
 
     Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, a
     voxel that was crowd at its last look is closed, however late that look came, and stays so until somebody
-    looks at it again, finds less than the threshold, and sees nothing that speaks for crowd. A look at the roof
-    opens nothing below it.
+    looks at it again, finds less than the threshold, and sees nothing that speaks for crowd. A look at the
+    roof opens nothing below it.
     """
 
     def __init__(
@@ -44,8 +44,8 @@ class ClosedGround:
         return np.unique(self._crowd_map.terrain.voxel_indices(self.voxel_ids)[:, :2], axis=0)
 
     def step(self, stamp_ns: int) -> tuple[ColumnBelief, NDArray[np.int64]]:
-        """At the newest instant, or later if nothing came: columns that are closed, and their keys. After every
-        instant, in order."""
+        """At the newest instant, or later if nothing came: columns that are closed, and their keys. After
+        every instant, in order."""
         crowd_map = self._crowd_map
         if self.forgets_to_unknown:
             crowd = crowd_map.crowd_ids_at_last_looks(threshold=self._threshold)
