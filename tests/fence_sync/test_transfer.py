@@ -90,8 +90,8 @@ def test_a_bad_link_leaves_one_list_or_the_other(
     vehicle = EmulatedVehicle(items=raw(circles(before, 10.0)))
     ground = station(EmulatedLink(vehicle, channel=Channel(seed, lose, twice, late)))
     old, new = raw(circles(before, 10.0)), raw(circles(after))
-    assert raw(read(ground)) == old
     try:
+        assert raw(read(ground)) == old
         result = sent(ground, circles(after))
     except Silence:
         assert vehicle.items in (old, new)
