@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from crowdfence import CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain
+from crowdfence import Camera, CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain, View
 from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
@@ -128,6 +128,34 @@ def test_a_look_at_the_roof_opens_nothing_below_it() -> None:
     assert zone.last_seen_ns == SECOND_NS
     look(crowd_map, "uav1", 61 * SECOND_NS, ground, 0.0)
     assert told(engine.step(61 * SECOND_NS)) == [("expired", "Z1")]
+
+
+def test_the_wall_below_a_terrace_says_nothing_of_who_stands_on_it() -> None:
+    """Crowd at the edge of a terrace 4 m high is seen from above. A minute later a drone flies before its
+    wall, lower than the edge, and sees nobody."""
+    heights_m = np.zeros((20, 20))
+    heights_m[:, 10:] = 4.3
+    terrain = Terrain.from_height_map(heights_m, 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    camera = Camera.pinhole(64, 48, 32.0, 32.0, 32.0, 24.0)
+    above, level = np.eye(4), np.eye(4)
+    above[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    above[:3, 3] = (10.0, 10.5, 14.3)
+    level[:3, :3] = np.column_stack([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+    level[:3, 3] = (10.0, 2.0, 2.0)
+    crowd = np.zeros((48, 64), np.float32)
+    crowd[21:24, 30:34] = 0.97  # a pixel is a third of a metre of the terrace; north is up
+    for second, pose, heatmap in [(0, above, crowd), (1, above, crowd), (60, level, 0.0 * crowd)]:
+        stamp_ns = second * SECOND_NS
+        update = crowd_map.integrate([View("uav1", stamp_ns, camera, pose, heatmap)], stamp_ns)
+        zones = engine.step(stamp_ns, update.observations)
+    edge = terrain.voxel_ids([(9, 10, 4), (10, 10, 4)])
+    assert (edge >= 0).all() and np.isin(edge, update.observations[0].voxel_ids).all()
+    assert not np.isin(edge, update.voxel_ids).any()
+    (zone,) = zones
+    assert (zone.id, zone.reason, zone.last_seen_ns) == ("Z1", "not_looked_at", SECOND_NS)
+    assert [(one.last_look_ns, one.looks) for one in zone.evidence] == [(SECOND_NS, 2)]
 
 
 def test_a_look_that_speaks_for_crowd_opens_nothing_however_weak_it_is() -> None:

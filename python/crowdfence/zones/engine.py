@@ -182,7 +182,7 @@ class ZoneEngine:
                 origins.setdefault(new, []).append(old)
         order, first = by_region(np.repeat(region, columns.crowd_count), len(tracks))
         voxels = np.split(columns.voxel_ids[order], first[1:])
-        looks = looks_at(voxels[: len(tracks)], observations)
+        looks = looks_at(voxels[: len(tracks)], observations, self._shows_crowd)
         for track, looks_now in zip(tracks, looks, strict=True):
             known = joined(before.get(name, {}) for name in (track.id, *origins.get(track.id, [])))
             after[track.id] = with_looks(known, looks_now)

@@ -53,10 +53,11 @@ def joined(parts: Iterable[Evidence]) -> dict[str, DroneEvidence]:
 
 
 def looks_at(
-    zones: Sequence[NDArray[np.int64]], observations: Iterable[Observation]
+    zones: Sequence[NDArray[np.int64]], observations: Iterable[Observation], shows_crowd: float
 ) -> list[list[DroneEvidence]]:
     """What the observations of an instant show of each zone, given as the voxels of crowd in it: one look per
-    drone that saw any of them. All zones are asked for together: an instant may have hundreds."""
+    drone that saw any of them. All zones are asked for together: an instant may have hundreds. From below
+    its top the side of a place is seen: a look only where its value is above `shows_crowd`."""
     looks: list[list[DroneEvidence]] = [[] for _ in zones]
     sizes = np.array([len(voxel_ids) for voxel_ids in zones], dtype=np.int64)
     voxel_ids = np.concatenate([np.empty(0, dtype=np.int64), *zones])
@@ -66,7 +67,8 @@ def looks_at(
         if not len(seen):
             continue
         at = np.searchsorted(seen, voxel_ids).clip(max=len(seen) - 1)
-        is_seen = seen[at] == voxel_ids
+        shows_it = (observation.tilt_deg > 0.0) | (observation.mean > shows_crowd)
+        is_seen = (seen[at] == voxel_ids) & shows_it[at]
         at, zone = at[is_seen], of_zone[is_seen]
         numbers, first, count = np.unique(zone, return_index=True, return_counts=True)
         if not len(numbers):
