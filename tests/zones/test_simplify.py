@@ -100,8 +100,8 @@ def test_a_buffer_covers_everything_within_its_distance(
     points = shapely.points(rng.uniform(low, high, (500, 2)))
     distances = shapely.distance(ground, points)
     assert shapely.covers(result, points[distances <= distance_m]).all()
-    # GEOS leaves out inward corners of less than a hundredth of the distance.
-    assert (shapely.distance(ground, points[shapely.covers(result, points)]) <= 1.03 * distance_m).all()
+    # Notches are filled, and GEOS leaves out inward corners of less than a hundredth of the distance.
+    assert (shapely.distance(ground, points[shapely.covers(result, points)]) <= 1.05 * distance_m).all()
 
 
 @st.composite

@@ -49,6 +49,8 @@ class _Shape:
     columns: NDArray[np.int64]
     crowd: Polygon | MultiPolygon
     closed: Polygon | MultiPolygon
+    ground_m: tuple[float, float] | None
+    """Lowest and highest ground of all that is closed, where that is more than crowd."""
 
 
 class ZoneEngine:
@@ -62,7 +64,6 @@ class ZoneEngine:
         nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
         self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
-        self._heights = GroundHeights(crowd_map.terrain) if rules.closes_more_than_crowd else None
         self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
@@ -203,14 +204,14 @@ class ZoneEngine:
         """The zone with its name, what it closes and what it rests on; `inside` are its columns."""
         evidence = self._evidence[track.id]
         until_ns, interval = belief.valid_until_ns, belief.interval
-        lower_m, upper_m = self._ground(zone, shape)
+        lower_m, upper_m = shape.ground_m or (zone.lower_m, zone.upper_m)
         return replace(
             zone,
             id=track.id,
             polygon=shape.closed,
             crowd_outline=None if shape.closed is shape.crowd else shape.crowd,
-            lower_m=lower_m,
-            upper_m=upper_m,
+            lower_m=min(zone.lower_m, lower_m),
+            upper_m=max(zone.upper_m, upper_m),
             restriction=self.rules.restriction,
             band=self.rules.band,
             created_ns=track.created_ns,
@@ -220,15 +221,6 @@ class ZoneEngine:
             evidence=tuple(evidence[drone] for drone in sorted(evidence)),
             reason=self._reason(zone, self._looks_now[track.id]),
         )
-
-    def _ground(self, zone: Zone, shape: _Shape) -> tuple[float, float]:
-        """Lowest and highest ground of all that is closed."""
-        if self._heights is None or shape.closed is shape.crowd:
-            return zone.lower_m, zone.upper_m
-        around = self._heights.within(shape.closed)
-        if around is None:
-            return zone.lower_m, zone.upper_m
-        return min(zone.lower_m, around[0]), max(zone.upper_m, around[1])
 
     def _reason(self, zone: Zone, looks_now: Sequence[DroneEvidence]) -> Reason:
         if any(look.value > self._shows_crowd for look in looks_now):
@@ -277,6 +269,7 @@ class _Followed:
         self._tracker = tracker
         self._terrain = terrain
         self._rules = rules
+        self._heights = GroundHeights(terrain) if rules.closes_more_than_crowd else None
         self._shapes: dict[str, _Shape] = {}
 
     @property
@@ -317,7 +310,7 @@ class _Followed:
         for track, (crowd_hex, closed_hex) in zip(alive, told["outlines"], strict=True):
             crowd = shapely.from_wkb(crowd_hex)
             closed = crowd if closed_hex is None else shapely.from_wkb(closed_hex)
-            self._shapes[track.id] = _Shape(track.columns, crowd, closed)
+            self._shapes[track.id] = self._shape(track.columns, crowd, closed)
 
     def step(
         self, region: NDArray[np.int64], keys: NDArray[np.int64], stamp_ns: int
@@ -352,9 +345,15 @@ class _Followed:
         runs, run_region = _runs_of_regions(column_places(keys[order]), region[order])
         shapes = outlines(runs, run_region, self._terrain)
         return [
-            _Shape(columns, shape, self._closing(shape))
+            self._shape(columns, shape, self._closing(shape))
             for columns, shape in zip(regions, shapes, strict=True)
         ]
+
+    def _shape(
+        self, columns: NDArray[np.int64], crowd: Polygon | MultiPolygon, closed: Polygon | MultiPolygon
+    ) -> _Shape:
+        ground_m = None if self._heights is None or closed is crowd else self._heights.within(closed)
+        return _Shape(columns, crowd, closed, ground_m)
 
     def _closing(self, crowd: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
         """Holes, then the buffer, then fewer corners: each step covers what it was given."""

@@ -62,8 +62,11 @@ class GroundHeights:
         west, south, east, north = outline.bounds
         first = np.floor((np.array([west, south]) - origin[:2]) / size_m).astype(np.int64)
         last = np.floor((np.array([east, north]) - origin[:2]) / size_m).astype(np.int64)
-        corners = column_keys(np.stack([first, last]))
-        begin = int(np.searchsorted(self._keys, corners[0], "left"))
-        end = int(np.searchsorted(self._keys, corners[1], "right"))
-        j = ((self._keys[begin:end] + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
-        return np.flatnonzero((j >= first[1]) & (j <= last[1])) + begin
+        rows = np.arange(first[0], last[0] + 1)
+        west_end, east_end = (
+            column_keys(np.stack([rows, np.full(len(rows), j)], axis=1)) for j in (first[1], last[1])
+        )
+        begin = np.searchsorted(self._keys, west_end, "left")
+        count = np.searchsorted(self._keys, east_end, "right") - begin
+        before = np.cumsum(count) - count
+        return np.repeat(begin - before, count) + np.arange(count.sum())
