@@ -14,6 +14,7 @@ mod quiet;
 mod reading;
 mod voxel_state;
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -112,22 +113,26 @@ impl CrowdMap {
         let taken = instants_of(&observations, now);
         let drones: Vec<u32> = observations.iter().map(|seen| self.history.enlist(seen.drone())).collect();
         let views = Views { observations: &observations, drones: &drones, taken: &taken };
-        let Fused { voxel_ids, probability } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
+        let Fused { voxel_ids, probability, untold } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
             fuse(beliefs, &mut self.history, views, now)
         });
         let written = voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH);
         self.quiet.wake(written.clone());
         self.quiet_at_last_looks.wake(written);
-        self.remember(views, stamp_ns);
+        self.remember(&observations, untold, stamp_ns);
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
     /// Stores who saw what, and what nobody could see.
-    fn remember(&mut self, views: Views<'_>, stamp_ns: i64) {
-        for (view, observation) in views.observations.iter().enumerate() {
+    fn remember(&mut self, observations: &[Arc<Observation>], mut untold: Vec<(u32, u32)>, stamp_ns: i64) {
+        untold.sort_unstable();
+        for (view, observation) in (0..).zip(observations) {
             observation.occluded_ids().iter().for_each(|&id| self.history.hide(id));
-            let told = each_method!(&self.beliefs, Beliefs, beliefs => views.told(view, &beliefs.method));
-            self.history.add_seen(observation.drone(), &told);
+            let mut ids = Cow::from(observation.voxel_ids());
+            if untold.iter().any(|look| look.0 == view) {
+                ids.to_mut().retain(|&id| untold.binary_search(&(view, id)).is_err());
+            }
+            self.history.add_seen(observation.drone(), &ids);
         }
         self.history.instants.integrated += 1;
         let (first_ns, newest_ns) = self.history.instants.span_ns.unwrap_or((stamp_ns, stamp_ns));

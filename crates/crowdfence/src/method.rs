@@ -102,6 +102,18 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// The same where nobody has looked yet, which says nothing about the place.
     fn unseen_probability(&self) -> f64;
 
+    /// Do looks that made `after` of `before` (None = nobody had looked) speak for crowd? They leave more of it than
+    /// there was, and more than where nobody has looked.
+    fn speaks_for_crowd(
+        &self,
+        before: Option<(Self::Belief, Self::Fading)>,
+        (belief, fading): (Self::Belief, Self::Fading),
+    ) -> bool {
+        let probability = self.probability(belief, fading);
+        let was = before.map(|(belief, fading)| self.probability(belief, fading));
+        probability > self.unseen_probability() && was.is_none_or(|was| probability > was)
+    }
+
     /// Looks that a belief still remembers, in those that weigh 1; None where they are not counted.
     fn looks(&self, _belief: Self::Belief, _fading: Self::Fading) -> Option<f64> {
         None

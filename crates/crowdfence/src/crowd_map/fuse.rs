@@ -21,6 +21,8 @@ const PAGES_AT_ONCE: usize = 8;
 pub(super) struct Fused {
     pub voxel_ids: Vec<u32>,
     pub probability: Vec<f64>,
+    /// Looks that told the method nothing: view and voxel.
+    pub untold: Vec<(u32, u32)>,
 }
 
 /// The views of one instant.
@@ -60,6 +62,7 @@ pub(super) fn fuse<M: FusionMethod>(
     for page in seen {
         fused.voxel_ids.extend(page.voxel_ids);
         fused.probability.extend(page.probability);
+        fused.untold.extend(page.untold);
         times.slots.iter().zip(page.entered).for_each(|(&slot, count)| history.instants.enter(slot, count));
         page.left.into_iter().for_each(|(slot, count)| history.instants.leave(slot, count));
     }
@@ -130,6 +133,7 @@ fn rows_by_page(observations: &[Arc<Observation>]) -> Vec<Rows> {
 struct PageSeen {
     voxel_ids: Vec<u32>,
     probability: Vec<f64>,
+    untold: Vec<(u32, u32)>,
     /// How many of its voxels name each of the slots of [`Times`] now.
     entered: Vec<u32>,
     /// Slots that they named before, and how many.
@@ -138,7 +142,13 @@ struct PageSeen {
 
 impl PageSeen {
     fn new<M: FusionMethod>(times: &Times<M>) -> PageSeen {
-        PageSeen { voxel_ids: vec![], probability: vec![], entered: vec![0; times.slots.len()], left: vec![] }
+        PageSeen {
+            voxel_ids: vec![],
+            probability: vec![],
+            untold: vec![],
+            entered: vec![0; times.slots.len()],
+            left: vec![],
+        }
     }
 
     fn leave(&mut self, slot: u32) {
@@ -176,11 +186,14 @@ impl<M: FusionMethod> Page<'_, M> {
             looks.clear();
             for (rows, next) in rows.iter().zip(&mut next) {
                 if next_id(rows, next) == Some(id) {
-                    looks.push(views.look(rows.view, next.start));
+                    let look = views.look(rows.view, next.start);
+                    match method.tells(&look) {
+                        true => looks.push(look),
+                        false => self.seen.untold.push((look.view, id)),
+                    }
                     next.start += 1;
                 }
             }
-            looks.retain(|look| method.tells(look));
             match looks.is_empty() {
                 true => Look::hide(&mut self.looks[id as usize % PAGE_LENGTH]),
                 false => self.see(id, &looks, method, instants, times),
@@ -216,23 +229,15 @@ impl<M: FusionMethod> Page<'_, M> {
                 times.slots[newest]
             }
         };
-        let probability = method.probability(belief, times.fading_after[slot as usize]);
-        let was = |(belief, slot): (_, usize)| method.probability(belief, times.fading_after[slot]);
-        let for_crowd = probability > method.unseen_probability()
-            && believed.is_none_or(|believed| probability > was(believed));
-        self.looks[at] = Look::had(slot, for_crowd);
+        let as_of_now = |(belief, slot): (M::Belief, usize)| (belief, times.fading_after[slot]);
+        let after = as_of_now((belief, slot as usize));
+        self.looks[at] = Look::had(slot, method.speaks_for_crowd(believed.map(as_of_now), after));
         self.seen.voxel_ids.push(id);
-        self.seen.probability.push(probability);
+        self.seen.probability.push(method.probability(after.0, after.1));
     }
 }
 
 impl Views<'_> {
-    /// The voxels of which a view tells `method` something, sorted.
-    pub fn told(&self, view: usize, method: &impl FusionMethod) -> Vec<u32> {
-        let ids = self.observations[view].voxel_ids().iter().enumerate();
-        ids.filter(|&(row, _)| method.tells(&self.look(view, row))).map(|(_, &id)| id).collect()
-    }
-
     /// What row `row` of a view's observation says.
     fn look(&self, view: usize, row: usize) -> VoxelLook {
         let seen = self.observations[view].seen();

@@ -119,6 +119,13 @@ impl FusionMethod for Evidence {
         self.settings.prior
     }
 
+    /// By the log odds, of which probabilities are another reading.
+    fn speaks_for_crowd(&self, before: Option<(LooksSum, f32)>, (sum, fading): (LooksSum, f32)) -> bool {
+        let evidence = self.evidence(sum, f64::from(fading));
+        let was = before.map_or(0.0, |(sum, fading)| self.evidence(sum, f64::from(fading)));
+        evidence > 0.0 && evidence > was
+    }
+
     fn default_threshold(&self) -> f64 {
         self.settings.threshold
     }

@@ -41,9 +41,11 @@ impl LikelihoodRatio {
     }
 
     pub fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
-        let gsd = self.gsd_m.partition_point(|&border| border <= gsd_m);
-        let tilt = self.tilt_deg.partition_point(|&border| border <= tilt_deg);
-        let value = self.mean.partition_point(|&border| border < mean);
+        // Counted and not searched: so few borders are compared at once, and no branch is guessed.
+        let below = |borders: &[f32], value: f32| borders.iter().filter(|&&border| border <= value).count();
+        let gsd = below(&self.gsd_m, gsd_m);
+        let tilt = below(&self.tilt_deg, tilt_deg);
+        let value = self.mean.iter().filter(|&&border| border < mean).count();
         let row = gsd * (self.tilt_deg.len() + 1) + tilt;
         self.log_ratio[row * (self.mean.len() + 1) + value]
     }
