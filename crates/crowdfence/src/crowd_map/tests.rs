@@ -337,7 +337,7 @@ fn looked_at_is_not_empty() {
 
 #[test]
 fn time_alone_makes_no_place_one_that_was_empty() {
-    let state = |map: &CrowdMap, stamp| map.state(stamp, 0.5, 30.0).unwrap()[0];
+    let state = |map: &CrowdMap, stamp| map.state(stamp, 0.25, 30.0).unwrap()[0];
     // A look from 40 m clears nothing; an hour later it still has not.
     let mut unsure = map(evidence());
     let mut far = look("a", 0.0, 0.0, 0);
