@@ -78,7 +78,7 @@ def open_recording(
     """
     limits = Limits(max_pose_gap_s, max_jump_s)
     if isinstance(path, (str, PathLike)):
-        recording = _open_one(Path(path), limits, options)
+        recording = _in_nanoseconds(_open_one(Path(path), limits, options))
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
     recording = _steadied(recording, pose_noise)
@@ -121,7 +121,7 @@ def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any
     opened: list[Recording] = []
     for path, name in zip(paths, names_of(paths), strict=True):
         anchor = opened[0].georeference if opened else None
-        opened.append(_open_one(path, limits, options, anchor, name))
+        opened.append(_in_nanoseconds(_open_one(path, limits, options, anchor, name)))
     return joined(opened) if len(opened) > 1 else opened[0]
 
 
@@ -152,6 +152,19 @@ def _open_one(
     if is_bag(path):
         return _open_bag(path, limits, options)
     raise ValueError(f"{path} is not a recording: {KINDS}{_film_beside(path)}")
+
+
+def _in_nanoseconds(recording: Recording) -> Recording:
+    """With a warning where stamps may be in another unit. ValueError where they must be."""
+    from crowdfence.sources.stamp_unit import unit_warning
+
+    stamps: dict[str, list[int]] = {}
+    told = [(frame.drone, frame.stamp_ns) for frame in recording.frames]
+    for drone, stamp_ns in [*told, *((frame.drone, frame.stamp_ns) for frame in recording.refused)]:
+        if stamp_ns is not None:
+            stamps.setdefault(drone, []).append(stamp_ns)
+    said = (unit_warning(drone, stamps[drone]) for drone in sorted(stamps))
+    return replace(recording, warnings=(*recording.warnings, *(text for text in said if text is not None)))
 
 
 def _open_film(
