@@ -1,4 +1,4 @@
-"""Stamps in another unit than nanoseconds are refused or doubted; those of simulations and machines are not."""
+"""Stamps in another unit than nanoseconds are refused or doubted; clocks of simulations pass."""
 
 from pathlib import Path
 

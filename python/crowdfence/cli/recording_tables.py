@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from crowdfence.cli import console
+from crowdfence.cli.wording import in_options
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -29,7 +30,7 @@ def print_recording(out: Console, report: RecordingReport) -> None:
     for warning in report.warnings:
         console.warn(warning)
     for trouble in report.refused:
-        console.warn(f"refused {_trouble(trouble)}")
+        console.warn(in_options(f"refused {_trouble(trouble)}"))
     for trouble in report.damaged or ():
         console.warn(f"unreadable {_trouble(trouble)}")
 

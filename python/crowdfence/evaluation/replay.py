@@ -145,7 +145,8 @@ def score(
     drones = len(recording.drones)
 
     def loop(config: RunConfig) -> FrameLoop:
-        return FrameLoop(config.crowd_map(terrain, drones), config.zones, closes=layer == CROWD)
+        crowd_map = config.crowd_map(terrain, drones, max_gap_s=recording.longest_gap_s)
+        return FrameLoop(crowd_map, config.zones, closes=layer == CROWD)
 
     of_crowds = layer == CROWD
     measured = with_measures and of_crowds

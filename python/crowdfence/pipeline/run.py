@@ -131,7 +131,7 @@ def run(
     config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
-    crowd_map = config.crowd_map(terrain, len(recording.drones))
+    crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=recording.longest_gap_s)
     loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []

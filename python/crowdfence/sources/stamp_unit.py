@@ -27,8 +27,8 @@ def unit_warning(drone: str, stamps_ns: Sequence[int]) -> str | None:
     if apart_ns is not None and apart_ns < _FASTEST_FRAMES_NS:
         raise ValueError(
             f"the stamps of {drone} look like {unit}, not nanoseconds: {first_ns} ns is in 1970, and its "
-            f"frames would be {apart_ns / 1e6:g} ms apart, closer than any camera takes them; multiply them by "
-            f"{factor}"
+            f"frames would be {apart_ns / 1e6:g} ms apart, closer than any camera takes them; multiply them "
+            f"by {factor}"
         )
     # A machine runs for days without a restart, not for the weeks that microseconds look like; whoever
     # simulates a second or an hour is in the numbers of the other two all the time.

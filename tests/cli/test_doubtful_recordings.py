@@ -1,0 +1,60 @@
+"""Recordings that a command has reason to doubt: what it takes of them, and what it says."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from support.command_line import crowdfence
+from support.small_recordings import EPOCH_NS, write_hovering
+
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+FIRST = [EPOCH_NS + k * SECOND for k in range(4)]
+
+
+@pytest.fixture
+def plain(tmp_path: Path) -> Path:
+    """80 x 80 m at height 0 around the origin of the local frame."""
+    path = tmp_path / "plain.tif"
+    transform = rasterio.Affine(1.0, 0.0, -40.0, 0.0, -1.0, 40.0)
+    with rasterio.open(
+        path, "w", driver="GTiff", width=80, height=80, count=1, dtype="float32", transform=transform
+    ) as raster:
+        raster.write(np.zeros((80, 80), np.float32), 1)
+    return path
+
+
+def test_a_drone_that_comes_back_after_charging_has_its_newest_frames_in_the_map(
+    plain: Path, tmp_path: Path
+) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, EPOCH_NS + 2 * HOUR, EPOCH_NS + 2 * HOUR + 1]})
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["refused"] == [] and summary["frames"] == {"uav1": 6}
+    assert summary["duration_s"] == pytest.approx(7200.0, abs=1e-6)
+
+
+def test_frames_days_later_are_left_out_until_an_option_takes_them(plain: Path, tmp_path: Path) -> None:
+    late = [EPOCH_NS + 48 * HOUR, EPOCH_NS + 48 * HOUR + SECOND]
+    flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, *late]})
+    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out", "--force")
+    done = crowdfence(*command)
+    assert done.returncode == 0, done.stderr
+    assert "jumps 48.00 h away from the 4 frames of this drone" in done.stderr
+    assert "(limit --max-jump-s 3600 s)" in done.stderr
+    done = crowdfence(*command, "--max-jump-s", 200_000)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["frames"] == {"uav1": 6}
+
+
+def test_two_drones_hours_apart_may_have_two_clocks(plain: Path, tmp_path: Path) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST, "uav2": [EPOCH_NS + 2 * HOUR]})
+    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence(*command)
+    (said,) = done.stderr.strip().splitlines()
+    assert done.returncode == 1 and "the bound --max-jump-s is 3600 s. Is a clock wrong?" in said
+    assert crowdfence(*command, "--max-jump-s", 7200).returncode == 0
