@@ -101,7 +101,8 @@ class ZoneHistory:
                 if header["format"] != "crowdfence zone history" or header["version"] != VERSION:
                     raise ValueError(f"it is {header['format']} version {header['version']}")
                 anchor = header["anchor_wgs84"]
-                stamps_ns, sets = [], []
+                stamps_ns: list[int] = []
+                sets: list[ZoneSet] = []
                 before: dict[str, Zone] = {}
                 for text in file:
                     if not text.endswith("\n"):
