@@ -1,5 +1,6 @@
 """From a recording to a crowd map and zones, one step per file:
 
+- `clocks`           whether the drones count time alike
 - `terrain`          the map to project onto
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
@@ -8,6 +9,7 @@
 - `run`              a whole recording through these
 """
 
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import (
     HeatmapFunction,
     HeatmapSource,
@@ -31,6 +33,7 @@ __all__ = [
     "PictureWatch",
     "Run",
     "Step",
+    "check_clocks",
     "check_overlap",
     "choose_detector",
     "describe_model",

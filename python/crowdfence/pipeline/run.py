@@ -13,6 +13,7 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
 from crowdfence.maps.voxel_size import coarse_voxels_warning
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -120,18 +121,19 @@ def run(
     somebody else drew. A recording of another layer than crowds (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
-    be used, or no view saw any of the terrain. Frames that cannot be used are in `Run.refused`.
+    be used, or no view saw any of the terrain; StampError where drones may have two clocks. Frames that cannot be used are in `Run.refused`.
     """
     config = RunConfig() if config is None else config
     max_range_m = config.projection.max_range_m
     recording = on_ground(recording, terrain)
+    check_clocks(recording)
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
     config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
-    crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=recording.longest_gap_s)
+    crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=float("inf"))
     loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []
