@@ -12,6 +12,7 @@ from support.small_recordings import EPOCH_NS, write_hovering
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
+CROWD = np.full((6, 8), 0.9, np.float32)
 FIRST = [EPOCH_NS + k * SECOND for k in range(4)]
 
 
@@ -61,3 +62,52 @@ def test_two_drones_hours_apart_may_have_two_clocks(plain: Path, tmp_path: Path)
     assert f"uav2 at {EPOCH_NS + 2 * HOUR} ns comes 7197 s after uav1, the last frame before it" in said
     assert "the bound --max-jump-s is 3600 s. Is a clock wrong?" in said
     assert crowdfence(*command, "--max-jump-s", 7200).returncode == 0
+
+
+def written_map(path: Path, heights: np.ndarray) -> Path:
+    """Pixels of 1 m, the middle at the origin of the local frame."""
+    rows, columns = heights.shape
+    transform = rasterio.Affine(1.0, 0.0, -columns / 2, 0.0, -1.0, rows / 2)
+    with rasterio.open(
+        path, "w", driver="GTiff", width=columns, height=rows, count=1, dtype="float32", transform=transform
+    ) as raster:
+        raster.write(heights.astype(np.float32), 1)
+    return path
+
+
+def with_crowd(recording: Path) -> Path:
+    """Every heatmap shows crowd everywhere."""
+    for heatmap in (recording / "heatmaps").iterdir():
+        heatmap.unlink()
+        np.save(heatmap.with_suffix(".npy"), CROWD)
+    return recording
+
+
+def test_cameras_below_the_map_are_told_as_such(tmp_path: Path) -> None:
+    # The drone hangs at 40 m; the map says that the ground is at 50 m, as a geoid that was left out would.
+    flown = with_crowd(write_hovering(tmp_path / "rec", {"uav1": FIRST}))
+    ground = written_map(tmp_path / "high.tif", np.full((80, 80), 50.0))
+    done = crowdfence("run", flown, "-t", ground, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        "error: no view saw the terrain within --max-range-m 300 m: the camera is below the map's ground in "
+        "4 of 4 frames: heights of poses and map must count from the same level (for maps: --terrain-option "
+        "height_offset_m=...)"
+    )
+    told = json.loads(crowdfence("inspect", flown, "-t", ground, "--assume-local", "--json").stdout)
+    flight = told["drones"][0]["flight"]
+    assert (flight["frames_under_terrain"], flight["frames_beside_terrain"]) == (4, 0)
+
+
+def test_crowd_of_a_camera_in_a_house_of_the_map_fell_through_no_hole(tmp_path: Path) -> None:
+    flown = with_crowd(write_hovering(tmp_path / "rec", {"uav1": FIRST}))
+    heights = np.zeros((80, 80))
+    heights[30:50, 30:50] = 60.0
+    house = written_map(tmp_path / "house.tif", heights)
+    done = crowdfence("run", flown, "-t", house, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    shares = json.loads((tmp_path / "out" / "summary.json").read_text())["crowd_mass"]["shares"]
+    # What looks straight down meets none of the walls.
+    assert shares["unusable"] > 0.1 and shares["hole"] == shares["off_map"] == 0.0
+    assert "has no ray to the ground" in done.stderr and "the camera is below the map's ground" in done.stderr
+    assert "holes of the map" not in done.stderr

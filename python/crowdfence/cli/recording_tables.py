@@ -128,7 +128,7 @@ def _pixels(report: RecordingReport) -> RenderableType:
 
 
 def _flights(report: RecordingReport) -> RenderableType:
-    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside map", "depth off m")
+    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside map", "under map", "depth off m")
     return _table(
         "Flight (tilt below the horizon, height above the terrain, recorded depth against the terrain's)",
         columns,
@@ -139,6 +139,7 @@ def _flights(report: RecordingReport) -> RenderableType:
                 _range(drone.flight.speed_m_per_s),
                 _range(drone.flight.height_above_terrain_m),
                 _number(drone.flight.frames_beside_terrain, "d"),
+                _number(drone.flight.frames_under_terrain, "d"),
                 _number(drone.depth.median_absolute_m if drone.depth else None, ".2f"),
             )
             for drone in report.drones

@@ -15,6 +15,6 @@ def check_clocks(recording: Recording) -> None:
         gap_s = (after.stamp_ns - before.stamp_ns) / 1e9
         if gap_s > recording.longest_gap_s:
             raise StampError(
-                f"{after.drone} at {after.stamp_ns} ns comes {gap_s:.0f} s after {before.drone}, the last frame "
-                f"before it; the bound max_jump_s is {recording.longest_gap_s:g} s. Is a clock wrong?"
+                f"{after.drone} at {after.stamp_ns} ns comes {gap_s:.0f} s after {before.drone}, the last "
+                f"frame before it; the bound max_jump_s is {recording.longest_gap_s:g} s. Is a clock wrong?"
             )
