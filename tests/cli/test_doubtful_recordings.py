@@ -111,3 +111,22 @@ def test_crowd_of_a_camera_in_a_house_of_the_map_fell_through_no_hole(tmp_path: 
     assert shares["unusable"] > 0.1 and shares["hole"] == shares["off_map"] == 0.0
     assert "has no ray to the ground" in done.stderr and "the camera is below the map's ground" in done.stderr
     assert "holes of the map" not in done.stderr
+
+
+@pytest.mark.parametrize("command", ["inspect", "run"])
+def test_ten_bytes_of_a_recording_are_one_line(plain: Path, tmp_path: Path, command: str) -> None:
+    cut = tmp_path / "flight.mcap"
+    cut.write_bytes(b"\x89MCAP0\r\n\x01\x00")
+    done = crowdfence(command, cut, *(("-t", plain, "-o", tmp_path / "out") if command == "run" else ()))
+    assert done.returncode == 1 and done.stderr.strip() == (
+        f"error: {cut} is damaged: the file ends at byte 8 without its closing records; no message was read. "
+        "Copy it again, or record it again"
+    )
+
+
+def test_an_offset_with_its_unit_is_one_line(plain: Path, tmp_path: Path) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
+    options = ("--assume-local", "--terrain-option", "height_offset_m=48 m", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, "-t", plain, *options)
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"error: {plain}: height_offset_m is '48 m'; it must be a number"
