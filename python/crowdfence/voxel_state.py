@@ -16,12 +16,12 @@ class VoxelState(IntEnum):
     """Seen recently, and what was seen speaks against crowd: how clearly it must is up to the method."""
 
     STALE = 3
-    """Seen, below the threshold, but the last look is older than `stale_after_s`: not evidence of absence
-    any more."""
+    """The last look left it empty, but that look is older than `stale_after_s`: not evidence of absence any
+    more."""
 
     CROWD = 4
     """Its probability is at or above the threshold."""
 
     NOT_CLEARED = 5
-    """Looked at recently, and that showed neither crowd nor the lack of one: too far, too coarse, too
-    flat."""
+    """Looked at, however long ago, and not crowd now, but the last look did not leave it empty: from too far,
+    too coarse, too flat; or crowd was seen, and is forgotten by now."""

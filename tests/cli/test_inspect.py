@@ -334,6 +334,13 @@ def test_geotiff_in_feet(tmp_path: Path) -> None:
     }  # fmt: skip
     with rasterio.open(path, "w", **profile) as dataset:
         dataset.write(np.full((3, 4), 1000.0, dtype=np.float32), 1)
+    done = crowdfence("inspect", path, "--quick")
+    assert done.returncode == 1 and done.stderr.strip() == (
+        f"error: {path}: its coordinates are in US survey foot, and nothing says what its heights are in; "
+        "pass --terrain-option height_unit=m, 'ft' or 'us-ft'"
+    )
+    with rasterio.open(path, "r+") as dataset:
+        dataset.units = ("US survey foot",)
     content = report(path, "--quick")
     header = content["file"]
     assert (header["width_px"], header["height_px"], header["nodata"]) == (4, 3, "-9999")

@@ -59,6 +59,19 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_history_that_was_cut_closes_nothing_less_in_silence(run: Path, tmp_path: Path) -> None:
+    path = run / "zone_history.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]))
+    said = "was cut: it holds 2 of 3 instants, and what is closed after the last, 2026-01-01T00:00:01"
+    for arguments in (
+        ("export", run, "-f", "kml", "-o", tmp_path / "zones.kml"),
+        ("explain", run, "--zone", "Z1", "--at", "first"),
+        ("route", run, "--from", "0,0", "--to", "10,0", "--local"),
+    ):
+        assert said in refused(*arguments)
+    assert not (tmp_path / "zones.kml").exists()
+
+
 @pytest.mark.parametrize(
     "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap")]
 )

@@ -83,6 +83,17 @@ def test_what_a_look_could_not_show_is_not_cleared() -> None:
     assert crowd_map.state(40 * SECOND)[0] == VoxelState.STALE
 
 
+def test_what_no_look_left_empty_never_becomes_stale_by_waiting() -> None:
+    crowd_map = CrowdMap(FLOOR, EVIDENCE)
+    crowd_map.integrate_observations([look("a", 0.0, range_m=50.0)], 0)
+    assert crowd_map.state(3600 * SECOND)[0] == VoxelState.NOT_CLEARED
+    assert crowd_map.knowledge([0], 3600 * SECOND).state.tolist() == [VoxelState.NOT_CLEARED]
+    # Crowd is forgotten towards the prior, .2 and below the threshold: nobody found the place empty.
+    crowd_map.integrate_observations([look("a", 0.9, at=3600 * SECOND)], 3600 * SECOND)
+    assert crowd_map.state(3600 * SECOND)[0] == VoxelState.CROWD
+    assert crowd_map.state(7200 * SECOND)[0] == VoxelState.NOT_CLEARED
+
+
 def test_all_that_is_known_about_a_voxel() -> None:
     crowd_map = CrowdMap(FLOOR, EVIDENCE)
     crowd_map.integrate_observations([look("a", 0.9), look("b", 0.9)], 0)

@@ -129,7 +129,8 @@ def test_a_sloping_plane_comes_back_to_a_centimetre(
         return 100 + slope[0] * (x - transform.c) + slope[1] * (y - transform.f)
 
     path = write_tif(tmp_path / "plane.tif", plane_heights(SHAPE, transform, plane), crs, transform)
-    terrain = open_terrain(path, voxel_size_m=0.01, georeference=anchor)
+    unit = "ft" if metres_per_height == FOOT_M else "auto"
+    terrain = open_terrain(path, voxel_size_m=0.01, georeference=anchor, height_unit=unit)
     assert terrain.georeference == anchor
     # The surface passes through the top voxel, whose middle is thus within half a voxel (plus rounding).
     area_m2 = assert_is_plane(terrain, crs, transform, SHAPE, plane, metres_per_height, tolerance_m=0.0075)
@@ -269,7 +270,8 @@ def test_a_stated_crs_stands_for_a_missing_one(tmp_path):
 @pytest.mark.parametrize(
     ("crs", "label", "unit", "metres"),
     [
-        ("EPSG:2994", None, "auto", FOOT_M),  # horizontal feet, nothing said about heights
+        ("EPSG:2994", "ft", "auto", FOOT_M),
+        ("EPSG:2994", None, "ft", FOOT_M),
         ("EPSG:2994", None, "m", 1.0),
         ("EPSG:2994", "metre", "auto", 1.0),
         ("EPSG:32632", None, "auto", 1.0),
@@ -293,6 +295,18 @@ def test_units_of_heights(tmp_path, crs, label, unit, metres):
     terrain = open_terrain(path, voxel_size_m=0.5, height_unit=unit)
     assert terrain.georeference.height_m == math.floor(1000 * metres)
     assert terrain.bounds[0, 2] <= 1000 * metres % 1 <= terrain.bounds[1, 2]
+
+
+@pytest.mark.parametrize("crs", ["EPSG:2994", "EPSG:2263"])
+def test_heights_over_coordinates_in_feet_are_not_guessed(tmp_path, crs):
+    x, y = {"EPSG:2994": (636_000, 849_000), "EPSG:2263": (983_000, 194_000)}[crs]
+    path = write_tif(tmp_path / "a.tif", np.full((2, 2), 20.0), crs, from_origin(x, y, 10, 10))
+    unit = {"EPSG:2994": "foot", "EPSG:2263": "US survey foot"}[crs]
+    said = (
+        f"its coordinates are in {unit}, and nothing says what its heights are in; pass height_unit='m', 'ft'"
+    )
+    with pytest.raises(MapError, match=said):
+        open_terrain(path)
 
 
 def test_an_unknown_unit_is_refused(tmp_path):

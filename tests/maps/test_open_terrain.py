@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import rasterio
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
@@ -59,6 +60,33 @@ def test_an_option_of_another_kind_of_file_is_a_type_error(tmp_path):
     path.write_bytes(ONE_VOXEL)
     with pytest.raises(TypeError, match="band"):
         open_terrain(path, band=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("height_offset_m", "48 m", "height_offset_m is '48 m'; it must be a number"),
+        ("height_offset_m", True, "height_offset_m is True; it must be a number"),
+        ("max_hole_m2", "x", "max_hole_m2 is 'x'; it must be a number"),
+        ("max_hole_m2", None, "max_hole_m2 is None; it must be a number"),
+        ("nodata", "abc", "nodata is 'abc'; it must be a number"),
+        ("band", "x", "band is 'x'; it must be a number"),
+        ("band", 1.5, "band is 1.5; it must be a whole number"),
+        ("band", float("nan"), "band is nan; it must be a whole number"),
+    ],
+)
+def test_an_option_that_is_no_number_is_refused_by_its_name(tmp_path, name, value, said):
+    with rasterio.open(
+        tmp_path / "dem.tif", "w", driver="GTiff", width=4, height=4, count=1, dtype="float32",
+        transform=rasterio.Affine(1.0, 0.0, 0.0, 0.0, -1.0, 4.0),
+    ) as raster:  # fmt: skip
+        raster.write(np.zeros((4, 4), np.float32), 1)
+    with pytest.raises(MapError, match=rf"dem\.tif: {said}"):
+        open_terrain(tmp_path / "dem.tif", assume_local=True, **{name: value})
+    taken = {"height_offset_m": np.float32(2.0), "band": 1, "nodata": None}
+    assert open_terrain(tmp_path / "dem.tif", assume_local=True, **taken).bounds[1, 2] == pytest.approx(
+        2.0, abs=1
+    )
 
 
 def test_importing_the_readers_imports_no_heavy_package():

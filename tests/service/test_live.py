@@ -111,6 +111,36 @@ def test_a_wrong_clock_is_refused_and_told_and_the_others_go_on(tmp_path: Path) 
         assert service.alerts.active("clock", "uav2") is None
 
 
+def test_a_fleet_that_was_away_for_days_is_taken_again(tmp_path: Path) -> None:
+    now = Now(START_NS)
+    with running(tmp_path, clock=now.clock()) as service:
+        live = live_of(service)
+        live.give_view(at("uav1", START_NS))
+        now.pass_s(3 * 86_400.0)
+        returned_ns = START_NS + 3 * 86_400 * SECOND_NS
+        live.give_view(at("uav1", returned_ns))
+        live.finish()
+        assert service.mission.loop.crowd_map.span_ns == (START_NS, returned_ns)
+        assert service.alerts.active("refused_views") is None
+
+
+@pytest.mark.parametrize("first", ["views", "observations"])
+def test_a_view_and_an_observation_of_one_drone_and_stamp_are_one_look(tmp_path: Path, first: str) -> None:
+    one = view("uav1", 0)
+    bodies = {
+        "views": message(one),
+        "observations": project(one, plain(), max_range_m=80.0).to_bytes(),
+    }
+    second = ({*bodies} - {first}).pop()
+    with running(tmp_path) as service, asked(service) as http:
+        assert http.post(f"/api/v1/{first}", content=bodies[first]).status_code == 202
+        answer = http.post(f"/api/v1/{second}", content=bodies[second])
+        said = f"uav1 gave its {first[:-1]} of {one.stamp_ns} before; that one counts"
+        assert (answer.status_code, answer.json()["detail"]) == (409, said)
+        live_of(service).finish()
+        assert service.mission.loop.crowd_map.instant_count == 1
+
+
 def test_a_jump_of_the_machines_clock_moves_nothing_and_is_told(tmp_path: Path) -> None:
     now = Now(START_NS)
     clock = now.clock()

@@ -187,13 +187,65 @@ def test_strange_files_and_rows_are_reported(recorded):
         (lambda d: d["cameras"]["*"].update(fx=-1), "the camera of 'uav1' cannot be used"),
         (lambda d: d["cameras"]["*"].update(width="wide"), "the camera of 'uav1' cannot be used"),
         (lambda d: d["cameras"]["*"].update(model="mirror"), "unknown model 'mirror'"),
-        (lambda d: d.update(georeference={"latitude_deg": 1}), "georeference needs latitude_deg"),
+        (
+            lambda d: d["cameras"]["*"].update(distortions=[0.1, 0, 0, 0]),
+            "the camera of 'uav1' has an unknown key 'distortions'; known are width, height, fx, fy, cx, cy, "
+            "model, distortion",
+        ),
+        (lambda d: d["cameras"]["*"].update(k1=0.1), "has an unknown key 'k1'"),
+        (
+            lambda d: d["cameras"].update({"*": 5}),
+            "the camera of 'uav1' is 5; it must be an object with width",
+        ),
+        (
+            lambda d: d["cameras"]["*"].update(fx="24"),
+            "the camera of 'uav1' cannot be used: fx is '24'; it must be a number, without quotes",
+        ),
+        (lambda d: d["cameras"]["*"].update(cx=None), "cx is None; it must be a number"),
+        (lambda d: d["cameras"]["*"].update(fy=True), "fy is True; it must be a number"),
+        (
+            lambda d: d["cameras"]["*"].update(distortion=0.1),
+            "distortion is 0.1; it must be a list of numbers",
+        ),
+        (
+            lambda d: d["cameras"]["*"].update(distortion=[0, "x"]),
+            r"distortion\[1\] is 'x'; it must be a number",
+        ),
+        (
+            lambda d: d.update(georeference={"latitude_deg": 1, "height_m": 0}),
+            "\"georeference\" has no 'longitude_deg'; it needs latitude_deg, longitude_deg, height_m",
+        ),
+        (
+            lambda d: d.update(georeference={"latitude": 1}),
+            "\"georeference\" has an unknown key 'latitude'; known are latitude_deg, longitude_deg, height_m",
+        ),
+        (
+            lambda d: d.update(georeference=[46.5, 8.0, 0.0]),
+            r'"georeference" is \[46.5, 8.0, 0.0\]; it must be',
+        ),
+        (
+            lambda d: d["georeference"].update(height_m="48 m"),
+            "\"georeference\": height_m is '48 m'; it must be",
+        ),
+        (
+            lambda d: d["georeference"].update(latitude_deg=95),
+            r'"georeference": latitude_deg is 95.0, must lie in \[-90, 90\]',
+        ),
     ],
 )
 def test_descriptions_that_cannot_be_used(recorded, change, message):
     edit_description(recorded, change)
     with pytest.raises(ValueError, match=message):
         open_recording(recorded)
+
+
+def test_what_else_a_description_says_is_told(recorded):
+    edit_description(recorded, lambda d: d.update(georefrence=d.pop("georeference")))
+    recording = open_recording(recorded)
+    assert recording.georeference is None
+    assert (
+        "recording.json: georefrence not used; known are cameras, georeference, terrain" in recording.warnings
+    )
 
 
 def test_lens_models_of_the_description(recorded):

@@ -145,6 +145,43 @@ def test_a_jump_by_hours_costs_the_smaller_part(far_first):
     assert "max_jump_s = 3600 s" in next(iter(faults.values()))
 
 
+HOUR = 3600 * 10**9
+
+
+@pytest.mark.parametrize("first", [2, 5])
+@pytest.mark.parametrize("back", [2, 5])
+@pytest.mark.parametrize("away_h", [2, 24])
+def test_a_drone_that_returns_within_a_day_keeps_all_its_frames(first, back, away_h):
+    before = [HOUR + k for k in range(first)]
+    assert refused([*before, *(before[-1] + away_h * HOUR + k for k in range(back))]) == {}
+
+
+def test_a_drone_that_returns_twice_keeps_all_its_frames():
+    flights = [0, 10, 2 * HOUR, 2 * HOUR + 10, 25 * HOUR, 25 * HOUR + 10, 25 * HOUR + 20]
+    assert refused(flights) == {}
+
+
+@pytest.mark.parametrize(
+    ("stamps", "left_out"),
+    [
+        # More than a day later, recorded before, and one frame alone: clocks that are set or damaged.
+        ([HOUR, HOUR + 1, HOUR + 2, 26 * HOUR, 26 * HOUR + 1], [3, 4]),
+        ([5 * HOUR, 5 * HOUR + 1, HOUR, HOUR + 1, HOUR + 2], [0, 1]),
+        ([HOUR, HOUR + 1, 5 * HOUR], [2]),
+        # What lies between is no part of either flight.
+        ([HOUR, HOUR + 1, 3 * HOUR, 5 * HOUR, 5 * HOUR + 1, 5 * HOUR + 2], [2]),
+    ],
+)
+def test_what_no_return_explains_is_refused(stamps, left_out):
+    faults = refused(stamps)
+    assert list(faults) == left_out and all("jumps" in fault for fault in faults.values())
+
+
+def test_a_frame_alone_between_two_flights_tells_how_far_it_is_from_the_nearer():
+    faults = refused([0, 1, 3 * HOUR, 5 * HOUR, 5 * HOUR + 1])
+    assert "jumps 2.00 h away from the 4 frames" in faults[2]
+
+
 @pytest.mark.parametrize("stamp", [-1, LAST_STAMP_NS + 1, 2**70])
 def test_stamps_out_of_range(stamp):
     assert "is outside [0," in refused([stamp])[0]

@@ -186,3 +186,17 @@ def ground() -> NDArray[np.float64]:
     side = np.arange(-250.0, 250.0, 2.0)
     x, y = np.meshgrid(east + side, north + side)
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -24.5)])
+
+
+def write_hovering(folder: Path, stamps_ns: dict[str, list[int]]) -> Path:
+    """Drones that hang 40 m above the origin and look straight down; a row of poses.csv for every frame."""
+    (folder / "heatmaps").mkdir(parents=True)
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
+    for drone, stamps in stamps_ns.items():
+        for stamp_ns in stamps:
+            rows.append(f"{drone},{stamp_ns},0,0,40,0,1,0,0")
+            Image.new("L", (8, 6)).save(folder / "heatmaps" / f"{drone}_{stamp_ns}.png")
+    (folder / "poses.csv").write_text("\n".join(rows) + "\n")
+    camera = {"width": 32, "height": 24, "fx": 24.0, "fy": 24.0, "cx": 16.0, "cy": 12.0}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
+    return folder

@@ -62,7 +62,46 @@ def test_a_stamp_shows_the_instant_before_it() -> None:
         history.at(-1)
 
 
-@pytest.mark.parametrize("damage", ["empty", "cut", "other", "version"])
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (1, "was cut: it holds 0 of 6 instants, and what is closed after the last is missing"),
+        (4, "was cut: it holds 3 of 6 instants, and what is closed after the last, 1970-01-01T00:00:02"),
+        (6, "was cut: it holds 5 of 6 instants"),
+        (8, "is no zone history: ValueError 7 instants where its first line says 6"),
+    ],
+)
+def test_a_file_of_other_instants_than_it_says_is_refused(tmp_path: Path, lines: int, said: str) -> None:
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    header, *instants = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([header, *instants, instants[-1]][:lines]))
+    with pytest.raises(ZoneHistoryError, match=said):
+        ZoneHistory.read(path)
+
+
+@pytest.mark.parametrize("left_out", [1, 40])
+def test_a_last_line_that_is_torn_is_refused_whoever_wrote_it(tmp_path: Path, left_out: int) -> None:
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    text = path.read_text()
+    path.write_text(text[:-left_out])
+    with pytest.raises(ZoneHistoryError, match="was cut: it holds 5 of 6 instants"):
+        ZoneHistory.read(path)
+    path.write_text(text.replace(', "instants": 6}', "}", 1)[:-left_out])
+    with pytest.raises(ZoneHistoryError, match="was cut: it holds 5 instants"):
+        ZoneHistory.read(path)
+
+
+def test_a_file_that_does_not_say_how_many_instants_it_has_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    path.write_text(path.read_text().replace(', "instants": 6}', "}", 1))
+    again = ZoneHistory.read(path)
+    assert len(again) == 6 and "instants" not in again.description
+
+
+@pytest.mark.parametrize("damage", ["empty", "other", "version"])
 def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "history.jsonl"
     flown().write(path)
@@ -70,7 +109,6 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str) -> No
     path.write_text(
         {
             "empty": "",
-            "cut": text[: len(text) // 2],
             "other": '{"type": "FeatureCollection"}',
             "version": text.replace('"version": 1', '"version": 9', 1),
         }[damage]

@@ -9,6 +9,8 @@ mod sighting;
 mod tops;
 mod viewing_cone;
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use crate::camera::Distortion;
@@ -103,6 +105,8 @@ struct Vantage<'a> {
     /// Where rays start: the camera, lowered by the target's height.
     origin: DVec3,
     max_range_m: f64,
+    /// Asked of crowd alone that met no ground.
+    under_ground: OnceLock<bool>,
 }
 
 impl<'a> Vantage<'a> {
@@ -119,6 +123,15 @@ impl<'a> Vantage<'a> {
             surface,
             origin,
             max_range_m: projection.max_range_m(),
+            under_ground: OnceLock::new(),
+        })
+    }
+
+    /// Whether the map lies above the camera and nowhere below it: a map has tops and walls, and no inside.
+    fn is_under_ground(&self) -> bool {
+        *self.under_ground.get_or_init(|| {
+            let meets = |direction| self.cast_up_to(direction, f64::INFINITY).is_some();
+            !meets(DVec3::NEG_Z) && meets(DVec3::Z)
         })
     }
 

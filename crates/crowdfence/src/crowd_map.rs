@@ -185,8 +185,8 @@ impl CrowdMap {
         Ok(seen.into_iter().unzip())
     }
 
-    /// What is known about every voxel: crowd is P >= `threshold`; what is not crowd is stale once its last look is
-    /// more than `stale_after_s` old, and else empty only where the method clears it.
+    /// What is known about every voxel: crowd is P >= `threshold`; what is not crowd is empty only where the method
+    /// clears it, and stale once that was more than `stale_after_s` ago. What no look left empty stays not cleared.
     pub fn state(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<VoxelState>> {
         let now = self.moment(stamp_ns)?;
         let rule = StateRule::new(threshold, stale_after_s)?;

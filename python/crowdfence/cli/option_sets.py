@@ -44,6 +44,7 @@ class SourceOptions:
     frames_per_s: source_options.FramesPerS = None
     boxes: source_options.Boxes = None
     pose_noise: source_options.PoseNoise = None
+    max_jump_s: source_options.MaxJumpS = None
 
 
 class AlignmentOptions:

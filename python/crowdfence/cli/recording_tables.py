@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from crowdfence.cli import console
+from crowdfence.cli.wording import in_options
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -29,7 +30,7 @@ def print_recording(out: Console, report: RecordingReport) -> None:
     for warning in report.warnings:
         console.warn(warning)
     for trouble in report.refused:
-        console.warn(f"refused {_trouble(trouble)}")
+        console.warn(in_options(f"refused {_trouble(trouble)}"))
     for trouble in report.damaged or ():
         console.warn(f"unreadable {_trouble(trouble)}")
 
@@ -127,7 +128,7 @@ def _pixels(report: RecordingReport) -> RenderableType:
 
 
 def _flights(report: RecordingReport) -> RenderableType:
-    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside map", "depth off m")
+    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside map", "under map", "depth off m")
     return _table(
         "Flight (tilt below the horizon, height above the terrain, recorded depth against the terrain's)",
         columns,
@@ -138,6 +139,7 @@ def _flights(report: RecordingReport) -> RenderableType:
                 _range(drone.flight.speed_m_per_s),
                 _range(drone.flight.height_above_terrain_m),
                 _number(drone.flight.frames_beside_terrain, "d"),
+                _number(drone.flight.frames_under_terrain, "d"),
                 _number(drone.depth.median_absolute_m if drone.depth else None, ".2f"),
             )
             for drone in report.drones

@@ -144,6 +144,17 @@ PoseNoise = Annotated[
     ),
 ]
 
+MaxJumpS = Annotated[
+    float | None,
+    typer.Option(
+        "--max-jump-s",
+        metavar="SECONDS",
+        rich_help_panel=_PANEL,
+        help="Longest pause of a drone after which its clock is believed. Default: 3600, or a day where "
+        "several frames show that it is back.",
+    ),
+]
+
 AlignmentFile = Annotated[
     Path | None,
     typer.Option(
@@ -167,6 +178,7 @@ NAMES = (
     "frames_per_s",
     "boxes",
     "pose_noise",
+    "max_jump_s",
     "alignment",
 )
 

@@ -13,6 +13,7 @@ _OPTIONS = {
     "georeference": "--origin LAT,LON,HEIGHT",
     "voxel_size_m": "--voxel-size-m",
     "max_range_m": "--max-range-m",
+    "max_jump_s": "--max-jump-s",
 }
 _READER_OPTIONS = "band|nodata|crs|height_unit|height_offset_m|max_hole_m2|max_hole_m|surface|up|unit_m"
 
@@ -21,7 +22,8 @@ _RULES = [
     (re.compile(r"(--[a-z-]+(?: [A-Z,]+)?), georeference="), r"\1"),
     (re.compile(r"(--assume-local) \(assume_local=True\)"), r"\1"),
     (re.compile(r"(--origin) \(georeference\)"), r"\1"),
-    *((re.compile(rf"\b{name}(?:=True| =)?(?![\w=])"), option) for name, option in _OPTIONS.items()),
+    # In quotes they are keys of a file.
+    *((re.compile(rf'(?<!")\b{name}(?:=True| =)?(?![\w=])'), option) for name, option in _OPTIONS.items()),
     (re.compile(rf"\b({_READER_OPTIONS})=(?:'([^']*)'|([\w.:+-]+))"), r"--terrain-option \1=\2\3"),
     (re.compile(r"\b(height_offset_m|max_hole_m2|max_hole_m) = "), r"--terrain-option \1="),
     (re.compile(r"\bpass (crs|height_offset_m)\b"), r"pass --terrain-option \1=..."),

@@ -50,9 +50,11 @@ class RunConfig:
         method, doubts = self.method.with_terrain(terrain)
         return replace(self, method=method), doubts
 
-    def crowd_map(self, terrain: Terrain, drones: int) -> CrowdMap:
+    def crowd_map(self, terrain: Terrain, drones: int, *, max_gap_s: float = 3600.0) -> CrowdMap:
         """An empty crowd map on a terrain for a fleet of `drones`. What is left to the detector has its
-        default; call `with_detector` before where there is one. ValueError for values out of bounds."""
+        default; call `with_detector` before where there is one. ValueError for values out of bounds.
+
+        `max_gap_s`: longest time between two instants; whoever has judged the clocks before raises it."""
         projection = self.projection.with_detector(None)
         assert projection.target_height_m is not None
         return CrowdMap(
@@ -62,6 +64,7 @@ class RunConfig:
             target_height_m=projection.target_height_m,
             coverage=projection.coverage,
             surface=projection.surface,
+            max_gap_s=max_gap_s,
         )
 
     def parameters(self, crowd_map: CrowdMap) -> dict[str, str | int | float | bool]:

@@ -18,6 +18,7 @@ from crowdfence.evaluation.measures import Measures, SeenVoxels
 from crowdfence.evaluation.probability_quality import ProbabilityQuality
 from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
@@ -141,11 +142,13 @@ def score(
         raise ValueError("configurations that are scored together must project and group views alike")
     recording = on_ground(recording, terrain)
     crowds = _truth(truth, recording, terrain, first)
+    check_clocks(recording)
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)
 
     def loop(config: RunConfig) -> FrameLoop:
-        return FrameLoop(config.crowd_map(terrain, drones), config.zones, closes=layer == CROWD)
+        crowd_map = config.crowd_map(terrain, drones, max_gap_s=float("inf"))
+        return FrameLoop(crowd_map, config.zones, closes=layer == CROWD)
 
     of_crowds = layer == CROWD
     measured = with_measures and of_crowds

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.pipeline.under_ground import under_ground
 from crowdfence.sources.recording import Frame
 
 
@@ -37,8 +38,10 @@ class FlightReport:
     """From the camera straight down to the terrain, over the frames that have some below; None without
     terrain as well."""
     frames_beside_terrain: int | None
-    """Frames with no terrain straight below the camera: beside the map, over a hole of it, or under it. None
-    without terrain."""
+    """Frames with no terrain straight below the camera, nor above it: beside the map or over a hole of it.
+    None without terrain."""
+    frames_under_terrain: int | None
+    """Frames whose camera lies under the map. None without terrain."""
 
     @staticmethod
     def of(frames: Sequence[Frame], terrain: Terrain | None) -> FlightReport:
@@ -50,11 +53,15 @@ class FlightReport:
         seconds = np.diff(stamps_ns).astype(np.float64) / 1e9
         speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / seconds
         heights_m = None if terrain is None else heights_above(terrain, positions)
+        under = None if terrain is None else int(np.count_nonzero(under_ground(terrain, positions)))
         return FlightReport(
             tilt_below_horizon_deg=Range.of(tilt_deg),
             speed_m_per_s=Range.of(speeds),
             height_above_terrain_m=None if heights_m is None else Range.of(heights_m[np.isfinite(heights_m)]),
-            frames_beside_terrain=None if heights_m is None else int(np.count_nonzero(np.isinf(heights_m))),
+            frames_beside_terrain=None
+            if heights_m is None or under is None
+            else int(np.count_nonzero(np.isinf(heights_m))) - under,
+            frames_under_terrain=under,
         )
 
 

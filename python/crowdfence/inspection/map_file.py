@@ -91,7 +91,9 @@ def _geotiff_facts(path: Path) -> Facts:
                 "pixel_size": max(dataset.res),
                 "nodata": "none declared" if dataset.nodata is None else f"{dataset.nodata:g}",
             }
-            facts |= _crs_facts(crs, dataset.units[0])
+            rules, label = HeightRules(), dataset.units[0]
+            unsaid = rules.unsaid_unit(crs, label) is not None
+            facts |= _crs_facts(crs, "not stated" if unsaid else rules.metres_per_height(crs, label))
     return facts
 
 
@@ -100,21 +102,22 @@ def _lidar_facts(path: Path) -> Facts:
 
     with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
         header = reader.header
+        crs = header.parse_crs()
         facts: Facts = {
             "las_version": f"{header.version.major}.{header.version.minor}",
             "point_format": int(header.point_format.id),
             "points": int(header.point_count),
         }
-        return facts | _crs_facts(header.parse_crs(), None)
+        return facts | _crs_facts(crs, HeightRules().metres_per_height(crs))
 
 
-def _crs_facts(crs: CRS | None, height_label: str | None) -> Facts:
+def _crs_facts(crs: CRS | None, metres_per_height: float | str) -> Facts:
     if crs is None:
         return {"reference_system": "none"}
     facts: Facts = {
         "reference_system": _crs_name(crs),
         "horizontal_unit": crs.axis_info[0].unit_name,
-        "metres_per_height": HeightRules().metres_per_height(crs, height_label),
+        "metres_per_height": metres_per_height,
     }
     if len(crs.axis_info) < 3:
         facts["vertical_datum"] = "not stated, taken as the WGS84 ellipsoid"

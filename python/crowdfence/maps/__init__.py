@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from inspect import signature
+from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "stated_place"]
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
+
+_NUMBERS = ("int | None", "float | None", "float")
+"""How readers declare options that are numbers."""
 
 Place = Literal["earth", "local", "unstated"]
 
@@ -70,13 +74,21 @@ def read_map(
 
 
 def _require_options(path: Path, reader: Callable[..., MapReading], options: Mapping[str, Any]) -> None:
-    known = [
-        name for name in signature(reader).parameters if name not in ("path", "voxel_size_m", "georeference")
-    ]
+    parameters = signature(reader).parameters
+    known = [name for name in parameters if name not in ("path", "voxel_size_m", "georeference")]
     if unknown := [name for name in options if name not in known]:
         raise TypeError(
             f"{path}: a {path.suffix} map has no option {unknown[0]!r}; it has {', '.join(known)}"
         )
+    for name, value in options.items():
+        # The command line hands on as text whatever is no number, and no comparison says whose it was.
+        takes = str(parameters[name].annotation)
+        if takes not in _NUMBERS or (value is None and takes.endswith("None")):
+            continue
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise MapError(path, f"{name} is {value!r}; it must be a number")
+        if takes.startswith("int") and not isinstance(value, Integral):
+            raise MapError(path, f"{name} is {value!r}; it must be a whole number")
 
 
 def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = None) -> Place:

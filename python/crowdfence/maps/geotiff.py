@@ -69,8 +69,8 @@ def open_geotiff(
       system has a vertical part whose geoid grid PROJ has installed. Most height models count from a geoid
       without saying so: pass its height above the ellipsoid at the place (45 to 55 m in the Alps).
 
-    MapError for a file without reference system, transform or any height, implausible heights, sizes that do
-    not fit into memory, a raster more than 200 km from the anchor, and damaged files.
+    MapError for a file without reference system, transform, unit of heights or any height, implausible
+    heights, sizes that do not fit into memory, a raster more than 200 km from the anchor, and damaged files.
     """
     if voxel_size_m is not None and not (math.isfinite(voxel_size_m) and voxel_size_m > 0):
         raise MapError(path, f"voxel_size_m is {voxel_size_m}, must be finite and > 0")

@@ -35,13 +35,21 @@ class RasterProjection:
     def of(
         raster: HeightRaster, crs: CRS | None, georeference: Georeference | None, rules: HeightRules
     ) -> RasterProjection:
-        """MapError where pixels have no place or no area, and for a raster without plausible heights."""
+        """MapError where pixels have no place or no area or heights no unit, and for a raster without
+        plausible heights."""
         transform = raster.dataset.transform
         if crs is not None and transform.is_identity:
             raise MapError(raster.path, "has no geotransform: nothing says where its pixels lie on Earth")
         if transform.is_degenerate or not all(math.isfinite(value) for value in transform):
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
-        metres_per_height = rules.metres_per_height(crs, raster.dataset.units[raster.band - 1])
+        label = raster.dataset.units[raster.band - 1]
+        if unsaid := rules.unsaid_unit(crs, label):
+            raise MapError(
+                raster.path,
+                f"its coordinates are in {unsaid}, and nothing says what its heights are in; pass "
+                "height_unit='m', 'ft' or 'us-ft'",
+            )
+        metres_per_height = rules.metres_per_height(crs, label)
         height_range = raster.range(metres_per_height)
         centre = _applied(transform, raster.width / 2, raster.height / 2)
         frame = source_frame(

@@ -28,8 +28,10 @@ class HeightRules:
 
     `unit`: "m", "ft" (international foot), "us-ft" (survey foot), or "auto": the unit of the vertical
     reference system, else of the file's own label, else of the horizontal axes where those are lengths, else
-    metres. `offset_m` is added to every height, for instance the height of the geoid above the ellipsoid;
-    when given, it replaces the vertical datum, and a vertical axis in the file gives only the unit.
+    metres. Height models are refused where the horizontal axes would decide and are not metres: they hold
+    metres as often. Points of a laser scanner have one unit for all three. `offset_m` is added to every
+    height, for instance the height of the geoid above the ellipsoid; when given, it replaces the vertical
+    datum, and a vertical axis in the file gives only the unit.
     """
 
     unit: HeightUnit = "auto"
@@ -40,6 +42,14 @@ class HeightRules:
             raise ValueError(f"height_unit is {self.unit!r}, must be 'auto', 'm', 'ft' or 'us-ft'")
         if self.offset_m is not None and not math.isfinite(self.offset_m):
             raise ValueError(f"height_offset_m is {self.offset_m}, must be finite")
+
+    def unsaid_unit(self, crs: CRS | None, label: str | None) -> str | None:
+        """The unit of the horizontal axes where that is not the metre, and nothing else says what heights are
+        in; `label` is how the file itself calls it."""
+        if self.unit != "auto" or label or crs is None or len(crs.axis_info) > 2 or not crs.is_projected:
+            return None
+        horizontal = crs.axis_info[0]
+        return None if horizontal.unit_conversion_factor == 1.0 else str(horizontal.unit_name)
 
     def metres_per_height(self, crs: CRS | None, label: str | None = None) -> float:
         """Metres per unit of the file's heights; `label` is how the file itself calls the unit."""

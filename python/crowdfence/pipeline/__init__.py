@@ -1,13 +1,16 @@
 """From a recording to a crowd map and zones, one step per file:
 
+- `clocks`           whether the drones count time alike
 - `terrain`          the map to project onto
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
 - `lost_crowd`       crowd that met no ground: shares and warnings
 - `detector_review`  what a model states about itself beside the flight
+- `under_ground`     cameras below the map
 - `run`              a whole recording through these
 """
 
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import (
     HeatmapFunction,
     HeatmapSource,
@@ -31,6 +34,7 @@ __all__ = [
     "PictureWatch",
     "Run",
     "Step",
+    "check_clocks",
     "check_overlap",
     "choose_detector",
     "describe_model",

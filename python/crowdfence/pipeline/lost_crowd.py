@@ -22,7 +22,8 @@ LOST = {
     "sky": ("lies above the horizon", "false alarms of the detector, or a wrong attitude"),
     "unusable": (
         "has no ray to the ground",
-        "the lens model ends before the image does, or the camera is below the map's ground",
+        "the lens model ends before the image does, or the camera is below the map's ground: heights of "
+        "poses and map must count from the same level",
     ),
 }
 """What became of the crowd of each fate but `ground`, and what to do about it."""

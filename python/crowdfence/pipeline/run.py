@@ -13,11 +13,13 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
 from crowdfence.maps.voxel_size import coarse_voxels_warning
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
@@ -120,18 +122,20 @@ def run(
     somebody else drew. A recording of another layer than crowds (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
-    be used, or no view saw any of the terrain. Frames that cannot be used are in `Run.refused`.
+    be used, or no view saw any of the terrain; StampError where drones may have two clocks. Frames that
+    cannot be used are in `Run.refused`.
     """
     config = RunConfig() if config is None else config
     max_range_m = config.projection.max_range_m
     recording = on_ground(recording, terrain)
+    check_clocks(recording)
     check_overlap(recording, terrain, max_range_m)
     heatmaps = heatmap_source(detector, terrain, max_range_m)
     review = review_detector(heatmaps, recording, terrain, config)
     config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
-    crowd_map = config.crowd_map(terrain, len(recording.drones))
+    crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=float("inf"))
     loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
     zone_sets: list[ZoneSet] = []
@@ -152,10 +156,8 @@ def run(
     if last is None or looked == 0:
         raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
     if last.seen_count == 0:
-        raise ValueError(
-            f"no view saw the terrain within max_range_m = {max_range_m:g} m: "
-            "do map and poses share one frame?"
-        )
+        why = under_ground_line(terrain, recording.frames) or "do map and poses share one frame?"
+        raise ValueError(f"no view saw the terrain within max_range_m = {max_range_m:g} m: {why}")
     stamps_ns = [row.stamp_ns for row in rows]
     georeference = recording.georeference or terrain.georeference
     return Run(

@@ -126,46 +126,53 @@ class Alerts:
     ) -> Alert:
         """Raise it, or return the one that is active. `is_new`: it happened again, rather than still holds;
         an active one that somebody acknowledged is over then, and a new one is raised."""
-        with self._lock:
+        over = None
+        with self._lock:  # held until it is there: two threads that meet the same must not both raise it
             known = self._active(kind, drone, zone)
-        if known is not None:
-            if not is_new or known.acknowledged_by is None:
-                return known
-            self._changed(replace(known, cleared_ns=now_ns))
-        with self._lock:
+            if known is not None:
+                if not is_new or known.acknowledged_by is None:
+                    return known
+                over = self._keep(replace(known, cleared_ns=now_ns))
             self._count += 1
-            alert = Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns)
             while len(self._alerts) >= _REMEMBERED:
                 del self._alerts[self._least_needed()]
+            alert = self._keep(Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns))
         _LOG.log(
             _LOG_LEVELS[level], text, extra={"alert": alert.id, "kind": kind, "drone": drone, "zone": zone}
         )
-        return self._changed(alert)
+        if over is not None:
+            self.on_change(over)
+        self.on_change(alert)
+        return alert
 
     def clear(
         self, kind: AlertKind, now_ns: int, *, drone: str | None = None, zone: str | None = None
     ) -> None:
         """It is over; nothing happens where there is none."""
-        known = self.active(kind, drone, zone)
-        if known is not None:
-            self._changed(replace(known, cleared_ns=now_ns))
+        with self._lock:
+            known = self._active(kind, drone, zone)
+            if known is None:
+                return
+            over = self._keep(replace(known, cleared_ns=now_ns))
+        self.on_change(over)
 
     def acknowledge(self, name: str, user: str, now_ns: int) -> Alert | None:
         """Somebody saw it; None where there is none of this id. The first to acknowledge counts."""
         with self._lock:
             known = self._alerts.get(name)
-        if known is None or known.acknowledged_by is not None:
-            return known
-        return self._changed(replace(known, acknowledged_by=user, acknowledged_ns=now_ns))
+            if known is None or known.acknowledged_by is not None:
+                return known
+            seen = self._keep(replace(known, acknowledged_by=user, acknowledged_ns=now_ns))
+        self.on_change(seen)
+        return seen
 
-    def _changed(self, alert: Alert) -> Alert:
-        with self._lock:
-            self._alerts[alert.id] = alert
+    def _keep(self, alert: Alert) -> Alert:
+        """Under the lock, so that memory and disk get changes in the same order."""
+        self._alerts[alert.id] = alert
         row = (alert.id, alert.raised_ns, json.dumps(asdict(alert)))
         self._store.note(
             lambda connection: connection.execute(
                 "INSERT INTO alerts VALUES (?, ?, ?) ON CONFLICT (id) DO UPDATE SET body = excluded.body", row
             )
         )
-        self.on_change(alert)
         return alert

@@ -150,6 +150,7 @@ class Live:
         if drones and drone not in drones:
             raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
         try:
+            self._check_other_kind(kind, drone, stamp_ns)
             self._gate.enter(drone, stamp_ns)
             raw = self._body(drone, body)
         except Refused:
@@ -174,6 +175,13 @@ class Live:
         self.acknowledging.took(time.monotonic() - started_s)
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
         return Accepted(seq, duplicate=False)
+
+    def _check_other_kind(self, kind: RecordKind, drone: str, stamp_ns: int) -> None:
+        """Refused: a drone looks once at a stamp, whether it projects itself or not; the journal knows
+        doubles of one kind alone."""
+        other: RecordKind = "observation" if kind == "view" else "view"
+        if self._journal.place_of(other, drone, stamp_ns) is not None:
+            raise Refused(409, f"{drone} gave its {other} of {stamp_ns} before; that one counts")
 
     def _is_same(self, place: int, kind: RecordKind, raw: bytes) -> bool:
         """Whether the journal holds this very view. Poses from telemetry are left out: more of it may have

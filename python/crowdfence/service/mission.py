@@ -54,9 +54,9 @@ class Mission:
         self.ground = Ground(terrain)
         self.timeline = timeline
         self._static = tuple(static_zones)
-        self.loop = FrameLoop(
-            config.crowd_map(terrain, fleet_size or max(1, len(drones))), config.zones, static_zones
-        )
+        # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
+        crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
+        self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.operator_zones = OperatorZones(config.zones, terrain, dismissed_for_s)
         self.newest: Moment | None = None
         """What is published; replaced as a whole."""

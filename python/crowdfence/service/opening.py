@@ -14,6 +14,7 @@ from crowdfence._core import Terrain
 from crowdfence.config import RunConfig
 from crowdfence.detector.detector import Detector
 from crowdfence.georeference import Georeference
+from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.service.access import Access
@@ -53,6 +54,7 @@ def replayed(
     for `pipeline.run`."""
     settings = settings or ServiceSettings()
     recording = on_ground(recording, terrain)
+    check_clocks(recording)
     check_overlap(recording, terrain, config.projection.max_range_m)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
     with TemporaryDirectory(prefix="crowdfence-") as folder:

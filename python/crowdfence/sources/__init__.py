@@ -65,7 +65,8 @@ def open_recording(
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
     than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
-    lies more than `max_jump_s` away from the others. `ground_start`: every drone stood on the ground at its
+    lies more than `max_jump_s` away from the others; several frames in a row may, if the drone was away for
+    less than a day. `ground_start`: every drone stood on the ground at its
     first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
     with what the poses are off. `pose_noise`: each telemetry row is off by itself by so many metres and
     degrees (standard deviation an axis), or by what the rows themselves show; such errors are smoothed away.
@@ -78,7 +79,7 @@ def open_recording(
     """
     limits = Limits(max_pose_gap_s, max_jump_s)
     if isinstance(path, (str, PathLike)):
-        recording = _open_one(Path(path), limits, options)
+        recording = _in_time(_open_one(Path(path), limits, options), limits)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
     recording = _steadied(recording, pose_noise)
@@ -121,7 +122,7 @@ def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any
     opened: list[Recording] = []
     for path, name in zip(paths, names_of(paths), strict=True):
         anchor = opened[0].georeference if opened else None
-        opened.append(_open_one(path, limits, options, anchor, name))
+        opened.append(_in_time(_open_one(path, limits, options, anchor, name), limits))
     return joined(opened) if len(opened) > 1 else opened[0]
 
 
@@ -152,6 +153,27 @@ def _open_one(
     if is_bag(path):
         return _open_bag(path, limits, options)
     raise ValueError(f"{path} is not a recording: {KINDS}{_film_beside(path)}")
+
+
+def _in_time(recording: Recording, limits: Limits) -> Recording:
+    """With the longest gap that its clocks are believed to tell, and a warning where stamps may be in another
+    unit than nanoseconds. ValueError where they must be."""
+    from crowdfence.sources.stamp_unit import unit_warning
+    from crowdfence.sources.stamps import longest_pause_s
+
+    stamps: dict[str, list[int]] = {}
+    told = [(frame.drone, frame.stamp_ns) for frame in recording.frames]
+    for drone, stamp_ns in [*told, *((frame.drone, frame.stamp_ns) for frame in recording.refused)]:
+        if stamp_ns is not None:
+            stamps.setdefault(drone, []).append(stamp_ns)
+    said = (unit_warning(drone, stamps[drone]) for drone in sorted(stamps))
+    # A drone that was away is believed; two drones hours apart may as well have two clocks.
+    gap_s = longest_pause_s((frame.drone, frame.stamp_ns) for frame in recording.frames)
+    return replace(
+        recording,
+        warnings=(*recording.warnings, *(text for text in said if text is not None)),
+        longest_gap_s=max(limits.max_jump_s, gap_s),
+    )
 
 
 def _open_film(

@@ -40,6 +40,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         ground_contacts={
             drone: contact for one in recordings for drone, contact in one.ground_contacts.items()
         },
+        longest_gap_s=max(one.longest_gap_s for one in recordings),
     )
 
 

@@ -19,18 +19,17 @@ are interpolated. recording.json:
      "terrain": "terrain/dem.tif"}
 
 `model` is pinhole (default), brown_conrady or kannala_brandt; cx and cy count from the outer corner of the
-first pixel, whose centre is at (0.5, 0.5).
+first pixel, whose centre is at (0.5, 0.5). Other keys of a camera are refused.
 """
 
-import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from crowdfence._core import Camera
-from crowdfence.georeference import Georeference
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
+from crowdfence.sources.folder_description import camera_of, georeference_of, read_description
 from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import read_heatmap, read_regions
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
@@ -47,8 +46,8 @@ _FILE_NAME = re.compile(r"(?P<drone>.+)_(?P<stamp>[0-9]{1,20})\.(?P<suffix>png|n
 
 def read_folder(folder: Path, limits: Limits) -> Recording:
     """Open the folder that holds poses.csv. ValueError when the table or recording.json cannot be used."""
-    description = _read_description(folder / DESCRIPTION_NAME)
     tracks, warnings = _read_tracks(folder / POSES_NAME)
+    description = read_description(folder / DESCRIPTION_NAME, warnings)
     heatmaps = _files_by_frame(folder / "heatmaps", ("png", "npy"), warnings)
     images = _files_by_frame(folder / "images", ("jpg", "jpeg", "png"), warnings)
     regions = _files_by_frame(folder / "truth" / "regions", ("png",), warnings)
@@ -57,7 +56,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
     stamps = heatmaps.keys() | images.keys()
     for drone, stamp_ns in sorted(stamps.union(*(one.heatmaps for one in layers.values()))):
         key = drone, stamp_ns
-        camera = _camera(description, drone, folder / DESCRIPTION_NAME)
+        camera = camera_of(description, drone, folder / DESCRIPTION_NAME)
         pixels = replace(
             _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera),
             layers={name: one.pixels(key, camera) for name, one in layers.items() if one.holds(key)},
@@ -71,7 +70,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
         name=folder.resolve().name,
         drones=tuple(sorted(unplaced)),
         frames=frames,
-        georeference=_georeference(description, folder / DESCRIPTION_NAME),
+        georeference=georeference_of(description, folder / DESCRIPTION_NAME),
         terrain=_terrain(folder, description, warnings),
         refused=tuple(refused),
         warnings=tuple(warnings),
@@ -159,52 +158,6 @@ def _pixels(heatmaps: list[Path], images: list[Path], regions: list[Path], camer
         heatmap=(lambda: read_heatmap(heatmaps[0], size)) if heatmaps else None,
         regions=(lambda: read_regions(regions[0], size)) if regions else None,
     )
-
-
-def _read_description(path: Path) -> dict[str, Any]:
-    try:
-        description = json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise ValueError(f"{path} is missing: it must hold the cameras of the drones") from None
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not JSON: {error}") from error
-    if not isinstance(description, dict) or not isinstance(description.get("cameras"), dict):
-        raise ValueError(f'{path} must be an object with "cameras", an object by drone name')
-    return description
-
-
-def _camera(description: dict[str, Any], drone: str, path: Path) -> Camera:
-    cameras = description["cameras"]
-    entry = cameras.get(drone, cameras.get("*"))
-    if entry is None:
-        raise ValueError(f'{path} has no camera for drone {drone!r}: add cameras.{drone} or cameras."*"')
-    try:
-        width, height, fx, fy, cx, cy = (entry[key] for key in ("width", "height", "fx", "fy", "cx", "cy"))
-        for name in ("width", "height"):
-            if not (isinstance(entry[name], int) and entry[name] >= 1):
-                raise ValueError(f"{name} is {entry[name]!r}; it must be a whole number of at least 1")
-        model, distortion = entry.get("model", "pinhole"), entry.get("distortion")
-        if model == "kannala_brandt":
-            return Camera.fisheye(width, height, fx, fy, cx, cy, distortion or (0.0, 0.0, 0.0, 0.0))
-        if model not in ("pinhole", "brown_conrady"):
-            raise ValueError(f"unknown model {model!r} (pinhole, brown_conrady, kannala_brandt)")
-        return Camera.pinhole(width, height, fx, fy, cx, cy, distortion)
-    except KeyError as error:
-        raise ValueError(f"{path}: the camera of {drone!r} has no {error}") from error
-    except (TypeError, OverflowError, ValueError) as error:
-        raise ValueError(f"{path}: the camera of {drone!r} cannot be used: {error}") from error
-
-
-def _georeference(description: dict[str, Any], path: Path) -> Georeference | None:
-    entry = description.get("georeference")
-    if entry is None:
-        return None
-    try:
-        return Georeference(*(float(entry[key]) for key in ("latitude_deg", "longitude_deg", "height_m")))
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ValueError(
-            f"{path}: georeference needs latitude_deg, longitude_deg and height_m: {error!r}"
-        ) from error
 
 
 def _terrain(folder: Path, description: dict[str, Any], warnings: list[str]) -> Path | None:

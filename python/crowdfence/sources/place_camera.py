@@ -19,7 +19,8 @@ class Limits:
     """Longest stretch between two telemetry rows that a pose is interpolated over. At 5 m/s2 a straight line
     over 0.25 s is at most 4 cm off, over 1 s already 0.6 m."""
     max_jump_s: float = 3600.0
-    """Longest pause between two frames of a drone; beyond it the clock is not believed."""
+    """Longest pause between two frames of a drone; beyond it the clock is not believed, unless several frames
+    show within a day that the drone is back."""
 
     def __post_init__(self) -> None:
         for name in ("max_pose_gap_s", "max_jump_s"):

@@ -253,6 +253,8 @@ class Recording:
     """Drones whose heights wait for the map."""
     layer: str = CROWD
     """Of which class its heatmaps and labels are."""
+    longest_gap_s: float = 3600.0
+    """Longest time between two instants that its clocks are believed to tell."""
     layer_grounds: Mapping[str, LayerGround] = field(default_factory=dict, repr=False)
     """Where in the world other classes are, by the name of the layer, where a simulator recorded it."""
 

@@ -6,17 +6,20 @@ increasing sequence, and each refusal says why.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 LAST_STAMP_NS = 2**31 * 10**9 - 1
 """ROS 2 stores seconds as int32: the last stamp that a mission file can hold (January 2038)."""
+LONGEST_ABSENCE_S = 86_400.0
+"""A drone that lands and is charged is back within a day; a clock that is set jumps by years."""
 
 
 def stamp_faults(stamps_ns: Sequence[int], max_jump_s: float) -> list[str | None]:
     """Why each stamp must be refused, None = it can be used. The stamps come in the order of recording.
 
     1. A stamp outside [0, LAST_STAMP_NS], or one that was there before, is refused.
-    2. Stamps separated by more than `max_jump_s` belong to different stretches; the largest stretch stays.
+    2. Stamps separated by more than `max_jump_s` belong to different stretches; the largest stretch stays,
+       and what a drone took that was away for less than a day.
     3. Of the rest a longest increasing subsequence stays.
     """
     faults: list[str | None] = [None] * len(stamps_ns)
@@ -24,6 +27,16 @@ def stamp_faults(stamps_ns: Sequence[int], max_jump_s: float) -> list[str | None
     _refuse_far_stretches(stamps_ns, faults, max_jump_s)
     _refuse_disorder(stamps_ns, faults)
     return faults
+
+
+def longest_pause_s(frames: Iterable[tuple[str, int]]) -> float:
+    """Longest time between two frames of one drone; `frames`: drone and stamp, by stamp."""
+    newest_ns: dict[str, int] = {}
+    longest_ns = 0
+    for drone, stamp_ns in frames:
+        longest_ns = max(longest_ns, stamp_ns - newest_ns.get(drone, stamp_ns))
+        newest_ns[drone] = stamp_ns
+    return longest_ns / 1e9
 
 
 def _good(faults: Sequence[str | None]) -> list[int]:
@@ -50,17 +63,38 @@ def _refuse_far_stretches(stamps_ns: Sequence[int], faults: list[str | None], ma
             stretches.append([index])
     if len(stretches) < 2:
         return
-    kept = max(stretches, key=len)
+    kept = _with_returns(stretches, stamps_ns)
     first_ns, last_ns = stamps_ns[kept[0]], stamps_ns[kept[-1]]
-    for stretch in stretches:
-        if stretch is kept:
-            continue
-        for index in stretch:
-            away_s = max(first_ns - stamps_ns[index], stamps_ns[index] - last_ns) / 1e9
-            faults[index] = (
-                f"stamp {stamps_ns[index]} jumps {_duration(away_s)} away from the {len(kept)} frames of "
-                f"this drone that belong together (limit max_jump_s = {max_jump_s:g} s)"
-            )
+    for index in set(order).difference(kept):
+        # Its nearest: what was kept need not be one stretch.
+        away_s = max(first_ns - stamps_ns[index], stamps_ns[index] - last_ns) / 1e9
+        if away_s < 0.0:
+            away_s = min(abs(stamps_ns[index] - stamps_ns[other]) for other in kept) / 1e9
+        faults[index] = (
+            f"stamp {stamps_ns[index]} jumps {_duration(away_s)} away from the {len(kept)} frames of "
+            f"this drone that belong together (limit max_jump_s = {max_jump_s:g} s)"
+        )
+
+
+def _with_returns(stretches: Sequence[list[int]], stamps_ns: Sequence[int]) -> list[int]:
+    """The largest stretch and those before and after it between which the drone was away, by stamp."""
+    largest = max(range(len(stretches)), key=lambda number: len(stretches[number]))
+    kept = list(stretches[largest])
+    for later in stretches[largest + 1 :]:
+        if _returned(kept, later, stamps_ns):
+            kept = kept + later
+    for earlier in reversed(stretches[:largest]):
+        if _returned(earlier, kept, stamps_ns):
+            kept = earlier + kept
+    return kept
+
+
+def _returned(before: Sequence[int], after: Sequence[int], stamps_ns: Sequence[int]) -> bool:
+    """Whether a drone was away in between, rather than its clock wrong: within a day, recorded in this order,
+    and no single frame, which a damaged stamp explains as well."""
+    in_order = max(before) < min(after)
+    away_ns = stamps_ns[after[0]] - stamps_ns[before[-1]]
+    return in_order and min(len(before), len(after)) > 1 and away_ns <= LONGEST_ABSENCE_S * 1e9
 
 
 def _refuse_disorder(stamps_ns: Sequence[int], faults: list[str | None]) -> None:

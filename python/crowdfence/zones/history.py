@@ -1,6 +1,8 @@
 """The zones of a whole mission: what was closed at every instant, and what became of every zone.
 
-In a file, one JSON value a line: a header, then one line per instant. An outline is written when it changed.
+In a file, one JSON value a line: a header, which says how many instants there are, then one line per instant.
+An outline is written when it changed. A file of fewer instants was cut, and is refused: what it ends with is
+not what is closed last.
 Coordinates are local metres, every digit kept.
 """
 
@@ -80,6 +82,7 @@ class ZoneHistory:
             if anchor is None
             else [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m],
             **self.description,
+            "instants": len(self),
         }
         lines = [header]
         before: dict[str, Zone] = {}
@@ -98,25 +101,45 @@ class ZoneHistory:
                 if header["format"] != "crowdfence zone history" or header["version"] != VERSION:
                     raise ValueError(f"it is {header['format']} version {header['version']}")
                 anchor = header["anchor_wgs84"]
-                stamps_ns, sets = [], []
+                stamps_ns: list[int] = []
+                sets: list[ZoneSet] = []
                 before: dict[str, Zone] = {}
                 for text in file:
+                    if not text.endswith("\n"):
+                        raise _cut(path, stamps_ns, header.get("instants"))
                     line = json.loads(text)
                     zones = zone_set_of_line(line, before)
                     before = {zone.id: zone for zone in zones.closed}
                     stamps_ns.append(int(line["stamp_ns"]))
                     sets.append(zones)
-                known = {"format", "version", "anchor_wgs84"}
+                # Files of earlier builds do not say how many there are.
+                promised = header.get("instants", len(stamps_ns))
+                if len(stamps_ns) < promised:
+                    raise _cut(path, stamps_ns, promised)
+                if len(stamps_ns) > promised:
+                    raise ValueError(f"{len(stamps_ns)} instants where its first line says {promised}")
+                known = {"format", "version", "anchor_wgs84", "instants"}
                 return ZoneHistory(
                     stamps_ns,
                     sets,
                     None if anchor is None else Georeference(*anchor),
                     {name: value for name, value in header.items() if name not in known},
                 )
+            except ZoneHistoryError:
+                raise
             except (KeyError, TypeError, AttributeError, ValueError) as error:
                 raise ZoneHistoryError(
                     f"{path} is no zone history: {type(error).__name__} {error}"
                 ) from error
+
+
+def _cut(path: str | PathLike[str], stamps_ns: Sequence[int], instants: int | None) -> ZoneHistoryError:
+    of = "" if instants is None else f" of {instants}"
+    end = f", {iso_utc(stamps_ns[-1])}," if stamps_ns else ""
+    return ZoneHistoryError(
+        f"{path} was cut: it holds {len(stamps_ns)}{of} instants, and what is closed after the last{end} is "
+        "missing; copy it again, or run again"
+    )
 
 
 def history_line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str, Any]:

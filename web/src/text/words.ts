@@ -6,7 +6,7 @@ export const STATE_WORDS: Record<VoxelState, string> = {
   [VoxelState.neverSeen]: "never seen",
   [VoxelState.occluded]: "hidden from view",
   [VoxelState.empty]: "seen, empty",
-  [VoxelState.stale]: "seen too long ago",
+  [VoxelState.stale]: "seen empty, too long ago",
   [VoxelState.crowd]: "crowd",
   [VoxelState.notCleared]: "looked at, not cleared",
 };
@@ -15,9 +15,9 @@ export const STATE_MEANING: Record<VoxelState, string> = {
   [VoxelState.neverSeen]: "No view has ever seen this ground. Nothing is known about it.",
   [VoxelState.occluded]: "A camera pointed here and something stood in the way. Nothing is known about it.",
   [VoxelState.empty]: "Seen recently, and what was seen speaks against crowd.",
-  [VoxelState.stale]: "Below the threshold when last seen, but that is too long ago to count.",
+  [VoxelState.stale]: "Empty when last seen, but that is too long ago to count.",
   [VoxelState.crowd]: "At or above the threshold.",
-  [VoxelState.notCleared]: "Looked at, but too far, too coarse or too flat to tell. It is not known to be empty.",
+  [VoxelState.notCleared]: "Looked at, but too far, too coarse or too flat to tell; or crowd was seen and is forgotten. Not known to be empty.",
 };
 
 export const KIND_WORDS = {

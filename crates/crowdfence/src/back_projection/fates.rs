@@ -2,7 +2,8 @@
 //! of these that fits:
 //!
 //! ```text
-//! unusable      there is no ray: the lens model gives the pixel none, or the camera is under ground
+//! unusable      there is no ray: the lens model gives the pixel none, or the camera is under ground: so little above it
+//!               that its target would be, or below the map or in one of its solids, where no ray tells anything
 //! ground        it hits a voxel within the range
 //! out_of_range  it hits one further on
 //! sky           it does not descend, so it meets no ground behind what it has missed
@@ -45,6 +46,8 @@ impl Vantage<'_> {
         let direction = self.view.world_from_camera.rotation * ray_camera;
         if self.cast_up_to(direction, f64::INFINITY).is_some() {
             Fate::OutOfRange
+        } else if self.is_under_ground() {
+            Fate::Unusable
         } else if direction.z >= 0.0 {
             Fate::Sky
         } else if self.passes_through(direction) {

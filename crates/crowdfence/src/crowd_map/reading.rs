@@ -80,13 +80,21 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         let probability = self.faded(self.beliefs.pages.get(id as usize), slot);
         if probability >= rule.threshold {
             VoxelState::Crowd
-        } else if self.age_s(slot) > rule.stale_after_s {
+        } else if self.age_s(slot) <= rule.stale_after_s {
+            if self.beliefs.method.clears(probability) { VoxelState::Empty } else { VoxelState::NotCleared }
+        } else if self.was_empty(id, rule) {
             VoxelState::Stale
-        } else if self.beliefs.method.clears(probability) {
-            VoxelState::Empty
         } else {
             VoxelState::NotCleared
         }
+    }
+
+    /// Did the last look leave it empty? Time alone makes no place one that was empty.
+    fn was_empty(&self, id: u32, rule: StateRule) -> bool {
+        let method = &self.beliefs.method;
+        let none = method.fading(Elapsed { seconds: 0.0, instants: 0 });
+        let then = method.probability(self.beliefs.pages.get(id as usize), none);
+        then < rule.threshold && method.clears(then)
     }
 
     pub fn knowledge(&self, id: u32, rule: StateRule) -> VoxelKnowledge {

@@ -366,6 +366,24 @@ fn looked_at_is_not_empty() {
 }
 
 #[test]
+fn time_alone_makes_no_place_one_that_was_empty() {
+    let state = |map: &CrowdMap, stamp| map.state(stamp, 0.25, 30.0).unwrap()[0];
+    // A look from 40 m clears nothing; an hour later it still has not.
+    let mut unsure = map(evidence());
+    let mut far = look("a", 0.0, 0.0, 0);
+    far.world_from_camera.translation.z = 40.0;
+    unsure.integrate(&[far], 0).unwrap();
+    assert_eq!(state(&unsure, 3600 * SECOND), VoxelState::NotCleared);
+    // Crowd that is forgotten was not empty either, neither where forgetting ends at the prior nor where at free.
+    for method in [evidence(), paper(1.0, 0.01, DecayUnit::Second, Initial::Zero)] {
+        let mut crowd = map(method);
+        crowd.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+        assert_eq!(state(&crowd, 0), VoxelState::Crowd);
+        assert_eq!(state(&crowd, 3600 * SECOND), VoxelState::NotCleared);
+    }
+}
+
+#[test]
 fn all_that_is_known_about_a_voxel() {
     let mut map = map(evidence());
     map.integrate(&[look("a", 0.0, 0.9, 0), look("b", 0.0, 0.8, 0)], 0).unwrap();

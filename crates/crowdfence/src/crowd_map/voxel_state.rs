@@ -10,10 +10,11 @@ pub enum VoxelState {
     Occluded = 1,
     /// Seen lately, and the looks speak against crowd.
     Empty = 2,
-    /// Seen, not crowd, but too long ago to be evidence of absence.
+    /// The last look left it empty, but too long ago to be evidence of absence.
     Stale = 3,
     Crowd = 4,
-    /// Seen lately, not crowd, but in a way that would not have shown one: from too far, too flat, too little.
+    /// Seen, not crowd now, and never mind how long ago: the last look did not leave it empty. From too far, too flat,
+    /// too little; or crowd was seen, and is forgotten by now.
     NotCleared = 5,
 }
 

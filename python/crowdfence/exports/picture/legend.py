@@ -26,7 +26,7 @@ _STATE_TEXTS = {
     VoxelState.CROWD: "crowd",
     VoxelState.EMPTY: "seen, empty",
     VoxelState.NOT_CLEARED: "looked at, not cleared",
-    VoxelState.STALE: "seen long ago",
+    VoxelState.STALE: "seen empty, long ago",
     VoxelState.OCCLUDED: "hidden from view",
     VoxelState.NEVER_SEEN: "never seen",
 }

@@ -59,6 +59,8 @@ class McapFile:
     path: Path
     damage: list[str] = field(default_factory=list)
     """After a scan: what could not be read, one sentence each."""
+    messages: int = 0
+    """After a scan: how many there are."""
     _chunk: Callable[[int], bytes] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -72,10 +74,13 @@ class McapFile:
     def scan(self) -> Iterator[Metadata | StoredMessage]:
         """Metadata records and messages in the order of the file. Damage is skipped and noted in `damage`."""
         self.damage.clear()
+        self.messages = 0
         scan = _Scan(self.path.stat().st_size, self.damage)
         with self.path.open("rb") as file:
             file.seek(len(MAGIC))
-            yield from scan.records(file)
+            for found in scan.records(file):
+                self.messages += isinstance(found, StoredMessage)
+                yield found
 
     def payload(self, location: MessageLocation) -> bytes:
         """The bytes of a message found by `scan`. ValueError or OSError when they are no longer there."""

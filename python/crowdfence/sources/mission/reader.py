@@ -225,6 +225,8 @@ class _Content:
 
 def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
     warnings = [f"damaged file: {sentence}" for sentence in mcap.damage] + content.warnings
+    if not mcap.messages and mcap.damage:
+        raise ValueError(f"{mcap.path} is damaged: {mcap.damage[0]}. Copy it again, or record it again")
     if not content.drones:
         lost = "".join(f"\n  {sentence}" for sentence in warnings)
         raise NoMissionError(

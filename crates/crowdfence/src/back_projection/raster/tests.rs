@@ -42,7 +42,8 @@ fn lens_of(view: &View) -> Option<&IdealPixels> {
 /// Pixels on which the raster and the rays disagree: those that only one of the two calls ground, and those in
 /// another voxel.
 fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: f64) -> [usize; 2] {
-    let vantage = Vantage { view, terrain, surface, origin: view.world_from_camera.translation, max_range_m };
+    let origin = view.world_from_camera.translation;
+    let vantage = Vantage { view, terrain, surface, origin, max_range_m, under_ground: Default::default() };
     let mut painter = Painter::new(&vantage, lens_of(view), true);
     let root = painter.stacks.root();
     painter.walk(&root, &mut Box::default());

@@ -91,6 +91,26 @@ fn nothing_of_a_camera_under_ground_is_usable() {
 }
 
 #[test]
+fn nothing_of_a_camera_below_the_map_or_in_its_inside_is_usable() {
+    let unusable = CrowdMass { unusable: 1.0, ..NONE };
+    for axes in [DOWN, diagonal()] {
+        assert_eq!(single(axes, [5.5, 5.5, -9.0], &terrain(&floor(10))), unusable);
+    }
+    // A block of 4 x 4 columns as a height map gives it, a roof and walls and nothing inside, 20 m above the floor.
+    let block = |x: i32, y: i32| (3..7).contains(&x) && (3..7).contains(&y);
+    let mut voxels: Vec<_> = floor(10).into_iter().filter(|[x, y, _]| !block(*x, *y)).collect();
+    for (x, y) in (3..7).flat_map(|x| (3..7).map(move |y| (x, y))) {
+        let is_rim = [3, 6].contains(&x) || [3, 6].contains(&y);
+        voxels.extend((if is_rim { 1 } else { 20 }..21).map(|z| [x, y, z]));
+    }
+    let map = terrain(&voxels);
+    assert_eq!(single(DOWN, [5.0, 5.0, 10.5], &map), unusable);
+    // Over the block and beside it nothing changes.
+    assert_eq!(single(DOWN, [5.0, 5.0, 30.5], &map), CrowdMass { ground: 1.0, ..NONE });
+    assert_eq!(single(DOWN, [15.0, 5.0, 10.5], &map), CrowdMass { off_map: 1.0, ..NONE });
+}
+
+#[test]
 fn only_pixels_above_the_threshold_count() {
     #[rustfmt::skip]
     let heatmap = Heatmap::new(vec![

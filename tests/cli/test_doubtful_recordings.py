@@ -1,0 +1,132 @@
+"""Recordings that a command has reason to doubt: what it takes of them, and what it says."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from support.command_line import crowdfence
+from support.small_recordings import EPOCH_NS, write_hovering
+
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+CROWD = np.full((6, 8), 0.9, np.float32)
+FIRST = [EPOCH_NS + k * SECOND for k in range(4)]
+
+
+@pytest.fixture
+def plain(tmp_path: Path) -> Path:
+    """80 x 80 m at height 0 around the origin of the local frame."""
+    path = tmp_path / "plain.tif"
+    transform = rasterio.Affine(1.0, 0.0, -40.0, 0.0, -1.0, 40.0)
+    with rasterio.open(
+        path, "w", driver="GTiff", width=80, height=80, count=1, dtype="float32", transform=transform
+    ) as raster:
+        raster.write(np.zeros((80, 80), np.float32), 1)
+    return path
+
+
+def test_a_drone_that_comes_back_after_charging_has_its_newest_frames_in_the_map(
+    plain: Path, tmp_path: Path
+) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, EPOCH_NS + 2 * HOUR, EPOCH_NS + 2 * HOUR + 1]})
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["refused"] == [] and summary["frames"] == {"uav1": 6}
+    assert summary["duration_s"] == pytest.approx(7200.0, abs=1e-6)
+
+
+def test_frames_days_later_are_left_out_until_an_option_takes_them(plain: Path, tmp_path: Path) -> None:
+    late = [EPOCH_NS + 48 * HOUR, EPOCH_NS + 48 * HOUR + SECOND]
+    flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, *late]})
+    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out", "--force")
+    done = crowdfence(*command)
+    assert done.returncode == 0, done.stderr
+    assert "jumps 48.00 h away from the 4 frames of this drone" in done.stderr
+    assert "(limit --max-jump-s 3600 s)" in done.stderr
+    done = crowdfence(*command, "--max-jump-s", 200_000)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["frames"] == {"uav1": 6}
+
+
+def test_two_drones_hours_apart_may_have_two_clocks(plain: Path, tmp_path: Path) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST, "uav2": [EPOCH_NS + 2 * HOUR]})
+    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence(*command)
+    (said,) = done.stderr.strip().splitlines()
+    assert done.returncode == 1
+    # The last of uav1 is 3 s after its first.
+    assert f"uav2 at {EPOCH_NS + 2 * HOUR} ns comes 7197 s after uav1, the last frame before it" in said
+    assert "the bound --max-jump-s is 3600 s. Is a clock wrong?" in said
+    assert crowdfence(*command, "--max-jump-s", 7200).returncode == 0
+
+
+def written_map(path: Path, heights: np.ndarray) -> Path:
+    """Pixels of 1 m, the middle at the origin of the local frame."""
+    rows, columns = heights.shape
+    transform = rasterio.Affine(1.0, 0.0, -columns / 2, 0.0, -1.0, rows / 2)
+    with rasterio.open(
+        path, "w", driver="GTiff", width=columns, height=rows, count=1, dtype="float32", transform=transform
+    ) as raster:
+        raster.write(heights.astype(np.float32), 1)
+    return path
+
+
+def with_crowd(recording: Path) -> Path:
+    """Every heatmap shows crowd everywhere."""
+    for heatmap in (recording / "heatmaps").iterdir():
+        heatmap.unlink()
+        np.save(heatmap.with_suffix(".npy"), CROWD)
+    return recording
+
+
+def test_cameras_below_the_map_are_told_as_such(tmp_path: Path) -> None:
+    # The drone hangs at 40 m; the map says that the ground is at 50 m, as a geoid that was left out would.
+    flown = with_crowd(write_hovering(tmp_path / "rec", {"uav1": FIRST}))
+    ground = written_map(tmp_path / "high.tif", np.full((80, 80), 50.0))
+    done = crowdfence("run", flown, "-t", ground, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        "error: no view saw the terrain within --max-range-m 300 m: the camera is below the map's ground in "
+        "4 of 4 frames: heights of poses and map must count from the same level (for maps: --terrain-option "
+        "height_offset_m=...)"
+    )
+    told = json.loads(crowdfence("inspect", flown, "-t", ground, "--assume-local", "--json").stdout)
+    flight = told["drones"][0]["flight"]
+    assert (flight["frames_under_terrain"], flight["frames_beside_terrain"]) == (4, 0)
+
+
+def test_crowd_of_a_camera_in_a_house_of_the_map_fell_through_no_hole(tmp_path: Path) -> None:
+    flown = with_crowd(write_hovering(tmp_path / "rec", {"uav1": FIRST}))
+    heights = np.zeros((80, 80))
+    heights[30:50, 30:50] = 60.0
+    house = written_map(tmp_path / "house.tif", heights)
+    done = crowdfence("run", flown, "-t", house, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    shares = json.loads((tmp_path / "out" / "summary.json").read_text())["crowd_mass"]["shares"]
+    # What looks straight down meets none of the walls.
+    assert shares["unusable"] > 0.1 and shares["hole"] == shares["off_map"] == 0.0
+    assert "has no ray to the ground" in done.stderr and "the camera is below the map's ground" in done.stderr
+    assert "holes of the map" not in done.stderr
+
+
+@pytest.mark.parametrize("command", ["inspect", "run"])
+def test_ten_bytes_of_a_recording_are_one_line(plain: Path, tmp_path: Path, command: str) -> None:
+    cut = tmp_path / "flight.mcap"
+    cut.write_bytes(b"\x89MCAP0\r\n\x01\x00")
+    done = crowdfence(command, cut, *(("-t", plain, "-o", tmp_path / "out") if command == "run" else ()))
+    assert done.returncode == 1 and done.stderr.strip() == (
+        f"error: {cut} is damaged: the file ends at byte 8 without its closing records; no message was read. "
+        "Copy it again, or record it again"
+    )
+
+
+def test_an_offset_with_its_unit_is_one_line(plain: Path, tmp_path: Path) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
+    options = ("--assume-local", "--terrain-option", "height_offset_m=48 m", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, "-t", plain, *options)
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"error: {plain}: height_offset_m is '48 m'; it must be a number"
