@@ -96,7 +96,7 @@ class ZoneEngine:
             min_area_m2=rules.min_area_m2,
             dropped_count=len(dropped),
             dropped_area_m2=float(sum(dropped)) * self._crowd_map.terrain.voxel_size_m**2,
-            unseen=self._unknown_ground(stamp_ns, keys[is_crowd & (region < 0)]),
+            unseen=self._unknown_ground(stamp_ns, keys[region < 0]),
             static=self._static,
             events=tuple(events),
         )
