@@ -16,6 +16,7 @@ from crowdfence.cli.run import _left_out
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
 from crowdfence.zones.history import ZoneHistory
+from crowdfence.zones.known_ground import known_ground
 from support.small_zones import SECOND_NS, DrawnZones
 
 START_NS = 1_767_225_600 * SECOND_NS  # 2026-01-01
@@ -48,7 +49,7 @@ def history(georeference: Georeference | None) -> ZoneHistory:
         sets.append(zones.step(crowd, evidence_of="uav1"))
         stamps_ns.append(START_NS + zones.stamp_ns)
     told = {"mission": "small", "drones": ["uav1"], "method": "paper", "threshold": 0.5, "parameters": {}}
-    return ZoneHistory(stamps_ns, sets, georeference, told)
+    return ZoneHistory(stamps_ns, sets, georeference, told, known_ground(zones.terrain))
 
 
 @pytest.fixture
@@ -221,6 +222,49 @@ def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
     assert done.exit_code == GATE_NOT_MET and "from zone Z1; the clearance is 9 m" in done.stderr
 
 
+def test_a_way_stays_over_the_ground_of_the_map(run: Path, tmp_path: Path) -> None:
+    """The map reaches from (0, 0) to (20, 10); a zone of others closes it from its south to 9.96 m north."""
+
+    def asked(*arguments: object) -> tuple[int, str, str]:
+        done = CliRunner().invoke(app, [str(one) for one in ("route", run, "--local", *arguments)])
+        return done.exit_code, done.stdout, done.stderr
+
+    code, _, said = asked("--from", "1,5", "--to", "50,5")
+    assert code == GATE_NOT_MET and "the goal (50.0, 5.0) lies outside the ground of the map" in " ".join(
+        said.split()
+    )
+    assert "--beyond-map may leave it" in " ".join(said.split())
+    code, told, said = asked("--from", "1,5", "--to", "50,5", "--beyond-map", "--json")
+    assert code == 0 and json.loads(told)["beyond_map_m"] == pytest.approx(30.0)
+    assert "30.0 m of the way lie beyond the map" in " ".join(said.split())
+    across = ("--from", "1,5", "--to", "19,5", "--json")
+    code, told, said = asked(*across)
+    assert code == 0 and json.loads(told)["beyond_map_m"] == 0.0 and said == ""
+
+    north = 46.5 + 9.99 / 111_170
+    west, east = 8 + 8 / EAST_M_PER_DEGREE, 8 + 12 / EAST_M_PER_DEGREE
+    ring = [[west, 46.4], [east, 46.4], [east, north], [west, north], [west, 46.4]]
+    (tmp_path / "wall.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    wall = ("--static-zones", tmp_path / "wall.geojson")
+    code, _, said = asked(*across, *wall)
+    assert code == GATE_NOT_MET and "no way within the ground of the map" in " ".join(said.split())
+    code, told, _ = asked(*across, *wall, "--beyond-map")
+    assert code == 0 and json.loads(told)["beyond_map_m"] > 0.0
+
+
+def test_a_run_that_does_not_say_how_far_its_map_reaches(run: Path) -> None:
+    """Written before histories said so: its terrain does, where it was written."""
+    replace(history(None), ground=None).write(run / "zone_history.jsonl")
+    inside = ("route", run, "--local", "--from", "1,5", "--to", "19,5")
+    message = refused(*inside)
+    assert "does not say how far its map reaches; --beyond-map" in message
+    assert "18.0 m" in command(*inside, "--beyond-map")
+    write_terrain_octomap(run / "terrain.bt", DrawnZones((20, 10)).terrain)
+    assert "18.0 m" in command(*inside)
+    done = CliRunner().invoke(app, [*map(str, inside[:-1]), "50,5"])
+    assert done.exit_code == GATE_NOT_MET
+
+
 def test_a_way_with_a_departure(run: Path) -> None:
     common = ("route", run, "--local", "--from", "0,5", "--to", "20,5", "--at", "+1", "--speed-m-s", 2)
     told = json.loads(command(*common, "--json"))
@@ -236,9 +280,11 @@ def test_a_way_with_a_departure(run: Path) -> None:
 
 def test_places_on_earth(run: Path) -> None:
     told = json.loads(
-        command("route", run, "--from", "46.5,8.0", "--to", f"46.5,{8 + 20 / EAST_M_PER_DEGREE}", "--json")
+        command(
+            "route", run, "--from", "46.50001,8.0", "--to", f"46.50001,{8 + 19 / EAST_M_PER_DEGREE}", "--json"
+        )
     )
-    assert told["length_m"] == pytest.approx(20.0, abs=0.1)
+    assert told["length_m"] == pytest.approx(19.0, abs=0.1)
     assert "must be two numbers" in refused("route", run, "--from", "here", "--to", "1,2")
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from scipy import ndimage
 
 from crowdfence import Georeference, StampError
@@ -44,6 +45,19 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, options: dict[str, obj
                     assert value is expected is None or value.equals_exact(expected)
                 else:
                     assert value == expected or value != value, field.name
+
+
+def test_the_ground_of_the_map_is_written_too(tmp_path: Path) -> None:
+    ground = shapely.union_all([shapely.box(0, 0, 3, 1), shapely.box(5, 0, 6, 1 / 3)])
+    dataclasses.replace(flown(), ground=ground).write(tmp_path / "history.jsonl")
+    again = ZoneHistory.read(tmp_path / "history.jsonl")
+    assert again.ground is not None and again.ground.equals(ground)
+    assert again.description == flown().description
+    text = (tmp_path / "history.jsonl").read_text()
+    header, _, rest = text.partition("\n")
+    before = {name: value for name, value in json.loads(header).items() if name != "ground"}
+    (tmp_path / "history.jsonl").write_text(json.dumps(before) + "\n" + rest)
+    assert ZoneHistory.read(tmp_path / "history.jsonl").ground is None
 
 
 def test_an_outline_that_did_not_change_is_written_once(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
+from crowdfence.zones.known_ground import known_ground
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -168,7 +169,9 @@ def run(
         threshold=loop.threshold,
         rows=rows,
         zones=last.zones,
-        history=ZoneHistory(stamps_ns, zone_sets, georeference, _described(recording, config, loop)),
+        history=ZoneHistory(
+            stamps_ns, zone_sets, georeference, _described(recording, config, loop), known_ground(terrain)
+        ),
         refused=tuple(refused),
         last_views=last_views,
         holes=holes,

@@ -44,6 +44,8 @@ class ZoneHistory:
     """Where on Earth the local frame lies."""
     description: Mapping[str, Any]
     """What they were made from: mission, drones, method, threshold, parameters."""
+    ground: Polygon | MultiPolygon | None = None
+    """What the rim of the map encloses, in local metres (`known_ground`); None where nobody says."""
 
     def __post_init__(self) -> None:
         if not self.stamps_ns or len(self.stamps_ns) != len(self.sets):
@@ -79,6 +81,7 @@ class ZoneHistory:
             "anchor_wgs84": None
             if anchor is None
             else [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m],
+            "ground": None if self.ground is None else rings_of(self.ground),
             **self.description,
         }
         lines = [header]
@@ -106,12 +109,14 @@ class ZoneHistory:
                     before = {zone.id: zone for zone in zones.closed}
                     stamps_ns.append(int(line["stamp_ns"]))
                     sets.append(zones)
-                known = {"format", "version", "anchor_wgs84"}
+                known = {"format", "version", "anchor_wgs84", "ground"}
+                ground = header.get("ground")
                 return ZoneHistory(
                     stamps_ns,
                     sets,
                     None if anchor is None else Georeference(*anchor),
                     {name: value for name, value in header.items() if name not in known},
+                    None if ground is None else polygon_of(ground),
                 )
             except (KeyError, TypeError, AttributeError, ValueError) as error:
                 raise ZoneHistoryError(
