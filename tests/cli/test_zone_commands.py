@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from PIL import Image
 from typer.testing import CliRunner
 
-from crowdfence import Georeference, Terrain
+from crowdfence import Georeference, SurfaceGrid, Terrain, VoxelState
 from crowdfence.cli.app import app
 from crowdfence.cli.export import ExportFormat
 from crowdfence.cli.run import _left_out
+from crowdfence.exports.geotiff import write_geotiff
+from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
 from crowdfence.zones.history import ZoneHistory
@@ -81,6 +84,37 @@ def test_rasters_need_the_map_of_the_run(run: Path, tmp_path: Path, kind: str) -
     assert "holds no crowd_map.tif" in refused(*arguments)
     (run / "crowd_map.tif").touch()
     assert "is of the last instant only" in refused(*arguments, "--at", "first")
+
+
+@pytest.mark.parametrize("kind", ["state", "costmap"])
+def test_a_raster_shows_every_zone_that_the_summary_counts(tmp_path: Path, kind: str) -> None:
+    """A crowd of 2 x 2 m, held below the threshold, and a zone of others that is half off the map."""
+    zones, anchor = DrawnZones((12, 8), off_threshold=0.3), Georeference(46.5, 8.0, 1200.0)
+    picture = np.zeros((12, 8))
+    picture[2:4, 3:5] = 1.0
+    zones.step(picture)
+    held = zones.step(picture * 0.4)
+    assert [(zone.reason, zone.area_m2) for zone in held] == [("held", 4.0)]
+    grid = SurfaceGrid.from_crowd_map(zones.crowd_map, zones.stamp_ns, threshold=0.5, margin_m=0.0)
+    assert not (grid.state == VoxelState.CROWD).any()
+    write_geotiff(tmp_path / "crowd_map.tif", grid, MapDescription(zones.stamp_ns, 0.5, "paper"), anchor)
+    ZoneHistory([zones.stamp_ns], [held], anchor, {}).write(tmp_path / "zone_history.jsonl")
+    west, east = 8 + 10.5 / EAST_M_PER_DEGREE, 8 + 15 / EAST_M_PER_DEGREE
+    south, north = 46.5 + 1.5 / 111_170, 46.5 + 3.5 / 111_170
+    ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]
+    (tmp_path / "given.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    output = tmp_path / "out.tif"
+    given = ("--static-zones", tmp_path / "given.geojson")
+    done = CliRunner().invoke(
+        app, [str(one) for one in ("export", tmp_path, "-f", kind, "-o", output, *given)]
+    )
+    assert done.exit_code == 0 and "2 zones" in done.stdout
+    assert "not all of S1 lies within it" in " ".join(done.stderr.split())
+    with rasterio.open(output if kind == "state" else tmp_path / "out.pgm") as raster:
+        cells = raster.read(1)[::-1].T
+    closed = np.zeros((12, 8), dtype=bool)
+    closed[2:4, 3:5] = closed[10:12, 1:4] = True
+    np.testing.assert_array_equal(cells == (6 if kind == "state" else 0), closed)
 
 
 def test_zones_of_others_join_an_export(run: Path, tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def export(
         if kind is ExportFormat.mcap:
             _write_mcap(output, run, history, report)
         elif kind in _RASTERS:
-            _write_raster(kind, output, run, history, stamp_ns)
+            report["beyond_raster"] = _write_raster(kind, output, run, history, stamp_ns)
         elif kind is ExportFormat.geojson:
             write_bytes(output, _geojson(history, stamp_ns).encode())
         else:
@@ -144,8 +144,10 @@ def _on_ground_of(run: Path, others: tuple[Zone, ...]) -> tuple[Zone, ...]:
     return on_ground(others, open_terrain(terrain)) if others and terrain.exists() else others
 
 
-def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int) -> None:
-    """From the map of the last instant, which is the one that a run keeps."""
+def _write_raster(
+    kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int
+) -> list[str]:
+    """From the map of the last instant, which is the one that a run keeps. Ids of zones that reach beyond."""
     from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
 
     crowd_map = run / "crowd_map.tif"
@@ -155,10 +157,8 @@ def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHist
         raise ValueError(
             f"--format {kind.value} is of the last instant only, because a run keeps no other map"
         )
-    if kind is ExportFormat.state:
-        write_state_geotiff(output, crowd_map)
-    else:
-        write_costmap(output, crowd_map, history.at(stamp_ns).closed)
+    write = write_state_geotiff if kind is ExportFormat.state else write_costmap
+    return write(output, crowd_map, history.at(stamp_ns).closed)
 
 
 def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str, Any]) -> None:
@@ -242,5 +242,8 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.warn(
             f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"
         )
+    if report.get("beyond_raster"):
+        names = ", ".join(report["beyond_raster"])
+        console.warn(f"the raster ends near what was seen; not all of {names} lies within it")
     for reason in report["left_out"]:
         console.warn(reason)
