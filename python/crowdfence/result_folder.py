@@ -17,10 +17,18 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 HISTORY = "zone_history.jsonl"
+READ_AGAIN = (HISTORY, "crowd_map.tif", "terrain.bt", "crowd_map.crowdmap")
+"""What is made from a run afterwards is made from these."""
 MARGIN_M = 60.0
 STALE_AFTER_S = 30.0
 """Of a run that does not say it."""
 _LATEST_NS = 2**63 - 1
+
+
+def files_read_of(run: str | PathLike[str]) -> list[Path]:
+    """Of the run in a folder, or its history file alone."""
+    path = Path(run)
+    return [path / name for name in READ_AGAIN] if path.is_dir() else [path]
 
 
 def open_history(run: str | PathLike[str]) -> ZoneHistory:

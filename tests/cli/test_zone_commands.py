@@ -1,6 +1,7 @@
 """`export`, `explain` and `route` on the zones that a run left."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -220,6 +221,43 @@ def test_what_cannot_be_exported_leaves_nothing(
     output = tmp_path / "zones"
     assert message in refused("export", run, "-f", "kml", "-o", output, *arguments)
     assert not output.exists()
+
+
+@pytest.mark.parametrize("name", ["zone_history.jsonl", "crowd_map.tif", "terrain.bt"])
+def test_a_file_of_the_run_that_is_read_is_never_written(run: Path, tmp_path: Path, name: str) -> None:
+    if not (run / name).exists():
+        (run / name).write_bytes(b"not touched")
+    before = (run / name).read_bytes()
+    (tmp_path / "link").symlink_to(run / name)
+    for output in (run / name, tmp_path / "link"):
+        message = refused("export", run, "-f", "kml", "--force", "-o", output)
+        assert f"{output} is read for this, and would be lost" in message
+        way = ("route", run, "--local", "--from", "1,5", "--to", "2,5")
+        for option in ("-o", "--picture"):
+            assert "is read for this, and would be lost" in refused(*way, option, output)
+    assert (run / name).read_bytes() == before
+
+
+def test_what_others_drew_and_plans_are_never_written_either(run: Path, tmp_path: Path) -> None:
+    given = tmp_path / "given.json"
+    given.write_text(json.dumps({"type": "Point", "coordinates": [8.0, 46.5]}))
+    out = ("export", run, "--force", "-o", given)
+    assert "is read for this" in refused(*out, "-f", "kml", "--static-zones", given)
+    assert "is read for this" in refused(*out, "-f", "qgc", "--plan", given)
+
+
+def test_the_picture_of_a_costmap_is_not_replaced_unasked(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "nav.pgm").write_text("mine")
+    message = refused("export", run, "-f", "costmap", "-o", tmp_path / "nav.yaml")
+    assert "nav.pgm exists; --force replaces it" in message
+    message = refused("export", run, "-f", "costmap", "-o", tmp_path / "nav.pgm", "--force")
+    assert "a costmap is a YAML file" in message and (tmp_path / "nav.pgm").read_text() == "mine"
+
+
+def test_a_pipe_is_no_place_for_an_export(run: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "zones.kml")
+    message = refused("export", run, "-f", "kml", "--force", "-o", tmp_path / "zones.kml")
+    assert "is a device or a pipe" in message and (tmp_path / "zones.kml").is_fifo()
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -93,13 +94,21 @@ def export(
 ) -> None:
     """Write the no-fly zones of a run, as they were at an instant, for authorities, UTM, autopilots and
     viewers."""
-    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, open_history, stamp_of
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
 
-    with writable_file(output):
-        if output.exists() and not force:
-            raise FileExistsError(f"{output} exists; --force replaces it")
+    written = [output]
+    if kind is ExportFormat.costmap:
+        written.append(output.with_suffix(".pgm"))
+        if output.suffix == ".pgm":
+            raise ValueError(f"{output}: a costmap is a YAML file, with a picture of the same name beside it")
+    with ExitStack() as stack:
+        for path in written:
+            reads = [*files_read_of(run), plan, *(static_zones or [])]
+            stack.enter_context(writable_file(path, reads=reads))
+            if path.exists() and not force:
+                raise FileExistsError(f"{path} exists; --force replaces it")
         history = open_history(run)
         taken = {zone.id for zones in history.sets for zone in zones.closed}
         others, left_out = read_static_zones(static_zones or [], history.georeference, taken)

@@ -65,12 +65,13 @@ def route(
     from contextlib import ExitStack
 
     from crowdfence.planner import NoRoute, safe_route
-    from crowdfence.result_folder import known_ground_of, open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, known_ground_of, open_history, stamp_of
     from crowdfence.static_zones import read_static_zones
 
     with ExitStack() as stack:
         for path in filter(None, (output, picture)):
-            stack.enter_context(writable_file(path))
+            reads = [*files_read_of(run), *(static_zones or [])]
+            stack.enter_context(writable_file(path, reads=reads))
         history = open_history(run)
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:
