@@ -75,8 +75,8 @@ def writable_file(
 
 
 def _file_at(path: str | PathLike[str]) -> Path:
-    """Where a link leads, as for whoever opens it. OSError for what is there and gives way to no file: a folder,
-    a device, a pipe."""
+    """Where a link leads, as for whoever opens it. OSError for what is there and gives way to no file: a
+    folder, a device, a pipe."""
     try:
         target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
     except RuntimeError:  # of a ring of links, before Python 3.13
