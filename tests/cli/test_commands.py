@@ -83,7 +83,7 @@ def test_convert_replaces_a_file_only_by_force(airsim: Path, mission: Path, tmp_
 
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "folder"
-    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")
+    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--method", "or", "--json")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     summary = json.loads(done.stdout)
@@ -313,7 +313,7 @@ def test_crowd_that_meets_no_ground_is_not_lost_without_a_word(
     message: str | None,
 ) -> None:
     folder = write_crowd_over_plain(tmp_path / "flight", hole)
-    common = (folder, "-t", folder / "plain.bt", *RECORDED, "--prior", 0.2, *options, "--method", "or")
+    common = (folder, "-t", folder / "plain.bt", *RECORDED, *options, "--method", "or")
     done = crowdfence("run", *common, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

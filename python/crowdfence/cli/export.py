@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.unused_options import refuse_of
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -59,7 +60,20 @@ At = Annotated[
 ]
 
 
+_AUTHORITIES = ("ed318", "ed269", "ed269-list")
+_USES = {
+    "country": _AUTHORITIES,
+    "authority": (*_AUTHORITIES, "f3548"),
+    "contact": _AUTHORITIES,
+    "datum": (*_AUTHORITIES, "csv"),
+    "max_items": ("qgc",),
+    "plan": ("qgc",),
+}
+"""Which formats read which options."""
+
+
 def export(
+    context: typer.Context,
     run: RunFolder,
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
     kind: Annotated[
@@ -98,6 +112,7 @@ def export(
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
 
+    refuse_of(context, _USES, kind.value, f"with --format {kind.value}")
     written = [output]
     if kind is ExportFormat.costmap:
         written.append(output.with_suffix(".pgm"))
