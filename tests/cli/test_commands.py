@@ -111,6 +111,19 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
         assert (output / name).stat().st_size > 100
 
 
+def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--off-threshold", 0.04).returncode == 0
+    assert crowdfence("export", out, "-f", "geojson", "-o", tmp_path / "zones.geojson").returncode == 0
+    exported, written = (
+        json.loads((folder / "zones.geojson").read_text())["crowdfence"] for folder in (tmp_path, out)
+    )
+    assert exported == written
+    header = json.loads((out / "zone_history.jsonl").read_text().splitlines()[0])
+    rules = header["zone_rules"]
+    assert (rules["threshold"], rules["off_threshold"]) == (exported["threshold"], 0.04)
+
+
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
     common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
     done = crowdfence(*common, "--files", "crowd_map.tif")

@@ -65,4 +65,4 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, tuple):
         return " ".join(value)
-    return repr(value) if isinstance(value, float) else str(value)
+    return repr(float(value)) if isinstance(value, float) else str(value)

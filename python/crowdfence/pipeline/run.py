@@ -192,14 +192,15 @@ def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict
         "method": loop.crowd_map.method.name,
         "threshold": loop.threshold,
         "stale_after_s": config.zones.stale_after_s,
-        "parameters": {**config.parameters(loop.crowd_map), **config.zone_parameters()},
+        "parameters": config.parameters(loop.crowd_map),
+        "zone_rules": config.zone_parameters(loop.crowd_map.default_threshold()),
     }
 
 
 def frame_row(step: Step, terrain: Terrain) -> FrameRow:
     """The figures of a step."""
     column = np.sort(column_keys(terrain.voxel_indices(step.crowd_ids)[:, :2]))
-    columns = np.count_nonzero(np.diff(column)) + min(len(column), 1)
+    columns = int(np.count_nonzero(np.diff(column))) + min(len(column), 1)
     lost = {f"crowd_{fate}": share for fate, share in shares(step.crowd_mass).items() if fate in LOST}
     return FrameRow(
         stamp_ns=step.stamp_ns,
