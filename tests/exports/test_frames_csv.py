@@ -20,7 +20,19 @@ def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:
         FrameRow(
             1_760_000_000_499_514_525, ("uav1", "uav 2,b"), 1, 4000, 4000, 12, 0.1 + 0.2, 2, 7.25, 1 / 3
         ),
-        FrameRow(1_760_000_000_600_000_000, (), 0, 0, 4000, 0, 0.0, 0, np.float64(0.1), crowd_hole=1 / 3, crowd_sky=0.0),
+        FrameRow(
+            1_760_000_000_600_000_000,
+            (),
+            0,
+            0,
+            4000,
+            0,
+            0.0,
+            0,
+            np.float64(0.1),
+            crowd_hole=1 / 3,
+            crowd_sky=0.0,
+        ),
     ]
     write_frames_csv(path, iter(rows))
     with open(path, newline="", encoding="utf-8") as file:
