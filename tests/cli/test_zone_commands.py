@@ -259,6 +259,22 @@ def test_a_pipe_is_no_place_for_an_export(run: Path, tmp_path: Path) -> None:
     assert "is a device or a pipe" in message and (tmp_path / "zones.kml").is_fifo()
 
 
+def test_an_instant_after_the_last_one_is_told(run: Path, tmp_path: Path) -> None:
+    """Two seconds of history; an hour after its beginning nothing is known that was not known at its end."""
+    commands = (
+        ("export", run, "-f", "kml", "-o", tmp_path / "zones.kml", "--force"),
+        ("route", run, "--local", "--from", "1,5", "--to", "2,5"),
+        ("explain", run, "--zone", "Z1"),
+    )
+    for words in commands:
+        done = CliRunner().invoke(app, [str(word) for word in (*words, "--at", "+3600")])
+        said = " ".join(done.stderr.split())
+        assert "--at +3600 is 3,598.0 s after the last instant, 2026-01-01T00:00:02" in said
+        for at in ("last", "+2", "+1.5"):
+            done = CliRunner().invoke(app, [str(word) for word in (*words, "--at", at)])
+            assert "after the last instant" not in done.stderr
+
+
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     assert "holds no zone_history.jsonl" in refused("explain", tmp_path, "--zone", "Z1")
 

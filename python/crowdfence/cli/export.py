@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.unused_options import refuse_of
 from crowdfence.cli.wording import counted
 
@@ -108,7 +109,7 @@ def export(
 ) -> None:
     """Write the no-fly zones of a run, as they were at an instant, for authorities, UTM, autopilots and
     viewers."""
-    from crowdfence.result_folder import files_read_of, open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, open_history
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
 
@@ -129,7 +130,7 @@ def export(
         others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
         history = with_static(history, _on_ground_of(run, others))
         # Zones hold from the instant that found them, not from when somebody asks.
-        stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
+        stamp_ns = history.stamps_ns[history.index_at(asked_stamp(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
         if kind is ExportFormat.mcap:
             _write_mcap(output, run, history, report)

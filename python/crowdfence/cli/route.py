@@ -11,6 +11,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.iso_time import iso_utc
@@ -65,7 +66,7 @@ def route(
     from contextlib import ExitStack
 
     from crowdfence.planner import NoRoute, safe_route
-    from crowdfence.result_folder import files_read_of, known_ground_of, open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, known_ground_of, open_history
     from crowdfence.static_zones import read_static_zones
 
     with ExitStack() as stack:
@@ -76,7 +77,7 @@ def route(
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:
             console.warn(reason)
-        departure_ns = stamp_of(at, history)
+        departure_ns = asked_stamp(at, history)
         zones = (*history.at(departure_ns).closed, *others)
         frame = None if local else history.georeference
         if frame is None and not local:
