@@ -76,18 +76,42 @@ def test_a_stamp_shows_the_instant_before_it() -> None:
         history.at(-1)
 
 
-@pytest.mark.parametrize("damage", ["empty", "cut", "other", "version"])
-def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str) -> None:
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ("empty", "is no zone history: it is cut off, or no JSON"),
+        ("cut", r"is damaged in line \d: it is cut off, or no JSON"),
+        ("other", "is no zone history: it does not begin with the header of a crowdfence zone history"),
+        ("list", "is no zone history: it does not begin with the header"),
+        ("version", "is no zone history: it has version 9; 1 is read here"),
+        ("bytes", "is no zone history: it is no text in UTF-8"),
+        ("header alone", "is no zone history: it holds no instant"),
+        ("no zones", "is damaged in line 3: it lacks 'zones'"),
+        ("no rings", "is damaged in line 2: "),
+        ("twice", "is damaged in line 3: its instant is not after the one before"),
+    ],
+)
+def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, message: str) -> None:
     path = tmp_path / "history.jsonl"
     flown().write(path)
     text = path.read_text()
-    path.write_text(
+    header, first, *_ = text.splitlines(keepends=True)
+    no_rings = json.loads(first)
+    no_rings["zones"][0]["polygon"] = [[]]
+    path.write_bytes(
         {
             "empty": "",
             "cut": text[: len(text) // 2],
             "other": '{"type": "FeatureCollection"}',
+            "list": "[]",
             "version": text.replace('"version": 1', '"version": 9', 1),
-        }[damage]
+            "bytes": "",
+            "header alone": header,
+            "no zones": header + first + '{"stamp_ns": 10000000000}',
+            "no rings": header + json.dumps(no_rings),
+            "twice": header + first + first,
+        }[damage].encode()
+        + (b"\xff" if damage == "bytes" else b"")
     )
-    with pytest.raises(ZoneHistoryError, match=r"history\.jsonl is no zone history"):
+    with pytest.raises(ZoneHistoryError, match=rf"history\.jsonl {message}"):
         ZoneHistory.read(path)

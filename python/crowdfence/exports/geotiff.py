@@ -106,7 +106,7 @@ def _tags(description: MapDescription) -> dict[str, str]:
     return {
         "METHOD": description.method,
         "PARAMETERS": json.dumps(dict(description.parameters)),
-        "THRESHOLD": repr(description.threshold),
+        "THRESHOLD": repr(float(description.threshold)),
         "STAMP_UTC": iso_utc(description.stamp_ns),
         "STAMP_NS": str(description.stamp_ns),
         "FIRST_INSTANT_UTC": "" if first_ns is None else iso_utc(first_ns),
@@ -121,8 +121,8 @@ def _placement_tags(placement: RasterPlacement, georeference: Georeference | Non
         return {"FRAME": "local east-north-up metres, not georeferenced"}
     return {
         "FRAME": "azimuthal equidistant around the anchor of the local frame",
-        "ANCHOR_LATITUDE_DEG": repr(georeference.latitude_deg),
-        "ANCHOR_LONGITUDE_DEG": repr(georeference.longitude_deg),
-        "ANCHOR_HEIGHT_M": repr(georeference.height_m),
+        "ANCHOR_LATITUDE_DEG": repr(float(georeference.latitude_deg)),
+        "ANCHOR_LONGITUDE_DEG": repr(float(georeference.longitude_deg)),
+        "ANCHOR_HEIGHT_M": repr(float(georeference.height_m)),
         "POSITION_ERROR_M": f"{math.ceil(placement.error_m * 1e4) / 1e4:.4f}",
     }
