@@ -67,8 +67,8 @@ def writable_file(
 ) -> Iterator[None]:
     """The same for one file, which may be there already and is none of those that the block `reads`."""
     target = _file_at(path)
-    for read in filter(None, reads):
-        if target.exists() and Path(read).exists() and target.samefile(read):
+    for read in reads:
+        if read is not None and target.exists() and Path(read).exists() and target.samefile(read):
             raise FileExistsError(f"{path} is read for this, and would be lost; name another file to write")
     with writable_folder(target.parent):
         yield
