@@ -209,7 +209,7 @@ def _print_python(recording: Recording, terrain: Terrain) -> None:
     def again(loop: FrameLoop) -> None:
         for instant, step in zip(recording.instants(), seen, strict=True):
             instant.views()
-            frame_row(loop.step_observed(step.update.observations, step.stamp_ns), terrain.voxel_size_m)
+            frame_row(loop.step_observed(step.update.observations, step.stamp_ns), terrain)
 
     plain, profiled, profile = Stage(), Stage(), cProfile.Profile()
     loops = [_loop(recording, terrain, RECORDED) for _ in range(2)]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from crowdfence.atomic_file import writable_file, writable_folder
+from crowdfence.atomic_file import writable_file, writable_folder, write_bytes
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
 
@@ -145,3 +145,49 @@ def test_commands_look_at_their_output_before_their_input(tmp_path: Path, comman
     assert done.returncode == 1 and done.stdout == ""
     (line,) = done.stderr.splitlines()
     assert str(tmp_path / "file") in line and ("it is a file" in line or "Not a directory" in line)
+
+
+def test_a_link_stays_a_link_and_leads_to_what_was_written(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "real.kml").write_text("old")
+    links = {"to_file.kml": "kept/real.kml", "to_link.kml": "to_file.kml", "to_nothing.kml": "kept/new.kml"}
+    for name, target in links.items():
+        (tmp_path / name).symlink_to(target)
+        with writable_file(tmp_path / name):
+            write_bytes(tmp_path / name, name.encode())
+        assert (tmp_path / name).is_symlink() and (tmp_path / name).read_text() == name
+    assert (tmp_path / "kept" / "real.kml").read_text() == "to_link.kml"
+    assert (tmp_path / "kept" / "new.kml").read_text() == "to_nothing.kml"
+    assert everything_below(tmp_path / "kept") == ["new.kml", "real.kml"]
+
+
+def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.kml")
+    (tmp_path / "to_pipe.kml").symlink_to("pipe.kml")
+    (tmp_path / "ring.kml").symlink_to("ring.kml")
+    for name, why in (
+        ("pipe.kml", "a device or a pipe"),
+        ("to_pipe.kml", "a device or a pipe"),
+        ("ring.kml", "a link that leads to itself"),
+    ):
+        before = os.lstat(tmp_path / name)
+        with pytest.raises(OSError, match=f"{name} is {why}"), writable_file(tmp_path / name):
+            raise AssertionError
+        with pytest.raises(OSError, match=f"{name} is {why}"):
+            write_bytes(tmp_path / name, b"lost")
+        assert os.lstat(tmp_path / name) == before
+    assert len(everything_below(tmp_path)) == 3
+
+
+def test_what_is_read_is_not_written(tmp_path: Path) -> None:
+    (tmp_path / "history.jsonl").write_text("{}")
+    (tmp_path / "link.kml").symlink_to("history.jsonl")
+    os.link(tmp_path / "history.jsonl", tmp_path / "same.kml")
+    for name in ("history.jsonl", "link.kml", "same.kml"):
+        with (
+            pytest.raises(FileExistsError, match=f"{name} is read for this"),
+            writable_file(tmp_path / name, reads=[None, tmp_path / "absent", tmp_path / "history.jsonl"]),
+        ):
+            raise AssertionError
+    with writable_file(tmp_path / "other.kml", reads=[tmp_path / "history.jsonl"]):
+        pass

@@ -1,8 +1,9 @@
 """Write a file completely or not at all, and know before long work that it can be written."""
 
+import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -15,14 +16,14 @@ _PROOF_BYTES = 4096
 def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside `path`; it replaces `path` when the block succeeds, else it is removed.
 
-    A reader therefore sees the old file or the new one, never half of one. The output folder itself is
-    created when its parent exists; deeper folders are not, so that a mistyped path is noticed.
+    A reader therefore sees the old file or the new one, never half of one. A link stays a link: what it leads
+    to is replaced. The output folder itself is created when its parent exists; deeper folders are not, so
+    that a mistyped path is noticed.
 
-    Raises OSError that names the path when the folder is missing or cannot be written.
+    Raises OSError that names the path when the folder is missing or cannot be written, and for what is there
+    and is no file.
     """
-    target = Path(path)
-    if target.is_dir():
-        raise IsADirectoryError(f"{target} is a folder; name the file to write inside it")
+    target = _file_at(path)
     _make_output_folder(target)
     temporary = _reserve_beside(target)
     try:
@@ -61,13 +62,34 @@ def writable_folder(folder: str | PathLike[str], *, parents: bool = False) -> It
 
 
 @contextmanager
-def writable_file(path: str | PathLike[str]) -> Iterator[None]:
-    """The same for one file, which may be there already."""
-    target = Path(path)
-    if target.is_dir():
-        raise IsADirectoryError(f"{target} is a folder; name the file to write inside it")
+def writable_file(
+    path: str | PathLike[str], *, reads: Iterable[str | PathLike[str] | None] = ()
+) -> Iterator[None]:
+    """The same for one file, which may be there already and is none of those that the block `reads`."""
+    target = _file_at(path)
+    for read in reads:
+        if read is not None and target.exists() and Path(read).exists() and target.samefile(read):
+            raise FileExistsError(f"{path} is read for this, and would be lost; name another file to write")
     with writable_folder(target.parent):
         yield
+
+
+def _file_at(path: str | PathLike[str]) -> Path:
+    """Where a link leads, as for whoever opens it. OSError for what is there and gives way to no file: a
+    folder, a device, a pipe."""
+    try:
+        target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
+    except RuntimeError:  # of a ring of links, before Python 3.13
+        target = Path(path)
+    if target.is_symlink():
+        raise OSError(errno.ELOOP, f"{path} is a link that leads to itself; name a file")
+    if target.is_dir():
+        raise IsADirectoryError(f"{path} is a folder; name the file to write inside it")
+    if target.exists() and not target.is_file():
+        raise OSError(
+            errno.EINVAL, f"{path} is a device or a pipe, which no file may take the place of; name a file"
+        )
+    return target
 
 
 def _make_folders(folder: Path, made: list[Path], *, parents: bool) -> None:

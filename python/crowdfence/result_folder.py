@@ -6,18 +6,29 @@ from collections.abc import Mapping
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import CrowdMap
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.zones.history import ZoneHistory
 
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
 HISTORY = "zone_history.jsonl"
+READ_AGAIN = (HISTORY, "crowd_map.tif", "terrain.bt", "crowd_map.crowdmap")
+"""What is made from a run afterwards is made from these."""
 MARGIN_M = 60.0
 STALE_AFTER_S = 30.0
 """Of a run that does not say it."""
 _LATEST_NS = 2**63 - 1
+
+
+def files_read_of(run: str | PathLike[str]) -> list[Path]:
+    """Of the run in a folder, or its history file alone."""
+    path = Path(run)
+    return [path / name for name in READ_AGAIN] if path.is_dir() else [path]
 
 
 def open_history(run: str | PathLike[str]) -> ZoneHistory:
@@ -28,6 +39,18 @@ def open_history(run: str | PathLike[str]) -> ZoneHistory:
         if not path.exists():
             raise FileNotFoundError(f"{run} holds no {HISTORY}; is it a folder that crowdfence run wrote?")
     return ZoneHistory.read(path)
+
+
+def known_ground_of(run: str | PathLike[str], history: ZoneHistory) -> Polygon | MultiPolygon | None:
+    """What the rim of the run's map encloses: from its history, or from its terrain where it was written
+    before histories said it; None where neither says."""
+    from crowdfence.maps import open_terrain
+    from crowdfence.zones.known_ground import known_ground
+
+    terrain = Path(run) / "terrain.bt"
+    if history.ground is None and terrain.exists():
+        return known_ground(open_terrain(terrain))
+    return history.ground
 
 
 def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | None:

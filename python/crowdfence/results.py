@@ -28,7 +28,7 @@ PICTURE_MARGIN_M = 60.0
 FILES = {
     "zones.geojson": "no-fly polygons",
     "zone_history.jsonl": "zones, their evidence and what became of them, at every instant",
-    "crowd_map.tif": "probability and state per ground cell",
+    "crowd_map.tif": "probability, state and what zones close per ground cell",
     "crowd_map.png": "the map as a picture",
     "report.html": "all of it on one page to look at first, print or send by mail",
     "terrain.bt": "OctoMap: the terrain, occupied",
@@ -78,7 +78,7 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
     write_geojson(folder / "zones.geojson", run.zones, description, georeference)
     run.history.write(folder / "zone_history.jsonl")
     if "crowd_map.tif" in wanted:
-        write_geotiff(folder / "crowd_map.tif", grid, description, georeference)
+        write_geotiff(folder / "crowd_map.tif", grid, description, georeference, run.zones.closed)
     if wanted & {"crowd_map.png", "report.html"}:
         write_picture(
             folder / "crowd_map.png",

@@ -83,7 +83,7 @@ def test_convert_replaces_a_file_only_by_force(airsim: Path, mission: Path, tmp_
 
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "folder"
-    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--prior", 0.2, "--method", "or", "--json")
+    done = crowdfence("run", airsim, *RECORDED, "-o", output, "--method", "or", "--json")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     summary = json.loads(done.stdout)
@@ -109,6 +109,19 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
     )
     for name in ("crowd_map.png", "terrain.bt", "crowd_map.ot", "crowd_map.crowdmap"):
         assert (output / name).stat().st_size > 100
+
+
+def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--off-threshold", 0.04).returncode == 0
+    assert crowdfence("export", out, "-f", "geojson", "-o", tmp_path / "zones.geojson").returncode == 0
+    exported, written = (
+        json.loads((folder / "zones.geojson").read_text())["crowdfence"] for folder in (tmp_path, out)
+    )
+    assert exported == written
+    header = json.loads((out / "zone_history.jsonl").read_text().splitlines()[0])
+    rules = header["zone_rules"]
+    assert (rules["threshold"], rules["off_threshold"]) == (exported["threshold"], 0.04)
 
 
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
@@ -313,7 +326,7 @@ def test_crowd_that_meets_no_ground_is_not_lost_without_a_word(
     message: str | None,
 ) -> None:
     folder = write_crowd_over_plain(tmp_path / "flight", hole)
-    common = (folder, "-t", folder / "plain.bt", *RECORDED, "--prior", 0.2, *options, "--method", "or")
+    common = (folder, "-t", folder / "plain.bt", *RECORDED, *options, "--method", "or")
     done = crowdfence("run", *common, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

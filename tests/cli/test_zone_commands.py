@@ -1,21 +1,26 @@
 """`export`, `explain` and `route` on the zones that a run left."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from PIL import Image
 from typer.testing import CliRunner
 
-from crowdfence import Georeference, Terrain
+from crowdfence import Georeference, SurfaceGrid, Terrain, VoxelState
 from crowdfence.cli.app import app
 from crowdfence.cli.export import ExportFormat
 from crowdfence.cli.run import _left_out
+from crowdfence.exports.geotiff import write_geotiff
+from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
 from crowdfence.zones.history import ZoneHistory
+from crowdfence.zones.known_ground import known_ground
 from support.small_zones import SECOND_NS, DrawnZones
 
 START_NS = 1_767_225_600 * SECOND_NS  # 2026-01-01
@@ -48,7 +53,7 @@ def history(georeference: Georeference | None) -> ZoneHistory:
         sets.append(zones.step(crowd, evidence_of="uav1"))
         stamps_ns.append(START_NS + zones.stamp_ns)
     told = {"mission": "small", "drones": ["uav1"], "method": "paper", "threshold": 0.5, "parameters": {}}
-    return ZoneHistory(stamps_ns, sets, georeference, told)
+    return ZoneHistory(stamps_ns, sets, georeference, told, known_ground(zones.terrain))
 
 
 @pytest.fixture
@@ -76,14 +81,13 @@ def test_a_history_that_was_cut_closes_nothing_less_in_silence(run: Path, tmp_pa
     "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap")]
 )
 def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kind: str) -> None:
+    country = ("--country", "GRC") if kind in ("ed318", "ed269", "ed269-list") else ()
     for at, count in (("first", 2), ("+1.5", 1), ("2026-01-01T00:00:01Z", 1), ("last", 0)):
         output = tmp_path / f"{at[:2]}.{kind}"
-        report = json.loads(
-            command("export", run, "-f", kind, "--at", at, "--country", "GRC", "-o", output, "--json")
-        )
+        report = json.loads(command("export", run, "-f", kind, "--at", at, *country, "-o", output, "--json"))
         assert (report["zones"], report["file"]) == (count, str(output))
         assert output.stat().st_size > 10
-    message = refused("export", run, "-f", kind, "--country", "GRC", "-o", output)
+    message = refused("export", run, "-f", kind, *country, "-o", output)
     assert "exists; --force replaces it" in message
 
 
@@ -93,6 +97,37 @@ def test_rasters_need_the_map_of_the_run(run: Path, tmp_path: Path, kind: str) -
     assert "holds no crowd_map.tif" in refused(*arguments)
     (run / "crowd_map.tif").touch()
     assert "is of the last instant only" in refused(*arguments, "--at", "first")
+
+
+@pytest.mark.parametrize("kind", ["state", "costmap"])
+def test_a_raster_shows_every_zone_that_the_summary_counts(tmp_path: Path, kind: str) -> None:
+    """A crowd of 2 x 2 m, held below the threshold, and a zone of others that is half off the map."""
+    zones, anchor = DrawnZones((12, 8), off_threshold=0.3), Georeference(46.5, 8.0, 1200.0)
+    picture = np.zeros((12, 8))
+    picture[2:4, 3:5] = 1.0
+    zones.step(picture)
+    held = zones.step(picture * 0.4)
+    assert [(zone.reason, zone.area_m2) for zone in held] == [("held", 4.0)]
+    grid = SurfaceGrid.from_crowd_map(zones.crowd_map, zones.stamp_ns, threshold=0.5, margin_m=0.0)
+    assert not (grid.state == VoxelState.CROWD).any()
+    write_geotiff(tmp_path / "crowd_map.tif", grid, MapDescription(zones.stamp_ns, 0.5, "paper"), anchor)
+    ZoneHistory([zones.stamp_ns], [held], anchor, {}).write(tmp_path / "zone_history.jsonl")
+    west, east = 8 + 10.5 / EAST_M_PER_DEGREE, 8 + 15 / EAST_M_PER_DEGREE
+    south, north = 46.5 + 1.5 / 111_170, 46.5 + 3.5 / 111_170
+    ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]
+    (tmp_path / "given.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    output = tmp_path / "out.tif"
+    given = ("--static-zones", tmp_path / "given.geojson")
+    done = CliRunner().invoke(
+        app, [str(one) for one in ("export", tmp_path, "-f", kind, "-o", output, *given)]
+    )
+    assert done.exit_code == 0 and "2 zones" in done.stdout
+    assert "not all of S1 lies within it" in " ".join(done.stderr.split())
+    with rasterio.open(output if kind == "state" else tmp_path / "out.pgm") as raster:
+        cells = raster.read(1)[::-1].T
+    closed = np.zeros((12, 8), dtype=bool)
+    closed[2:4, 3:5] = closed[10:12, 1:4] = True
+    np.testing.assert_array_equal(cells == (6 if kind == "state" else 0), closed)
 
 
 def test_zones_of_others_join_an_export(run: Path, tmp_path: Path) -> None:
@@ -200,6 +235,59 @@ def test_what_cannot_be_exported_leaves_nothing(
     assert not output.exists()
 
 
+@pytest.mark.parametrize("name", ["zone_history.jsonl", "crowd_map.tif", "terrain.bt"])
+def test_a_file_of_the_run_that_is_read_is_never_written(run: Path, tmp_path: Path, name: str) -> None:
+    if not (run / name).exists():
+        (run / name).write_bytes(b"not touched")
+    before = (run / name).read_bytes()
+    (tmp_path / "link").symlink_to(run / name)
+    for output in (run / name, tmp_path / "link"):
+        message = refused("export", run, "-f", "kml", "--force", "-o", output)
+        assert f"{output} is read for this, and would be lost" in message
+        way = ("route", run, "--local", "--from", "1,5", "--to", "2,5")
+        for option in ("-o", "--picture"):
+            assert "is read for this, and would be lost" in refused(*way, option, output)
+    assert (run / name).read_bytes() == before
+
+
+def test_what_others_drew_and_plans_are_never_written_either(run: Path, tmp_path: Path) -> None:
+    given = tmp_path / "given.json"
+    given.write_text(json.dumps({"type": "Point", "coordinates": [8.0, 46.5]}))
+    out = ("export", run, "--force", "-o", given)
+    assert "is read for this" in refused(*out, "-f", "kml", "--static-zones", given)
+    assert "is read for this" in refused(*out, "-f", "qgc", "--plan", given)
+
+
+def test_the_picture_of_a_costmap_is_not_replaced_unasked(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "nav.pgm").write_text("mine")
+    message = refused("export", run, "-f", "costmap", "-o", tmp_path / "nav.yaml")
+    assert "nav.pgm exists; --force replaces it" in message
+    message = refused("export", run, "-f", "costmap", "-o", tmp_path / "nav.pgm", "--force")
+    assert "a costmap is a YAML file" in message and (tmp_path / "nav.pgm").read_text() == "mine"
+
+
+def test_a_pipe_is_no_place_for_an_export(run: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "zones.kml")
+    message = refused("export", run, "-f", "kml", "--force", "-o", tmp_path / "zones.kml")
+    assert "is a device or a pipe" in message and (tmp_path / "zones.kml").is_fifo()
+
+
+def test_an_instant_after_the_last_one_is_told(run: Path, tmp_path: Path) -> None:
+    """Two seconds of history; an hour after its beginning nothing is known that was not known at its end."""
+    commands = (
+        ("export", run, "-f", "kml", "-o", tmp_path / "zones.kml", "--force"),
+        ("route", run, "--local", "--from", "1,5", "--to", "2,5"),
+        ("explain", run, "--zone", "Z1"),
+    )
+    for words in commands:
+        done = CliRunner().invoke(app, [str(word) for word in (*words, "--at", "+3600")])
+        said = " ".join(done.stderr.split())
+        assert "--at +3600 is 3,598.0 s after the last instant, 2026-01-01T00:00:02" in said
+        for at in ("last", "+2", "+1.5"):
+            done = CliRunner().invoke(app, [str(word) for word in (*words, "--at", at)])
+            assert "after the last instant" not in done.stderr
+
+
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     assert "holds no zone_history.jsonl" in refused("explain", tmp_path, "--zone", "Z1")
 
@@ -234,6 +322,49 @@ def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
     assert done.exit_code == GATE_NOT_MET and "from zone Z1; the clearance is 9 m" in done.stderr
 
 
+def test_a_way_stays_over_the_ground_of_the_map(run: Path, tmp_path: Path) -> None:
+    """The map reaches from (0, 0) to (20, 10); a zone of others closes it from its south to 9.96 m north."""
+
+    def asked(*arguments: object) -> tuple[int, str, str]:
+        done = CliRunner().invoke(app, [str(one) for one in ("route", run, "--local", *arguments)])
+        return done.exit_code, done.stdout, done.stderr
+
+    code, _, said = asked("--from", "1,5", "--to", "50,5")
+    assert code == GATE_NOT_MET and "the goal (50.0, 5.0) lies outside the ground of the map" in " ".join(
+        said.split()
+    )
+    assert "--beyond-map may leave it" in " ".join(said.split())
+    code, told, said = asked("--from", "1,5", "--to", "50,5", "--beyond-map", "--json")
+    assert code == 0 and json.loads(told)["beyond_map_m"] == pytest.approx(30.0)
+    assert "30.0 m of the way lie beyond the map" in " ".join(said.split())
+    across = ("--from", "1,5", "--to", "19,5", "--json")
+    code, told, said = asked(*across)
+    assert code == 0 and json.loads(told)["beyond_map_m"] == 0.0 and said == ""
+
+    north = 46.5 + 9.99 / 111_170
+    west, east = 8 + 8 / EAST_M_PER_DEGREE, 8 + 12 / EAST_M_PER_DEGREE
+    ring = [[west, 46.4], [east, 46.4], [east, north], [west, north], [west, 46.4]]
+    (tmp_path / "wall.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    wall = ("--static-zones", tmp_path / "wall.geojson")
+    code, _, said = asked(*across, *wall)
+    assert code == GATE_NOT_MET and "no way within the ground of the map" in " ".join(said.split())
+    code, told, _ = asked(*across, *wall, "--beyond-map")
+    assert code == 0 and json.loads(told)["beyond_map_m"] > 0.0
+
+
+def test_a_run_that_does_not_say_how_far_its_map_reaches(run: Path) -> None:
+    """Written before histories said so: its terrain does, where it was written."""
+    replace(history(None), ground=None).write(run / "zone_history.jsonl")
+    inside = ("route", run, "--local", "--from", "1,5", "--to", "19,5")
+    message = refused(*inside)
+    assert "does not say how far its map reaches; --beyond-map" in message
+    assert "18.0 m" in command(*inside, "--beyond-map")
+    write_terrain_octomap(run / "terrain.bt", DrawnZones((20, 10)).terrain)
+    assert "18.0 m" in command(*inside)
+    done = CliRunner().invoke(app, [*map(str, inside[:-1]), "50,5"])
+    assert done.exit_code == GATE_NOT_MET
+
+
 def test_a_way_with_a_departure(run: Path) -> None:
     common = ("route", run, "--local", "--from", "0,5", "--to", "20,5", "--at", "+1", "--speed-m-s", 2)
     told = json.loads(command(*common, "--json"))
@@ -249,9 +380,11 @@ def test_a_way_with_a_departure(run: Path) -> None:
 
 def test_places_on_earth(run: Path) -> None:
     told = json.loads(
-        command("route", run, "--from", "46.5,8.0", "--to", f"46.5,{8 + 20 / EAST_M_PER_DEGREE}", "--json")
+        command(
+            "route", run, "--from", "46.50001,8.0", "--to", f"46.50001,{8 + 19 / EAST_M_PER_DEGREE}", "--json"
+        )
     )
-    assert told["length_m"] == pytest.approx(20.0, abs=0.1)
+    assert told["length_m"] == pytest.approx(19.0, abs=0.1)
     assert "must be two numbers" in refused("route", run, "--from", "here", "--to", "1,2")
 
 

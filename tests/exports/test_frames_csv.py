@@ -5,6 +5,7 @@ import os
 import stat
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crowdfence.atomic_file import atomic_path, write_bytes
@@ -16,8 +17,22 @@ from crowdfence.iso_time import iso_utc
 def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:
     path = tmp_path / "frames.csv"
     rows = [
-        FrameRow(1_760_000_000_499_514_525, ("uav1", "uav 2,b"), 1, 4000, 4000, 12, 0.1 + 0.2, 2, 1 / 3),
-        FrameRow(1_760_000_000_600_000_000, (), 0, 0, 4000, 0, 0.0, 0, crowd_hole=1 / 3, crowd_sky=0.0),
+        FrameRow(
+            1_760_000_000_499_514_525, ("uav1", "uav 2,b"), 1, 4000, 4000, 12, 0.1 + 0.2, 2, 7.25, 1 / 3
+        ),
+        FrameRow(
+            1_760_000_000_600_000_000,
+            (),
+            0,
+            0,
+            4000,
+            0,
+            0.0,
+            0,
+            np.float64(0.1),
+            crowd_hole=1 / 3,
+            crowd_sky=0.0,
+        ),
     ]
     write_frames_csv(path, iter(rows))
     with open(path, newline="", encoding="utf-8") as file:
@@ -26,9 +41,9 @@ def test_rows_read_back_without_losing_a_digit(tmp_path: Path) -> None:
     assert first["stamp_utc"] == "2025-10-09T08:53:20.499514525Z"
     assert first["drones"] == "uav1 uav 2,b"
     assert float(first["crowd_area_m2"]) == 0.1 + 0.2
-    assert float(first["iou"]) == 1 / 3
+    assert float(first["zones_area_m2"]) == 7.25 and float(first["iou"]) == 1 / 3
     assert (first["frames_refused"], first["voxels_seen_so_far"], first["zones"]) == ("1", "4000", "2")
-    assert (second["drones"], second["iou"]) == ("", "")
+    assert (second["drones"], second["iou"], second["zones_area_m2"]) == ("", "", "0.1")
     assert (float(second["crowd_hole"]), second["crowd_sky"], second["crowd_off_map"]) == (1 / 3, "0.0", "")
 
 

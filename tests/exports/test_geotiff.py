@@ -25,7 +25,7 @@ def test_bands_are_north_up_and_unseen_is_nodata(tmp_path: Path) -> None:
     path = tmp_path / "crowd_map.tif"
     write_geotiff(path, grid, DESCRIPTION, None)
     with rasterio.open(path) as raster:
-        probability, state = raster.read()
+        probability, state, _ = raster.read()
         assert raster.crs is None
         assert np.isnan(raster.nodata)
         assert raster.transform @ (0, 0) == (10.0, 21.0)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from crowdfence import Camera, Georeference, Terrain, View, VoxelState
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture import DroneTrack, ground_footprint, interesting_extent, write_picture
 from crowdfence.exports.picture.relief import OFF_MAP, Extent, shaded_ground
@@ -169,3 +170,21 @@ def test_bad_arguments_are_refused(tmp_path: Path) -> None:
         DroneTrack("uav1", np.empty((0, 3)))
     with pytest.raises(ValueError, match=r"positions of uav1 must be finite and of shape \[N, 3\]"):
         DroneTrack("uav1", np.array([(0.0, 0.0, np.nan)]))
+
+
+@pytest.mark.filterwarnings("error")
+def test_names_in_any_script_and_signs_of_formulas_are_drawn(tmp_path: Path) -> None:
+    probability = np.zeros((40, 40))
+    grid, zones = crowd_grid(probability), crowd_zones(probability)
+    names = ("無人機", "$\\frac$", "rotor Ω é")
+    tracks = [
+        DroneTrack(name, np.array([[5.0, 5.0, 40.0], [9.0, 9.0, 40.0]]), np.empty((0, 2))) for name in names
+    ]
+    description = MapDescription(0, 0.5, "paper", drones=names, mission="$x 飛行")
+    write_picture(tmp_path / "map.png", grid, zones, description, tracks=tracks)
+    with Image.open(tmp_path / "map.png") as picture:
+        assert picture.width > 100
+
+
+def test_names_stay_apart_where_the_font_lacks_their_characters() -> None:
+    assert [drawn(name) for name in ("機1", "人1", "é", "a$")] == ["U+6A5F1", "U+4EBA1", "é", "a\\$"]

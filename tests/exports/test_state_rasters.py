@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
+import shapely
 from PIL import Image
 
-from crowdfence import SurfaceGrid, VoxelState
-from crowdfence.exports.colours import STATE_COLOURS
+from crowdfence import Georeference, SurfaceGrid, VoxelState
+from crowdfence.exports.colours import CLOSED_COLOUR, STATE_COLOURS
 from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
-from crowdfence.zones import find_zones
+from crowdfence.zones import Zone, find_zones
 from support.small_crowd_maps import flat_crowd_map
 
 
@@ -29,7 +30,7 @@ def written(tmp_path: Path) -> tuple[Path, SurfaceGrid, object]:
 
 def test_states_have_their_colours(tmp_path: Path) -> None:
     path, grid, _ = written(tmp_path)
-    write_state_geotiff(tmp_path / "state.tif", path)
+    assert write_state_geotiff(tmp_path / "state.tif", path, ()) == []
     with rasterio.open(tmp_path / "state.tif") as raster, rasterio.open(path) as whole:
         np.testing.assert_array_equal(raster.read(1), grid.state.T[::-1])
         colours = raster.colormap(1)
@@ -41,6 +42,45 @@ def test_states_have_their_colours(tmp_path: Path) -> None:
         shown = np.asarray(picture.convert("RGB"))
     wanted = np.array([STATE_COLOURS[VoxelState(value)] for value in grid.state.T[::-1].ravel()])
     np.testing.assert_array_equal(shown.reshape(-1, 3), wanted)
+
+
+def test_what_zones_close_is_in_every_raster(tmp_path: Path) -> None:
+    """A zone around the crowd that reaches into its neighbours, and one of others that leaves the map."""
+    path, _, zones = written(tmp_path)
+    (crowd,) = zones  # type: ignore[misc]
+    wide = replace(crowd, polygon=shapely.box(10.0, -6.0, 13.0, -3.5))
+    given = replace(crowd, id="S1", kind="static", polygon=shapely.box(17.9, -5.0, 30.0, -4.5))
+    assert write_state_geotiff(tmp_path / "state.tif", path, [wide, given]) == ["S1"]
+    with rasterio.open(tmp_path / "state.tif") as raster:
+        # Northern row: closed, closed, empty, empty; southern one: crowd, closed, never seen, closed.
+        assert raster.read(1).tolist() == [[6, 6, 2, 2], [4, 6, 0, 6]]
+        assert raster.colormap(1)[6][:3] == CLOSED_COLOUR and "6 = CLOSED" in raster.tags()["VALUES"]
+    assert write_costmap(tmp_path / "nav.yaml", path, [wide, given]) == ["S1"]
+    with Image.open(tmp_path / "nav.pgm") as picture:
+        assert np.asarray(picture).tolist() == [[0, 0, 254, 254], [0, 0, 205, 0]]
+    # The exact outline of the crowd closes its cell alone.
+    write_state_geotiff(tmp_path / "state.tif", path, [crowd])
+    with rasterio.open(tmp_path / "state.tif") as raster, rasterio.open(path) as whole:
+        np.testing.assert_array_equal(raster.read(1), whole.read(3))
+
+
+def test_zones_lie_on_their_cells_far_from_the_anchor_too(tmp_path: Path) -> None:
+    """2 km away and 1200 m up a map projection is 38 cm narrower than the ground: most of a cell."""
+    probability = np.zeros((6, 6))
+    crowd_map = flat_crowd_map(probability, 0.5, (2000.0, 0.0, 0.0), np.full((6, 6), 99 * 10**9))
+    grid = SurfaceGrid.from_crowd_map(crowd_map, 99 * 10**9, threshold=0.5, margin_m=0.0)
+    shape = shapely.box(2001.0, 1.0, 2001.5, 1.5)
+    zone = Zone("Z1", shape, 1, 0.25, 0.9, 0.9, 0.0, 0.5, 0, 0, ())
+    path, anchor = tmp_path / "crowd_map.tif", Georeference(46.5, 8.0, 1200.0)
+    write_geotiff(path, grid, MapDescription(99 * 10**9, 0.5, "paper"), anchor, [zone])
+    expected = np.full((6, 6), int(VoxelState.EMPTY))
+    expected[3, 2] = 6
+    with rasterio.open(path) as raster:
+        np.testing.assert_array_equal(raster.read(2), expected)
+        assert (raster.read(3) == VoxelState.EMPTY).all()
+    assert write_state_geotiff(tmp_path / "state.tif", path, [zone]) == []
+    with rasterio.open(tmp_path / "state.tif") as raster:
+        np.testing.assert_array_equal(raster.read(1), expected)
 
 
 def test_a_navigation_map_frees_what_is_known_to_be_empty_and_nothing_else(tmp_path: Path) -> None:

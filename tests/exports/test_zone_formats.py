@@ -350,6 +350,31 @@ def test_f3548_keeps_the_limits_of_time_and_corners() -> None:
     ]
 
 
+@pytest.mark.parametrize("kind", sorted(ZONE_FORMATS))
+def test_numbers_of_numpy_are_numbers(kind: str) -> None:
+    """Zones of a live process hold them; files hold neither their names nor other digits."""
+    plain = zones_of()
+    of_numpy = replace(
+        plain,
+        zones=tuple(
+            replace(
+                zone,
+                area_m2=np.float64(zone.area_m2),
+                probability_max=np.float64(zone.probability_max),
+                probability_mean=np.float64(zone.probability_mean),
+                lower_m=np.float64(zone.lower_m),
+                upper_m=np.float64(zone.upper_m),
+                band=replace(
+                    zone.band, lower_m=np.float64(zone.band.lower_m), upper_m=np.float64(zone.band.upper_m)
+                ),
+            )
+            for zone in plain
+        ),
+    )
+    text = ZONE_FORMATS[kind](exported(of_numpy))
+    assert "float64" not in text and text == ZONE_FORMATS[kind](exported(plain))
+
+
 def test_kml_is_named_and_dated() -> None:
     text = ZONE_FORMATS["kml"](exported())
     (document,) = fastkml.KML.from_string(undeclared(text)).features

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from crowdfence import Camera, CrowdMap, CrowdMass, Or, Paper, Rates, StampError, Terrain, View
 from crowdfence.config import ZoneConfig
 from crowdfence.pipeline import FrameLoop
+from crowdfence.pipeline.run import frame_row
 from crowdfence.sources.recording import RefusedFrame
 
 SECOND_NS = 1_000_000_000
@@ -51,6 +52,21 @@ def test_a_step_says_what_was_seen_what_is_crowd_and_where_the_fence_stands() ->
     assert zone.polygon.bounds == (4.0, 11.0, 7.0, 13.0) and zone.area_m2 == 6.0
     assert zone.seen_by == ("a",)
     assert (step.zones.dropped_count, step.zones.dropped_area_m2) == (1, 1.0)
+
+
+def test_the_figures_of_a_step_tell_crowd_and_what_is_closed_apart() -> None:
+    """6 m2 of crowd and one column too small for a zone; then all of it is looked at and found below the
+    threshold, but not below the one for opening."""
+    method = Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, decay=0.0, fleet_size=1)
+    config = ZoneConfig(threshold=0.5, off_threshold=0.01, min_area_m2=2.0)
+    loop = FrameLoop(CrowdMap(FLOOR, method), config)
+    crowd = crowd_in(slice(0, 2), slice(0, 3)) + crowd_in(slice(5, 6), slice(7, 8))
+    rows = [
+        frame_row(loop.step([view("a", 8.0, shown, stamp_ns)], stamp_ns), FLOOR)
+        for shown, stamp_ns in ((crowd, START_NS), (NONE, START_NS + SECOND_NS))
+    ]
+    told = [(row.crowd_voxels, row.crowd_area_m2, row.zones, row.zones_area_m2) for row in rows]
+    assert told == [(7, 7.0, 1, 6.0), (0, 0.0, 1, 6.0)]
 
 
 def test_zones_follow_the_map_from_step_to_step() -> None:

@@ -55,6 +55,37 @@ def history(*sets: ZoneSet) -> ZoneHistory:
     return ZoneHistory([k * SECOND_NS for k in range(len(sets))], sets, None, {})
 
 
+def test_nothing_is_clear_beyond_the_ground_of_the_map() -> None:
+    """A map of 100 x 100 m with the square in its south-western corner."""
+    known = replace(history(zone_set(SQUARE)), ground=shapely.box(0, 0, 100, 100))
+    air = ClearAir(known)
+    points = [(50, 50, 50), (50, 50, 5000), (103, 50, 5000), (100, 50, 50), (5, 5, 50), (-3, -4, 50)]
+    assert air.is_clear(points, 0).tolist() == [True, True, False, True, False, False]
+    # The rim is nearer than the square; 3 m beyond it; on it; in the square, on its edge; 3-4-5 beyond.
+    assert air.clearance_m([(90, 50, 50), (103, 50, 50), (100, 50, 50), (-3, -4, 50)], 0).tolist() == [
+        10.0,
+        -3.0,
+        0.0,
+        -5.0,
+    ]
+    out_and_back = [(50, 50, 50), (120, 50, 50), (60, 50, 50), (50, 5, 50), (5, 5, 50)]
+    stamps_ns = np.arange(5) * SECOND_NS
+    assert air.first_conflict(out_and_back, stamps_ns) == Conflict(0, None, beyond_map=True)
+    assert air.first_conflict(out_and_back[2:], stamps_ns[2:]) == Conflict(1, "Z1")
+    hover = [(150, 50, 50), (150, 50, 50)], [(50, 50, 50), (50, 50, 50)]
+    assert [air.path_is_clear(place, stamps_ns[:2]) for place in hover] == [False, True]
+    assert air.legs_are_clear(out_and_back[:-1], out_and_back[1:], 0, 1).tolist() == [
+        False,
+        False,
+        True,
+        False,
+    ]
+    anywhere = ClearAir(known, beyond_map=True)
+    assert anywhere.is_clear(points, 0).tolist() == [True, True, True, True, False, True]
+    smaller = ClearAir(zone_set(SQUARE), within=shapely.box(0, 0, 40, 40))
+    assert smaller.is_clear([(30, 30, 0), (50, 50, 0)], 0).tolist() == [True, False]
+
+
 def test_what_counts_is_what_was_known_at_the_stamp() -> None:
     air = ClearAir(history(zone_set(), zone_set(SQUARE), zone_set()))
     stamps_ns = [-1, 0, SECOND_NS - 1, SECOND_NS, 2 * SECOND_NS - 1, 2 * SECOND_NS, 10**15]

@@ -78,6 +78,17 @@ def test_where_there_is_no_way_it_says_why(
         safe_route(start, goal, zones, **options)  # type: ignore[arg-type]
 
 
+def test_a_way_turns_round_the_rim_of_its_area() -> None:
+    """A U: from the one arm to the other round its inner corners, 30 + 20 + 30 m and a hair."""
+    arms = shapely.box(0, 0, 60, 60) - shapely.box(20, 30, 40, 60)
+    route = safe_route((20, 60), (40, 60), [], within=arms)
+    assert route.length_m == pytest.approx(80.0, abs=0.3)
+    assert arms.covers(shapely.LineString(route.waypoints))
+    islands = shapely.MultiPolygon([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)])
+    with pytest.raises(NoRoute, match="there is no way within the area"):
+        safe_route((5, 5), (25, 5), [], within=islands)
+
+
 def test_what_is_no_place_is_refused() -> None:
     with pytest.raises(ValueError, match="two finite places"):
         safe_route((0, np.nan), (1, 1), [])

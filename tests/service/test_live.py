@@ -600,3 +600,31 @@ def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_give
         live.give_view(message(view("uav1", 0)))
         settle(service)
         assert applied == [1, 2]
+
+
+def test_the_last_views_of_a_simulation_need_no_others_to_follow(tmp_path: Path) -> None:
+    """Three drones at one instant, and nothing after it: the clock of the views stands still."""
+    with running(tmp_path, settings=replace(SETTINGS, quiet_s=0.2)) as service:
+        live = live_of(service)
+        for drone in DRONES:
+            live.give_view(at(drone, START_NS))
+        until_s = monotonic() + 60.0
+        while service.mission.loop.crowd_map.instant_count == 0 and monotonic() < until_s:
+            sleep(0.02)
+        assert service.mission.loop.crowd_map.instant_count == 1
+        # Time goes on where the simulation does.
+        live.give_view(at(DRONES[0], START_NS + SECOND_NS))
+        live.finish()
+        assert service.mission.loop.crowd_map.instant_count == 2 and not live.late
+        service.store.flush()
+        stamps = [stamp for (stamp,) in service.store.rows("SELECT stamp_ns FROM moments ORDER BY number")]
+        assert stamps == [START_NS, START_NS + SECOND_NS]
+
+
+def test_views_wait_for_others_while_views_come(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        live = live_of(service)
+        live.give_view(at(DRONES[0], START_NS))
+        live.settled(30.0)
+        sleep(0.5)
+        assert service.mission.loop.crowd_map.instant_count == 0

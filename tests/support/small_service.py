@@ -33,7 +33,13 @@ CONFIG = RunConfig(
     ZoneConfig(min_area_m2=3.0, buffer_m=1.5, simplify_m=0.5),
 )
 SETTINGS = ServiceSettings(
-    clock="views", snapshot_every=7, views_per_s=10_000.0, requests_per_s=100_000.0, waiting_per_drone=1000
+    clock="views",
+    # However slow the machine that the tests run on.
+    quiet_s=600.0,
+    snapshot_every=7,
+    views_per_s=10_000.0,
+    requests_per_s=100_000.0,
+    waiting_per_drone=1000,
 )
 
 

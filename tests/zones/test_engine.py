@@ -505,7 +505,7 @@ def test_the_same_instants_give_the_same_zones_to_the_bit() -> None:
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("off_threshold", 0.6, "off_threshold is 0.6; it must be above 0 and at most the threshold 0.5"),
+        ("off_threshold", 0.6, "off_threshold is 0.6; it must be at most the threshold, 0.5"),
         ("off_threshold", 0.0, "off_threshold is 0"),
         ("buffer_m", -1.0, "buffer_m is -1; it must be finite and >= 0"),
         ("simplify_m", np.inf, "simplify_m is inf"),

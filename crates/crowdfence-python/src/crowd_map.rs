@@ -310,8 +310,8 @@ impl PyCrowdMap {
     /// threshold      in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
     /// stale_after_s  >= 0: what its last look left empty is stale once that look is older than this
     ///
-    /// What is not crowd is empty where the method clears it: `Evidence` asks for evidence, the others do not. What
-    /// its last look did not leave empty stays not cleared, however long ago that was.
+    /// What is not crowd is empty where the method clears it: `Evidence` asks for evidence, the others do
+    /// not. What its last look did not leave empty stays not cleared, however long ago that was.
     ///
     /// StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]

@@ -42,7 +42,7 @@ def align(
 
     if output.exists() and not force:
         raise FileExistsError(f"{output} exists; --force replaces it")
-    with writable_file(output):
+    with writable_file(output, reads=[*recording, context.params["terrain"]]):
         source = source_options.open_source(recording, context.params)
         ground = open_terrain(source, context.params["terrain"], **map_options(context.params))
         with console.progress("reading", step_count(source, frames), "pictures") as advance:

@@ -87,7 +87,7 @@ def calibrate(
     )
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    with writable_file(output):
+    with writable_file(output, reads=data):
         paths = options.recordings_in(data)
         frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
         with console.progress("calibrating", 2 * frames, "frames") as advance:

@@ -58,7 +58,7 @@ def convert(
         raise ValueError(f"{output}: convert writes mission files, whose name ends in .mcap")
     if terrain is not None:
         stated_place(terrain)  # a map, before anything is read
-    with writable_file(output):
+    with writable_file(output, reads=[terrain]):
         _require_place(output, recording, force)
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)

@@ -22,6 +22,7 @@ from crowdfence.cli.option_sets import (
     takes,
 )
 from crowdfence.cli.options import OR, PAPER
+from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
 from crowdfence.config import (
     LinearPoolConfig,
     LogPoolConfig,
@@ -101,6 +102,8 @@ def evaluate(
     """Mean IoU (equation 4) of the methods against the truth that the recording holds, and who stands in a
     zone."""
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
+    if method is not None:
+        _refuse_unused(context, method, paper)
     from crowdfence.atomic_folder import replaceable_folder
     from crowdfence.evaluation.knobs import turned, turns
     from crowdfence.evaluation.replay import CellCounter, score
@@ -190,6 +193,17 @@ def evaluate(
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
+
+
+def _refuse_unused(context: typer.Context, names: list[options.MethodName], paper: PaperConfig) -> None:
+    """`or` has an option of its own for what a view must show."""
+    if options.MethodName.or_ not in names:
+        refuse_unused(context, ["or_b_threshold"], "without --method or")
+    elif len(set(names)) == 1:
+        refuse_unused(context, ["b_threshold"], "with --method or; --or-b-threshold does")
+    refuse_options_of_other_methods(
+        context, [_methods(context.params, name, paper, None)[0] for name in names]
+    )
 
 
 def _methods(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.cli.wording import counted
 from crowdfence.iso_time import iso_utc
@@ -33,10 +34,10 @@ def explain(
 ) -> None:
     """What a no-fly zone of a run rests on: who saw it, when, how sure, until when it holds, and why it is
     still closed."""
-    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.result_folder import open_history
 
     history = open_history(run)
-    index = history.index_at(stamp_of(at, history))
+    index = history.index_at(asked_stamp(at, history))
     stamp_ns, zones = history.stamps_ns[index], history.sets[index]
     found = next((one for one in zones.closed if one.id == zone), None)
     if found is None:

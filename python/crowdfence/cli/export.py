@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,8 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
+from crowdfence.cli.unused_options import refuse_of
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -58,7 +61,20 @@ At = Annotated[
 ]
 
 
+_AUTHORITIES = ("ed318", "ed269", "ed269-list")
+_USES = {
+    "country": _AUTHORITIES,
+    "authority": (*_AUTHORITIES, "f3548"),
+    "contact": _AUTHORITIES,
+    "datum": (*_AUTHORITIES, "csv"),
+    "max_items": ("qgc",),
+    "plan": ("qgc",),
+}
+"""Which formats read which options."""
+
+
 def export(
+    context: typer.Context,
     run: RunFolder,
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
     kind: Annotated[
@@ -93,24 +109,33 @@ def export(
 ) -> None:
     """Write the no-fly zones of a run, as they were at an instant, for authorities, UTM, autopilots and
     viewers."""
-    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, open_history
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
 
-    with writable_file(output):
-        if output.exists() and not force:
-            raise FileExistsError(f"{output} exists; --force replaces it")
+    refuse_of(context, _USES, kind.value, f"with --format {kind.value}")
+    written = [output]
+    if kind is ExportFormat.costmap:
+        written.append(output.with_suffix(".pgm"))
+        if output.suffix == ".pgm":
+            raise ValueError(f"{output}: a costmap is a YAML file, with a picture of the same name beside it")
+    with ExitStack() as stack:
+        for path in written:
+            reads = [*files_read_of(run), plan, *(static_zones or [])]
+            stack.enter_context(writable_file(path, reads=reads))
+            if path.exists() and not force:
+                raise FileExistsError(f"{path} exists; --force replaces it")
         history = open_history(run)
         taken = {zone.id for zones in history.sets for zone in zones.closed}
         others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
         history = with_static(history, _on_ground_of(run, others))
         # Zones hold from the instant that found them, not from when somebody asks.
-        stamp_ns = history.stamps_ns[history.index_at(stamp_of(at, history))]
+        stamp_ns = history.stamps_ns[history.index_at(asked_stamp(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
         if kind is ExportFormat.mcap:
             _write_mcap(output, run, history, report)
         elif kind in _RASTERS:
-            _write_raster(kind, output, run, history, stamp_ns)
+            report["beyond_raster"] = _write_raster(kind, output, run, history, stamp_ns)
         elif kind is ExportFormat.geojson:
             write_bytes(output, _geojson(history, stamp_ns).encode())
         else:
@@ -144,8 +169,10 @@ def _on_ground_of(run: Path, others: tuple[Zone, ...]) -> tuple[Zone, ...]:
     return on_ground(others, open_terrain(terrain)) if others and terrain.exists() else others
 
 
-def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int) -> None:
-    """From the map of the last instant, which is the one that a run keeps."""
+def _write_raster(
+    kind: ExportFormat, output: Path, run: Path, history: ZoneHistory, stamp_ns: int
+) -> list[str]:
+    """From the map of the last instant, which is the one that a run keeps. Ids of zones that reach beyond."""
     from crowdfence.exports.state_rasters import write_costmap, write_state_geotiff
 
     crowd_map = run / "crowd_map.tif"
@@ -155,10 +182,8 @@ def _write_raster(kind: ExportFormat, output: Path, run: Path, history: ZoneHist
         raise ValueError(
             f"--format {kind.value} is of the last instant only, because a run keeps no other map"
         )
-    if kind is ExportFormat.state:
-        write_state_geotiff(output, crowd_map)
-    else:
-        write_costmap(output, crowd_map, history.at(stamp_ns).closed)
+    write = write_state_geotiff if kind is ExportFormat.state else write_costmap
+    return write(output, crowd_map, history.at(stamp_ns).closed)
 
 
 def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str, Any]) -> None:
@@ -242,5 +267,8 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.warn(
             f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"
         )
+    if report.get("beyond_raster"):
+        names = ", ".join(report["beyond_raster"])
+        console.warn(f"the raster ends near what was seen; not all of {names} lies within it")
     for reason in report["left_out"]:
         console.warn(reason)

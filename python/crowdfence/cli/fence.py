@@ -13,8 +13,10 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.export import At
+from crowdfence.cli.unused_options import refuse_unused
 
 if TYPE_CHECKING:
     from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport
@@ -70,6 +72,7 @@ def _group() -> None:
 
 @app.command("push")
 def push(
+    context: typer.Context,
     zones: Zones,
     link: Link,
     at: At = "last",
@@ -86,9 +89,15 @@ def push(
     fence that it had on any failure.
     """
     from crowdfence.fence_sync import ZoneSource
+    from crowdfence.result_folder import open_history
     from crowdfence.static_zones import read_static_zones
 
-    wanted = ZoneSource(zones, at).read()
+    source = ZoneSource(zones, at)
+    if source.is_geojson:
+        refuse_unused(context, ["at"], "with zones as GeoJSON, which are of one instant")
+    else:
+        asked_stamp(at, open_history(zones))
+    wanted = source.read()
     others, left_out = read_static_zones(
         static_zones or [], wanted.georeference, {zone.id for zone in wanted.zones}
     )

@@ -70,7 +70,7 @@ def inspect(
     )
     with ExitStack() as stack:
         if picture is not None:
-            stack.enter_context(writable_file(picture))
+            stack.enter_context(writable_file(picture, reads=[file, terrain]))
         tell = stack.enter_context(console.working())
         report = inspect_file(
             file,

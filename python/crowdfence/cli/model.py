@@ -142,7 +142,7 @@ def evaluate(
     plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
     with ExitStack() as stack:
         if examples is not None:
-            stack.enter_context(writable_file(examples))
+            stack.enter_context(writable_file(examples, reads=data))
         frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
         advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
@@ -183,7 +183,7 @@ def quantize(
 
     paths = options.recordings_in(data)
     detector = Detector(model, contract)
-    with writable_file(output), console.progress("looking", 2 * pictures, "pictures") as advance:
+    with writable_file(output, reads=data), console.progress("looking", 2 * pictures, "pictures") as advance:
         result = quantize_model(detector, model, paths, output, pictures=pictures, on_picture=advance)
     if as_json:
         console.print_json(asdict(result))

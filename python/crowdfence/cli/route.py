@@ -11,6 +11,7 @@ import typer
 
 from crowdfence.atomic_file import writable_file, write_bytes
 from crowdfence.cli import console, options
+from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.iso_time import iso_utc
@@ -44,6 +45,14 @@ def route(
             "of method paper, not looks: nobody has seen that the ground is empty then.",
         ),
     ] = False,
+    beyond_map: Annotated[
+        bool,
+        typer.Option(
+            "--beyond-map",
+            help="The way may leave the ground of the map. No camera of the run could look there, so that no "
+            "zone says where people are.",
+        ),
+    ] = False,
     at: At = "last",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="GeoJSON file for the way. Default: none.")
@@ -52,47 +61,60 @@ def route(
     static_zones: options.StaticZones = None,
     as_json: options.Json = False,
 ) -> None:
-    """The shortest way round the no-fly zones of a run as they were at an instant; exit code 3 where there is
-    none."""
+    """The shortest way round the no-fly zones of a run as they were at an instant, over ground that its map
+    knows; exit code 3 where there is none."""
     from contextlib import ExitStack
 
     from crowdfence.planner import NoRoute, safe_route
-    from crowdfence.result_folder import open_history, stamp_of
+    from crowdfence.result_folder import files_read_of, known_ground_of, open_history
     from crowdfence.static_zones import read_static_zones
 
     with ExitStack() as stack:
         for path in filter(None, (output, picture)):
-            stack.enter_context(writable_file(path))
+            reads = [*files_read_of(run), *(static_zones or [])]
+            stack.enter_context(writable_file(path, reads=reads))
         history = open_history(run)
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:
             console.warn(reason)
-        departure_ns = stamp_of(at, history)
+        departure_ns = asked_stamp(at, history)
         zones = (*history.at(departure_ns).closed, *others)
         frame = None if local else history.georeference
         if frame is None and not local:
             raise ValueError("the run has no place on Earth; give local metres with --local")
         begin, end = _place(start, frame), _place(goal, frame)
+        ground = known_ground_of(run, history)
+        if ground is None and not beyond_map:
+            raise ValueError(
+                f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
+            )
         try:
             found = safe_route(
                 begin,
                 end,
                 zones,
                 clearance_m=clearance_m,
+                within=None if beyond_map else ground,
                 departure_ns=None if speed_m_s is None else departure_ns,
                 speed_m_s=speed_m_s,
                 expires=expires,
             )
         except NoRoute as reason:
-            console.fail(str(reason))
+            console.fail(str(reason).replace("the area", "the ground of the map (--beyond-map may leave it)"))
             raise typer.Exit(GATE_NOT_MET) from None
-        report = _told(found, history.georeference)
+        report = _told(found, history.georeference, ground)
         if output is not None:
             write_bytes(output, (json.dumps(_feature(report)) + "\n").encode())
         if picture is not None:
             from crowdfence.exports.route_picture import write_route_picture
 
             write_route_picture(picture, found, zones, clearance_m)
+    if report["beyond_map_m"] is None:
+        console.warn(f"{run} does not say how far its map reaches: nothing is known of ground beyond it")
+    elif report["beyond_map_m"] > 0.0:
+        console.warn(
+            f"{report['beyond_map_m']:.1f} m of the way lie beyond the map: nobody knows who stands there"
+        )
     if as_json:
         console.print_json(report)
         return
@@ -115,7 +137,7 @@ def _place(text: str, georeference: Georeference | None) -> Any:
     return georeference.local_from_geodetic(first, second, georeference.height_m)[0, :2]
 
 
-def _told(found: Route, georeference: Georeference | None) -> dict[str, Any]:
+def _told(found: Route, georeference: Georeference | None, ground: Any) -> dict[str, Any]:
     waypoints: list[dict[str, float | str]] = [
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
@@ -127,13 +149,26 @@ def _told(found: Route, georeference: Georeference | None) -> dict[str, Any]:
     if found.stamps_ns is not None:
         for waypoint, stamp_ns in zip(waypoints, found.stamps_ns.tolist(), strict=True):
             waypoint |= {"at": iso_utc(stamp_ns)}
-    return {"length_m": found.length_m, "direct_m": found.direct_m, "waypoints": waypoints}
+    return {
+        "length_m": found.length_m,
+        "direct_m": found.direct_m,
+        "beyond_map_m": None if ground is None else _beyond_m(found, ground),
+        "waypoints": waypoints,
+    }
+
+
+def _beyond_m(found: Route, ground: Any) -> float:
+    """How much of the way lies beyond the ground of the map."""
+    import shapely
+
+    way = shapely.LineString(found.waypoints)
+    return 0.0 if ground.covers(way) else float(shapely.difference(way, ground).length)
 
 
 def _feature(report: dict[str, Any]) -> dict[str, Any]:
     names = ("longitude", "latitude") if "latitude" in report["waypoints"][0] else ("east_m", "north_m")
     corners = [[place[name] for name in names] for place in report["waypoints"]]
-    lengths = {name: report[name] for name in ("length_m", "direct_m")}
+    lengths = {name: report[name] for name in ("length_m", "direct_m", "beyond_map_m")}
     frame = {} if names[0] == "longitude" else {"crs": None}
     return {
         "type": "Feature",

@@ -15,6 +15,7 @@ from crowdfence.cli import console, options, source_options
 from crowdfence.cli.layer_report import report_layer
 from crowdfence.cli.made_by import heatmaps_line, method_line
 from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_options, takes
+from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_zone_options
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.config import RunConfig
 
@@ -51,6 +52,7 @@ def run(
     config = options.run_config(
         options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
+    refuse_options_of_other_methods(context, [config.method])
     map_told = map_options(chosen)
     from crowdfence.layer_results import chosen_layer_files
     from crowdfence.pipeline import choose_detector, read_map
@@ -59,6 +61,8 @@ def run(
 
     named = None if files is None else files.split(",")
     layer = checked_layer(chosen["layer"])
+    if layer != CROWD:
+        refuse_zone_options(context, layer)
     wanted = chosen_files(named) if layer == CROWD else chosen_layer_files(named, layer)
     with result_folder(output, force=force, layer=layer):
         source = source_options.open_source(recording, chosen).of_layer(layer)

@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
+from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from crowdfence.sources.pose_noise import GivenNoise
 
 _SERVER, _LIVE = "Server", "Live views"
+_OF_ZENOH = ("zenoh_config", "zenoh_keys", "ros_domain", "bridge_namespace")
+_OF_LIVE_VIEWS = ("data", "name", "drone", "clock", "mavlink", "mavlink_key", "zenoh", *_OF_ZENOH)
 TokenFile = Annotated[
     Path | None,
     typer.Option("--tokens", rich_help_panel=_SERVER, help="File that `crowdfence token add` made."),
@@ -158,6 +161,15 @@ def serve(
     config = options.run_config(
         options.zone_parameters(chosen), options.method_config(chosen, chosen["method"])
     )
+    refuse_options_of_other_methods(context, [config.method])
+    if recording:
+        refuse_unused(context, _OF_LIVE_VIEWS, "for a recording that is replayed")
+    else:
+        refuse_unused(context, ["replay_speed"], "for live views")
+    if not mavlink:
+        refuse_unused(context, ["mavlink_key"], "without --mavlink")
+    if zenoh is None:
+        refuse_unused(context, _OF_ZENOH, "without --zenoh")
     from crowdfence.service.access import Access
     from crowdfence.service.base_map import BaseMap
     from crowdfence.service.logs import set_up_logs

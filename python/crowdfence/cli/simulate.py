@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from contextlib import AbstractContextManager
 from enum import Enum
@@ -23,6 +24,21 @@ _SCENARIO, _HOW = "Scenario", "Recording"
 class RecordingFormat(str, Enum):
     mcap = "mcap"
     airsim = "airsim"
+
+
+_FLAGS = {
+    "drones": "--drones",
+    "frames": "--frames",
+    "fps": "--fps",
+    "season": "--season",
+    "looks": "--looks",
+    "time_of_day_h": "--time-of-day",
+    "voxel_size_m": "--voxel",
+    "camera.width": "--size",
+    "camera.height": "--size",
+}
+"""What a scenario calls the values that options replace."""
+_OF_SCENARIOS = re.compile(rf"^({'|'.join(map(re.escape, _FLAGS))})(?= )")
 
 
 def _scenario_option(flag: str, text: str) -> Any:
@@ -88,6 +104,7 @@ def simulate(
     from crowdfence.simulation.recording.frame_maker import FrameOptions
     from crowdfence.simulation.recording.timeline_run import capture_counts
     from crowdfence.simulation.rendering.opengl_context import NoOpenGL
+    from crowdfence.simulation.scenarios.plan_checks import ScenarioError
     from crowdfence.simulation.scenarios.scenario import TroublePlan
     from crowdfence.simulation.scenarios.scenario_file import load_scenario
     from crowdfence.simulation.scene import PARTS, build_scene
@@ -101,18 +118,21 @@ def simulate(
         rgb=not no_rgb, heatmaps=not no_heatmaps, layers=tuple(dict.fromkeys(layer or ()))
     )
     width, height = _size(size)
-    loaded = load_scenario(
-        scenario,
-        drones=drones,
-        frames=frames,
-        fps=fps,
-        camera={"width": width, "height": height} if width else None,
-        season=season,
-        looks=looks,
-        time_of_day_h=time_of_day_h,
-        voxel_size_m=voxel_size_m,
-        trouble=TroublePlan() if no_trouble else None,
-    )
+    try:
+        loaded = load_scenario(
+            scenario,
+            drones=drones,
+            frames=frames,
+            fps=fps,
+            camera={"width": width, "height": height} if width else None,
+            season=season,
+            looks=looks,
+            time_of_day_h=time_of_day_h,
+            voxel_size_m=voxel_size_m,
+            trouble=TroublePlan() if no_trouble else None,
+        )
+    except ScenarioError as mistake:
+        raise ValueError(_OF_SCENARIOS.sub(lambda found: _FLAGS[found[0]], str(mistake))) from mistake
     record = _recorder(kind)
     started = time.perf_counter()
     with _writable(output, kind):

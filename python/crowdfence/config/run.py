@@ -79,9 +79,16 @@ class RunConfig:
             "tolerance_ms": self.grouping.tolerance_ms,
         }
 
-    def zone_parameters(self) -> dict[str, str | int | float | bool | None]:
-        """How zones were drawn, for files that explain themselves; an area without bound is None."""
-        return {name: None if value == float("inf") else value for name, value in asdict(self.zones).items()}
+    def zone_parameters(
+        self, default_threshold: float | None = None
+    ) -> dict[str, str | int | float | bool | None]:
+        """How zones were drawn, for files that explain themselves; an area without bound is None. Thresholds
+        that are left to the method are what follows from its `default_threshold`, where that is given."""
+        told = asdict(self.zones)
+        if default_threshold is not None:
+            rules = self.zones.rules(default_threshold)
+            told |= {"threshold": rules.threshold, "off_threshold": rules.off_threshold}
+        return {name: None if value == float("inf") else value for name, value in told.items()}
 
     def to_json(self) -> dict[str, Any]:
         """Every field by its name, ready for JSON."""

@@ -21,6 +21,8 @@ STATE_COLOURS: dict[VoxelState, Rgb] = {
     VoxelState.NOT_CLEARED: (212, 174, 230),
 }
 """Flat colour of a state, for legends and for exports that cannot show a ramp."""
+CLOSED_COLOUR: Rgb = (142, 44, 106)
+"""Of ground without crowd that a zone closes, where zones are no outlines but cells."""
 
 _EMPTY_RAMP = np.array([(148, 208, 154), (232, 238, 196)], dtype=np.float64)
 _CROWD_RAMP = np.array([(255, 214, 70), (250, 150, 40), (214, 56, 30), (112, 8, 38)], dtype=np.float64)

@@ -25,8 +25,11 @@ class FrameRow:
     crowd_voxels: int
     """Voxels at or above the threshold."""
     crowd_area_m2: float
-    """Ground area of the columns that hold them."""
+    """Ground area of the columns that hold them, in zones or too small for one."""
     zones: int
+    zones_area_m2: float
+    """Ground area of the columns that zones of crowd were made of: also of those that are held below the
+    threshold, without safety distances, unseen ground and zones of others."""
     iou: float | None = None
     """Intersection over union with the truth (equation 4), where there is truth."""
     crowd_out_of_range: float | None = None
@@ -62,4 +65,4 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, tuple):
         return " ".join(value)
-    return repr(value) if isinstance(value, float) else str(value)
+    return repr(float(value)) if isinstance(value, float) else str(value)

@@ -1,15 +1,18 @@
-"""The map as a GeoTIFF: band 1 probability, band 2 state."""
+"""The map as a GeoTIFF: band 1 probability, band 2 state and what zones close, band 3 state alone."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from os import PathLike
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
+from crowdfence.exports.closed_cells import state_values, with_closed
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.raster_placement import RasterPlacement
 from crowdfence.georeference import Georeference
@@ -17,6 +20,11 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.sources.layers import CROWD
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones import Zone
+
+LOCAL_TAG = "LOCAL_FROM_CELLS"
+"""The same placement in local metres, exact: zones are drawn there."""
+_Value = TypeVar("_Value", np.float32, np.uint8)
 
 
 def write_geotiff(
@@ -24,17 +32,22 @@ def write_geotiff(
     grid: SurfaceGrid,
     description: MapDescription,
     georeference: Georeference | None,
+    zones: Sequence[Zone] = (),
 ) -> None:
-    """Write the grid, north up (row 0 = northernmost), float32, tiled, deflate.
+    """Write the grid and everything that is closed (`ZoneSet.closed`), north up (row 0 = northernmost),
+    float32, tiled, deflate.
 
     Band 1 is NaN, the file's nodata value, where the ground was never seen: it is never 0 for lack of data.
-    Band 2 holds `VoxelState` values. Without a georeference the file has no CRS and its coordinates are local
+    Band 2 holds `VoxelState` values, and 6 where a zone reaches into a cell without crowd; band 3 the same
+    without zones. Without a georeference the file has no CRS and its coordinates are local
     metres. Raises OSError when the file cannot be written.
     """
     import rasterio
 
     placement = RasterPlacement.of(grid, georeference)
     width, height = grid.shape
+    local = RasterPlacement.of(grid, None).transform
+    state = _north_up(grid.state)
     with (
         atomic_path(path) as temporary,
         rasterio.open(
@@ -43,7 +56,7 @@ def write_geotiff(
             driver="GTiff",
             width=width,
             height=height,
-            count=2,
+            count=3,
             dtype="float32",
             nodata=float("nan"),
             crs=placement.crs_wkt,
@@ -57,22 +70,27 @@ def write_geotiff(
         ) as raster,
     ):
         raster.write(_north_up(_float32_never_below(grid.probability)), 1)
-        raster.write(_north_up(grid.state.astype(np.float32)), 2)
+        raster.write(with_closed(state, zones, local).astype(np.float32), 2)
+        raster.write(state.astype(np.float32), 3)
         raster.set_band_description(1, f"probability of {description.layer} (NaN = never seen)")
-        raster.set_band_description(2, "state")
+        raster.set_band_description(2, "state, and what zones close")
+        raster.set_band_description(3, "state, without zones")
         raster.update_tags(**_tags(description), **_placement_tags(placement, georeference))
-        raster.update_tags(2, VALUES=_states(description.layer))
+        raster.update_tags(**{LOCAL_TAG: json.dumps(local[:6])})
+        raster.update_tags(2, VALUES=_states(description.layer, closed=True))
+        raster.update_tags(3, VALUES=_states(description.layer, closed=False))
 
 
-def _states(layer: str) -> str:
-    """What the numbers of band 2 mean; on the map of another class than crowd, CROWD is where that is."""
+def _states(layer: str, *, closed: bool) -> str:
+    """What the numbers of a band mean; on the map of another class than crowd, which closes nothing, CROWD is
+    where that is."""
     if layer == CROWD:
-        return ", ".join(f"{state.value} = {state.name}" for state in VoxelState)
+        return state_values(closed=closed)
     names = {VoxelState.CROWD: layer, VoxelState.EMPTY: f"no {layer}"}
     return ", ".join(f"{state.value} = {names.get(state, state.name)}" for state in VoxelState)
 
 
-def _north_up(array: NDArray[np.float32]) -> NDArray[np.float32]:
+def _north_up(array: NDArray[_Value]) -> NDArray[_Value]:
     """[X, Y] from south-west -> rows from the north, columns from the west."""
     return array.T[::-1]
 
@@ -88,7 +106,7 @@ def _tags(description: MapDescription) -> dict[str, str]:
     return {
         "METHOD": description.method,
         "PARAMETERS": json.dumps(dict(description.parameters)),
-        "THRESHOLD": repr(description.threshold),
+        "THRESHOLD": repr(float(description.threshold)),
         "STAMP_UTC": iso_utc(description.stamp_ns),
         "STAMP_NS": str(description.stamp_ns),
         "FIRST_INSTANT_UTC": "" if first_ns is None else iso_utc(first_ns),
@@ -103,8 +121,8 @@ def _placement_tags(placement: RasterPlacement, georeference: Georeference | Non
         return {"FRAME": "local east-north-up metres, not georeferenced"}
     return {
         "FRAME": "azimuthal equidistant around the anchor of the local frame",
-        "ANCHOR_LATITUDE_DEG": repr(georeference.latitude_deg),
-        "ANCHOR_LONGITUDE_DEG": repr(georeference.longitude_deg),
-        "ANCHOR_HEIGHT_M": repr(georeference.height_m),
+        "ANCHOR_LATITUDE_DEG": repr(float(georeference.latitude_deg)),
+        "ANCHOR_LONGITUDE_DEG": repr(float(georeference.longitude_deg)),
+        "ANCHOR_HEIGHT_M": repr(float(georeference.height_m)),
         "POSITION_ERROR_M": f"{math.ceil(placement.error_m * 1e4) / 1e4:.4f}",
     }

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.zones import Zone
 
 _COLOURS = {"crowd": "#b40826", "unseen": "#9a9a9a", "static": "#1e5ab4"}
@@ -80,7 +81,7 @@ def _draw_zones(axes: Any, zones: Sequence[Zone], kind: str, clearance_m: float)
         if kind == "crowd":
             place = zone.polygon.representative_point()
             axes.annotate(
-                zone.id,
+                drawn(zone.id),
                 (place.x, place.y),
                 ha="center",
                 va="center",

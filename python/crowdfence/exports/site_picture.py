@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture import DroneTrack, interesting_extent
 from crowdfence.exports.picture.line_style import INK, MOST_LABELS, drone_line
@@ -56,7 +57,7 @@ def write_site_picture(
         _draw_sites(axes, sites)
         for number, track in enumerate(tracks):
             x, y = track.positions[:, :2].T
-            axes.plot(x, y, color=drone_line(number), linewidth=1.2, label=track.drone)
+            axes.plot(x, y, color=drone_line(number), linewidth=1.2, label=drawn(track.drone))
             axes.plot(x[-1:], y[-1:], color=drone_line(number), marker="o", markersize=5)
         axes.set(
             xlim=(extent.west, extent.east),
@@ -79,7 +80,7 @@ def write_site_picture(
 def _title(sites: Sequence[LandingSite], description: MapDescription) -> str:
     area_m2 = sum(site.area_m2 for site in sites)
     return (
-        f"{description.layer} · {description.mission} · {iso_utc(description.stamp_ns)[:19]}Z\n"
+        f"{description.layer} · {drawn(description.mission)} · {iso_utc(description.stamp_ns)[:19]}Z\n"
         f"{len(sites)} sites, {area_m2:,.0f} m², P ≥ {description.threshold:.3g}, "
         f"method “{description.method}”"
     )

@@ -1,24 +1,30 @@
-"""The state band of a run's `crowd_map.tif` in two more forms: with a colour table, and as a map for
-navigation (`map_server` of ROS: a PGM picture and a YAML file beside it).
+"""The states of a run's `crowd_map.tif`, and everything that is closed, in two more forms: with a colour
+table, and as a map for navigation (`map_server` of ROS: a PGM picture and a YAML file beside it).
 
-In the navigation map only ground that is known to be empty is free; crowd and all that a zone touches is
-occupied, the rest is unknown.
+In the navigation map only ground that is known to be empty and in no zone is free; crowd and all that a zone
+reaches into is occupied, the rest is unknown.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path, write_bytes
-from crowdfence.exports.colours import STATE_COLOURS
+from crowdfence.exports.closed_cells import CLOSED, reach_beyond, state_values, with_closed
+from crowdfence.exports.colours import CLOSED_COLOUR, STATE_COLOURS
+from crowdfence.exports.geotiff import LOCAL_TAG
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
+
+if TYPE_CHECKING:
+    from affine import Affine
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 """Grey values of `map_server`."""
@@ -26,35 +32,37 @@ _STATE_BAND = 2
 _OPAQUE = 255
 
 
-def write_state_geotiff(path: str | PathLike[str], crowd_map: str | PathLike[str]) -> None:
-    """Bytes with the states as values and their colours as the file's colour table. OSError."""
+def write_state_geotiff(
+    path: str | PathLike[str], crowd_map: str | PathLike[str], zones: Sequence[Zone]
+) -> list[str]:
+    """Bytes with the states as values, 6 where a zone reaches into a cell without crowd, and their colours as
+    the file's colour table. The ids of zones that do not lie within it, all of them or in part. OSError."""
     import rasterio
 
-    state, profile = _state_of(crowd_map)
+    state, local, profile = _states_of(crowd_map)
     profile |= {"driver": "GTiff", "count": 1, "dtype": "uint8", "nodata": None, "compress": "deflate"}
     profile |= {"photometric": "palette"}
+    colours = {known.value: STATE_COLOURS[known] for known in VoxelState} | {CLOSED: CLOSED_COLOUR}
     with atomic_path(path) as temporary, rasterio.open(temporary, "w", **profile) as raster:
         # The colours first: a file whose pixels are begun keeps them where only GDAL looks.
-        raster.write_colormap(1, {known.value: (*STATE_COLOURS[known], _OPAQUE) for known in VoxelState})
-        raster.write(state, 1)
-        raster.set_band_description(1, "state")
-        raster.update_tags(1, VALUES=", ".join(f"{known.value} = {known.name}" for known in VoxelState))
+        raster.write_colormap(1, {value: (*colour, _OPAQUE) for value, colour in colours.items()})
+        raster.write(with_closed(state, zones, local), 1)
+        raster.set_band_description(1, "state, and what zones close")
+        raster.update_tags(VALUES=state_values())
+    return reach_beyond(zones, state.shape, local)
 
 
-def write_costmap(path: str | PathLike[str], crowd_map: str | PathLike[str], zones: Sequence[Zone]) -> None:
-    """A YAML file, and a picture of the same name beside it. OSError."""
-    from rasterio.features import rasterize
-
+def write_costmap(
+    path: str | PathLike[str], crowd_map: str | PathLike[str], zones: Sequence[Zone]
+) -> list[str]:
+    """A YAML file, and a picture of the same name beside it. What it gives back is the same. OSError."""
     path = Path(path)
-    state, profile = _state_of(crowd_map)
+    state, local, profile = _states_of(crowd_map)
+    shown = with_closed(state, zones, local)
     transform = profile["transform"]
     grey = np.full(state.shape, UNKNOWN, dtype=np.uint8)
-    grey[state == VoxelState.EMPTY] = FREE
-    grey[state == VoxelState.CROWD] = OCCUPIED
-    if zones:
-        # Cells are placed to a few centimetres: what a zone touches, a hair around it too, is closed.
-        shapes = [zone.polygon.buffer(0.1) for zone in zones]
-        grey[rasterize(shapes, state.shape, transform=transform, all_touched=True) > 0] = OCCUPIED
+    grey[shown == VoxelState.EMPTY] = FREE
+    grey[(shown == VoxelState.CROWD) | (shown == CLOSED)] = OCCUPIED
     picture = path.with_suffix(".pgm")
     height, width = state.shape
     write_bytes(picture, f"P5\n{width} {height}\n255\n".encode() + grey.tobytes())
@@ -65,11 +73,21 @@ def write_costmap(path: str | PathLike[str], crowd_map: str | PathLike[str], zon
         "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     write_bytes(path, text.encode())
+    return reach_beyond(zones, state.shape, local)
 
 
-def _state_of(crowd_map: str | PathLike[str]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def _states_of(crowd_map: str | PathLike[str]) -> tuple[NDArray[np.uint8], Affine, dict[str, Any]]:
+    """States, where their cells lie in local metres, and how the file is placed."""
     import rasterio
+    from affine import Affine
 
     with rasterio.open(crowd_map) as raster:
         state = raster.read(_STATE_BAND).astype(np.uint8)
-        return state, {name: raster.profile[name] for name in ("width", "height", "crs", "transform")}
+        placed = {name: raster.profile[name] for name in ("width", "height", "crs", "transform")}
+        if LOCAL_TAG not in raster.tags() and raster.crs is not None:
+            raise ValueError(
+                f"{crowd_map} does not say where its cells lie in the local frame, in which zones are drawn: "
+                "it was written before it held zones; run again"
+            )
+        told = raster.tags().get(LOCAL_TAG)
+        return state, placed["transform"] if told is None else Affine(*json.loads(told)), placed

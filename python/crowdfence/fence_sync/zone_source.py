@@ -58,7 +58,7 @@ class ZoneSource:
         """What is there now. OSError, or ValueError that names the file."""
         self._mark = self._stat()
         file = self._file()
-        if file.suffix.lower() in (".geojson", ".json"):
+        if self.is_geojson:
             placed = read_geojson(file, self._anchor)
             self._anchor = placed.georeference
             return placed
@@ -66,6 +66,10 @@ class ZoneSource:
         if history.georeference is None:
             raise FenceError(f"{self.path}: the run has no place on Earth, so its zones cannot be sent")
         return PlacedZones(history.at(stamp_of(self._at, history)).closed, history.georeference)
+
+    @property
+    def is_geojson(self) -> bool:
+        return self._file().suffix.lower() in (".geojson", ".json")
 
     def has_changed(self) -> bool:
         """Whether it was written since it was read. A file that is away while it is replaced has not."""

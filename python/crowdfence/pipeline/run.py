@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
 from crowdfence.exports.frames_csv import FrameRow
@@ -25,6 +27,8 @@ from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
+from crowdfence.zones.known_ground import known_ground
+from crowdfence.zones.tracker import column_keys
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -147,7 +151,7 @@ def run(
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         looked += len(last.drones)
-        rows.append(frame_row(last, terrain.voxel_size_m))
+        rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)
         refused += last.refused
         last_views.update({view.drone: view for view in found.views})
@@ -170,7 +174,9 @@ def run(
         threshold=loop.threshold,
         rows=rows,
         zones=last.zones,
-        history=ZoneHistory(stamps_ns, zone_sets, georeference, _described(recording, config, loop)),
+        history=ZoneHistory(
+            stamps_ns, zone_sets, georeference, _described(recording, config, loop), known_ground(terrain)
+        ),
         refused=tuple(refused),
         last_views=last_views,
         holes=holes,
@@ -188,12 +194,15 @@ def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict
         "method": loop.crowd_map.method.name,
         "threshold": loop.threshold,
         "stale_after_s": config.zones.stale_after_s,
-        "parameters": {**config.parameters(loop.crowd_map), **config.zone_parameters()},
+        "parameters": config.parameters(loop.crowd_map),
+        "zone_rules": config.zone_parameters(loop.crowd_map.default_threshold()),
     }
 
 
-def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
+def frame_row(step: Step, terrain: Terrain) -> FrameRow:
     """The figures of a step."""
+    column = np.sort(column_keys(terrain.voxel_indices(step.crowd_ids)[:, :2]))
+    columns = int(np.count_nonzero(np.diff(column))) + min(len(column), 1)
     lost = {f"crowd_{fate}": share for fate, share in shares(step.crowd_mass).items() if fate in LOST}
     return FrameRow(
         stamp_ns=step.stamp_ns,
@@ -202,8 +211,9 @@ def frame_row(step: Step, voxel_size_m: float) -> FrameRow:
         voxels_seen=len(step.update.voxel_ids),
         voxels_seen_so_far=step.seen_count,
         crowd_voxels=len(step.crowd_ids),
-        crowd_area_m2=step.zones.area_m2 + step.zones.dropped_area_m2,
+        crowd_area_m2=columns * terrain.voxel_size_m**2,
         zones=len(step.zones),
+        zones_area_m2=step.zones.area_m2,
         **lost,
     )
 

@@ -2,7 +2,8 @@
 
 At a stamp counts what was known then: the zones of the last instant up to it. Later than the last instant
 they stay closed, because forgetting is no evidence that people left; `expires` opens them at their
-`valid_until`. Before the first instant nothing is known, and nothing is clear.
+`valid_until`. Before the first instant nothing is known, and nothing is clear. Nor is anything beyond the
+ground that the map of a mission knows, at any height, unless asked for: nobody can look there.
 
 A zone closes its outline from its band above the lowest ground to its band above the highest, in local
 heights. A zone of others, of which the ground is not known, is closed at every height.
@@ -21,7 +22,7 @@ from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
 if TYPE_CHECKING:
-    from shapely import STRtree
+    from shapely import MultiPolygon, Polygon, STRtree
 
 _Between = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -36,30 +37,48 @@ _FIRST_REACH_M = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """Where a path enters what is closed."""
+    """Where a path enters what is closed or not known."""
 
     leg: int
     """From waypoint `leg` to the next."""
     zone: str | None
-    """Id of the zone; None: before the first instant, when nothing is known."""
+    """Id of the zone; None: before the first instant, when nothing is known, or beyond the map."""
+    beyond_map: bool = False
+    """Whether the leg leaves the ground that the map knows."""
 
 
 class ClearAir:
     """Questions about the zones of a mission, or of one moment; vectorised."""
 
-    def __init__(self, zones: ZoneHistory | ZoneSet, *, expires: bool = False) -> None:
-        """A `ZoneSet` by itself holds at every stamp."""
+    def __init__(
+        self,
+        zones: ZoneHistory | ZoneSet,
+        *,
+        expires: bool = False,
+        within: Polygon | MultiPolygon | None = None,
+        beyond_map: bool = False,
+    ) -> None:
+        """A `ZoneSet` by itself holds at every stamp, and knows no map: `within` is the area beyond which
+        nothing is clear. A `ZoneHistory` brings its own, the ground of its map, where `within` is None;
+        `beyond_map` leaves it out."""
+        import shapely
+
+        self._within = within
         if isinstance(zones, ZoneHistory):
             self._stamps_ns = np.asarray(zones.stamps_ns, dtype=np.int64)
             self._sets: Sequence[ZoneSet] = zones.sets
+            if within is None and not beyond_map:
+                self._within = zones.ground
         else:
             self._stamps_ns = np.array([np.iinfo(np.int64).min])
             self._sets = [zones]
+        shapely.prepare(self._within)
         self._expires = expires
         self._closed: dict[int, _Closed] = {}
 
     def is_clear(self, points: ArrayLike, stamps_ns: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points [N, 3] (local metres) lie in no zone at their stamps, [N] or one for all."""
+        """Whether points [N, 3] (local metres) lie in no zone at their stamps, [N] or one for all, and within
+        the map."""
         points = _points(points)
         stamps_ns = _stamps(stamps_ns, points)
         clear = np.zeros(len(points), dtype=np.bool_)
@@ -73,36 +92,41 @@ class ClearAir:
                 inside = np.zeros(len(members), dtype=np.bool_)
                 inside[point[hit]] = True
                 clear[members] = ~inside
-        return clear
+        return clear & self._over_area(_shapes(points))
 
     def clearance_m(self, points: ArrayLike, stamps_ns: ArrayLike) -> NDArray[np.float64]:
-        """Distance of points [N, 3] from the nearest zone in space, negative inside: how deep. inf where
-        nothing is closed, -inf before the first instant."""
+        """Distance of points [N, 3] from the nearest zone in space, or from the rim of the map where that is
+        nearer; negative inside a zone and beyond the map: how deep. inf where nothing is closed, -inf before
+        the first instant."""
         points = _points(points)
         stamps_ns = _stamps(stamps_ns, points)
         clearance = np.full(len(points), -np.inf)
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:
                 clearance[members] = self._clearance(number, points[members], stamps_ns[members])
-        return clearance
+        return np.minimum(clearance, self._to_rim_m(points))
 
     def path_is_clear(self, waypoints: ArrayLike, stamps_ns: ArrayLike) -> bool:
         """Whether the straight legs between waypoints [N, 3], each flown evenly between its stamps [N], meet
-        no zone that is known while it is flown."""
+        no zone that is known while it is flown, and stay within the map."""
         return self.first_conflict(waypoints, stamps_ns) is None
 
     def first_conflict(self, waypoints: ArrayLike, stamps_ns: ArrayLike) -> Conflict | None:
-        """The first leg that meets a zone; None where none does. ValueError for fewer than two waypoints and
-        for stamps that go back."""
+        """The first leg that meets a zone or leaves the map, the zone where it does both; None where none
+        does. ValueError for fewer than two waypoints and for stamps that go back."""
         points = _points(waypoints)
         stamps_ns = _stamps(stamps_ns, points)
         if len(points) < 2 or (np.diff(stamps_ns) < 0).any():
             raise ValueError("a path has at least two waypoints and stamps that do not go back")
         first: Conflict | None = None
-        for legs, zones in self._conflicts(_Legs(points[:-1], points[1:], stamps_ns[:-1], stamps_ns[1:])):
+        flown = _Legs(points[:-1], points[1:], stamps_ns[:-1], stamps_ns[1:])
+        for legs, zones in self._conflicts(flown):
             for leg, name in zip(legs.tolist(), zones, strict=True):
                 if first is None or (leg, name or "") < (first.leg, first.zone or ""):
                     first = Conflict(leg, name)
+        beyond = np.flatnonzero(~self._stays(flown))
+        if len(beyond) and (first is None or beyond[0] < first.leg):
+            first = Conflict(int(beyond[0]), None, beyond_map=True)
         return first
 
     def legs_are_clear(
@@ -114,10 +138,37 @@ class ClearAir:
         legs = _Legs(starts, ends, _stamps(begin_ns, starts), _stamps(end_ns, ends))
         if len(starts) != len(ends) or (legs.end_ns < legs.begin_ns).any():
             raise ValueError("every leg has a start and an end, and does not end before it begins")
-        clear = np.ones(len(starts), dtype=np.bool_)
+        clear = self._stays(legs)
         for meeting, _, _ in self._meetings(legs):
             clear[meeting] = False
         return clear
+
+    def _over_area(self, shapes: NDArray[Any]) -> NDArray[np.bool_]:
+        """Whether shapes [N] lie within the area."""
+        import shapely
+
+        if self._within is None:
+            return np.ones(len(shapes), dtype=np.bool_)
+        return np.asarray(shapely.covers(self._within, shapes))
+
+    def _stays(self, legs: _Legs) -> NDArray[np.bool_]:
+        """Whether legs [N] do."""
+        everything = np.arange(len(legs.start))
+        # A line without length lies nowhere, as shapely sees it: the ends are asked as points besides.
+        hovers = (legs.start[:, :2] == legs.end[:, :2]).all(axis=1)
+        stays = self._over_area(legs.lines(everything))
+        stays[hovers] = self._over_area(_shapes(legs.start[hovers]))
+        return stays
+
+    def _to_rim_m(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of points [N] from the rim of the area, negative beyond it; inf without one."""
+        import shapely
+
+        if self._within is None:
+            return np.full(len(points), np.inf)
+        shapes = _shapes(points)
+        rim_m = np.asarray(shapely.distance(self._within.boundary, shapes))
+        return np.where(self._over_area(shapes), rim_m, -rim_m)
 
     def _conflicts(self, legs: _Legs) -> Iterator[tuple[NDArray[np.int64], list[str | None]]]:
         """Legs that meet a zone and its id, one set of zones after the other."""

@@ -3,7 +3,7 @@
 Where the zones are polygons, the shortest way turns at their corners only. The graph of corners that see each
 other is searched by scipy's Dijkstra. Zones are grown by the clearance first; where they have more corners
 than can be searched, the corners are those of outlines around them: a way that is found is clear, but it may
-not be the shortest, and a narrow one may be missed.
+not be the shortest, and a narrow one may be missed. The rim of an area is turned round like a zone.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def safe_route(
     zones: Sequence[Zone],
     *,
     clearance_m: float = 0.0,
-    within: Polygon | None = None,
+    within: Polygon | MultiPolygon | None = None,
     departure_ns: int | None = None,
     speed_m_s: float | None = None,
     expires: bool = False,
@@ -66,6 +66,8 @@ def safe_route(
     zone and stays `within` an area.
 
     zones         those known at the departure; all of them stay closed
+    within        the area, most often the ground that the map knows, `ZoneHistory.ground`: beyond it there
+                  are no zones because nobody can look, not because nobody is there. None: no bound
     departure_ns  and `speed_m_s` > 0: the way says when it is where
     expires       zones may be flown through after their `valid_until_ns`: the earliest way, which may wait,
                   never in a zone. A zone without such an end stays closed for good
@@ -84,6 +86,7 @@ def safe_route(
     lasting = [zone for zone in zones if not (expires and zone.valid_until_ns is not None)]
     closed = shapely.union_all(_grown(lasting, clearance_m))
     shapely.prepare(closed)
+    shapely.prepare(within)
     # A goal in a zone that ends can be reached after its end.
     around_all = shapely.union_all([closed, *_grown(ending, clearance_m)]) if ending else closed
     for name, place, now in (("start", ends[0], around_all), ("goal", ends[1], closed)):
@@ -100,7 +103,7 @@ def safe_route(
     edges = _seen(places, closed, within)
     found = earliest_way(places, edges, _grown(ending, clearance_m), ends_s, speed_m_s)
     if found is None:
-        raise NoRoute("there is no way: zones close every one of them")
+        raise NoRoute(_closed_off(within))
     return _with_waits(places, found, departure_ns)
 
 
@@ -137,10 +140,21 @@ def _stamps_ns(departure_ns: int, after_s: NDArray[np.float64]) -> NDArray[np.in
     return departure_ns + np.ceil(after_s * 1e9).astype(np.int64)
 
 
-def _few_corners(closed: Any, within: Polygon | None) -> NDArray[np.float64]:
+def _closed_off(within: Polygon | MultiPolygon | None) -> str:
+    area = "" if within is None else " within the area"
+    return f"there is no way{area}: zones close every one of them"
+
+
+def _few_corners(closed: Any, within: Polygon | MultiPolygon | None) -> NDArray[np.float64]:
     """No more than can be searched."""
+    import shapely
+
+    around = closed
+    if within is not None and not within.is_empty:
+        frame = shapely.box(*within.bounds).buffer(1.0, join_style="mitre")
+        around = shapely.union(closed, shapely.difference(frame, within))
     tolerance_m = 0.0
-    while len(corners := _corners(closed, tolerance_m, within)) > MOST_CORNERS:
+    while len(corners := _corners(around, closed, tolerance_m, within)) > MOST_CORNERS:
         tolerance_m = max(_FIRST_TOLERANCE_M, 2.0 * tolerance_m)
     return corners
 
@@ -151,7 +165,7 @@ def _require_free(
     closed: Any,
     zones: Sequence[Zone],
     clearance_m: float,
-    within: Polygon | None,
+    within: Polygon | MultiPolygon | None,
 ) -> None:
     import shapely
 
@@ -168,20 +182,24 @@ def _require_free(
 
 
 def _corners(
-    closed: Polygon | MultiPolygon, tolerance_m: float, within: Polygon | None
+    around: Polygon | MultiPolygon,
+    closed: Polygon | MultiPolygon,
+    tolerance_m: float,
+    within: Polygon | MultiPolygon | None,
 ) -> NDArray[np.float64]:
-    """Corners [C, 2] that a shortest way can turn at: those that stick out, a little outside."""
+    """Corners [C, 2] of what is gone `around` that a shortest way can turn at: those that stick out, a little
+    outside, and are neither `closed` nor beyond the area."""
     import shapely
 
     # One by one: of all together GEOS takes many times as long.
-    parts = shapely.get_parts(closed)
+    parts = shapely.get_parts(around)
     if tolerance_m:
         # Grown by the tolerance and simplified within it: coarser, and still around everything.
         joined = shapely.union_all(shapely.buffer(parts, tolerance_m, join_style="mitre", mitre_limit=5.0))
         parts = shapely.simplify(shapely.get_parts(joined), tolerance_m)
-    around = shapely.buffer(parts, TURN_M, join_style="mitre", mitre_limit=5.0)
+    beside = shapely.buffer(parts, TURN_M, join_style="mitre", mitre_limit=5.0)
     outside: list[NDArray[np.float64]] = [np.empty((0, 2))]
-    for polygon in shapely.get_parts(around).tolist():
+    for polygon in shapely.get_parts(beside).tolist():
         if not polygon.is_empty:
             oriented = shapely.geometry.polygon.orient(polygon, 1.0)
             rings = (oriented.exterior, *oriented.interiors)
@@ -199,7 +217,9 @@ def _sticking_out(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0.0]
 
 
-def _shortest(places: NDArray[np.float64], closed: Any, within: Polygon | None) -> NDArray[np.float64]:
+def _shortest(
+    places: NDArray[np.float64], closed: Any, within: Polygon | MultiPolygon | None
+) -> NDArray[np.float64]:
     """From the first place to the second one over the others."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
@@ -209,14 +229,16 @@ def _shortest(places: NDArray[np.float64], closed: Any, within: Polygon | None) 
     graph = coo_array((lengths, (first, second)), shape=(len(places), len(places)))
     distance, before = dijkstra(graph.tocsr(), directed=False, indices=0, return_predecessors=True)
     if not np.isfinite(distance[1]):
-        raise NoRoute("there is no way: zones close every one of them")
+        raise NoRoute(_closed_off(within))
     order = [1]
     while order[-1] != 0:
         order.append(int(before[order[-1]]))
     return places[order[::-1]]
 
 
-def _seen(places: NDArray[np.float64], closed: Any, within: Polygon | None) -> NDArray[np.int64]:
+def _seen(
+    places: NDArray[np.float64], closed: Any, within: Polygon | MultiPolygon | None
+) -> NDArray[np.int64]:
     """[E, 2] Pairs of places with nothing closed between them."""
     import shapely
 

@@ -10,7 +10,7 @@ from crowdfence.sources.synchronize import InstantGrouper
 
 
 class Gathering:
-    """Not safe for several threads, apart from `is_due` and `drones`."""
+    """Not safe for several threads, apart from `is_due`, `end_ns` and `drones`."""
 
     def __init__(self, *, tolerance_ns: int, max_delay_ns: int) -> None:
         self.patience_ns = tolerance_ns + max_delay_ns
@@ -45,7 +45,7 @@ class Gathering:
     @property
     def end_ns(self) -> int:
         """Once it is so late, nothing waits."""
-        newest_ns = max((one.stamp_ns for one in self._waiting.values()), default=0)
+        newest_ns = max((one.stamp_ns for one in list(self._waiting.values())), default=0)
         return newest_ns + self.patience_ns + 1
 
     def is_due(self, now_ns: int) -> bool:

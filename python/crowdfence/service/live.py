@@ -107,6 +107,8 @@ class Live:
         self.publishing = Latency()
         """From the acknowledgement to the zones that follow from it."""
         self._acknowledged_s: dict[int, float] = {}
+        self._given_s = time.monotonic()
+        """When the last view came."""
 
     # -- giving ------------------------------------------------------------------------------------------
 
@@ -218,7 +220,7 @@ class Live:
             return
         seq = done.result()
         self.accepted[record.drone] += 1  # before the gate forgets the name
-        self._acknowledged_s[seq] = time.monotonic()
+        self._acknowledged_s[seq] = self._given_s = time.monotonic()
         self._records.put(_placed(record, seq))
 
     # -- deciding ----------------------------------------------------------------------------------------
@@ -282,7 +284,9 @@ class Live:
 
     def start(self) -> None:
         self._applier.start()
-        if self._clock.kind == "system":
+        # A replay says itself when it is over, and may be as slow as it likes.
+        if self._clock.kind == "system" or self._settings.clock == "views":
+            self._given_s = time.monotonic()
             self._ticker.start()
 
     def settled(self, timeout_s: float) -> None:
@@ -477,6 +481,9 @@ class Live:
             now_ns = self._clock.now_ns()
             if self._records.qsize():
                 continue
+            if self._clock.kind == "views":
+                self._tick_when_quiet()
+                continue
             again = now_ns - ticked_ns > self._settings.max_delay_ms * 1e6
             if again and self._gathering.is_due(now_ns):
                 ticked_ns = now_ns
@@ -484,6 +491,13 @@ class Live:
             if now_ns - looked_ns > self._look_every_ns and self._has_nothing_new(now_ns):
                 looked_ns = now_ns
                 self._tick(now_ns, "look")
+
+    def _tick_when_quiet(self) -> None:
+        """The clock of the views stands still when none comes, as at the end of a simulation: the last ones
+        would wait for good."""
+        if self._gathering.drones and time.monotonic() - self._given_s > self._settings.quiet_s:
+            self._given_s = time.monotonic()
+            self._tick(self._gathering.end_ns)
 
     @property
     def _look_every_ns(self) -> float:

@@ -118,7 +118,7 @@ class Service:
             "method": mission.loop.crowd_map.method.name,
             "threshold": mission.threshold,
             "parameters": mission.parameters(),
-            "zone_rules": mission.config.zone_parameters(),
+            "zone_rules": mission.config.zone_parameters(mission.loop.crowd_map.default_threshold()),
             "voxel_size_m": mission.terrain.voxel_size_m,
             "drones": sorted(self.fleet.drones),
             "anchor": None

@@ -27,6 +27,9 @@ class ServiceSettings:
     """Of one drone, on average."""
     silent_after_s: float = 5.0
     """No view from a drone for longer is an alarm."""
+    quiet_s: float = 5.0
+    """With the clock of the views: once no view came for so long, by a clock on the wall, those that wait for
+    others become instants."""
     pose_wait_s: float = 1.0
     """A view without a pose waits so long for the telemetry around its stamp."""
     pose_stale_s: float = 2.0
@@ -53,6 +56,7 @@ class ServiceSettings:
         for name in (
             "views_per_s",
             "silent_after_s",
+            "quiet_s",
             "pose_stale_s",
             "keep_s",
             "keep_media_mb",

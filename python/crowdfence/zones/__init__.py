@@ -9,6 +9,7 @@
 - `evidence`         who saw a zone
 - `unseen`           ground that is not known to be empty
 - `map_holes`        what a map lacks inside of itself
+- `known_ground`     how far the ground of a map reaches
 - `rules` `altitude_band` `zone` `zone_id`   what a zone is told, and what it is
 - `ground_heights`   how low and how high the ground of a zone lies
 - `given_ground`     the same for zones of others

@@ -16,7 +16,7 @@ from crowdfence._core import CrowdColumns, CrowdMap
 
 _LATEST_NS = np.iinfo(np.int64).max // 2
 """Beyond it (the year 2116) an expiry is none, and nothing is forgotten."""
-_FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
+FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ def column_belief(
 
 def forgets_to_unknown(crowd_map: CrowdMap) -> bool:
     """Whether crowd that nobody looks at becomes "not known", the prior, and not "free"."""
-    return crowd_map.method.name in _FORGET_TO_PRIOR
+    return crowd_map.method.name in FORGET_TO_PRIOR
 
 
 def forgotten_ns(

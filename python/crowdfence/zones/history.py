@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 VERSION = 1
+_FORMAT = "crowdfence zone history"
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
 
@@ -46,6 +47,8 @@ class ZoneHistory:
     """Where on Earth the local frame lies."""
     description: Mapping[str, Any]
     """What they were made from: mission, drones, method, threshold, parameters."""
+    ground: Polygon | MultiPolygon | None = None
+    """What the rim of the map encloses, in local metres (`known_ground`); None where nobody says."""
 
     def __post_init__(self) -> None:
         if not self.stamps_ns or len(self.stamps_ns) != len(self.sets):
@@ -76,11 +79,12 @@ class ZoneHistory:
         """Write the file. OSError when it cannot be written."""
         anchor = self.georeference
         header = {
-            "format": "crowdfence zone history",
+            "format": _FORMAT,
             "version": VERSION,
             "anchor_wgs84": None
             if anchor is None
             else [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m],
+            "ground": None if self.ground is None else rings_of(self.ground),
             **self.description,
             "instants": len(self),
         }
@@ -95,22 +99,27 @@ class ZoneHistory:
     @staticmethod
     def read(path: str | PathLike[str]) -> ZoneHistory:
         """Read a file that `write` wrote. ZoneHistoryError for another one, OSError when there is none."""
+        number = 1
         with open(path, encoding="utf-8") as file:
             try:
                 header = json.loads(file.readline())
-                if header["format"] != "crowdfence zone history" or header["version"] != VERSION:
-                    raise ValueError(f"it is {header['format']} version {header['version']}")
+                if not isinstance(header, dict) or header.get("format") != _FORMAT:
+                    raise ValueError(f"it does not begin with the header of a {_FORMAT}")
+                if header["version"] != VERSION:
+                    raise ValueError(f"it has version {header['version']}; {VERSION} is read here")
                 anchor = header["anchor_wgs84"]
                 stamps_ns: list[int] = []
                 sets: list[ZoneSet] = []
                 before: dict[str, Zone] = {}
-                for text in file:
+                for number, text in enumerate(file, 2):  # noqa: B007 - told where it fails
                     if not text.endswith("\n"):
                         raise _cut(path, stamps_ns, header.get("instants"))
                     line = json.loads(text)
                     zones = zone_set_of_line(line, before)
                     before = {zone.id: zone for zone in zones.closed}
                     stamps_ns.append(int(line["stamp_ns"]))
+                    if stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):
+                        raise ValueError("its instant is not after the one before")
                     sets.append(zones)
                 # Files of earlier builds do not say how many there are.
                 promised = header.get("instants", len(stamps_ns))
@@ -118,19 +127,35 @@ class ZoneHistory:
                     raise _cut(path, stamps_ns, promised)
                 if len(stamps_ns) > promised:
                     raise ValueError(f"{len(stamps_ns)} instants where its first line says {promised}")
-                known = {"format", "version", "anchor_wgs84", "instants"}
+                if not sets:
+                    raise ValueError("it holds no instant")
+                known = {"format", "version", "anchor_wgs84", "ground", "instants"}
+                ground = header.get("ground")
                 return ZoneHistory(
                     stamps_ns,
                     sets,
                     None if anchor is None else Georeference(*anchor),
                     {name: value for name, value in header.items() if name not in known},
+                    None if ground is None else polygon_of(ground),
                 )
             except ZoneHistoryError:
                 raise
-            except (KeyError, TypeError, AttributeError, ValueError) as error:
-                raise ZoneHistoryError(
-                    f"{path} is no zone history: {type(error).__name__} {error}"
-                ) from error
+            except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+                what = "is no zone history" if number == 1 else f"is damaged in line {number}"
+                raise ZoneHistoryError(f"{path} {what}: {_said(error)}") from error
+
+
+def _said(error: Exception) -> str:
+    """What is wrong with a file, in words of files."""
+    if isinstance(error, json.JSONDecodeError):
+        return "it is cut off, or no JSON"
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text in UTF-8"
+    if isinstance(error, KeyError):
+        return f"it lacks {error}"
+    if type(error) is ValueError:
+        return str(error)
+    return f"it does not hold what an instant has ({error})"
 
 
 def _cut(path: str | PathLike[str], stamps_ns: Sequence[int], instants: int | None) -> ZoneHistoryError:

@@ -55,9 +55,14 @@ class ZoneRules:
     def __post_init__(self) -> None:
         if not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
-        if not 0.0 < self.off_threshold <= self.threshold:
+        if not self.off_threshold > 0.0:
             raise ValueError(
-                f"off_threshold is {self.off_threshold:g}; it must be above 0 and at most the threshold "
+                f"off_threshold is {self.off_threshold:g}; it must be above 0, below which no probability "
+                "falls: no zone would ever end"
+            )
+        if self.off_threshold > self.threshold:
+            raise ValueError(
+                f"off_threshold is {self.off_threshold:g}; it must be at most the threshold, "
                 f"{self.threshold:g}"
             )
         if self.opening_looks < 1:

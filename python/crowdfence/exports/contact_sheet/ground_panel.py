@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.picture.footprint import ground_footprint
 from crowdfence.exports.picture.line_style import INK, drone_line
 from crowdfence.exports.picture.relief import OFF_MAP, Extent
@@ -83,7 +84,7 @@ def draw_ground_panel(
 def _draw_flight(axes: Axes, recording: Recording, drone: str, colour: str) -> None:
     track = recording.tracks().get(drone)
     if track is not None and len(track):
-        axes.plot(*track.positions[:, :2].T, color=colour, linewidth=1.4, zorder=4, label=drone)
+        axes.plot(*track.positions[:, :2].T, color=colour, linewidth=1.4, zorder=4, label=drawn(drone))
 
 
 def _draw_footprint(axes: Axes, outline: NDArray[np.float64], colour: str) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLOURS, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import draw_ground_panel, footprints, panel_extent
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.picture.line_style import INK, drone_line
 from crowdfence.iso_time import iso_utc
 from crowdfence.sources.recording import Frame, Instant, Recording
@@ -117,7 +118,7 @@ def _compose(
         y = 1 - (_TITLE_PX + _HEAD_PX / 2) / height
         colour = drone_line(recording.drones.index(drone))
         figure.text(
-            x / width, y, drone, ha="center", va="center", fontsize=13, color=colour, fontweight="bold"
+            x / width, y, drawn(drone), ha="center", va="center", fontsize=13, color=colour, fontweight="bold"
         )
     top = float(_TITLE_PX + _HEAD_PX)
     first_ns = recording.frames[0].stamp_ns
@@ -167,7 +168,7 @@ def _write_title(figure: Figure, recording: Recording, width: int, height: int) 
     first_ns, last_ns = recording.span_ns or (0, 0)
     details.append(f"drones: {len(recording.drones)}, frames: {len(recording.frames)}")
     details.append(f"{iso_utc(first_ns)} + {(last_ns - first_ns) / 1e9:.1f} s")
-    figure.text(_SIDE_PX / width, 1 - 30 / height, title, fontsize=17, color=INK, va="center")
+    figure.text(_SIDE_PX / width, 1 - 30 / height, drawn(title), fontsize=17, color=INK, va="center")
     figure.text(
         _SIDE_PX / width, 1 - 60 / height, "   ·   ".join(details), fontsize=11, color=INK, va="center"
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.line_style import MOST_LABELS, ZONE_LINE, drone_line
 from crowdfence.zones import ZoneSet
@@ -28,10 +29,10 @@ def write_labels(axes: Axes, zones: ZoneSet, tracks: Sequence[DroneTrack], taken
     ]
     for number, track in enumerate(tracks):
         beside = _marker_box(axes, track.positions[-1])
-        placed.append(_place_label(axes, track.drone, beside, placed, drone_line(number)))
+        placed.append(_place_label(axes, drawn(track.drone), beside, placed, drone_line(number)))
     for zone in zones[:MOST_LABELS]:
         beside = _screen_box(axes, zone.polygon.bounds)
-        placed.append(_place_label(axes, zone.id, beside, placed, ZONE_LINE))
+        placed.append(_place_label(axes, drawn(zone.id), beside, placed, ZONE_LINE))
 
 
 def _marker_box(axes: Axes, position: NDArray[np.float64]) -> Bbox:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.exports.colours import STATE_COLOURS, probability_colours
+from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.line_style import INK, MOST_LABELS, drone_line
@@ -37,7 +38,7 @@ def draw_title(axes: Axes, description: MapDescription) -> None:
     """Name of the mission, then when, by whom and how."""
     axes.set(xlim=(0, 1), ylim=(0, 1))
     axes.axis("off")
-    title = f"Crowd map · {description.mission}" if description.mission else "Crowd map"
+    title = f"Crowd map · {drawn(description.mission)}" if description.mission else "Crowd map"
     axes.text(0, 0.60, title, fontsize=19, fontweight="bold", color=INK, va="center")
     axes.text(0, 0.25, "   ·   ".join(_facts(description)), fontsize=11.5, color=_FAINT, va="center")
 
@@ -151,7 +152,7 @@ def _drones(column: _Column, tracks: Sequence[DroneTrack]) -> None:
         column.axes.plot([4, 26], [y, y], color=colour, linewidth=2.2)
         column.axes.plot([4], [y], "o", markersize=6.5, markerfacecolor="white", markeredgecolor=colour)
         column.axes.plot([26], [y], marker=(3, 0, -90), markersize=10, color=colour, markeredgecolor="white")
-        column.row(track.drone, f"{_path_length_m(track):,.0f} m flown", indent=42)
+        column.row(drawn(track.drone), f"{_path_length_m(track):,.0f} m flown", indent=42)
     if len(tracks) > _MOST_DRONES:
         column.row(f"and {len(tracks) - _MOST_DRONES} more", indent=42, color=_FAINT)
     _line(column, "ground in its last picture", color=_FAINT, linewidth=1.3, linestyle=(0, (5, 3)))

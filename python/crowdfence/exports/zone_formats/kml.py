@@ -62,7 +62,7 @@ def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) 
 def _told(zone: Zone) -> dict[str, str]:
     told = {"id": zone.id, "kind": zone.kind, "restriction": zone.restriction, "reason": zone.reason or ""}
     if zone.kind == "crowd":
-        told |= {"probability_max": repr(zone.probability_max), "seen_by": " ".join(zone.seen_by)}
+        told |= {"probability_max": repr(float(zone.probability_max)), "seen_by": " ".join(zone.seen_by)}
     return told
 
 

@@ -26,13 +26,19 @@ def load_scenario(name_or_path: str | Path, **overrides: Any) -> Scenario:
     `overrides` replace values of the file: `frames=90`, `camera={"width": 320, "height": 240}` (a mapping
     changes only the keys that it names), `trouble=TroublePlan()`; None leaves a value as it is.
 
-    Raises ScenarioError for an unknown name, key or value (naming it and the file), OSError when the file
-    cannot be read.
+    Raises ScenarioError for an unknown name, key or value, naming it, and the file where that holds it;
+    OSError when the file cannot be read.
     """
     path = _path_of(name_or_path)
     tables = read_toml(path)
     given: Mapping[str, Any] = {key: value for key, value in overrides.items() if value is not None}
-    return scenario_from_tables(merged(tables, given), default_name=path.stem, source=str(path))
+    try:
+        return scenario_from_tables(merged(tables, given), default_name=path.stem, source=None)
+    except ScenarioError:
+        scenario_from_tables(
+            tables, default_name=path.stem, source=str(path)
+        )  # where the file is wrong itself
+        raise
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -59,12 +65,13 @@ def merged(tables: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str,
     return result
 
 
-def scenario_from_tables(tables: Mapping[str, Any], *, default_name: str, source: str) -> Scenario:
-    """The scenario that `tables` describe; ScenarioError starts with `source`."""
+def scenario_from_tables(tables: Mapping[str, Any], *, default_name: str, source: str | None) -> Scenario:
+    """The scenario that `tables` describe; ScenarioError starts with `source`, where there is one."""
     try:
         scenario = _record(Scenario, {"name": default_name, "description": "", **tables}, "")
     except ValueError as mistake:
-        raise ScenarioError(f"{source}: {mistake}") from mistake
+        said = str(mistake) if source is None else f"{source}: {mistake}"
+        raise ScenarioError(said) from mistake
     assert isinstance(scenario, Scenario)
     return scenario
 
