@@ -15,7 +15,7 @@ from crowdfence.detector_training.clutter import cluttered, free_of_people, furn
 from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler  # noqa: E402
 from crowdfence.detector_training.foliage import crowns  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
-from crowdfence.detector_training.loss import crowd_loss, teacher_loss  # noqa: E402
+from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
 from crowdfence.detector_training.network import CrowdNet  # noqa: E402
 from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx  # noqa: E402
 from crowdfence.detector_training.patterns import panels  # noqa: E402
@@ -279,75 +279,11 @@ def test_wide_crops_show_things_at_more_scales_and_without_alias():
     assert float((crops.image - 0.5).abs().max()) < 0.12
     mixed = replace(plan, wide=0.3, scale=(1.0, 1.2))
     sampler, rng = CropSampler([frames], mixed), np.random.default_rng(12)
-    scales = np.array([sampler._scale(96, 128, mixed.wide, rng) for _ in range(1000)])
+    scales = np.array([sampler._scale(96, 128, rng) for _ in range(1000)])
     assert 0.25 < (scales > 2.0).mean() < 0.35
     # No crop shows more than the frame.
-    short = np.array([sampler._scale(42, 128, mixed.wide, rng) for _ in range(1000)])
+    short = np.array([sampler._scale(42, 128, rng) for _ in range(1000)])
     assert short.max() <= 42 / 16
-
-
-def test_taught_crops_are_rendered_ones_of_the_sizes_that_a_teacher_knows():
-    """Frames that brighten by one value a column: a crop of the same size does so too, one that shows things
-    half as large by two. Photographs are white."""
-    ramp = np.broadcast_to(np.arange(128, dtype=np.uint8)[None, None, :, None], (4, 96, 128, 3)).copy()
-    labels = np.zeros((4, 1, 48, 64), np.uint8)
-    known = np.ones(labels.shape, np.bool_)
-    rendered = StoredMission("ramp", ramp, labels, known, ())
-    photographs = StoredMission("white", np.full_like(ramp, 255), labels, known, (), photographs=True)
-    sizes = {"scale": (1.0, 1.0), "wide": 1.0, "wide_scale": (1.9, 2.0)}
-    plan = CropPlan(height=16, width=16, rotation_deg=0.0, photographs=0.5, **sizes)
-    sampler = CropSampler([rendered, photographs], plan)
-    steps, light = np.zeros((40, 4)), np.zeros((40, 4))
-    for seed in range(40):
-        batch = sampler.draw(4, np.random.default_rng(seed), CPU, taught=1)
-        steps[seed] = batch.image.diff(dim=3).abs().mean(dim=(1, 2, 3)) * 255.0
-        light[seed] = batch.image.mean(dim=(1, 2, 3))
-    white = light > 0.6
-    assert 0.3 < white.mean() < 0.7
-    assert (white.sum(axis=1)[white[:, 0]] == 4).all(), "a photograph is taught though there was a rendering"
-    np.testing.assert_allclose(steps[:, 0][~white[:, 0]], 1.0, atol=0.05)
-    rest = steps[:, 1:][~white[:, 1:]]
-    assert (rest > 1.8).all() and (rest < 2.1).all()
-
-
-def test_a_teacher_is_right_where_both_say_the_same():
-    """At a probability of a half the cross-entropy is ln 2, its least, where the other says a half too."""
-    half = torch.zeros(1, 1, 2, 2)
-    assert float(teacher_loss(half, half)) == pytest.approx(math.log(2.0))
-    for said in (-2.0, -0.1, 0.1, 2.0):
-        assert float(teacher_loss(half + said, half)) > math.log(2.0)
-    sure, wrong = torch.full((1, 1, 2, 2), 3.0), torch.full((1, 1, 2, 2), -3.0, requires_grad=True)
-    teacher_loss(wrong, sure).backward()
-    expected = (torch.sigmoid(torch.tensor(-3.0)) - torch.sigmoid(torch.tensor(3.0))) / 4.0
-    torch.testing.assert_close(wrong.grad, torch.full((1, 1, 2, 2), float(expected)))
-
-
-def test_a_teacher_is_followed_where_no_label_is(tmp_path: Path):
-    """Nothing is known of the frames, so only the teacher, which knows squares, can have taught them."""
-    pytest.importorskip("onnxscript")
-    from crowdfence.cli.train import _contract
-    from crowdfence.detector_training.onnx_export import export_onnx
-
-    held_out = [squares(3)]
-    knows = train([squares(1), squares(2)], held_out, PLAN)
-    teacher = tmp_path / "teacher.onnx"
-    export_onnx(knows.network, 0, _contract(teacher, PLAN, {"parameters": 1}, None), teacher)
-    unknown = [replace(one, known=np.zeros_like(one.known)) for one in (squares(4), squares(5))]
-    for wide in (False, True):
-        plan = replace(PLAN, wide=wide, taught=0.5)
-        taught = train(unknown, held_out, plan, teacher=teacher)
-        assert taught.best.score.mean_iou > 0.5
-    untaught = train(unknown, held_out, PLAN)
-    assert untaught.best.score.mean_iou < 0.2
-
-
-def test_a_share_that_nobody_teaches_is_refused(tmp_path: Path):
-    with pytest.raises(ValueError, match=r"0\.5 of the crops"):
-        train([squares(1)], [squares(2)], replace(PLAN, taught=0.5))
-    with pytest.raises(ValueError, match="go together"):
-        train([squares(1)], [squares(2)], PLAN, teacher=tmp_path / "teacher.onnx")
-    with pytest.raises(ValueError, match="below 1"):
-        replace(PLAN, taught=1.0)
 
 
 def mission(count: int, side: int, grey: int, photographs: bool = False) -> StoredMission:

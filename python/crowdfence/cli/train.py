@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 WIDE_CROPS = 0.3
 """Share of the crops of any scale with `--wide`."""
-TAUGHT = 0.5
-"""Share of the crops that `--teacher` answers for."""
 WIDE_PHOTOGRAPHS = 0.1
 """Least share of the crops from labelled pictures with `--wide`, where there are some."""
 
@@ -56,12 +54,6 @@ def train(
         Path | None,
         typer.Option("--initial", help="Checkpoint, or model, of an earlier training to start from."),
     ] = None,
-    teacher: Annotated[
-        Path | None,
-        typer.Option(
-            "--teacher", help="Model whose answers are kept on half of the crops, as they were rendered."
-        ),
-    ] = None,
     wide: Annotated[
         bool,
         typer.Option("--wide", help="Vary beyond what was rendered: clutter, cameras, sizes of people."),
@@ -86,8 +78,6 @@ def train(
 
     if not (initial is None or initial.is_file()):
         raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
-    if not (teacher is None or teacher.is_file()):
-        raise FileNotFoundError(f"--teacher {teacher}: there is no such model")
     plan = _plan(
         target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
     )
@@ -95,8 +85,6 @@ def train(
         plan = replace(
             plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
         )
-    if teacher is not None:
-        plan = replace(plan, taught=TAUGHT)
     if initial is not None and initial.suffix == ".onnx":
         plan = replace(plan, frozen_statistics=True)
     paths, held_out = options.recordings_in(data), options.recordings_in(validation)
@@ -130,7 +118,6 @@ def train(
                 checkpoint=output.with_suffix(".checkpoint"),
                 resume=resume,
                 initial=initial,
-                teacher=teacher,
                 on_step=lambda step: advance(),
                 on_checkup=None if as_json else _tell,
             )

@@ -26,8 +26,6 @@ class Batch(NamedTuple):
     """[B, T, h, w] 1 where at least half of the cell is crowd."""
     known: Tensor
     """[B, T, h, w] 0 outside the frame and where the truth is unknown."""
-    taught: int = 0
-    """How many crops, the first ones, a teacher answers for too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,32 +57,23 @@ class CropSampler:
             (mission, frame) for mission in range(len(missions)) for frame in range(len(missions[mission]))
         ]
         pixels = np.array([missions[mission].images[0, ..., 0].size for mission, _ in self._where], float)
-        self._photographs = np.array([missions[mission].photographs for mission, _ in self._where], bool)
-        self._chance = _with_share(pixels / pixels.sum(), self._photographs, plan.photographs)
+        photographs = np.array([missions[mission].photographs for mission, _ in self._where], bool)
+        self._chance = _with_share(pixels / pixels.sum(), photographs, plan.photographs)
 
     def __len__(self) -> int:
         return len(self._where)
 
-    def draw(self, size: int, rng: np.random.Generator, device: torch.device, taught: int = 0) -> Batch:
-        """`size` crops of different frames, as far as there are that many. The first `taught` are rendered
-        ones, as far as there are any, and not `wide`: a teacher knows the pictures it was trained on."""
+    def draw(self, size: int, rng: np.random.Generator, device: torch.device) -> Batch:
+        """`size` crops of different frames, as far as there are that many."""
         chosen = rng.choice(len(self._where), size, replace=size > len(self._where), p=self._chance)
-        chosen = chosen[np.argsort(self._photographs[chosen], kind="stable")]
-        crops = [
-            self._crop(*self._where[int(one)], 0.0 if index < taught else self._plan.wide, rng, device)
-            for index, one in enumerate(chosen)
-        ]
-        image, crowd, known = (torch.cat(parts) for parts in zip(*crops, strict=True))
-        return Batch(image, crowd, known, taught)
+        crops = [self._crop(*self._where[int(one)], rng, device) for one in chosen]
+        return Batch(*(torch.cat(parts) for parts in zip(*crops, strict=True)))
 
-    def _crop(
-        self, mission: int, frame: int, wide: float, rng: np.random.Generator, device: torch.device
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Image, crowd and known of one crop, as in `Batch`; with the chance `wide` of any scale."""
+    def _crop(self, mission: int, frame: int, rng: np.random.Generator, device: torch.device) -> Batch:
         stored, plan = self._missions[mission], self._plan
         crowd, known = stored.crowd[frame], stored.known[frame]
         height, width = stored.images.shape[1:3]
-        scale = self._scale(height, width, wide, rng)
+        scale = self._scale(height, width, rng)
         centre = self._centre(crowd, height, width, scale, rng)
         turn = math.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg))
         mirror = -1.0 if rng.random() < 0.5 else 1.0
@@ -104,12 +93,12 @@ class CropSampler:
         at = _cell_grid(frame_from_crop, plan, LABEL_STRIDE, whole, device)
         cells = functional.avg_pool2d(_resampled(labels, at, (height, width)), LABELS_PER_CELL)
         half = cells.shape[1] // 2
-        return image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float()
+        return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
 
-    def _scale(self, height: int, width: int, wide: float, rng: np.random.Generator) -> float:
+    def _scale(self, height: int, width: int, rng: np.random.Generator) -> float:
         plan = self._plan
         low, high = plan.scale
-        if wide > 0.0 and rng.random() < wide:
+        if plan.wide > 0.0 and rng.random() < plan.wide:
             low, high = plan.wide_scale
             high = max(low, min(high, height / plan.height, width / plan.width))
         return math.exp(rng.uniform(math.log(low), math.log(high)))

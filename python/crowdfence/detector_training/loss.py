@@ -20,12 +20,6 @@ def crowd_loss(logits: Tensor, crowd: Tensor, known: Tensor, *, dice_weight: flo
     return loss
 
 
-def teacher_loss(logits: Tensor, teacher: Tensor) -> Tensor:
-    """Cross-entropy per cell against what a teacher says, logits as well, both [B, T, h, w]: least where both
-    say the same (Li and Hoiem, "Learning without Forgetting", 2016)."""
-    return functional.binary_cross_entropy_with_logits(logits, torch.sigmoid(teacher))
-
-
 def _dice(probability: Tensor, crowd: Tensor) -> Tensor:
     """[T], over the whole batch: a crop without crowd has none of its own."""
     both = (probability * crowd).sum(dim=(0, 2, 3))

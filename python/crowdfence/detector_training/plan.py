@@ -33,10 +33,6 @@ class TrainingPlan:
     """Beyond what was rendered: the clutter of `clutter`, the cameras of `photography`."""
     frozen_statistics: bool = False
     """Batch normalisation keeps the statistics that it starts with."""
-    taught: float = 0.0
-    """Share of the crops of a step that a teacher answers for too; with `wide` nothing is laid upon these."""
-    teacher_weight: float = 1.0
-    """Weight of its answers beside the labels."""
     crops: CropPlan = field(default_factory=CropPlan)
 
     def __post_init__(self) -> None:
@@ -46,8 +42,6 @@ class TrainingPlan:
         for name in ("width", "learning_rate"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be above 0")
-        if not 0.0 <= self.taught < 1.0:
-            raise ValueError(f"taught is {self.taught:g}; it is a share of the crops, below 1")
         if not self.targets or len(set(self.targets)) < len(self.targets):
             raise ValueError(f"targets are {self.targets}; name each wanted one once")
 

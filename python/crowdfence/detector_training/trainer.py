@@ -21,7 +21,7 @@ from crowdfence.detector_training.average import WeightAverage
 from crowdfence.detector_training.clutter import cluttered, free_of_people, furnished
 from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
-from crowdfence.detector_training.loss import crowd_loss, teacher_loss
+from crowdfence.detector_training.loss import crowd_loss
 from crowdfence.detector_training.network import CrowdNet
 from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx
 from crowdfence.detector_training.photography import photographed
@@ -63,7 +63,6 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     initial: Path | None = None,
-    teacher: Path | None = None,
     device: torch.device | None = None,
     on_step: Callable[[int], None] | None = None,
     on_checkup: Callable[[Checkup], None] | None = None,
@@ -74,20 +73,15 @@ def train(
     With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
     machines give equal weights. `initial` is the checkpoint of another training, or the model that it wrote,
-    whose weights this one starts from. `teacher` is a model of `export_onnx` whose answers are kept on the
-    share `plan.taught` of the crops.
+    whose weights this one starts from.
 
-    ValueError for missions without frames, a checkpoint of another plan, weights of another network, a share
-    that nobody teaches, or a loss that is not finite.
+    ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
+    loss that is not finite.
     """
     device = device or default_device()
-    if (plan.taught > 0.0) != (teacher is not None):
-        raise ValueError(
-            f"a share of {plan.taught:g} of the crops is taught: a teacher and a share go together"
-        )
     if not validation:
         raise ValueError("training needs at least one validation mission: keep one that is not trained on")
-    run = _Run(plan, device, teacher)
+    run = _Run(plan, device)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     elif initial is not None:
@@ -133,14 +127,13 @@ def _batches(
 
     def made(step: int) -> Batch:
         rng = np.random.default_rng([plan.seed, step])
-        batch = sampler.draw(plan.batch, rng, device, taught)
+        batch = sampler.draw(plan.batch, rng, device)
         if not plan.wide:
             return batch._replace(image=varied(batch.image, rng))
-        plain = [varied(batch.image[:taught], rng)] if taught else []
-        rest = Batch(batch.image[taught:], batch.crowd[taught:], batch.known[taught:])
-        return batch._replace(image=torch.cat([*plain, _widened(rest, rng)]))
+        free = free_of_people(batch)
+        batch = batch._replace(image=cluttered(batch, free, rng))
+        return batch._replace(image=photographed(varied(furnished(batch, free, rng), rng), rng))
 
-    taught = int(plan.taught * plan.batch)
     steps = iter(range(first, plan.steps))
     with ThreadPoolExecutor(_MADE_AHEAD) as pool:
         coming = deque((step, pool.submit(made, step)) for step in islice(steps, _MADE_AHEAD))
@@ -150,17 +143,10 @@ def _batches(
             yield step, batch.result()
 
 
-def _widened(batch: Batch, rng: np.random.Generator) -> torch.Tensor:
-    """The images of `batch` beyond what was rendered: with clutter, in other light, through a camera."""
-    free = free_of_people(batch)
-    batch = batch._replace(image=cluttered(batch, free, rng))
-    return photographed(varied(furnished(batch, free, rng), rng), rng)
-
-
 class _Run:
     """The state of a training between two steps."""
 
-    def __init__(self, plan: TrainingPlan, device: torch.device, teacher: Path | None) -> None:
+    def __init__(self, plan: TrainingPlan, device: torch.device) -> None:
         torch.manual_seed(plan.seed)
         self._plan, self._device = plan, device
         # Pixels with their channels side by side: faster convolutions on CPUs and on GPUs.
@@ -168,7 +154,6 @@ class _Run:
             device,
             memory_format=torch.channels_last,  # type: ignore[call-overload]
         )
-        self._teacher = None if teacher is None else self._read(teacher)
         self.average = WeightAverage(self.network, plan.average_decay)
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), plan.learning_rate, weight_decay=plan.weight_decay
@@ -193,13 +178,6 @@ class _Run:
                 )
         self.network.load_state_dict(state["best"])
         self.average.network.load_state_dict(state["best"])
-
-    def _read(self, path: Path) -> CrowdNet:
-        """The network in a model, for its answers alone."""
-        network = CrowdNet(len(self._plan.targets), width=self._plan.width)
-        network.load_state_dict(import_onnx(path, len(self._plan.targets), self._plan.width))
-        network.to(self._device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        return network.eval()
 
     @property
     def best(self) -> Checkup:
@@ -230,13 +208,8 @@ class _Run:
         image = batch.image.contiguous(memory_format=torch.channels_last)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=_computes_bfloat16(self._device)):
             logits = self.network(image)
-            known = self._answers(image[: batch.taught])
         dice = 0.0 if step >= self._plan.calm_from else self._plan.dice_weight
         loss = crowd_loss(logits.float(), batch.crowd, batch.known, dice_weight=dice)
-        if known is not None:
-            loss = loss + self._plan.teacher_weight * teacher_loss(
-                logits[: batch.taught].float(), known.float()
-            )
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
@@ -244,11 +217,6 @@ class _Run:
         self.average.update(self.network, step)
         self.step = step + 1
         return loss.detach()
-
-    @torch.no_grad()
-    def _answers(self, image: torch.Tensor) -> torch.Tensor | None:
-        """Logits of the teacher, if there is one."""
-        return None if self._teacher is None else self._teacher(image)
 
     def note(self, checkup: Checkup) -> None:
         self.history.append(checkup)
