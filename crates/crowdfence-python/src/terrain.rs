@@ -10,7 +10,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::arrays::{Array, origin, points, refuse, rows};
+use crate::arrays::{Array, id_array, origin, points, refuse, rows};
 use crate::errors::CrowdfenceError;
 use crate::observation::surface;
 
@@ -366,6 +366,23 @@ impl PyTerrain {
         let indices =
             py.detach(|| self.terrain.indices_of(&ids).into_iter().flatten().map(i64::from).collect());
         rows(py, indices, 3)
+    }
+
+    /// Ids [N] int64 of the voxels without a voxel on top, on which somebody can stand: sorted by column
+    /// (i, then j), then from below. Costs the map, 0.1 s a million voxels on one core.
+    fn standing_places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        let ids = py.detach(|| self.terrain.standing_places());
+        id_array(py, &ids)
+    }
+
+    /// Every column of voxels, sorted [C, 4] int64: grid indices i and j, k of its lowest and of its
+    /// highest voxel. Costs the map, 0.2 s a million voxels on one core.
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        let ends = py.detach(|| {
+            let columns = self.terrain.columns();
+            columns.iter().flat_map(|one| [one.i, one.j, one.bottom, one.top]).map(i64::from).collect()
+        });
+        rows(py, ends, 4)
     }
 
     /// Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape.

@@ -2,6 +2,7 @@
 //! `origin + (i, j, k) * voxel_size_m` to `origin + (i + 1, j + 1, k + 1) * voxel_size_m`; ids are ranks in
 //! the tree and index every per-voxel array.
 
+mod column_ends;
 mod estimate;
 pub mod height_map;
 mod key;
@@ -22,6 +23,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
+pub use column_ends::ColumnEnds;
 pub use key::TerrainKey;
 pub use plane::Plane;
 pub(crate) use solid::Solid;

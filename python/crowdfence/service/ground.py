@@ -13,9 +13,6 @@ from crowdfence.zones.tracker import column_keys, column_places
 MAX_SIDE = 1024
 """Rows and columns of the raster at most: what a browser draws at once."""
 
-_VOXELS_PER_BLOCK = 1 << 20
-_UP = np.array([0, 0, 1], dtype=np.int64)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundRaster:
@@ -42,20 +39,11 @@ class Ground:
     """Made once from a terrain, about 1 s for four million voxels; 16 bytes a standing place."""
 
     def __init__(self, terrain: Terrain) -> None:
-        keys, ids = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-        for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
-            block = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count), dtype=np.int64)
-            indices = terrain.voxel_indices(block)
-            standing = terrain.voxel_ids(indices + _UP) < 0
-            keys.append(column_keys(indices[standing, :2]))
-            ids.append(block[standing])
-        key, voxel = np.concatenate(keys), np.concatenate(ids)
-        order = np.argsort(key, kind="stable")
         self.terrain = terrain
-        self.keys: NDArray[np.int64] = key[order]
-        """Column of each standing place, sorted; see `column_keys`."""
-        self.voxel_ids: NDArray[np.int64] = voxel[order]
+        self.voxel_ids: NDArray[np.int64] = terrain.standing_places()
         """The standing places: voxels without a voxel on top of them."""
+        self.keys: NDArray[np.int64] = column_keys(terrain.voxel_indices(self.voxel_ids)[:, :2])
+        """Column of each standing place, sorted; see `column_keys`."""
 
     def places_of(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Standing places of columns (sorted keys [C]): voxel ids [N], and the number of each's column."""

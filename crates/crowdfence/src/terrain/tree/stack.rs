@@ -148,10 +148,14 @@ impl<'a> Stacks<'a> {
             };
             square = child;
         }
-        // Its own layers alone are kept.
-        self.layers.drain(start..square.first);
-        let end = start + square.end - square.first;
-        Some(Square { first: start, end, ..square })
+        if square.levels == self.tree.depth() {
+            // The root is let go of by nobody: its layer is taken once more.
+            self.layers.extend_from_within(square.first..square.end);
+        } else {
+            // Its own layers alone are kept.
+            self.layers.drain(start..square.first);
+        }
+        Some(Square { first: start, end: self.layers.len(), ..square })
     }
 
     /// The bricks over a square of one or two levels, each with the place of its columns among the 4 x 4 of the square;

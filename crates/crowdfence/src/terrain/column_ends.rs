@@ -1,0 +1,131 @@
+//! Where the columns of a terrain begin and end.
+
+use rayon::prelude::*;
+
+use super::Terrain;
+use super::tree::{Brick, Square, Stacks};
+
+/// One column of voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColumnEnds {
+    /// Grid indices.
+    pub i: i32,
+    pub j: i32,
+    /// Grid indices k of the lowest and of the highest voxel.
+    pub bottom: i32,
+    pub top: i32,
+}
+
+impl Terrain {
+    /// Voxels without a voxel on top, on which somebody can stand: sorted by column (i, then j), then from below.
+    pub fn standing_places(&self) -> Vec<u32> {
+        self.by_column(|_, bricks, number, places| {
+            for (at, brick) in bricks.iter().enumerate() {
+                let above = bricks.get(at + 1).filter(|above| above.low == brick.low + Brick::SIDE);
+                let first_above = above.map_or(0, |above| above.column(number) & 1);
+                let here = brick.column(number);
+                let stands = here & !(here >> 1 | first_above << (Brick::SIDE - 1));
+                let heights = (0..Brick::SIDE).filter(|z| stands >> z & 1 != 0);
+                places.extend(heights.map(|z| brick.voxel_id(number, z)));
+            }
+        })
+    }
+
+    /// Every column with a voxel, sorted by i, then j.
+    pub fn columns(&self) -> Vec<ColumnEnds> {
+        self.by_column(|[i, j], bricks, number, columns| {
+            let mut occupied =
+                bricks.iter().map(|brick| (brick.low, brick.column(number))).filter(|one| one.1 != 0);
+            let Some((low, bits)) = occupied.next() else { return };
+            let (high, top_bits) = occupied.next_back().unwrap_or((low, bits));
+            let level = |z: u32| self.base[2].wrapping_add_unsigned(z);
+            let (bottom, top) = (level(low + bits.trailing_zeros()), level(high + top_bits.ilog2()));
+            columns.push(ColumnEnds { i, j, bottom, top });
+        })
+    }
+
+    /// What `tell` adds for each column, which may hold nothing, by i, then j: it gets the column's grid indices, the
+    /// bricks over the 4 x 4 columns that it is one of, from the lowest upwards, and its number among these.
+    fn by_column<T: Send>(&self, tell: impl Fn([i32; 2], &[Brick], u32, &mut Vec<T>) + Sync) -> Vec<T> {
+        let mut stacks = Stacks::new(&self.tree);
+        let (root, mut squares) = (stacks.root(), Vec::new());
+        leaves(&mut stacks, &root, &mut squares);
+        squares.sort_unstable();
+        let strips: Vec<&[[u32; 2]]> = squares.chunk_by(|a, b| a[0] == b[0]).collect();
+        let rows: Vec<Vec<T>> = strips
+            .into_par_iter()
+            .flat_map_iter(|strip| {
+                let mut rows: [Vec<T>; Brick::SIDE as usize] = std::array::from_fn(|_| vec![]);
+                let (mut stacks, mut bricks) = (Stacks::new(&self.tree), vec![]);
+                for &place in strip {
+                    let square = stacks.square_at(place, Square::LEAF).expect("it is one of the tree's");
+                    bricks.clear();
+                    stacks.for_bricks(&square, |_, brick| bricks.push(brick));
+                    for number in 0..Brick::SIDE * Brick::SIDE {
+                        let (x, y) = (number % Brick::SIDE, number / Brick::SIDE);
+                        let i = self.base[0].wrapping_add_unsigned(place[0] + x);
+                        let j = self.base[1].wrapping_add_unsigned(place[1] + y);
+                        tell([i, j], &bricks, number, &mut rows[x as usize]);
+                    }
+                    stacks.release(&square);
+                }
+                rows
+            })
+            .collect();
+        rows.into_iter().flatten().collect()
+    }
+}
+
+/// Lowest corners of the squares of 4 x 4 columns with something over them.
+fn leaves(stacks: &mut Stacks<'_>, square: &Square, places: &mut Vec<[u32; 2]>) {
+    if square.levels() == Square::LEAF {
+        places.push(square.low);
+        return;
+    }
+    for (x, y) in (0..Stacks::SIDE).flat_map(|x| (0..Stacks::SIDE).map(move |y| (x, y))) {
+        if let Some(child) = stacks.child(square, x, y) {
+            leaves(stacks, &child, places);
+            stacks.release(&child);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn ends_are_those_of_a_scan(
+            voxels in prop::collection::btree_set((-9i32..9, -9i32..9, -3i32..9).prop_map(<[i32; 3]>::from), 1..600),
+        ) {
+            let voxels: Vec<[i32; 3]> = voxels.into_iter().collect();
+            let terrain = Terrain::from_indices(&voxels, 0.5, DVec3::ZERO).unwrap();
+            let stands = voxels.iter().filter(|&&[i, j, k]| !voxels.contains(&[i, j, k + 1]));
+            let expected: Vec<u32> = stands.map(|&index| terrain.id(index).unwrap()).collect();
+            prop_assert_eq!(terrain.standing_places(), expected);
+            let mut columns: BTreeMap<[i32; 2], Vec<i32>> = BTreeMap::new();
+            voxels.iter().for_each(|&[i, j, k]| columns.entry([i, j]).or_default().push(k));
+            let expected: Vec<ColumnEnds> = columns
+                .into_iter()
+                .map(|([i, j], heights)| ColumnEnds { i, j, bottom: heights[0], top: heights[heights.len() - 1] })
+                .collect();
+            prop_assert_eq!(terrain.columns(), expected);
+        }
+    }
+
+    #[test]
+    fn a_terrain_of_one_brick_has_columns() {
+        let terrain = Terrain::from_indices(&[[0, 0, 0], [0, 0, 2], [3, 1, 1]], 0.5, DVec3::ZERO).unwrap();
+        let ends = |i, j, bottom, top| ColumnEnds { i, j, bottom, top };
+        assert_eq!(terrain.columns(), [ends(0, 0, 0, 2), ends(3, 1, 1, 1)]);
+        let expected: Vec<u32> =
+            [[0, 0, 0], [0, 0, 2], [3, 1, 1]].map(|index| terrain.id(index).unwrap()).to_vec();
+        assert_eq!(terrain.standing_places(), expected);
+    }
+}
