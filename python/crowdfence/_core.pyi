@@ -363,11 +363,11 @@ class Terrain:
         """
     def standing_places(self) -> NDArray[np.int64]:
         """Ids [N] int64 of the voxels without a voxel on top, on which somebody can stand: sorted by column
-        (i, then j), then from below. Costs the map, 0.1 s a million voxels on one core.
+        (i, then j), then from below. Costs the map, 0.02 s a million voxels.
         """
     def columns(self) -> NDArray[np.int64]:
         """Every column of voxels, sorted [C, 4] int64: grid indices i and j, k of its lowest and of its
-        highest voxel. Costs the map, 0.2 s a million voxels on one core.
+        highest voxel. Costs the map, 0.03 s a million voxels.
         """
     def voxel_ids(self, indices: ArrayLike) -> NDArray[np.int64]:
         """Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape."""
