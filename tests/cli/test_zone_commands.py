@@ -386,6 +386,9 @@ def test_places_on_earth(run: Path) -> None:
     )
     assert told["length_m"] == pytest.approx(19.0, abs=0.1)
     assert "must be two numbers" in refused("route", run, "--from", "here", "--to", "1,2")
+    for text in ("-640,60", "46.5,200", "nan,8"):
+        message = refused("route", run, "--from", text, "--to", "46.5,8")
+        assert f"'{text}' is no latitude and longitude in degrees; local metres need --local" in message
 
 
 def test_crowd_too_small_for_a_zone_is_told(tmp_path: Path) -> None:

@@ -134,6 +134,8 @@ def _place(text: str, georeference: Georeference | None) -> Any:
         raise ValueError(f"{text!r} must be two numbers with a comma between them") from None
     if georeference is None:
         return np.array([first, second])
+    if not (abs(first) <= 90.0 and abs(second) <= 180.0):
+        raise ValueError(f"{text!r} is no latitude and longitude in degrees; local metres need --local")
     return georeference.local_from_geodetic(first, second, georeference.height_m)[0, :2]
 
 
