@@ -491,7 +491,7 @@ def test_the_command_is_interrupted_and_resumed(tmp_path):
     ("arguments", "message"),
     [
         (["race", "--drones", "0"], "drones must be between 1 and 64, got 0"),
-        (["race", "--size", "100x100"], "camera.width must be a multiple of 16"),
+        (["race", "--size", "100x100"], "--size must be a multiple of 16 up to 4096 pixels, got 100"),
         (["race", "--size", "wide"], "--size is 'wide', expected two numbers such as 640x480"),
         (["nowhere"], "unknown scenario 'nowhere'"),
         (["race", "--fps", "0"], "fps"),
