@@ -121,6 +121,10 @@ impl FusionMethod for Evidence {
 
     /// By the log odds, of which probabilities are another reading.
     fn speaks_for_crowd(&self, before: Option<(LooksSum, f32)>, (sum, fading): (LooksSum, f32)) -> bool {
+        // Most ground is without crowd, and the sign of the sum says so before anything is divided.
+        if sum.evidence <= 0.0 {
+            return false;
+        }
         let evidence = self.evidence(sum, f64::from(fading));
         let was = before.map_or(0.0, |(sum, fading)| self.evidence(sum, f64::from(fading)));
         evidence > 0.0 && evidence > was
