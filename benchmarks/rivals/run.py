@@ -4,10 +4,12 @@ Every program builds its map of a scene, then takes orders. A pass times all of 
 views, one after the other; the next pass goes through them in the opposite order. The fastest of a view's
 passes counts, and the mean and the worst of the twelve views are told. Times are CPU time of the process,
 for two threads wall time. Embree's mode is chosen on views of their own. A run stops when the rivals do not
-see the same scene.
+see the same scene. Each map that was measured stays under --out, and a run that was stopped goes on after it,
+as long as no program has changed since.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import shutil
@@ -77,6 +79,25 @@ class Bench:
     folder: Path
     passes: int
     sizes: list[str]
+
+    def scene_once(self, kind: str, map_name: str, drones: list[int]) -> Json:
+        """What is measured on a map, or was by the same programs. Fleets fly on the first map alone."""
+        path = self.folder / f"{kind}-{map_name}.json"
+        of = {"by": self._programs_sha256(), "sizes": self.sizes, "passes": self.passes}
+        if path.exists() and (kept := json.loads(path.read_text())).get("of") == of:
+            print(f"{kind}, {map_name}: measured before, {path}", flush=True)
+            return kept
+        start = time.monotonic()
+        measured = self.scene(kind, *MAPS[map_name], drones if map_name == next(iter(MAPS)) else [])
+        path.write_text(json.dumps(measured | {"of": of}))
+        print(f"{kind}, {map_name}: {time.monotonic() - start:.0f} s, load {os.getloadavg()}", flush=True)
+        return measured
+
+    def _programs_sha256(self) -> str:
+        """Of all programs and of what steers them."""
+        files = {Path(part) for program in self.programs for part in program.command}
+        files |= {HERE / name for name in ("run.py", "rival.py", "scene.py")}
+        return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()
 
     def scene(self, kind: str, side_m: float, voxel_m: float, drones: list[int]) -> Json:
         folder = self.folder / "scene"
@@ -260,35 +281,25 @@ def main() -> None:
     sizes = ["640x480"] if options.quick else list(SIZES)
     for size in sizes:
         write_heatmaps(out, *SIZES[size])
-    maps = [MAPS[name] for name in (list(MAPS)[:1] if options.quick else options.maps)]
-    if MAPS["4000x0.5"] in maps and (free_gb := _free_gb()) < LARGE_MAP_GB:
+    maps = list(MAPS)[:1] if options.quick else list(options.maps)
+    if "4000x0.5" in maps and (free_gb := _free_gb()) < LARGE_MAP_GB:
         print(
             f"16 km2 are left out: Embree needs {LARGE_MAP_GB} GB of memory, {free_gb:.0f} are free",
             file=sys.stderr,
         )
-        maps.remove(MAPS["4000x0.5"])
+        maps.remove("4000x0.5")
     kinds = [options.scene] if options.scene else KINDS[:1] if options.quick else KINDS
     bench = Bench(programs(out), out, 2 if options.quick else 3, sizes)
-    scenes = []
-    for kind in kinds:
-        for side_m, voxel_m in maps:
-            start = time.monotonic()
-            has_drones = voxel_m == 0.5 and side_m == 1000.0
-            counts = [1, 12] if options.quick else [1, 3, 12, 48]
-            scenes.append(bench.scene(kind, side_m, voxel_m, counts if has_drones else []))
-            took_s = time.monotonic() - start
-            print(
-                f"{kind}, {side_m:g} m, voxels of {voxel_m} m: {took_s:.0f} s, load {os.getloadavg()}",
-                flush=True,
-            )
+    counts = [1, 12] if options.quick else [1, 3, 12, 48]
+    scenes = [bench.scene_once(kind, name, counts) for kind in kinds for name in maps]
     results = {
         "machine": _machine(),
         "date": time.strftime("%Y-%m-%d"),
         "passes": bench.passes,
         "left_out": [
             f"{side / 1e3:g} x {side / 1e3:g} km at {voxel:g} m"
-            for side, voxel in MAPS.values()
-            if (side, voxel) not in maps
+            for name, (side, voxel) in MAPS.items()
+            if name not in maps
         ],
         "scenes": scenes,
     }
