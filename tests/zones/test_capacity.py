@@ -106,6 +106,14 @@ def test_an_outline_that_crosses_itself_is_closed_as_a_whole() -> None:
         fitted([shapely.Polygon([(0, 0), (1, 0), (1, np.inf)])], 63)
 
 
+@pytest.mark.parametrize("width_m", [0.0, 8.6e-59, 1e-12])
+def test_a_needle_is_closed_beside_another_outline(width_m: float) -> None:
+    """GEOS leaves it out of their union."""
+    needle = shapely.Polygon([(0.0, 0.0), (0.0, width_m), (1.0, 1.0)])
+    point = shapely.Polygon([(0.0, 0.0)] * 3)
+    assert ground_of(fitted([point, needle], 1)).covers(shapely.LineString([(0.0, 0.0), (1.0, 1.0)]))
+
+
 def test_a_fence_without_room_is_refused() -> None:
     with pytest.raises(ValueError, match="a fence of 0 items holds no zone; it takes 1"):
         fitted([shapely.box(0, 0, 1, 1)], 0)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 MARGIN_M = 1e-3
 """Of circles, which are stored with a rounded radius."""
+_NO_WIDTH_M = 1e-6
+"""On the mean. A union with such a needle may leave it out."""
 MOST_PAIRED = 150
 """Shapes between which the best pair is searched; more are first put together by their places."""
 _NEIGHBOURS = 4
@@ -96,7 +98,8 @@ def _whole_parts(outlines: Sequence[Polygon | MultiPolygon]) -> NDArray[Any]:
     parts = parts[~shapely.is_empty(parts)]
     if not np.isfinite(shapely.get_coordinates(parts)).all():
         raise ValueError("an outline has a corner that is not finite")
-    broken = ~shapely.is_valid(parts) | (shapely.area(parts) <= 0.0)
+    width_m = 2.0 * shapely.area(parts) / np.maximum(shapely.length(parts), MARGIN_M)
+    broken = ~shapely.is_valid(parts) | (width_m <= _NO_WIDTH_M)
     parts[broken] = shapely.buffer(shapely.convex_hull(parts[broken]), MARGIN_M, join_style="mitre")
     return np.asarray(parts)
 
