@@ -35,7 +35,7 @@ use beliefs::Beliefs;
 use fuse::{Fused, Views, fuse};
 use history::History;
 use instants::Instant;
-use pages::PAGE_LENGTH;
+use pages::by_page;
 use quiet::Quiet;
 use reading::{Reading, StateRule};
 
@@ -116,7 +116,7 @@ impl CrowdMap {
         let Fused { voxel_ids, probability, untold } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
             fuse(beliefs, &mut self.history, views, now)
         });
-        let written = voxel_ids.chunk_by(in_one_page).map(|ids| ids[0] as usize / PAGE_LENGTH);
+        let written = by_page(&voxel_ids).map(|(page, _)| page);
         self.quiet.wake(written.clone());
         self.quiet_at_last_looks.wake(written);
         self.remember(&observations, untold, stamp_ns);
@@ -127,7 +127,7 @@ impl CrowdMap {
     fn remember(&mut self, observations: &[Arc<Observation>], mut untold: Vec<(u32, u32)>, stamp_ns: i64) {
         untold.sort_unstable();
         for (view, observation) in (0..).zip(observations) {
-            observation.occluded_ids().iter().for_each(|&id| self.history.hide(id));
+            self.history.hide(observation.occluded_ids());
             let mut ids = Cow::from(observation.voxel_ids());
             if untold.iter().any(|look| look.0 == view) {
                 ids.to_mut().retain(|&id| untold.binary_search(&(view, id)).is_err());
@@ -337,10 +337,6 @@ impl CrowdMap {
 /// A probability from which a voxel is called crowd.
 fn check_threshold(threshold: f64) -> Result<()> {
     require(threshold > 0.0 && threshold <= 1.0, "threshold", threshold, "in (0, 1]")
-}
-
-fn in_one_page(one: &u32, other: &u32) -> bool {
-    *one as usize / PAGE_LENGTH == *other as usize / PAGE_LENGTH
 }
 
 fn order_of<M: FusionMethod>(_: &M) -> InstantOrder {

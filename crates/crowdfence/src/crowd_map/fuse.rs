@@ -8,16 +8,16 @@ use rayon::prelude::*;
 use super::beliefs::BeliefsOf;
 use super::history::{History, Look};
 use super::instants::{Instant, Instants};
-use super::pages::PAGE_LENGTH;
+use super::pages::{PAGE_LENGTH, by_page};
 use super::reading::fading;
-use crate::method::{FusionMethod, VoxelLook};
+use crate::method::{Elapsed, FusionMethod, VoxelLook};
 use crate::observation::Observation;
 
 /// So many pages are one piece of work.
 const PAGES_AT_ONCE: usize = 8;
 
 /// Voxels that were seen, sorted, and their probability after the instant.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Fused {
     pub voxel_ids: Vec<u32>,
     pub probability: Vec<f64>,
@@ -53,12 +53,15 @@ pub(super) fn fuse<M: FusionMethod>(
         .into_par_iter()
         .with_min_len(PAGES_AT_ONCE)
         .map(|(rows, looks, beliefs)| {
-            let mut page = Page { looks, beliefs, aged: vec![], seen: PageSeen::new(&times) };
+            let seen = PageSeen::new(&times, rows.iter().map(|rows| rows.rows.len()).sum());
+            let mut page = Page { codes: looks, beliefs, looks: vec![], seen };
             page.take_in(rows, views, method, instants, &times);
             page.seen
         })
         .collect();
-    let mut fused = Fused::default();
+    let count = seen.iter().map(|page| page.voxel_ids.len()).sum();
+    let (voxel_ids, probability) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let mut fused = Fused { voxel_ids, probability, untold: vec![] };
     for page in seen {
         fused.voxel_ids.extend(page.voxel_ids);
         fused.probability.extend(page.probability);
@@ -79,6 +82,8 @@ struct Times<M: FusionMethod> {
     fading: Vec<Vec<M::Fading>>,
     /// What is left of a look at each of them at each other, row by row.
     between: Vec<Vec<M::Fading>>,
+    /// What is left of a look at once.
+    whole: M::Fading,
     /// What is left of them after the instant.
     fading_after: Vec<M::Fading>,
     /// Position in `instants` for each view.
@@ -99,6 +104,7 @@ impl<M: FusionMethod> Times<M> {
             slots,
             fading: instants.iter().map(fading_at).collect(),
             between: instants.iter().map(between_all).collect(),
+            whole: method.fading(Elapsed { seconds: 0.0, instants: 0 }),
             fading_after: fading_at(&now),
             of_view: taken.iter().map(place).collect(),
             instants,
@@ -115,12 +121,11 @@ struct Rows {
 
 /// Sorted by page, then in the order of the views.
 fn rows_by_page(observations: &[Arc<Observation>]) -> Vec<Rows> {
-    let page = |id: u32| id as usize / PAGE_LENGTH;
     let mut all = Vec::new();
     for (view, observation) in observations.iter().enumerate() {
         let mut start = 0;
-        for ids in observation.voxel_ids().chunk_by(|&a, &b| page(a) == page(b)) {
-            all.push(Rows { page: page(ids[0]), view, rows: start..start + ids.len() });
+        for (page, ids) in by_page(observation.voxel_ids()) {
+            all.push(Rows { page, view, rows: start..start + ids.len() });
             start += ids.len();
         }
     }
@@ -141,10 +146,11 @@ struct PageSeen {
 }
 
 impl PageSeen {
-    fn new<M: FusionMethod>(times: &Times<M>) -> PageSeen {
+    /// There is room for `most` voxels.
+    fn new<M: FusionMethod>(times: &Times<M>, most: usize) -> PageSeen {
         PageSeen {
-            voxel_ids: vec![],
-            probability: vec![],
+            voxel_ids: Vec::with_capacity(most),
+            probability: Vec::with_capacity(most),
             untold: vec![],
             entered: vec![0; times.slots.len()],
             left: vec![],
@@ -160,11 +166,39 @@ impl PageSeen {
 }
 
 struct Page<'a, M: FusionMethod> {
-    looks: &'a mut [u32],
+    /// Of [`Look`].
+    codes: &'a mut [u32],
     beliefs: &'a mut [M::Belief],
     /// The looks at one voxel, and what time leaves of each.
-    aged: Vec<(VoxelLook, M::Fading)>,
+    looks: Vec<(VoxelLook, M::Fading)>,
     seen: PageSeen,
+}
+
+/// What is left of one view's rows.
+struct Next<'a> {
+    view: usize,
+    /// Of all its rows.
+    ids: &'a [u32],
+    rows: Range<usize>,
+    /// Of the next row, [`Next::NONE`] after the last.
+    id: u32,
+}
+
+impl<'a> Next<'a> {
+    const NONE: u32 = u32::MAX;
+
+    fn new(rows: &Rows, views: Views<'a>) -> Next<'a> {
+        let ids = views.observations[rows.view].voxel_ids();
+        Next { view: rows.view, ids, rows: rows.rows.clone(), id: ids[rows.rows.start] }
+    }
+
+    /// The next row, which is passed.
+    fn pass(&mut self) -> usize {
+        let row = self.rows.start;
+        self.rows.start += 1;
+        self.id = if self.rows.is_empty() { Next::NONE } else { self.ids[self.rows.start] };
+        row
+    }
 }
 
 impl<M: FusionMethod> Page<'_, M> {
@@ -177,49 +211,47 @@ impl<M: FusionMethod> Page<'_, M> {
         instants: &Instants,
         times: &Times<M>,
     ) {
-        let mut next: Vec<Range<usize>> = rows.iter().map(|rows| rows.rows.clone()).collect();
-        let mut looks = Vec::with_capacity(rows.len());
-        let next_id = |rows: &Rows, next: &Range<usize>| {
-            (!next.is_empty()).then(|| views.observations[rows.view].voxel_ids()[next.start])
-        };
-        while let Some(id) = rows.iter().zip(&next).filter_map(|(rows, next)| next_id(rows, next)).min() {
-            looks.clear();
-            for (rows, next) in rows.iter().zip(&mut next) {
-                if next_id(rows, next) == Some(id) {
-                    let look = views.look(rows.view, next.start);
-                    match method.tells(&look) {
-                        true => looks.push(look),
-                        false => self.seen.untold.push((look.view, id)),
-                    }
-                    next.start += 1;
+        let mut coming: Vec<Next<'_>> = rows.iter().map(|rows| Next::new(rows, views)).collect();
+        loop {
+            let id = coming.iter().map(|next| next.id).min().unwrap_or(Next::NONE);
+            if id == Next::NONE {
+                break;
+            }
+            self.looks.clear();
+            for next in coming.iter_mut().filter(|next| next.id == id) {
+                let look = views.look(next.view, next.pass());
+                match method.tells(&look) {
+                    true => self.looks.push((look, times.whole)),
+                    false => self.seen.untold.push((look.view, id)),
                 }
             }
-            match looks.is_empty() {
-                true => Look::hide(&mut self.looks[id as usize % PAGE_LENGTH]),
-                false => self.see(id, &looks, method, instants, times),
+            match self.looks.is_empty() {
+                true => Look::hide(&mut self.codes[id as usize % PAGE_LENGTH]),
+                false => self.see(id, method, instants, times),
             }
         }
     }
 
-    fn see(&mut self, id: u32, looks: &[VoxelLook], method: &M, instants: &Instants, times: &Times<M>) {
+    fn see(&mut self, id: u32, method: &M, instants: &Instants, times: &Times<M>) {
         let at = id as usize % PAGE_LENGTH;
         let time_of = |look: &VoxelLook| times.of_view[look.view as usize];
-        let newest = looks.iter().map(time_of).max().expect("a voxel that was seen has looks");
-        let last = match Look::from_code(self.looks[at]) {
+        let newest = self.looks.iter().map(|(look, _)| time_of(look)).max().expect("it was seen");
+        let last = match Look::from_code(self.codes[at]) {
             Look::At(slot) => Some(slot),
             Look::Never | Look::Occluded => None,
         };
         // An older look than the last one does not make it older.
         let newer = last.map(|slot| instants.at(slot)).filter(|&last| last > times.instants[newest]);
-        let late = |look: &VoxelLook| match newer {
-            Some(last) => method.fading(times.instants[time_of(look)].until(last)),
-            None => times.between[newest][time_of(look)],
-        };
-        self.aged.clear();
-        self.aged.extend(looks.iter().map(|look| (*look, late(look))));
+        for (look, fading) in &mut self.looks {
+            let time = time_of(look);
+            *fading = match newer {
+                Some(last) => method.fading(times.instants[time].until(last)),
+                None => times.between[newest][time],
+            };
+        }
         let believed = last.map(|slot| (self.beliefs[at], slot as usize));
         let before = believed.map(|(belief, slot)| (belief, times.fading[newest][slot]));
-        let belief = method.update(before, &self.aged);
+        let belief = method.update(before, &self.looks);
         self.beliefs[at] = belief;
         let slot = match last {
             Some(slot) if newer.is_some() => slot,
@@ -231,7 +263,7 @@ impl<M: FusionMethod> Page<'_, M> {
         };
         let as_of_now = |(belief, slot): (M::Belief, usize)| (belief, times.fading_after[slot]);
         let after = as_of_now((belief, slot as usize));
-        self.looks[at] = Look::had(slot, method.speaks_for_crowd(believed.map(as_of_now), after));
+        self.codes[at] = Look::had(slot, method.speaks_for_crowd(believed.map(as_of_now), after));
         self.seen.voxel_ids.push(id);
         self.seen.probability.push(method.probability(after.0, after.1));
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::instants::{Instant, Instants};
-use super::pages::Pages;
+use super::pages::{PAGE_LENGTH, Pages, by_page};
 
 #[derive(Debug, Clone)]
 pub(super) struct History {
@@ -109,8 +109,12 @@ impl History {
         Look::is_for_crowd(self.looks.get(id as usize))
     }
 
-    pub fn hide(&mut self, id: u32) {
-        Look::hide(self.looks.get_mut(id as usize));
+    /// Something hides voxels, sorted, from a camera.
+    pub fn hide(&mut self, ids: &[u32]) {
+        for (page, ids) in by_page(ids) {
+            let codes = self.looks.page_mut(page);
+            ids.iter().for_each(|&id| Look::hide(&mut codes[id as usize % PAGE_LENGTH]));
+        }
     }
 
     /// Number of a drone that gives a view.

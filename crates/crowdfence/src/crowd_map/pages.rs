@@ -1,8 +1,20 @@
 //! One value per voxel, in pages that exist only where something was written.
 
-use std::mem;
+use std::{iter, mem};
 
 pub(super) const PAGE_LENGTH: usize = 1024;
+
+/// Ids, sorted and each there once, with the number of the page that holds them.
+pub(super) fn by_page(mut ids: &[u32]) -> impl Iterator<Item = (usize, &[u32])> + Clone {
+    let page_of = |id: u32| id as usize / PAGE_LENGTH;
+    iter::from_fn(move || {
+        let page = page_of(*ids.first()?);
+        let within = &ids[..ids.len().min(PAGE_LENGTH)];
+        let (of_page, rest) = ids.split_at(within.partition_point(|&id| page_of(id) == page));
+        ids = rest;
+        Some((page, of_page))
+    })
+}
 
 #[derive(Debug, Clone)]
 pub(super) struct Pages<T> {
@@ -21,9 +33,13 @@ impl<T: Copy> Pages<T> {
     }
 
     pub fn get_mut(&mut self, at: usize) -> &mut T {
+        &mut self.page_mut(at / PAGE_LENGTH)[at % PAGE_LENGTH]
+    }
+
+    /// Page `number`; made where nothing was written.
+    pub fn page_mut(&mut self, number: usize) -> &mut [T] {
         let absent = self.absent;
-        let page = self.pages[at / PAGE_LENGTH].get_or_insert_with(|| vec![absent; PAGE_LENGTH].into());
-        &mut page[at % PAGE_LENGTH]
+        self.pages[number].get_or_insert_with(|| vec![absent; PAGE_LENGTH].into())
     }
 
     /// The pages of these numbers, increasing; made where nothing was written.
@@ -64,5 +80,19 @@ impl<T: Copy> Pages<T> {
     pub fn put(&mut self, number: usize, page: Vec<T>) {
         debug_assert_eq!(page.len(), PAGE_LENGTH);
         self.pages[number] = Some(page.into());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_parted_where_pages_end() {
+        let whole: Vec<u32> = (2048..3072).collect();
+        let ids = [&[0, 1023, 1024], &whole[..], &[7000]].concat();
+        let parts: Vec<(usize, &[u32])> = by_page(&ids).collect();
+        assert_eq!(parts, [(0, &ids[..2]), (1, &ids[2..3]), (2, &whole[..]), (6, &ids[1027..])]);
+        assert_eq!(by_page(&[]).count(), 0);
     }
 }
