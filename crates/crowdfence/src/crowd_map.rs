@@ -35,7 +35,6 @@ use beliefs::Beliefs;
 use fuse::{Fused, Views, fuse};
 use history::History;
 use instants::Instant;
-use pages::by_page;
 use quiet::Quiet;
 use reading::{Reading, StateRule};
 
@@ -113,13 +112,13 @@ impl CrowdMap {
         let taken = instants_of(&observations, now);
         let drones: Vec<u32> = observations.iter().map(|seen| self.history.enlist(seen.drone())).collect();
         let views = Views { observations: &observations, drones: &drones, taken: &taken };
-        let Fused { voxel_ids, probability, untold } = each_method!(&mut self.beliefs, Beliefs, beliefs => {
+        let fused = each_method!(&mut self.beliefs, Beliefs, beliefs => {
             fuse(beliefs, &mut self.history, views, now)
         });
-        let written = by_page(&voxel_ids).map(|(page, _)| page);
-        self.quiet.wake(written.clone());
-        self.quiet_at_last_looks.wake(written);
-        self.remember(&observations, untold, stamp_ns);
+        self.quiet.wrote(&fused.pages, stamp_ns);
+        self.quiet_at_last_looks.wrote(&fused.pages_at_last_looks(), columns::NEVER_LATER_NS);
+        self.remember(&observations, fused.untold, stamp_ns);
+        let Fused { voxel_ids, probability, .. } = fused;
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 

@@ -147,7 +147,7 @@ impl CrowdMap {
 }
 
 /// What a page was at the last looks, it is at every stamp.
-const NEVER_LATER_NS: i64 = 0;
+pub(super) const NEVER_LATER_NS: i64 = 0;
 
 /// One of the voxels that were asked for.
 struct Placed {
@@ -207,10 +207,11 @@ mod tests {
 
     /// One drone says what it thinks of some voxels, at second `second`.
     fn look(map: &mut CrowdMap, second: i64, means: &BTreeMap<u32, f64>) {
-        look_at(map, second * SECOND, means);
+        look_at(map, second * SECOND, 0, means);
     }
 
-    fn look_at(map: &mut CrowdMap, stamp_ns: i64, means: &BTreeMap<u32, f64>) {
+    /// The instant is `late_ns` after the view was taken.
+    fn look_at(map: &mut CrowdMap, stamp_ns: i64, late_ns: i64, means: &BTreeMap<u32, f64>) {
         let seen = SeenVoxels {
             ids: means.keys().copied().collect(),
             mean: means.values().copied().collect(),
@@ -218,8 +219,8 @@ mod tests {
             range_m: vec![10.0; means.len()],
             tilt_deg: vec![90.0; means.len()],
         };
-        let observation =
-            Observation::new(map.terrain.key(), "a", stamp_ns, seen, vec![], CrowdMass::default()).unwrap();
+        let (key, taken_ns) = (map.terrain.key(), stamp_ns - late_ns);
+        let observation = Observation::new(key, "a", taken_ns, seen, vec![], CrowdMass::default()).unwrap();
         map.integrate_observations(vec![observation], stamp_ns).unwrap();
     }
 
@@ -331,6 +332,8 @@ mod tests {
         mean: f64,
         /// When the map is read, tenths of a second after its newest instant.
         read_after: i64,
+        /// Of the view, tenths of a second.
+        late: i64,
     }
 
     fn deeds() -> impl Strategy<Value = Vec<Deed>> {
@@ -340,13 +343,15 @@ mod tests {
             1..30i32,
             prop_oneof![Just(1.0), Just(0.0), 0.0..=1.0],
             0..60i64,
+            prop_oneof![2 => Just(0), 1 => 0..150i64],
         );
-        let deed = deed.prop_map(|(after, corner, side, mean, read_after)| Deed {
+        let deed = deed.prop_map(|(after, corner, side, mean, read_after, late)| Deed {
             after,
             corner,
             side,
             mean,
             read_after,
+            late,
         });
         prop::collection::vec(deed, 1..14)
     }
@@ -370,12 +375,16 @@ mod tests {
                 let inside = |[i, j, _]: [i32; 3]| i >= low.0 && i < high.0 && j >= low.1 && j < high.1;
                 let all = 0..map.terrain.voxel_count() as u32;
                 let means = all.filter(|&id| inside(map.terrain.index(id))).map(|id| (id, deed.mean)).collect();
-                look_at(&mut map, stamp_ns, &means);
+                look_at(&mut map, stamp_ns, if in_order { 0 } else { deed.late * SECOND / 10 }, &means);
                 let read_ns = newest_ns + deed.read_after * SECOND / 10;
                 let fresh = map.clone();
                 prop_assert_eq!(
                     map.crowd_columns(read_ns, threshold).unwrap(),
                     fresh.crowd_columns(read_ns, threshold).unwrap()
+                );
+                prop_assert_eq!(
+                    map.crowd_ids_at_last_looks(threshold).unwrap(),
+                    fresh.crowd_ids_at_last_looks(threshold).unwrap()
                 );
             }
         }
@@ -419,7 +428,7 @@ mod tests {
                 let inside = |[i, j, _]: [i32; 3]| i >= low.0 && i < high.0 && j >= low.1 && j < high.1;
                 let all = 0..map.terrain.voxel_count() as u32;
                 let ids: Vec<u32> = all.filter(|&id| inside(map.terrain.index(id))).collect();
-                look_at(&mut map, stamp_ns, &ids.iter().map(|&id| (id, deed.mean)).collect());
+                look_at(&mut map, stamp_ns, 0, &ids.iter().map(|&id| (id, deed.mean)).collect());
                 after.extend(ids.iter().copied().zip(map.probability_of(&ids, stamp_ns).unwrap()));
                 let expected: Vec<u32> =
                     after.iter().filter(|(_, p)| **p >= threshold).map(|(&id, _)| id).collect();
@@ -445,6 +454,17 @@ mod tests {
         assert_eq!(read.spoke_for_crowd(&[0, 1, 2]), [true, false, true]);
     }
 
+    /// A look at .9 leaves odds of .25 e^(3.4 / 2), P = .58; after ten seconds P = .38.
+    #[test]
+    fn crowd_of_a_late_view_is_found_on_a_page_without_crowd() {
+        let mut map = map(&[[0, 0, 0], [1, 0, 0]], evidence(0.2));
+        look(&mut map, 0, &BTreeMap::from([(1, 0.0)]));
+        assert_eq!(map.crowd_ids_at_last_looks(0.5).unwrap(), Vec::<u32>::new());
+        look_at(&mut map, 100 * SECOND, 10 * SECOND, &BTreeMap::from([(0, 0.9)]));
+        assert_eq!(map.crowd_ids(100 * SECOND, 0.5).unwrap(), Vec::<u32>::new());
+        assert_eq!(map.crowd_ids_at_last_looks(0.5).unwrap(), [0]);
+    }
+
     #[test]
     fn pages_without_crowd_are_not_read_again() {
         let mut map = square(evidence(0.2));
@@ -456,6 +476,9 @@ mod tests {
             map.quiet.put(pages);
             numbers
         };
+        assert_eq!(read(&map, 0), Vec::<usize>::new());
+        // Nothing of crowd is written to a page that held none.
+        look(&mut map, 0, &(0..64).map(|id| (id, 0.0)).collect());
         assert_eq!(read(&map, 0), Vec::<usize>::new());
         // Crowd is found on the second page: only that one is read, as long as it has crowd.
         for second in 1..4 {

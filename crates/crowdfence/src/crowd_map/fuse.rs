@@ -21,8 +21,20 @@ const PAGES_AT_ONCE: usize = 8;
 pub(super) struct Fused {
     pub voxel_ids: Vec<u32>,
     pub probability: Vec<f64>,
+    /// Pages with voxels in view, and the largest of these probabilities on each.
+    pub pages: Vec<(usize, f64)>,
+    /// Whether these probabilities are what the looks left, with nothing forgotten since.
+    pub is_as_looked: bool,
     /// Looks that told the method nothing: view and voxel.
     pub untold: Vec<(u32, u32)>,
+}
+
+impl Fused {
+    /// The pages and the largest probability that the last looks left on each, or more.
+    pub fn pages_at_last_looks(&self) -> Vec<(usize, f64)> {
+        let most = |largest| if self.is_as_looked { largest } else { 1.0 };
+        self.pages.iter().map(|&(page, largest)| (page, most(largest))).collect()
+    }
 }
 
 /// The views of one instant.
@@ -60,8 +72,13 @@ pub(super) fn fuse<M: FusionMethod>(
         })
         .collect();
     let count = seen.iter().map(|page| page.voxel_ids.len()).sum();
-    let (voxel_ids, probability) = (Vec::with_capacity(count), Vec::with_capacity(count));
-    let mut fused = Fused { voxel_ids, probability, untold: vec![] };
+    let mut fused = Fused {
+        voxel_ids: Vec::with_capacity(count),
+        probability: Vec::with_capacity(count),
+        pages: numbers.into_iter().zip(seen.iter().map(|page| page.largest)).collect(),
+        is_as_looked: times.instants == [now],
+        untold: vec![],
+    };
     for page in seen {
         fused.voxel_ids.extend(page.voxel_ids);
         fused.probability.extend(page.probability);
@@ -138,6 +155,7 @@ fn rows_by_page(observations: &[Arc<Observation>]) -> Vec<Rows> {
 struct PageSeen {
     voxel_ids: Vec<u32>,
     probability: Vec<f64>,
+    largest: f64,
     untold: Vec<(u32, u32)>,
     /// How many of its voxels name each of the slots of [`Times`] now.
     entered: Vec<u32>,
@@ -151,6 +169,7 @@ impl PageSeen {
         PageSeen {
             voxel_ids: Vec::with_capacity(most),
             probability: Vec::with_capacity(most),
+            largest: 0.0,
             untold: vec![],
             entered: vec![0; times.slots.len()],
             left: vec![],
@@ -264,8 +283,10 @@ impl<M: FusionMethod> Page<'_, M> {
         let as_of_now = |(belief, slot): (M::Belief, usize)| (belief, times.fading_after[slot]);
         let after = as_of_now((belief, slot as usize));
         self.codes[at] = Look::had(slot, method.speaks_for_crowd(believed.map(as_of_now), after));
+        let probability = method.probability(after.0, after.1);
+        self.seen.largest = self.seen.largest.max(probability);
         self.seen.voxel_ids.push(id);
-        self.seen.probability.push(method.probability(after.0, after.1));
+        self.seen.probability.push(probability);
     }
 }
 

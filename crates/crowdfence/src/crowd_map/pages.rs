@@ -5,7 +5,7 @@ use std::{iter, mem};
 pub(super) const PAGE_LENGTH: usize = 1024;
 
 /// Ids, sorted and each there once, with the number of the page that holds them.
-pub(super) fn by_page(mut ids: &[u32]) -> impl Iterator<Item = (usize, &[u32])> + Clone {
+pub(super) fn by_page(mut ids: &[u32]) -> impl Iterator<Item = (usize, &[u32])> {
     let page_of = |id: u32| id as usize / PAGE_LENGTH;
     iter::from_fn(move || {
         let page = page_of(*ids.first()?);

@@ -2,7 +2,7 @@
 //! read them again.
 //!
 //! A method says from which thresholds on nothing begins by forgetting. A page whose voxels are all below such a
-//! threshold at one moment is so at every later one, until an instant writes to it. It is awake then, and read
+//! threshold at one moment is so at every later one, until an instant writes more to it. It is awake then, and read
 //! once; a page with crowd stays awake. Each page is asleep from a stamp on: who asks for an older one, which an
 //! instant that comes late does, reads it again.
 
@@ -54,10 +54,10 @@ impl Quiet {
         known.drain(..surplus);
     }
 
-    /// An instant has written to these pages.
-    pub fn wake(&mut self, written: impl Iterator<Item = usize> + Clone) {
+    /// An instant has written to these pages, at each of them this probability at most, as of `stamp_ns`.
+    pub fn wrote(&mut self, written: &[(usize, f64)], stamp_ns: i64) {
         for pages in self.by_threshold.get_mut().expect("nobody panics with it") {
-            written.clone().for_each(|page| pages.wake(page));
+            written.iter().for_each(|&(page, largest)| pages.wrote(page, largest, stamp_ns));
         }
     }
 }
@@ -80,10 +80,24 @@ impl Pages {
     pub fn found(&mut self, page: usize, largest: f64, stamp_ns: i64) {
         self.wake(page);
         if surely_below(largest, self.threshold) {
-            self.awake.remove(&page);
-            self.asleep.insert(page, stamp_ns);
-            self.by_stamp.insert((stamp_ns, page));
+            self.sleep(page, stamp_ns);
         }
+    }
+
+    /// What is written to a page that holds nothing else, or nothing else of crowd, is all that can be crowd there.
+    fn wrote(&mut self, page: usize, largest: f64, stamp_ns: i64) {
+        let since_ns = self.asleep.get(&page).map_or(stamp_ns, |&asleep_ns| asleep_ns.max(stamp_ns));
+        let is_awake = self.awake.contains(&page);
+        self.wake(page);
+        if !is_awake && surely_below(largest, self.threshold) {
+            self.sleep(page, since_ns);
+        }
+    }
+
+    fn sleep(&mut self, page: usize, stamp_ns: i64) {
+        self.awake.remove(&page);
+        self.asleep.insert(page, stamp_ns);
+        self.by_stamp.insert((stamp_ns, page));
     }
 
     fn wake(&mut self, page: usize) {
