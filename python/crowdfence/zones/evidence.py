@@ -67,13 +67,15 @@ def looks_at(
         if not len(seen):
             continue
         at = np.searchsorted(seen, voxel_ids).clip(max=len(seen) - 1)
-        shows_it = (observation.tilt_deg > 0.0) | (observation.mean > shows_crowd)
-        is_seen = (seen[at] == voxel_ids) & shows_it[at]
+        is_seen = seen[at] == voxel_ids
         at, zone = at[is_seen], of_zone[is_seen]
+        mean, tilt_deg = observation.mean[at], observation.tilt_deg[at]
+        tells = (tilt_deg > 0.0) | (mean > shows_crowd)
+        at, zone, mean = at[tells], zone[tells], mean[tells]
         numbers, first, count = np.unique(zone, return_index=True, return_counts=True)
         if not len(numbers):
             continue
-        value = np.maximum.reduceat(observation.mean[at], first).tolist()
+        value = np.maximum.reduceat(mean, first).tolist()
         range_m = np.minimum.reduceat(observation.range_m[at], first).tolist()
         share = (count / sizes[numbers]).tolist()
         for number, look in zip(numbers.tolist(), zip(value, share, range_m, strict=True), strict=True):
