@@ -108,6 +108,7 @@ class Bench:
             "scene": kind,
             "side_m": side_m,
             "voxel_m": voxel_m,
+            "date": time.strftime("%Y-%m-%d"),
             "load_before": os.getloadavg()[0],
         }
         try:
@@ -294,7 +295,7 @@ def main() -> None:
     scenes = [bench.scene_once(kind, name, counts) for kind in kinds for name in maps]
     results = {
         "machine": _machine(),
-        "date": time.strftime("%Y-%m-%d"),
+        "date": " and ".join(sorted({scene["date"] for scene in scenes})),
         "passes": bench.passes,
         "left_out": [
             f"{side / 1e3:g} x {side / 1e3:g} km at {voxel:g} m"

@@ -98,8 +98,8 @@ def _whole_parts(outlines: Sequence[Polygon | MultiPolygon]) -> NDArray[Any]:
     parts = parts[~shapely.is_empty(parts)]
     if not np.isfinite(shapely.get_coordinates(parts)).all():
         raise ValueError("an outline has a corner that is not finite")
-    width_m = 2.0 * shapely.area(parts) / np.maximum(shapely.length(parts), MARGIN_M)
-    broken = ~shapely.is_valid(parts) | (width_m <= _NO_WIDTH_M)
+    is_needle = 2.0 * shapely.area(parts) <= _NO_WIDTH_M * shapely.length(parts)
+    broken = ~shapely.is_valid(parts) | is_needle
     parts[broken] = shapely.buffer(shapely.convex_hull(parts[broken]), MARGIN_M, join_style="mitre")
     return np.asarray(parts)
 
