@@ -53,13 +53,18 @@ impl View {
             return Cow::Borrowed(&self.heatmap.values);
         }
         let columns: Vec<usize> = (0..width).map(|column| cell(column, self.heatmap.width, width)).collect();
-        let row_of = |row| {
-            let row = cell(row, self.heatmap.height, height);
-            &self.heatmap.values[row * self.heatmap.width..][..self.heatmap.width]
-        };
-        Cow::Owned(
-            (0..height).map(row_of).flat_map(|row| columns.iter().map(|&column| row[column])).collect(),
-        )
+        let mut values: Vec<f32> = Vec::with_capacity(width as usize * height as usize);
+        let mut last = None;
+        for row in (0..height).map(|row| cell(row, self.heatmap.height, height)) {
+            if last == Some(row) {
+                values.extend_from_within(values.len() - width as usize..);
+            } else {
+                let cells = &self.heatmap.values[row * self.heatmap.width..][..self.heatmap.width];
+                values.extend(columns.iter().map(|&column| cells[column]));
+            }
+            last = Some(row);
+        }
+        Cow::Owned(values)
     }
 }
 
@@ -212,6 +217,16 @@ mod tests {
         assert_eq!(view.value_at(1, 1), 0.0);
         assert_eq!(view.value_at(2, 1), 1e-6);
         assert_eq!(view.value_at(5, 3), 5e-6);
+    }
+
+    #[test]
+    fn the_values_of_all_pixels_are_those_of_each() {
+        for (width, height, heatmap) in [(6, 4, [2, 3]), (640, 360, [12, 20]), (19, 7, [3, 8]), (6, 4, [4, 6])] {
+            let view = view(width, height, heatmap).unwrap();
+            let each = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
+            let each: Vec<f32> = each.map(|(column, row)| view.value_at(column, row)).collect();
+            assert_eq!(view.pixel_values().as_ref(), each, "{width} x {height} from {heatmap:?}");
+        }
     }
 
     #[test]

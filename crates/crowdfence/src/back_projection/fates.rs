@@ -94,19 +94,19 @@ fn exit(origin: DVec3, direction: DVec3, extent: DVec3) -> Option<DVec3> {
 
 /// Sums the pixels of a view whose value is above `threshold` by their fate, which is asked of no others.
 pub(super) fn crowd_mass(view: &View, threshold: f64, fate: impl Fn(u32, u32) -> Fate + Sync) -> CrowdMass {
-    let (height, width) = (view.camera.height(), view.camera.width());
-    let mass_of_row = |row: u32| {
+    let values = view.pixel_values();
+    let mass_of_row = |(row, values): (usize, &[f32])| {
         let mut mass = CrowdMass::default();
-        for column in 0..width {
-            let value = f64::from(view.value_at(column, row));
+        for (column, value) in values.iter().map(|&value| f64::from(value)).enumerate() {
             if value > threshold {
-                *part(&mut mass, fate(column, row)) += value;
+                *part(&mut mass, fate(column as u32, row as u32)) += value;
             }
         }
         mass
     };
     // Rows are added in their order, so that the sum does not depend on the threads.
-    let rows: Vec<CrowdMass> = (0..height).into_par_iter().map(mass_of_row).collect();
+    let rows: Vec<CrowdMass> =
+        values.par_chunks(view.camera.width() as usize).enumerate().map(mass_of_row).collect();
     rows.into_iter().sum()
 }
 
