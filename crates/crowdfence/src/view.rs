@@ -221,7 +221,9 @@ mod tests {
 
     #[test]
     fn the_values_of_all_pixels_are_those_of_each() {
-        for (width, height, heatmap) in [(6, 4, [2, 3]), (640, 360, [12, 20]), (19, 7, [3, 8]), (6, 4, [4, 6])] {
+        for (width, height, heatmap) in
+            [(6, 4, [2, 3]), (640, 360, [12, 20]), (19, 7, [3, 8]), (6, 4, [4, 6])]
+        {
             let view = view(width, height, heatmap).unwrap();
             let each = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
             let each: Vec<f32> = each.map(|(column, row)| view.value_at(column, row)).collect();

@@ -146,6 +146,24 @@ impl<'a> Canvas<'a> {
         painted
     }
 
+    /// Whether any of a block is still free.
+    #[inline(always)]
+    pub fn has_free(&self, block: &Block) -> bool {
+        (0..block.rows as usize).any(|line| {
+            let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
+            bits & !self.covered_from(block.column as usize, block.row as usize + line) != 0
+        })
+    }
+
+    /// Whether pixels are painted on, a bit each from one of a row on.
+    #[inline(always)]
+    fn covered_from(&self, column: usize, row: usize) -> u64 {
+        let (word, shift) = (column / WORD, column % WORD);
+        let at = row * self.covered.words_a_row + word;
+        let [first, second] = &self.covered.words[at..at + 2] else { unreachable!() };
+        first >> shift | second << 1 << (WORD - 1 - shift)
+    }
+
     /// Paints those of a block that are still free, through a pinhole.
     #[inline(always)]
     pub fn paint_block(&mut self, block: &Block, owner: u32) -> Painted {
@@ -155,15 +173,13 @@ impl<'a> Canvas<'a> {
         let mut sums = [0.0f32; 8];
         for line in 0..block.rows as usize {
             let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
-            let at = (row + line) * self.covered.words_a_row + word;
-            let [first, second] = &mut self.covered.words[at..at + 2] else { unreachable!() };
-            let covered = *first >> shift | *second << 1 << (WORD - 1 - shift);
-            let free = bits & !covered;
+            let free = bits & !self.covered_from(column, row + line);
             if free == 0 {
                 continue;
             }
-            *first |= free << shift;
-            *second |= free >> 1 >> (WORD - 1 - shift);
+            let at = (row + line) * self.covered.words_a_row + word;
+            self.covered.words[at] |= free << shift;
+            self.covered.words[at + 1] |= free >> 1 >> (WORD - 1 - shift);
             painted.count += free.count_ones();
             let at = (row + line) * self.width + column;
             // Eight values without a branch; they may be beyond the block, but not beyond the picture.

@@ -25,8 +25,12 @@ const SURE: f32 = 0.01;
 const PLUMB: f32 = 0.05;
 /// How far the corners of a column are from its middle, seen from above, and a hair more.
 const HALF_DIAGONAL: f32 = 0.71;
+/// What may show of a column under its uppermost voxel, in voxels, for it to be painted as smooth ground all the same.
+const MOST_UNDER: f32 = 0.5;
 /// Sides of the polygon that a column is painted as.
 pub const EDGES: usize = 6;
+/// The first of the two that meet in the foot.
+pub const FOOT: usize = 3;
 
 /// A number for each column of a row.
 pub type Row = [f32; SIDE];
@@ -67,6 +71,9 @@ pub struct Outlines {
     pub in_image: [i32; SIDE],
     /// How near to a side no pixel may lie.
     pub unsure_within: Row,
+    /// Inside the two sides that meet in the foot, pixels up to this value may be those of what is under the uppermost
+    /// voxel, or of nothing; negative where all are its own.
+    pub under: [Row; 2],
     /// Negative when a column has to be painted with more care.
     pub sure: Row,
     /// Negative when a column is out of range.
@@ -82,6 +89,7 @@ impl Outlines {
         middle: [[0; SIDE]; 2],
         in_image: [0; SIDE],
         unsure_within: [0.0; SIDE],
+        under: [[-1.0; SIDE]; 2],
         sure: [0.0; SIDE],
         reach: [0.0; SIDE],
     };
@@ -215,9 +223,11 @@ impl Frame {
             let (across, along) = (rise_x * side_x + rise_y * side_y, rise_y * side_x - rise_x * side_y);
             let (front, back, left, right) = (top - across, top + across, top + along, top - along);
             let lowest = least(least(front, left), right) - drop;
+            // What shows under the uppermost voxel, at most: where planes meet but for their roundings, next to nothing.
+            let under = shoulder[j] - lowest;
             let bottom_before = most(bottom_x[j], bottom_y);
             let next_before = least(next_x[j], next_y);
-            let mut sure = least(lowest - shoulder[j], top - bottom_before);
+            let mut sure = least(MOST_UNDER - under, top - bottom_before);
             sure = least(sure, next_before - top - SURE);
             sure = least(sure, bottom[j] - bottom_before + holes);
             let (middle_x, middle_y, middle_z) =
@@ -242,6 +252,19 @@ impl Frame {
                 no_foot: 0.0,
             };
             sure = least(sure, self.outline(&corners, j, outlines));
+            let cut = |x: f32, y: f32, height: f32| self.image(x, y, most(height - drop, shoulder[j]));
+            let right_cut = cut(x + half_y, y - half_x, right);
+            let foot_cut = cut(x - half_x, y - half_y, front);
+            let left_cut = cut(x - half_y, y + half_x, left);
+            for (number, from, ends) in
+                [(0, corners.right_low, [right_cut, foot_cut]), (1, corners.foot, [foot_cut, left_cut])]
+            {
+                let edge = FOOT + number;
+                let along = (outlines.along[0][edge][j], outlines.along[1][edge][j]);
+                let [one, other] = ends.map(|end| side_of(along, minus(end, from)));
+                let within = most(one, other) + outlines.unsure_within[j];
+                outlines.under[number][j] = if under > 0.0 { within } else { -1.0 };
+            }
             // Turned away behind an edge that is no lower, it shows nothing.
             let is_hidden = above < 0.0 && step <= 0.0;
             let is_step_behind = above + drop < SURE && step > 0.0;
@@ -322,13 +345,19 @@ impl Frame {
             (left_top, left_up, 0.0),
         ];
         for (edge, (from, along, none)) in sides.into_iter().enumerate() {
-            let (u, v) = minus(center, from);
-            outlines.value[edge][j] = along.0 * v - along.1 * u + none;
+            let place = minus(center, from);
+            outlines.value[edge][j] = side_of(along, place) + none;
             outlines.along[0][edge][j] = along.0;
             outlines.along[1][edge][j] = along.1;
         }
         least(left_length, right_length) - PLUMB * self.focal_px
     }
+}
+
+/// On which side of a line through the origin a place lies, positive on the right as one sees it: its distance times the length.
+#[inline(always)]
+fn side_of(along: (f32, f32), place: (f32, f32)) -> f32 {
+    along.0 * place.1 - along.1 * place.0
 }
 
 /// The nearest whole number, of a number of less than four millions.

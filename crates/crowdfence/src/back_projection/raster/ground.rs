@@ -4,8 +4,9 @@
 use glam::DVec3;
 
 use super::canvas::{Block, Painted};
-use super::frame::{Frame, Outlines, Row, least};
+use super::frame::{FOOT, Frame, Outlines, Row, least};
 use super::hull::Sixteen;
+use super::strokes::Strokes;
 use super::tile::{SIDE, Tile, index};
 use super::{Painter, Place};
 use crate::terrain::tree::Square;
@@ -18,6 +19,8 @@ pub(super) struct Shapes {
     outlines: Outlines,
     /// The pixels of each, the upper four rows and the lower. Some beside its first columns and rows may be marked.
     bits: [[u32; SIDE]; 2],
+    /// Those of them that may show what is under the uppermost voxel.
+    doubtful: [[u32; SIDE]; 2],
     /// A bit for each column that may show something.
     may_show: u32,
     /// The same for those that are sure and have their middle in the image.
@@ -36,27 +39,35 @@ pub(super) enum Shown {
 }
 
 impl Shapes {
-    pub const NONE: Shapes =
-        Shapes { outlines: Outlines::NONE, bits: [[0; SIDE]; 2], may_show: 0, in_image: 0, pixel: [0; 2] };
+    pub const NONE: Shapes = Shapes {
+        outlines: Outlines::NONE,
+        bits: [[0; SIDE]; 2],
+        doubtful: [[0; SIDE]; 2],
+        may_show: 0,
+        in_image: 0,
+        pixel: [0; 2],
+    };
 
     /// Of row `i` of a tile that lies on side `side_x` of the camera, and each of its columns on its `side_y`.
     #[inline(always)]
     fn find_ground(&mut self, frame: &Frame, tile: &Tile, i: usize, side_x: f32, side_y: &Row) {
         frame.outline_ground(tile, i, side_x, side_y, &mut self.outlines);
-        self.fill(frame.pixel);
+        self.fill::<true>(frame.pixel);
     }
 
     #[inline(always)]
     pub fn find_hulls(&mut self, frame: &Frame, hulls: &Sixteen) {
         frame.outline_hulls(hulls, &mut self.outlines);
-        self.fill(frame.pixel);
+        self.fill::<false>(frame.pixel);
     }
 
     /// Finds the pixels, which are counted from one.
     #[inline(always)]
-    fn fill(&mut self, pixel: [i32; 2]) {
+    fn fill<const OF_GROUND: bool>(&mut self, pixel: [i32; 2]) {
         (self.bits, self.may_show, self.in_image, self.pixel) = ([[0; SIDE]; 2], 0, 0, pixel);
-        let Outlines { value, along, count, in_image, unsure_within, sure, reach, .. } = &mut self.outlines;
+        self.doubtful = [[0; SIDE]; 2];
+        let Outlines { value, along, count, in_image, unsure_within, under, sure, reach, .. } =
+            &mut self.outlines;
         let (mut columns, mut rows) = (0, 0);
         for j in 0..SIDE {
             let is_small = count[0][j] <= LARGEST && count[1][j] <= LARGEST;
@@ -66,6 +77,7 @@ impl Shapes {
         }
         for line in 0..rows {
             let bits = &mut self.bits[(line / 4) as usize];
+            let doubtful = &mut self.doubtful[(line / 4) as usize];
             let mut at = *value;
             for column in 0..columns {
                 let shift = 8 * (line % 4) + column;
@@ -74,6 +86,10 @@ impl Shapes {
                     let inside = least(inside, least(at[4][j], at[5][j]));
                     sure[j] = least(sure[j], inside.abs() - unsure_within[j]);
                     bits[j] |= (!inside.to_bits() >> 31) << shift;
+                    if OF_GROUND {
+                        let own = least(at[FOOT][j] - under[0][j], at[FOOT + 1][j] - under[1][j]);
+                        doubtful[j] |= (own.to_bits() >> 31) << shift;
+                    }
                 }
                 for (at, along) in at.iter_mut().zip(&along[1]) {
                     for j in 0..SIDE {
@@ -122,6 +138,13 @@ impl Shapes {
             rows,
             bits: u64::from(self.bits[0][j]) | u64::from(self.bits[1][j]) << 32,
         }))
+    }
+
+    /// Pixels of a column's block that may show what is under its uppermost voxel.
+    #[inline(always)]
+    fn doubtful(&self, j: usize, block: &Block) -> Block {
+        let doubtful = u64::from(self.doubtful[0][j]) | u64::from(self.doubtful[1][j]) << 32;
+        Block { bits: block.bits & doubtful, ..*block }
     }
 
     /// Column and row of the pixel over the middle of a column.
@@ -192,6 +215,16 @@ impl Painter<'_> {
         }
     }
 
+    /// The same, voxel by voxel.
+    #[inline(never)]
+    fn paint_with_care(&mut self, tile: &Tile, place: &Place) {
+        let mut strokes = Strokes::default();
+        let lowest = tile.lowest(place.at).expect("a column with ground");
+        self.plan_piece(tile, &lowest, None, place, &mut strokes);
+        strokes.find_none();
+        self.paint_strokes(tile, &strokes, None);
+    }
+
     #[inline(always)]
     fn paint_shape(
         &mut self,
@@ -202,7 +235,14 @@ impl Painter<'_> {
         middles: u32,
     ) {
         let painted = match block {
-            Some(block) => self.canvas.paint_block(&block, self.rows.len() as u32),
+            Some(block) => {
+                let doubtful = shapes.doubtful(place.at[1] as usize, &block);
+                // What the columns before have taken is no doubt any more.
+                if doubtful.bits != 0 && self.canvas.has_free(&doubtful) {
+                    return self.paint_with_care(tile, place);
+                }
+                self.canvas.paint_block(&block, self.rows.len() as u32)
+            }
             None => Painted::default(),
         };
         let (at, id) = (index(place.at), tile.lowest_id(place.at));

@@ -112,7 +112,7 @@ impl Painter<'_> {
 
     /// By its faces beside, over, under and close to the camera, and where the range ends.
     #[inline(always)]
-    fn plan_piece(
+    pub(super) fn plan_piece(
         &self,
         tile: &Tile,
         piece: &Piece,
