@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from crowdfence import Detector, DetectorError
 from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.inference import picture_parts
 from crowdfence.detector.inference.people_output import People
 from crowdfence.detector.inference.people_scale import gsd_of_people
 from crowdfence.detector.inference.picture_parts import (
@@ -77,15 +79,17 @@ def test_the_sky_is_never_enlarged() -> None:
     hnp.arrays(np.float32, (3, 4), elements=st.floats(2.0**-10, 4.0, width=32) | st.just(float("nan"))),
     st.sampled_from(("never", "affordable", "always")),
     st.tuples(st.integers(60, 130), st.integers(60, 130)),
+    st.sampled_from((0, 500, picture_parts.PART_COST_PX)),
 )
 def test_every_cell_is_answered_for_once_at_a_size_that_is_known(
-    gsd_m: np.ndarray, enlarge: Enlarge, shape: tuple[int, int]
+    gsd_m: np.ndarray, enlarge: Enlarge, shape: tuple[int, int], part_cost_px: int
 ) -> None:
     if not np.isfinite(gsd_m).any():
         return
     image = picture(*shape)
     cells = tuple(-(-side // STRIDE) for side in shape)
-    parts = parts_by_gsd(gsd_m, KNOWN_M, image, STRIDE, enlarge)
+    with mock.patch.object(picture_parts, "PART_COST_PX", part_cost_px):
+        parts = parts_by_gsd(gsd_m, KNOWN_M, image, STRIDE, enlarge)
     owners = np.zeros(cells, int)
     of_cell = gsd_m[
         np.ix_(*(((np.arange(n) + 0.5) * k / n).astype(int) for n, k in zip(cells, (3, 4), strict=True)))

@@ -15,10 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.detector.ground_scale import Gsd, at_cells, checked_gsd, with_nearest
+from crowdfence.detector.inference.covering_boxes import covering_boxes
 from crowdfence.detector.inference.image_tensor import Image
 
 MARGIN_PX = 32
 """Pixels around the cells of a part, at the size that the model sees."""
+PART_COST_PX = 16_384
+"""What a part costs beside its pixels: cut out, resized and put back, and one more start of the model."""
 SMALLEST_SIZE = 1.0 / 64.0
 ENLARGED = (2.0, 2.0**0.5)
 """Sizes of ground that is too far away, the better one first."""
@@ -97,9 +100,9 @@ def suspicious_parts(
     found: list[tuple[float, PicturePart]] = []
     for number, box in enumerate(find_objects(numbers, count), start=1):
         own = numbers == number
+        margin = int(np.ceil(MARGIN_PX / (ENLARGED[0] * stride)))
         rows, columns = (
-            _cut(np.arange(span.start, span.stop), stride, ENLARGED[0], pixels)
-            for span, pixels in zip(box, image.shape[:2], strict=True)
+            _cut(span, margin, stride, pixels) for span, pixels in zip(box, image.shape[:2], strict=True)
         )
         found.append((float(expected[own].sum()), PicturePart(ENLARGED[0], rows, columns, own)))
     chosen = []
@@ -136,24 +139,27 @@ def _sizes(gsd_m: NDArray[np.float32], known_m: tuple[float, float], enlarged: f
 
 
 def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[PicturePart]:
-    """One part for each size [r, c] over the image."""
+    """The parts of each size [r, c] over the image."""
     height, width = image.shape[:2]
     if (sizes == 1.0).all():
         return [PicturePart(1.0, slice(0, height), slice(0, width), None)]
     size_of_cell = at_cells(sizes, (-(-height // stride), -(-width // stride)))
     parts = []
     for size in np.unique(size_of_cell).tolist():
-        own = size_of_cell == size
-        rows, columns = (
-            _cut(np.flatnonzero(own.any(axis=axis)), stride, size, pixels)
-            for axis, pixels in ((1, height), (0, width))
-        )
-        parts.append(PicturePart(size, rows, columns, own))
+        cells = size_of_cell == size
+        # What is looked at around a part, and what a part costs beside its pixels, in cells of the picture.
+        margin = int(np.ceil(MARGIN_PX / (size * stride)))
+        cost = PART_COST_PX / (size * stride) ** 2
+        for box in covering_boxes(cells, margin, cost):
+            own = np.zeros_like(cells)
+            own[box] = cells[box]
+            rows, columns = (
+                _cut(span, margin, stride, pixels) for span, pixels in zip(box, (height, width), strict=True)
+            )
+            parts.append(PicturePart(size, rows, columns, own))
     return parts
 
 
-def _cut(cells: NDArray[np.intp], stride: int, size: float, pixels: int) -> slice:
+def _cut(cells: slice, margin: int, stride: int, pixels: int) -> slice:
     """From the first to the last cell with the margin around, in whole cells."""
-    margin = int(np.ceil(MARGIN_PX / (size * stride)))
-    first, last = int(cells[0]) - margin, int(cells[-1]) + 1 + margin
-    return slice(max(0, first * stride), min(pixels, last * stride))
+    return slice(max(0, (cells.start - margin) * stride), min(pixels, (cells.stop + margin) * stride))
