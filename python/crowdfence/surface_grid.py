@@ -18,7 +18,6 @@ MAX_COLUMNS = 1 << 28
 """Largest grid that is built: 268 million columns, about 7 GB. Beyond it: an error, not a full memory."""
 
 _VOXELS_PER_BLOCK = 1 << 20  # 24 MB of indices at a time, however large the terrain is
-_UP = np.array([0, 0, 1], dtype=np.int64)
 _NOWHERE = np.zeros(2, dtype=np.int64)
 _NO_TOP = np.iinfo(np.int32).min
 _NO_BOTTOM = np.iinfo(np.int32).max
@@ -92,7 +91,7 @@ class SurfaceGrid:
         voxels = _Voxels(
             len(index_array),
             lambda ids: index_array[ids],
-            _buried_among(index_array),
+            _standing_among(index_array),
             _extent(index_array[:, :2]) if len(index_array) else (_NOWHERE, _NOWHERE),
             np.asarray(probability, dtype=np.float64),
             np.asarray(state, dtype=np.uint8),
@@ -118,10 +117,12 @@ class SurfaceGrid:
         """
         terrain = crowd_map.terrain
         corners = np.rint((terrain.bounds - terrain.origin) / terrain.voxel_size_m).astype(np.int64)
+        stands = np.zeros(terrain.voxel_count, dtype=np.bool_)
+        stands[terrain.standing_places()] = True
         voxels = _Voxels(
             terrain.voxel_count,
             terrain.voxel_indices,
-            lambda indices: terrain.voxel_ids(indices + _UP) >= 0,
+            stands,
             (corners[0, :2], corners[1, :2] - 1),
             crowd_map.probability(stamp_ns),
             crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s),
@@ -183,8 +184,8 @@ class _Voxels:
     count: int
     indices_of: Callable[[NDArray[np.int64]], NDArray[np.int64]]
     """ids [N] -> grid indices [N, 3]"""
-    is_buried: Callable[[NDArray[np.int64]], NDArray[np.bool_]]
-    """grid indices [N, 3] -> whether a voxel lies on top [N]"""
+    stands: NDArray[np.bool_]
+    """Whether no voxel lies on top, so that somebody can stand on it [V]."""
     columns: tuple[NDArray[np.int64], NDArray[np.int64]]
     """Lowest and highest column index [2] of all voxels."""
     probability: NDArray[np.float64]
@@ -227,19 +228,13 @@ def _extent(columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.i
     return columns.min(axis=0), columns.max(axis=0)
 
 
-def _buried_among(indices: NDArray[np.int64]) -> Callable[[NDArray[np.int64]], NDArray[np.bool_]]:
-    """Whether a voxel lies on top of others, for plain arrays of indices."""
+def _standing_among(indices: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether no voxel lies on top of each, for a plain array of indices."""
     low = indices.min(axis=0, initial=0)
     # One more level than there is, so that the level above the highest one is free.
     span = indices.max(axis=0, initial=0) - low + (1, 1, 2)
-    occupied = np.unique(np.ravel_multi_index(tuple((indices - low).T), tuple(span)))
-
-    def is_buried(below: NDArray[np.int64]) -> NDArray[np.bool_]:
-        above = np.ravel_multi_index(tuple((below + _UP - low).T), tuple(span))
-        place = np.searchsorted(occupied, above)
-        return np.asarray(occupied[place.clip(max=len(occupied) - 1)] == above)
-
-    return is_buried
+    flat = np.ravel_multi_index(tuple((indices - low).T), tuple(span))
+    return ~np.isin(flat + 1, flat)
 
 
 def _is_seen(state: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -315,7 +310,7 @@ class _Columns:
         ids, column, level = ids[inside], column[inside], indices[inside, 2].astype(np.int32)
         flat = column[:, 0] * self.shape[1] + column[:, 1]
         state = voxels.state[ids]
-        stands = ~voxels.is_buried(indices[inside]) | (state == VoxelState.CROWD)
+        stands = voxels.stands[ids] | (state == VoxelState.CROWD)
         np.maximum.at(self.urgency, flat[stands], _URGENCY[state[stands]])
         np.maximum.at(self.top_index, flat, level)
         np.minimum.at(self.bottom_index, flat, level)

@@ -151,11 +151,8 @@ def _map_facts(report: MapReport) -> tuple[RenderableType, RenderableType]:
     rows = _terrain_facts(report.terrain)
     rows["voxels"] += f", {report.voxel_size_why}"
     rows["memory"] = f"{_megabytes(report.tree_bytes)} ({report.tree_bytes_per_voxel:.2f} bytes a voxel)"
-    if report.columns is None:
-        rows["columns"] = "not counted: the map spans too many"
-    else:
-        columns = report.columns
-        rows["columns"] = f"{columns.columns:,}, {columns.overhang_share:.1%} with overhangs"
+    columns = report.columns
+    rows["columns"] = f"{columns.columns:,}, {columns.overhang_share:.1%} with overhangs"
     if report.landing_prior is None:
         rows["landing prior"] = f"none: {report.no_landing_prior}"
     else:

@@ -15,13 +15,11 @@ from crowdfence.georeference import Georeference
 from crowdfence.inspection.map_file import Facts, map_file_facts, map_file_kind
 from crowdfence.maps import MapHoles, MapReading, read_map
 from crowdfence.maps.voxel_size import coarse_voxels_warning
-from crowdfence.surface_grid import MAX_COLUMNS
 
 if TYPE_CHECKING:
     from crowdfence.inspection.options import InspectionOptions
 
-_VOXELS_PER_BLOCK = 1 << 20
-_UP = np.array([0, 0, 1], dtype=np.int64)
+_PLACES_PER_BLOCK = 1 << 20  # 24 MB of indices at a time, however large the map is
 
 Point = tuple[float, float, float]
 
@@ -77,8 +75,7 @@ class MapReport:
     terrain: TerrainReport
     tree_bytes: int
     tree_bytes_per_voxel: float
-    columns: ColumnReport | None
-    """None when the terrain spans more columns than can be counted."""
+    columns: ColumnReport
     landing_prior: float | None
     """Share of the columns that is suitable for landing, the paper's prior; None when it was not taken."""
     no_landing_prior: str | None
@@ -123,25 +120,19 @@ def read_map_file(path: Path, options: InspectionOptions) -> MapReading:
         raise ValueError(str(error)) from error
 
 
-def count_columns(terrain: Terrain) -> ColumnReport | None:
-    """Columns and overhangs; None when the terrain spans more than `MAX_COLUMNS` columns.
-
-    A run of voxels ends where a voxel has none on top of it, so the columns with several such ends have air
-    between voxels. Voxels are read in blocks; memory is one byte per column of the bounding box.
-    """
-    corners = (terrain.bounds - np.asarray(terrain.origin)) / terrain.voxel_size_m
-    lowest, end = np.rint(corners[:, :2]).astype(np.int64)
-    shape = end - lowest
-    if int(shape[0]) * int(shape[1]) > MAX_COLUMNS:
-        return None
-    runs = np.zeros(int(shape[0]) * int(shape[1]), dtype=np.uint8)
-    for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
-        ids = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count))
-        indices = terrain.voxel_indices(ids)
-        tops = indices[terrain.voxel_ids(indices + _UP) < 0, :2] - lowest
-        column, ends = np.unique(tops[:, 0] * shape[1] + tops[:, 1], return_counts=True)
-        runs[column] = np.minimum(runs[column] + ends, 2)  # one, or more than one
-    columns, overhangs = int(np.count_nonzero(runs)), int(np.count_nonzero(runs > 1))
+def count_columns(terrain: Terrain) -> ColumnReport:
+    """Columns and overhangs: a column with several standing places has air between voxels."""
+    places = terrain.standing_places()  # sorted by column
+    columns = overhangs = 0
+    last, last_is_overhang = np.full(2, np.iinfo(np.int64).min), True
+    for start in range(0, len(places), _PLACES_PER_BLOCK):
+        column = terrain.voxel_indices(places[start : start + _PLACES_PER_BLOCK])[:, :2]
+        is_further = (np.diff(column, axis=0, prepend=[last]) == 0).all(axis=1)
+        # The second place makes an overhang of its column, a third one changes nothing.
+        is_second = is_further & ~np.concatenate([[last_is_overhang], is_further[:-1]])
+        columns += int(np.count_nonzero(~is_further))
+        overhangs += int(np.count_nonzero(is_second))
+        last, last_is_overhang = column[-1], bool(is_further[-1])
     return ColumnReport(columns, overhangs, overhangs / columns)
 
 
