@@ -38,6 +38,7 @@ from crowdfence.zones import find_zones
 RECORDING = Path("out/race-640x480.mcap")
 SIMULATE = ("simulate", "race", "--seed", "11", "--frames", "80", "--size", "640x480")
 CONFIG = RunConfig()
+AROUND_M = 5.0  # of the step that keeps a safety distance
 HOTTEST = 15
 
 
@@ -99,10 +100,12 @@ class Stages:
     def measure(self, models: dict[str, HeatmapSource]) -> int:
         """Every frame through every stage; the voxels seen so far at the end."""
         loop = _loop(self.recording, self.terrain, RECORDED)
+        zones = replace(CONFIG.zones, buffer_m=AROUND_M)
+        around = _loop(self.recording, self.terrain, RECORDED, replace(CONFIG, zones=zones))
         beside = CONFIG.with_detector(None).crowd_map(self.terrain, len(self.recording.drones))
         for instant in self.recording.instants():
             self._read(instant, models)
-            self._fuse(instant, loop, beside)
+            self._fuse(instant, loop, around, beside)
         return loop.crowd_map.seen_count
 
     def _stage(self, name: str) -> Stage:
@@ -120,13 +123,15 @@ class Stages:
             for frame in instant.frames:
                 frame.heatmap()
 
-    def _fuse(self, instant: Instant, loop: FrameLoop, beside: CrowdMap) -> None:
+    def _fuse(self, instant: Instant, loop: FrameLoop, around: FrameLoop, beside: CrowdMap) -> None:
         views = instant.views().views
         how = {"max_range_m": beside.max_range_m, "target_height_m": beside.target_height_m}
         with self._stage("project").running():
             seen = [project(view, self.terrain, coverage=beside.coverage, **how) for view in views]
         with self._stage("step without projection").running():
             loop.step_observed(seen, instant.stamp_ns)
+        with self._stage(f"the same, {AROUND_M:g} m around every crowd closed").running():
+            around.step_observed(seen, instant.stamp_ns)
         with self._stage("- fuse").running():
             beside.integrate_observations(seen, instant.stamp_ns)
         with self._stage("- zones").running():
@@ -162,8 +167,10 @@ def _print_whole(recording: Recording, terrain: Terrain, name: str, heatmaps: He
     )
 
 
-def _loop(recording: Recording, terrain: Terrain, heatmaps: HeatmapSource) -> FrameLoop:
-    config = CONFIG.with_detector(heatmaps.contract)
+def _loop(
+    recording: Recording, terrain: Terrain, heatmaps: HeatmapSource, config: RunConfig = CONFIG
+) -> FrameLoop:
+    config = config.with_detector(heatmaps.contract)
     return FrameLoop(config.crowd_map(terrain, len(recording.drones)), config.zones)
 
 
