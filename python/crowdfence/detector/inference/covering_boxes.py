@@ -26,22 +26,21 @@ def covering_boxes(cells: NDArray[np.bool_], margin: int, cost: float) -> list[B
     margin  cells around a box that are looked at with it, as far as the picture reaches
     cost    what a further box costs, as so many cells that are looked at
     """
-    return list(_covering(cells, 0, 0, cells.shape, margin, cost)) if cells.any() else []
+    picture = (cells.shape[0], cells.shape[1])
+    return list(_covering(cells, 0, 0, picture, margin, cost)) if cells.any() else []
 
 
 def _covering(
-    cells: NDArray[np.bool_], top: int, left: int, picture: tuple[int, ...], margin: int, cost: float
+    cells: NDArray[np.bool_], top: int, left: int, picture: tuple[int, int], margin: int, cost: float
 ) -> Iterator[Box]:
     """Of a part of the cells that begins at (top, left) and holds at least one."""
     rows, columns = (_span(np.asarray(cells.any(axis=axis))) for axis in (1, 0))
     cells = cells[rows, columns]
     top, left = top + rows.start, left + columns.start
-    (height, width), (picture_rows, picture_columns) = cells.shape, picture
-    whole = _reach(top, top + height, margin, picture_rows) * _reach(
-        left, left + width, margin, picture_columns
-    )
-    row, by_row = _best_cut(cells, top, left, (picture_rows, picture_columns), margin)
-    column, by_column = _best_cut(cells.T, left, top, (picture_columns, picture_rows), margin)
+    height, width = cells.shape
+    whole = _reach(top, top + height, margin, picture[0]) * _reach(left, left + width, margin, picture[1])
+    row, by_row = _best_cut(cells, top, left, picture, margin)
+    column, by_column = _best_cut(cells.T, left, top, picture[::-1], margin)
     if min(by_row, by_column) + cost >= whole:
         yield Box(slice(top, top + height), slice(left, left + width))
     elif by_row <= by_column:

@@ -70,7 +70,7 @@ def parts_by_gsd(
     stride: int,
     enlarge: Enlarge = "affordable",
 ) -> list[PicturePart]:
-    """The parts of an image [H, W, 3] whose heatmap has cells of `stride` pixels, one for each size needed.
+    """The parts of an image [H, W, 3] whose heatmap has cells of `stride` pixels: few for each size needed.
 
     known_m: metres per pixel that the model knows. ValueError for metres per pixel that are none.
     """
@@ -99,12 +99,8 @@ def suspicious_parts(
     left_px -= sum(part.shown_pixels for part in parts)
     found: list[tuple[float, PicturePart]] = []
     for number, box in enumerate(find_objects(numbers, count), start=1):
-        own = numbers == number
-        margin = int(np.ceil(MARGIN_PX / (ENLARGED[0] * stride)))
-        rows, columns = (
-            _cut(span, margin, stride, pixels) for span, pixels in zip(box, image.shape[:2], strict=True)
-        )
-        found.append((float(expected[own].sum()), PicturePart(ENLARGED[0], rows, columns, own)))
+        part = _part(ENLARGED[0], numbers == number, box, image, stride)
+        found.append((float(expected[part.own].sum()), part))
     chosen = []
     for mass, part in sorted(found, key=lambda one: -one[0] / one[1].shown_pixels):
         if mass > 0.0 and part.shown_pixels <= left_px:
@@ -147,19 +143,26 @@ def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[Pictur
     parts = []
     for size in np.unique(size_of_cell).tolist():
         cells = size_of_cell == size
-        # What is looked at around a part, and what a part costs beside its pixels, in cells of the picture.
-        margin = int(np.ceil(MARGIN_PX / (size * stride)))
         cost = PART_COST_PX / (size * stride) ** 2
-        for box in covering_boxes(cells, margin, cost):
+        for box in covering_boxes(cells, _margin_cells(size, stride), cost):
             own = np.zeros_like(cells)
             own[box] = cells[box]
-            rows, columns = (
-                _cut(span, margin, stride, pixels) for span, pixels in zip(box, (height, width), strict=True)
-            )
-            parts.append(PicturePart(size, rows, columns, own))
+            parts.append(_part(size, own, box, image, stride))
     return parts
 
 
-def _cut(cells: slice, margin: int, stride: int, pixels: int) -> slice:
-    """From the first to the last cell with the margin around, in whole cells."""
-    return slice(max(0, (cells.start - margin) * stride), min(pixels, (cells.stop + margin) * stride))
+def _part(
+    size: float, own: NDArray[np.bool_], box: tuple[slice, slice], image: Image, stride: int
+) -> PicturePart:
+    """Answers for its own cells, which lie in a box of rows and columns of cells."""
+    margin = _margin_cells(size, stride)
+    rows, columns = (
+        slice(max(0, (cells.start - margin) * stride), min(pixels, (cells.stop + margin) * stride))
+        for cells, pixels in zip(box, image.shape[:2], strict=True)
+    )
+    return PicturePart(size, rows, columns, own)
+
+
+def _margin_cells(size: float, stride: int) -> int:
+    """Cells of the picture around a part."""
+    return int(np.ceil(MARGIN_PX / (size * stride)))

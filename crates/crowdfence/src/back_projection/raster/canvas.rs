@@ -43,6 +43,14 @@ pub struct Block {
     pub bits: u64,
 }
 
+impl Block {
+    /// The bits of a row of the block.
+    #[inline(always)]
+    fn line(&self, line: usize) -> u64 {
+        self.bits >> (8 * line) & ((1 << self.columns) - 1)
+    }
+}
+
 pub struct Canvas<'a> {
     width: usize,
     height: usize,
@@ -150,8 +158,7 @@ impl<'a> Canvas<'a> {
     #[inline(always)]
     pub fn has_free(&self, block: &Block) -> bool {
         (0..block.rows as usize).any(|line| {
-            let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
-            bits & !self.covered_from(block.column as usize, block.row as usize + line) != 0
+            block.line(line) & !self.covered_from(block.column as usize, block.row as usize + line) != 0
         })
     }
 
@@ -172,8 +179,7 @@ impl<'a> Canvas<'a> {
         let (word, shift) = (column / WORD, column % WORD);
         let mut sums = [0.0f32; 8];
         for line in 0..block.rows as usize {
-            let bits = block.bits >> (8 * line) & ((1 << block.columns) - 1);
-            let free = bits & !self.covered_from(column, row + line);
+            let free = block.line(line) & !self.covered_from(column, row + line);
             if free == 0 {
                 continue;
             }

@@ -354,7 +354,7 @@ impl Frame {
     }
 }
 
-/// On which side of a line through the origin a place lies, positive on the right as one sees it: its distance times the length.
+/// How far a place lies to the right of a line through the origin, as one sees it, times the line's length.
 #[inline(always)]
 fn side_of(along: (f32, f32), place: (f32, f32)) -> f32 {
     along.0 * place.1 - along.1 * place.0
