@@ -45,6 +45,7 @@ __all__ = [
     "blend",
     "pool",
     "project",
+    "vibrant",
     "write_octomap_binary",
     "write_octomap_color",
 ]
@@ -1248,4 +1249,15 @@ def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, pro
     CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
     out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
     origin is not part of it.
+    """
+
+def vibrant(pixels: ArrayLike, gain: float) -> NDArray[np.uint8]:
+    """Pixels with their weak colours made stronger: uint8 [H, W, 3] RGB, a copy.
+
+    With y the brightness of a pixel (BT.601), d the differences of its channels from y and c the largest of them,
+    each channel becomes y + d * gain / (1 + (gain - 1) * c / 128). Grey stays grey.
+
+    gain  1 to 8; 1 changes nothing
+
+    CrowdfenceError for another shape or gain.
     """

@@ -107,6 +107,18 @@ def test_normalisation_is_per_channel_in_the_models_order(tmp_path: Path) -> Non
     assert Detector(path)(cells_of(REDS)) == pytest.approx(np.full((2, 2), 0.625), abs=1e-6)
 
 
+@pytest.mark.parametrize("color", ["RGB", "BGR"])
+def test_pale_colours_are_shown_stronger(tmp_path: Path, color: str) -> None:
+    """y of (130, 100, 100) is 108.97; red 21.03 above it becomes 21.03 * 3 / (1 + 2 * 21.03 / 128) = 47.49, so
+    156, and blue 89. Grey stays grey."""
+    image = np.full((8, 8, 3), 100, np.uint8)
+    image[:, :4, 0] = 130
+    path = write_map_model(tmp_path / "m.onnx", document(input__vibrance=3.0, input__color=color))
+    pale = 156 if color == "RGB" else 89
+    assert Detector(path)(image) == pytest.approx(np.array([[pale, 100]] * 2) / 255.0, abs=1e-6)
+    assert image[0, 0].tolist() == [130, 100, 100]  # the caller's picture is left alone
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 4), (7, 5), (8, 8), (9, 17), (31, 33)])
 def test_any_size_has_its_cells_and_borders_repeat(tmp_path: Path, size: tuple[int, int]) -> None:
     """Padding repeats the border: each cell is the mean of its 16 pixels with rows and columns clamped."""
@@ -164,8 +176,9 @@ def test_a_model_of_one_size_refuses_another(tmp_path: Path) -> None:
 def test_a_batch_is_what_single_images_give(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     images = [rng.integers(0, 256, (40, 56, 3), dtype=np.uint8) for _ in range(3)]
+    vibrant = document(input__vibrance=2.0)
     for batch in ("N", 1):  # a model that takes several at once, and one that does not
-        detector = Detector(write_map_model(tmp_path / f"{batch}.onnx", document(), batch=batch))
+        detector = Detector(write_map_model(tmp_path / f"{batch}.onnx", vibrant, batch=batch))
         for one, of_batch in zip(images, detector.batch(images), strict=True):
             np.testing.assert_array_equal(detector(one), of_batch)
     mixed = detector.batch([images[0], images[1][:20]])

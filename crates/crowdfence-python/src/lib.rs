@@ -15,6 +15,7 @@ mod observation;
 mod opinion_pool;
 mod stamps;
 mod terrain;
+mod vibrance;
 mod view;
 mod voxel_knowledge;
 
@@ -56,5 +57,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(opinion_pool::blend, module)?)?;
     module.add_function(wrap_pyfunction!(terrain::write_octomap_binary, module)?)?;
     module.add_function(wrap_pyfunction!(terrain::write_octomap_color, module)?)?;
+    module.add_function(wrap_pyfunction!(vibrance::vibrant, module)?)?;
     Ok(())
 }

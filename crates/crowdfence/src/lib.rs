@@ -20,6 +20,7 @@ mod sealed;
 mod stamp;
 pub mod temporal_blend;
 pub mod terrain;
+pub mod vibrance;
 pub mod view;
 
 pub use back_projection::{Coverage, Projection, project, project_by_rays};
@@ -35,4 +36,5 @@ pub use opinion_pool::{OpinionPool, Rates, Unseen};
 pub use raycast::Hit;
 pub use temporal_blend::TemporalBlend;
 pub use terrain::{Terrain, TerrainKey};
+pub use vibrance::vibrant;
 pub use view::{Heatmap, View};

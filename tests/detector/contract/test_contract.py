@@ -55,6 +55,7 @@ def test_every_key_is_read() -> None:
         document("density", output__rule={"people_per_m2": 1.0}),
         document("points", output__rule={"min_people": 5}),
         document("boxes", output__row="class_scores", output__class_index=[0, 1], output__iou_max=0.5),
+        document(input__vibrance=3.0),
         document(about={"data": ["a", "b"]}),
     ],
 )
@@ -91,6 +92,8 @@ def test_written_and_read_again_it_is_the_same(given: dict[str, Any]) -> None:
         ({"input__size": [0, 8]}, r"input.size is \[0, 8\]"),
         ({"input__size": [10**9, 8]}, r"from 1 to 16384"),
         ({"input__resize": "stretch"}, r"input.resize is 'stretch', which needs input.size"),
+        ({"input__vibrance": 0.5}, r"input.vibrance is 0.5; allowed: a finite number of at least 1"),
+        ({"input__vibrance": 9}, r"input.vibrance is 9; allowed: a number from 1 to 8"),
         ({"input": None}, r"input is missing"),
         ({"input": [1]}, r"input must be a JSON object, got \[1\]"),
         ({"calibration": {"temperature": 0}}, r"calibration.temperature is 0; allowed: .* above 0"),

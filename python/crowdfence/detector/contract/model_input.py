@@ -10,6 +10,7 @@ from crowdfence.detector.contract.model_output import MAP_KINDS, ModelOutput
 from crowdfence.errors import DetectorError
 
 _LARGEST_SIDE = 16384
+_MOST_VIBRANCE = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,8 @@ class ModelInput:
     """Width and height in pixels; None: any multiple of `multiple_of`."""
     multiple_of: int = 1
     resize: Literal["none", "stretch", "letterbox", "tile"] = "none"
+    vibrance: float = 1.0
+    """Factor on the palest colours before anything else; falls to 1 for strong ones (`_core.vibrant`)."""
 
     @property
     def is_raw(self) -> bool:
@@ -48,6 +51,7 @@ def input_from_json(section: JsonSection, output: ModelOutput) -> ModelInput:
         size=_size(section, multiple_of),
         multiple_of=multiple_of,
         resize=resize,
+        vibrance=_vibrance(section),
     )
     section.done()
     if any(number <= 0.0 for number in value.std):
@@ -66,6 +70,13 @@ def input_from_json(section: JsonSection, output: ModelOutput) -> ModelInput:
             f"{list(value.size) if value.size else multiple_of}; allowed: multiples of "
             f"output.stride ({output.stride}), or resize 'stretch' or 'letterbox'"
         )
+    return value
+
+
+def _vibrance(section: JsonSection) -> float:
+    value: float = section.number("vibrance", 1.0, 1.0)
+    if value > _MOST_VIBRANCE:
+        raise section.refuse("vibrance", f"a number from 1 to {_MOST_VIBRANCE:g}")
     return value
 
 

@@ -1,10 +1,11 @@
-"""Image -> input tensor: cut out, resized, padded, normalised, laid out."""
+"""Image -> input tensor: cut out, resized, padded, colours made stronger, normalised, laid out."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence import _core
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.inference.patches import Patch
 from crowdfence.errors import DetectorError
@@ -56,10 +57,14 @@ class InputTensor:
         self._channels_first = model.layout == "NCHW"
         self._reversed = model.color == "BGR"
         self._levels = None if model.dtype == "uint8" else _levels(model)
+        self._vibrance = model.vibrance
         self.is_native = model.dtype == "uint8" and not self._channels_first and not self._reversed
         """The tensor is the pixels as they lie in memory."""
 
     def __call__(self, pixels: Image) -> NDArray[np.generic]:
+        if self._vibrance != 1.0:
+            rows = pixels.reshape(-1, *pixels.shape[2:])
+            pixels = _core.vibrant(rows, self._vibrance).reshape(pixels.shape)
         if self.is_native:
             return np.ascontiguousarray(pixels)
         if self._reversed:

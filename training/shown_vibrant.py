@@ -1,0 +1,34 @@
+"""States in a model, before it is calibrated, how vibrant it is shown pictures: `python shown_vibrant.py MODEL`.
+
+Cameras show paler colours than the renderer. Measured on photographs (README.md, "Pale colours"), where a factor of
+2 to 4 is about as good; rendered pictures lose nothing by it once the model is calibrated with it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import onnx
+
+from crowdfence.calibration.graph import write_contract
+from crowdfence.detector.detector import Detector
+
+VIBRANCE = 3.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--vibrance", type=float, default=VIBRANCE, help="1 to 8")
+    given = parser.parse_args()
+    contract = Detector(given.model).contract
+    graph = onnx.load(str(given.model))
+    shown = replace(contract, input=replace(contract.input, vibrance=given.vibrance))
+    write_contract(graph, shown.to_json())
+    onnx.save_model(graph, str(given.model))
+
+
+if __name__ == "__main__":
+    main()
