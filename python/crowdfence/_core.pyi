@@ -1254,8 +1254,8 @@ def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, pro
 def vibrant(pixels: ArrayLike, gain: float) -> NDArray[np.uint8]:
     """Pixels with their weak colours made stronger: uint8 [H, W, 3] RGB, a copy.
 
-    With y the brightness of a pixel (BT.601), d the differences of its channels from y and c the largest of them,
-    each channel becomes y + d * gain / (1 + (gain - 1) * c / 128). Grey stays grey.
+    With y the brightness of a pixel (BT.601), d the differences of its channels from y and c the largest of
+    them, each channel becomes y + d * gain / (1 + (gain - 1) * c / 128). Grey stays grey.
 
     gain  1 to 8; 1 changes nothing
 

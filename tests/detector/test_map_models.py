@@ -109,7 +109,7 @@ def test_normalisation_is_per_channel_in_the_models_order(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("color", ["RGB", "BGR"])
 def test_pale_colours_are_shown_stronger(tmp_path: Path, color: str) -> None:
-    """y of (130, 100, 100) is 108.97; red 21.03 above it becomes 21.03 * 3 / (1 + 2 * 21.03 / 128) = 47.49, so
+    """y of (130, 100, 100) is 108.97; red, 21.03 above it, becomes 21.03 * 3 / (1 + 2 * 21.03 / 128) = 47.49:
     156, and blue 89. Grey stays grey."""
     image = np.full((8, 8, 3), 100, np.uint8)
     image[:, :4, 0] = 130

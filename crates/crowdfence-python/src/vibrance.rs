@@ -5,8 +5,8 @@ use crate::arrays::{Array, refuse};
 
 /// Pixels with their weak colours made stronger: uint8 [H, W, 3] RGB, a copy.
 ///
-/// With y the brightness of a pixel (BT.601), d the differences of its channels from y and c the largest of them,
-/// each channel becomes y + d * gain / (1 + (gain - 1) * c / 128). Grey stays grey.
+/// With y the brightness of a pixel (BT.601), d the differences of its channels from y and c the largest of
+/// them, each channel becomes y + d * gain / (1 + (gain - 1) * c / 128). Grey stays grey.
 ///
 /// gain  1 to 8; 1 changes nothing
 ///
