@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence import _core
+from crowdfence._core import vibrant
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.inference.patches import Patch
 from crowdfence.errors import DetectorError
@@ -64,7 +64,7 @@ class InputTensor:
     def __call__(self, pixels: Image) -> NDArray[np.generic]:
         if self._vibrance != 1.0:
             rows = pixels.reshape(-1, *pixels.shape[2:])
-            pixels = _core.vibrant(rows, self._vibrance).reshape(pixels.shape)
+            pixels = vibrant(rows, self._vibrance).reshape(pixels.shape)
         if self.is_native:
             return np.ascontiguousarray(pixels)
         if self._reversed:
