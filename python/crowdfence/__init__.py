@@ -58,7 +58,8 @@ if TYPE_CHECKING:
     from crowdfence.exports.geotiff import write_geotiff
     from crowdfence.georeference import Georeference
     from crowdfence.landing_area import landing_prior
-    from crowdfence.pipeline import FrameLoop, Run, Step, open_terrain, run
+    from crowdfence.pipeline import FrameLoop, Run, Step, open_terrain
+    from crowdfence.pipeline.run import run
     from crowdfence.planner import ClearAir, safe_route
     from crowdfence.results import write_results
     from crowdfence.service.client import Client
