@@ -107,7 +107,8 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 	$(BIN)/pytest tests/detector_training/test_network.py
 
 # crowdnet-s is trained on rendered pictures as they are; crowdnet-s-wide is halfway to a training that goes on from
-# there with what photographs hold besides laid over them (--wide), fourteen of the roadside missions left out.
+# there with what photographs hold besides laid over them (--wide), fourteen of the roadside missions left out; as it is
+# for photographs, which are pale, it is shown pictures vibrant.
 # NO_CROWD may be a folder of photographs without crowds (training/pictures_without_crowds.py); none took part in what
 # ships.
 MODELS := python/crowdfence/detector/models
@@ -127,9 +128,10 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	  --licence Apache-2.0 -o $(MISSIONS)/second/crowdnet-s-wide.onnx
 	$(BIN)/python training/between_weights.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/second/crowdnet-s-wide.onnx \
 	  $(MISSIONS)/halfway.onnx
+	$(BIN)/python training/shown_vibrant.py $(MISSIONS)/halfway.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/halfway.onnx --data $(MISSIONS)/calibration -o $(MISSIONS)/crowdnet-s-wide.onnx
-	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration
-	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.1.0
+	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration --doubt 0.4
+	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.2.0
 	$(BIN)/crowdfence model quantize $(MISSIONS)/crowdnet-s-wide.onnx --data $(MISSIONS)/calibration \
 	  -o $(MODELS)/crowdnet-s-wide-int8.onnx
 

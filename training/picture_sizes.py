@@ -4,7 +4,8 @@ Writes two things into the contract of a calibrated model, both measured on the 
 
 - `sizes.weights` and `sizes.bias`, which make one heatmap of a picture of unknown scale seen at three sizes:
   every frame is enlarged 1, 2 and 4 times, each as likely as the others, and a line in the three sorted
-  logits is fitted to the labels. No photograph takes part.
+  logits is fitted to the labels. No photograph takes part. Photographs hold more that resembles a crowd than
+  rendered pictures do: `--doubt` is taken off the bias.
 - `pictures`, what those frames look like (`calibrate` writes it too; here for a model calibrated before).
 
 `sizes.gsd_m` is stated here: below 0.05 m per pixel half the size finds more than the whole, above 0.3 m
@@ -99,6 +100,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("model", type=Path)
     parser.add_argument("missions", type=Path, nargs="+")
+    parser.add_argument("--doubt", type=float, default=0.0, help="taken off the bias, in logits")
     given = parser.parse_args()
     paths = sorted(
         path for place in given.missions for path in ([place] if place.is_file() else place.glob("*.mcap"))
@@ -109,6 +111,7 @@ def main() -> None:
         path.stem: np.array([picture_statistics(frame.image()) for frame in open_recording(path).frames[::2]])
         for path in paths
     }
+    line[-1] -= given.doubt
     *weights, bias = (round(float(value), 2) for value in line)
     contract = replace(
         detector.contract,

@@ -215,6 +215,8 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
         else f"(pixel * {model.scale:.6g} - {_listed(model.mean)}) / {_listed(model.std)}",
         "output": f"{output.name}: {output.kind} {output.layout}{channel}, stride {output.stride}",
     }
+    if model.vibrance != 1.0:
+        rows["colours"] = f"pale ones up to {model.vibrance:g} times as strong (vibrance)"
     if output.rule is not None:
         rows["crowd from"] = ", ".join(f"{name} {value:g}" for name, value in output.rule.to_json().items())
     if (contract.about or {}).get("arithmetic") is not None:

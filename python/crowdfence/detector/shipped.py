@@ -15,7 +15,8 @@ FILES = {
 }
 """By the names that `Detector` and `--detector` take. In eight bits it is two and a half times as fast on a
 CPU and finds the same crowds (training/README.md); as it was trained it can be trained further, and suits a
-GPU. The wide one does better on photographs and worse on far and loose crowds of rendered missions."""
+GPU. The wide one, which is shown pictures vibrant, does better on photographs and worse on far and loose
+crowds of rendered missions."""
 
 
 def shipped_model(name: str = SHIPPED_MODEL) -> Path:

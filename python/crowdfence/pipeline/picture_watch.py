@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
+
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
@@ -43,9 +45,10 @@ class PictureWatch:
         """One sentence where there are such pictures."""
         if not self.unlike:
             return []
+        better = f"; {PHOTOGRAPH_MODEL} does better on pictures of real cameras"
         return [
             f"{self.unlike} of {self.looked_at} pictures look unlike everything that {self._name} was tested "
-            "on: nobody has measured what it misses there"
+            f"on: nobody has measured what it misses there{better if self._name == SHIPPED_MODEL else ''}"
         ]
 
     def to_json(self) -> dict[str, Any]:
