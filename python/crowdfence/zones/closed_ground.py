@@ -18,7 +18,8 @@ class ClosedGround:
     Ground is opened by a look, not by forgetting: where a method forgets crowd towards what is not known, a
     voxel that was crowd at its last look is closed, however late that look came, and stays so until somebody
     looks at it again, finds less than the threshold, and sees nothing that speaks for crowd. A look at the
-    roof opens nothing below it.
+    roof opens nothing below it. Nor does one that could not have shown anybody: what is remembered of looks
+    must outweigh the method's doubt, or it is forgetting that brought the ground below the threshold.
     """
 
     def __init__(
@@ -29,6 +30,7 @@ class ClosedGround:
         self._crowd_map = crowd_map
         self._threshold, self._off_threshold = threshold, off_threshold
         self._opening_looks = opening_looks
+        self._doubt = float(crowd_map.method.parameters.get("doubt", 0.0))
         self.voxel_ids = np.empty(0, dtype=np.int64)
         """What is closed as of the last step, sorted."""
         self.below = np.empty(0, dtype=np.int64)
@@ -54,7 +56,7 @@ class ClosedGround:
         stays = ~np.isin(self.voxel_ids, crowd, assume_unique=True)
         held, below = self.voxel_ids[stays], self.below[stays]
         if self.forgets_to_unknown:
-            opens, below = self._opened_by_looks(held, below)
+            opens, below = self._opened_by_looks(held, below, stamp_ns)
         else:
             opens = crowd_map.probability(stamp_ns, held) < self._off_threshold
         ids = np.concatenate([crowd, held[~opens]])
@@ -73,7 +75,7 @@ class ClosedGround:
         self.below = np.zeros(len(voxel_ids), dtype=np.int64) if below is None else below
 
     def _opened_by_looks(
-        self, held: NDArray[np.int64], below: NDArray[np.int64]
+        self, held: NDArray[np.int64], below: NDArray[np.int64], stamp_ns: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Of voxels that were closed [N]: which the looks since the last step open, and how many in a row now
         found each below."""
@@ -82,4 +84,13 @@ class ClosedGround:
         still = crowd_map.crowd_ids_at_last_looks(threshold=self._off_threshold)
         is_below = ~np.isin(held, still, assume_unique=True) & ~crowd_map.spoke_for_crowd(held)
         below = np.where(looked, np.where(is_below, below + 1, 0), below)
-        return looked & is_below & (below >= self._opening_looks), below
+        opens = looked & is_below & (below >= self._opening_looks)
+        opens[opens] = self._outweighs_doubt(held[opens], stamp_ns)
+        return opens, below
+
+    def _outweighs_doubt(self, ids: NDArray[np.int64], stamp_ns: int) -> NDArray[np.bool_]:
+        """Of voxels [N]: where the looks at them weigh more than the doubt. A method that counts no looks has
+        none."""
+        if self._doubt == 0.0 or not len(ids):
+            return np.ones(len(ids), dtype=np.bool_)
+        return self._crowd_map.knowledge(ids, stamp_ns).looks >= self._doubt
