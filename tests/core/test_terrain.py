@@ -254,6 +254,10 @@ ONE_CELL = np.ones((1, 1, 1), bool)
             "occupied has shape [2, 2]; it must be [N, N, N]",
         ),
         (
+            lambda: Terrain.from_height_map(np.ma.masked_equal([[0.0, -9999.0]], -9999.0), 1.0),
+            "height_m is masked; it must have no masked elements",
+        ),
+        (
             lambda: Terrain.from_occupancy(np.full((2, 2, 2), np.nan), 1.0),
             "occupied has elements of type float64",
         ),

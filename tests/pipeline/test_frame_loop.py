@@ -112,6 +112,17 @@ def test_an_instant_that_cannot_be_integrated_changes_nothing() -> None:
     assert loop.crowd_map.to_bytes() == before
 
 
+def test_an_instant_that_comes_late_changes_the_zones_of_now() -> None:
+    crowd = crowd_in(slice(2, 4), slice(2, 4))
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig())
+    assert len(loop.step([view("a", 8.0, NONE)], START_NS).zones) == 0
+    late = loop.step([view("b", 30.0, crowd, START_NS - SECOND_NS)], START_NS - SECOND_NS)
+    (zone,) = late.zones
+    assert (late.stamp_ns, late.update.stamp_ns) == (START_NS, START_NS - SECOND_NS)
+    assert (zone.cell_count, zone.evidence[0].drone) == (4, "b")
+    assert loop.crowd_map.instant_count == 2
+
+
 def test_the_threshold_is_the_methods_own_unless_told() -> None:
     assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig()).threshold == 0.5
     assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig(threshold=0.9)).threshold == 0.9

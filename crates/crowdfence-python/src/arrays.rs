@@ -3,7 +3,8 @@
 use crowdfence::Error;
 use glam::DVec3;
 use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods, PyUntypedArray,
+    PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
@@ -25,6 +26,7 @@ impl<'py, T: Element + Copy> Array<'py, T> {
         let py = value.py();
         let numpy = py.import("numpy")?;
         let named = |error: PyErr| CrowdfenceError::new_err(format!("{name}: {}", error.value(py)));
+        refuse_masked(value, name)?;
         let given = numpy.call_method1("asarray", (value,)).map_err(named)?;
         check_element_type(&given, &T::get_dtype(py), name)?;
         let options: Bound<'py, PyDict> =
@@ -55,6 +57,18 @@ impl<'py, T: Element + Copy> Array<'py, T> {
     pub fn to_vec(&self) -> PyResult<Vec<T>> {
         Ok(self.array.try_readonly()?.as_slice()?.to_vec())
     }
+}
+
+/// numpy would take what lies under a mask for a value without a word.
+fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
+    if value.is_exact_instance_of::<PyUntypedArray>() {
+        return Ok(());
+    }
+    if value.py().import("numpy.ma")?.call_method1("is_masked", (value,))?.extract()? {
+        let fill = "it must have no masked elements: fill them, heights that nobody knows with .filled(nan)";
+        return Err(CrowdfenceError::new_err(format!("{name} is masked; {fill}")));
+    }
+    Ok(())
 }
 
 /// numpy would turn id 0.7 into 0 and an occupancy of NaN into true without a word.

@@ -9,8 +9,6 @@ mod sighting;
 mod tops;
 mod viewing_cone;
 
-use std::sync::OnceLock;
-
 use glam::DVec3;
 
 use crate::camera::Distortion;
@@ -26,8 +24,8 @@ use pixel_set::PixelSet;
 use rays::PixelHits;
 use sighting::{Sighting, seen_voxels};
 
-/// Back-projects a view. A camera inside the terrain, or one that `target_height_m` would push through it, sees
-/// nothing: its rays would pass below the surface and mark places it never saw.
+/// Back-projects a view. A camera inside the terrain or below it, or one that `target_height_m` would push through it,
+/// sees nothing: its rays would pass below the surface and mark places it never saw.
 ///
 /// The terrain is painted on the image ([`raster`]). Through a lens so wide that no pinhole could see as much, every
 /// pixel has its ray ([`project_by_rays`]). Both mean the same.
@@ -105,8 +103,6 @@ struct Vantage<'a> {
     /// Where rays start: the camera, lowered by the target's height.
     origin: DVec3,
     max_range_m: f64,
-    /// Asked of crowd alone that met no ground.
-    under_ground: OnceLock<bool>,
 }
 
 impl<'a> Vantage<'a> {
@@ -115,24 +111,16 @@ impl<'a> Vantage<'a> {
         let camera_world = view.world_from_camera.translation;
         let height = projection.target_height_m();
         let surface = projection.surface();
-        let above_ground = terrain.raycast(surface, camera_world, DVec3::NEG_Z, height).is_none();
+        let has_room = terrain.raycast(surface, camera_world, DVec3::NEG_Z, height).is_none();
         let origin = camera_world - DVec3::Z * height;
-        above_ground.then_some(Vantage {
-            view,
-            terrain,
-            surface,
-            origin,
-            max_range_m: projection.max_range_m(),
-            under_ground: OnceLock::new(),
-        })
+        let vantage = Vantage { view, terrain, surface, origin, max_range_m: projection.max_range_m() };
+        (has_room && !vantage.is_under_ground()).then_some(vantage)
     }
 
     /// Whether the map lies above the camera and nowhere below it: a map has tops and walls, and no inside.
     fn is_under_ground(&self) -> bool {
-        *self.under_ground.get_or_init(|| {
-            let meets = |direction| self.cast_up_to(direction, f64::INFINITY).is_some();
-            !meets(DVec3::NEG_Z) && meets(DVec3::Z)
-        })
+        let meets = |direction| self.cast_up_to(direction, f64::INFINITY).is_some();
+        !meets(DVec3::NEG_Z) && meets(DVec3::Z)
     }
 
     fn cast(&self, direction_world: DVec3) -> Option<Hit> {

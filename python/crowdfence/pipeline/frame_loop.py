@@ -22,6 +22,7 @@ class Step:
     """What one instant brought."""
 
     stamp_ns: int
+    """The newest instant, which is the step's own unless that came late."""
     drones: tuple[str, ...]
     """Whose views were taken in, in their order."""
     refused: tuple[RefusedFrame, ...]
@@ -70,8 +71,9 @@ class FrameLoop:
         """Where the crowd in the pictures of each drone went, over all steps."""
 
     def step(self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()) -> Step:
-        """Take in the views of one instant, each drone at most once. `refused` are frames that did not become
-        views. StampError or ViewError where the instant cannot be integrated; nothing has changed then."""
+        """Take in the views of one instant, each drone at most once; where the method takes instants in any
+        order, also of one before the newest. `refused` are frames that did not become views. StampError or
+        ViewError where the instant cannot be integrated; nothing has changed then."""
         return self._happened(self.integrate(views, stamp_ns), refused)
 
     def step_observed(
@@ -113,9 +115,11 @@ class FrameLoop:
         return update
 
     def _happened(self, update: Update, refused: Sequence[RefusedFrame]) -> Step:
-        zones = self._engine.step(update.stamp_ns, update.observations)
+        # A late instant changes what is held now, and its zones are those of now.
+        _, newest_ns = self.crowd_map.span_ns or (0, update.stamp_ns)
+        zones = self._engine.step(newest_ns, update.observations)
         return Step(
-            stamp_ns=update.stamp_ns,
+            stamp_ns=newest_ns,
             drones=tuple(observation.drone for observation in update.observations),
             refused=tuple(refused),
             update=update,

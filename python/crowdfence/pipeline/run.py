@@ -139,6 +139,7 @@ def run(
     config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
+    under = under_ground_line(terrain, recording.frames)
     crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=float("inf"))
     loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
@@ -160,7 +161,7 @@ def run(
     if last is None or looked == 0:
         raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
     if last.seen_count == 0:
-        why = under_ground_line(terrain, recording.frames) or "do map and poses share one frame?"
+        why = under or "do map and poses share one frame?"
         raise ValueError(f"no view saw the terrain within max_range_m = {max_range_m:g} m: {why}")
     stamps_ns = [row.stamp_ns for row in rows]
     georeference = recording.georeference or terrain.georeference
@@ -181,7 +182,7 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
-        doubts=doubts if coarse is None else (*doubts, coarse),
+        doubts=(*doubts, *(doubt for doubt in (coarse, under) if doubt is not None)),
         voxel_size_why=voxel_size_why,
     )
 

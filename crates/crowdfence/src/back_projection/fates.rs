@@ -46,8 +46,6 @@ impl Vantage<'_> {
         let direction = self.view.world_from_camera.rotation * ray_camera;
         if self.cast_up_to(direction, f64::INFINITY).is_some() {
             Fate::OutOfRange
-        } else if self.is_under_ground() {
-            Fate::Unusable
         } else if direction.z >= 0.0 {
             Fate::Sky
         } else if self.passes_through(direction) {

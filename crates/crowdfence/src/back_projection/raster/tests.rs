@@ -43,7 +43,7 @@ fn lens_of(view: &View) -> Option<&IdealPixels> {
 /// another voxel.
 fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: f64) -> [usize; 2] {
     let origin = view.world_from_camera.translation;
-    let vantage = Vantage { view, terrain, surface, origin, max_range_m, under_ground: Default::default() };
+    let vantage = Vantage { view, terrain, surface, origin, max_range_m };
     let mut painter = Painter::new(&vantage, lens_of(view), true);
     let root = painter.stacks.root();
     painter.walk(&root, &mut Box::default());

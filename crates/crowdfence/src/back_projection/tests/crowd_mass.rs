@@ -111,6 +111,24 @@ fn nothing_of_a_camera_below_the_map_or_in_its_inside_is_usable() {
 }
 
 #[test]
+fn a_camera_below_the_map_sees_nothing_of_what_lies_lower() {
+    // A ridge 40 m high beside a plain. From 20 m above the plain and beside the ridge the plain is seen; from the same
+    // height below the ridge, whose pose was 45 m too low, nothing is, though rays would leave the hill from below.
+    let ridge = |x: i32| if x < 10 { 40 } else { 0 };
+    let voxels: Vec<_> = floor(40).into_iter().map(|[x, y, _]| [x, y, ridge(x)]).collect();
+    let map = terrain(&voxels);
+    let east_and_down = [[0.0, -1.0, 0.0], [-0.6, 0.0, -0.8], [0.8, 0.0, -0.6]];
+    for (x, ground) in [(12.0, 16.0), (5.0, 0.0)] {
+        let view = view(east_and_down, [x, 20.0, 15.0], [4, 4], 20.0, uniform(1.0));
+        for project in [project, project_by_rays] {
+            let seen = project(&view, &map, &rays(100.0));
+            assert_eq!(seen.crowd_mass(), CrowdMass { ground, unusable: 16.0 - ground, ..NONE });
+            assert_eq!(seen.voxel_ids().is_empty(), ground == 0.0);
+        }
+    }
+}
+
+#[test]
 fn only_pixels_above_the_threshold_count() {
     #[rustfmt::skip]
     let heatmap = Heatmap::new(vec![
@@ -199,8 +217,10 @@ proptest! {
             ray.is_some_and(|ray| cast(ray).is_some())
         };
         let ground: f64 = pixels().filter(crowd).filter(meets_ground).map(value).sum();
-        let above_ground = map.raycast(surface, at.into(), DVec3::NEG_Z, 0.0).is_none();
-        let ground = if above_ground { ground } else { 0.0 };
+        let meets = |direction, range| map.raycast(surface, at.into(), direction, range).is_some();
+        let inside = meets(DVec3::NEG_Z, 0.0);
+        let below = meets(DVec3::Z, f64::INFINITY) && !meets(DVec3::NEG_Z, f64::INFINITY);
+        let ground = if inside || below { 0.0 } else { ground };
         prop_assert!((near.ground - ground).abs() <= 1e-9 * naive, "{near:?}");
 
         let reached = |mass: CrowdMass| mass.ground + mass.out_of_range;
