@@ -4,7 +4,7 @@ from dataclasses import fields
 
 from crowdfence import CrowdMass
 from crowdfence.exports.frames_csv import FrameRow
-from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
+from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warning, lost_crowd_warnings, shares
 
 
 def test_every_fate_but_ground_has_advice_and_a_column() -> None:
@@ -31,4 +31,6 @@ def test_drones_that_lose_more_than_a_hundredth_are_named_largest_loss_first() -
         "uav2: 2.0% of the crowd it shows is not on the map: 1.5% lies above the horizon (false alarms of "
         "the detector, or a wrong attitude), 0.5% meets ground beyond the range (raise --max-range-m)"
     )
+    assert lost_crowd_warning("uav2", masses["uav2"]) == two
+    assert lost_crowd_warning("uav1", masses["uav1"]) is None
     assert four.startswith("uav4: 100.0% of the crowd it shows is not on the map: 100.0% has no ray")

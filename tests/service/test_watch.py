@@ -13,12 +13,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from crowdfence import View
 from crowdfence.service import live, watch
 from crowdfence.service.clock import Clock
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
-from support.small_service import SECOND_NS, SETTINGS, START_NS, asked, message, running, settle, view, views
+from support.small_service import (
+    CAMERA,
+    SECOND_NS,
+    SETTINGS,
+    START_NS,
+    asked,
+    message,
+    running,
+    settle,
+    view,
+    views,
+)
 
 
 class Now:
@@ -139,6 +151,61 @@ def test_a_clock_that_was_set_is_an_alarm(tmp_path: Path) -> None:
         watch.look()
         (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
         assert "+3.0 s" in alert.text
+
+
+def crowd_at(drone: str, number: int, eye: tuple[float, float, float]) -> bytes:
+    """A view straight down with a crowd in its middle, five a second."""
+    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_camera[:3, 3] = eye
+    heatmap = np.zeros((12, 16), np.float32)
+    heatmap[5:7, 7:9] = 0.95
+    return message(
+        View(drone, START_NS + number * SECOND_NS // 5, CAMERA, world_from_camera, heatmap),
+    )
+
+
+def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tmp_path: Path) -> None:
+    eyes = {
+        "good": (30.0, 30.0, 18.0),
+        "high": (30.0, 30.0, 118.0),  # ground ends at 80 m
+        "rim": (90.0, 30.0, 18.0),
+        "down": (30.0, 30.0, -18.0),  # heights count downwards
+    }
+
+    def fly(service: Service, instants: range, lost: bool) -> None:
+        for number in instants:
+            for drone, eye in eyes.items():
+                service.live.give_view(crowd_at(drone, number, eye if lost else eyes["good"]))
+        settle(service)
+
+    with running(tmp_path) as service, asked(service) as http:
+        watch = Watch(service)
+        fly(service, range(600), lost=False)
+        watch.look()
+        assert not active(service, "lost_crowd")
+        fly(service, range(600, 604), lost=True)
+        watch.look()
+        assert active(service, "lost_crowd") == {("high", None), ("rim", None), ("down", None)}
+        texts = {one.drone: one.text for one in service.alerts.all() if one.kind == "lost_crowd"}
+        assert "of the crowd it shows is not on the map" in texts["high"]
+        assert "raise --max-range-m" in texts["high"] and "lies beside the map" in texts["rim"]
+        assert "the camera is below the map's ground" in texts["down"]
+        assert {one.level for one in service.alerts.all() if one.kind == "lost_crowd"} == {"alarm"}
+        metrics = http.get("/metrics").text
+        assert 'crowdfence_crowd_mass_total{drone="good",fate="off_map"} 0.0' in metrics
+        off_map = 'crowdfence_crowd_mass_total{drone="rim",fate="off_map"} '
+        (lost,) = [line for line in metrics.splitlines() if line.startswith(off_map)]
+        assert float(lost.removeprefix(off_map)) > 0.0
+    with running(tmp_path) as service:
+        watch = Watch(service)
+        watch.look()
+        assert len(active(service, "lost_crowd")) == 3, "a restart mends nothing"
+        fly(service, range(604, 610), lost=True)
+        watch.look()
+        assert len(active(service, "lost_crowd")) == 3
+        fly(service, range(610, 670), lost=False)
+        watch.look()
+        assert not active(service, "lost_crowd")
 
 
 def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(

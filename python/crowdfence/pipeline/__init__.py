@@ -21,7 +21,7 @@ from crowdfence.pipeline.detect import (
 )
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
-from crowdfence.pipeline.lost_crowd import lost_crowd_warnings, shares
+from crowdfence.pipeline.lost_crowd import lost_crowd_warning, lost_crowd_warnings, shares
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.run import Run, run
 from crowdfence.pipeline.terrain import check_overlap, open_terrain, read_map
@@ -39,6 +39,7 @@ __all__ = [
     "choose_detector",
     "describe_model",
     "heatmap_source",
+    "lost_crowd_warning",
     "lost_crowd_warnings",
     "named_detector",
     "open_terrain",

@@ -38,11 +38,14 @@ def shares(mass: CrowdMass) -> dict[str, float | None]:
 def lost_crowd_warnings(masses: Mapping[str, CrowdMass]) -> list[str]:
     """One sentence for each drone of which more than `MAX_LOST_SHARE` of the crowd met no ground. Where no
     drone is above that, all of them together are not."""
-    warned = ((drone, mass) for drone, mass in masses.items() if mass.lost > MAX_LOST_SHARE * mass.total)
-    return [_warning(drone, mass) for drone, mass in warned]
+    warnings = (lost_crowd_warning(drone, mass) for drone, mass in masses.items())
+    return [warning for warning in warnings if warning is not None]
 
 
-def _warning(drone: str, mass: CrowdMass) -> str:
+def lost_crowd_warning(drone: str, mass: CrowdMass) -> str | None:
+    """The sentence for one drone; None where no more than `MAX_LOST_SHARE` of its crowd met no ground."""
+    if not mass.lost > MAX_LOST_SHARE * mass.total:
+        return None
     lost = {fate: part / mass.total for fate, part in mass.by_fate().items() if fate in LOST}
     parts = (
         f"{lost[fate]:.1%} {what} ({advice})"

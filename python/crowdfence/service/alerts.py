@@ -20,6 +20,7 @@ AlertKind = Literal[
     "new_zone",
     "detector_stale",
     "pose_gap",
+    "lost_crowd",
     "clock",
     "disk",
     "refused_views",

@@ -55,6 +55,15 @@ class _Figures(Collector):
                 )
             lag_s = max(0.0, (service.now_ns() - moment.stamp_ns) / 1e9)
             yield _gauge("crowdfence_lag_seconds", "age of the newest instant", lag_s)
+        crowd = CounterMetricFamily(
+            "crowdfence_crowd_mass",
+            "heatmap value of crowd that was shown, by what became of it: only what met ground is on the map",
+            labels=["drone", "fate"],
+        )
+        for drone, mass in sorted(dict(mission.loop.crowd_mass).items()):
+            for fate, part in mass.by_fate().items():
+                crowd.add_metric([drone, fate], part)
+        yield crowd
         yield from self._of_drones()
 
     def _of_drones(self) -> Iterator[Metric]:

@@ -18,6 +18,7 @@ from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
 from crowdfence.service.operator_zones import OperatorZones
 from crowdfence.service.packing import packed, unpacked
+from crowdfence.service.recent_crowd import RecentCrowd
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
@@ -57,6 +58,7 @@ class Mission:
         # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
+        self.recent_crowd = RecentCrowd()
         self.operator_zones = OperatorZones(config.zones, terrain, dismissed_for_s)
         self.newest: Moment | None = None
         """What is published; replaced as a whole."""
@@ -83,6 +85,7 @@ class Mission:
     def stepped(self, step: Step) -> Moment:
         """Publish what a step of the loop brought."""
         self.found = step.zones
+        self.recent_crowd.add(step.update.observations)
         return self.publish(step.stamp_ns)
 
     def look_again(self, stamp_ns: int) -> Moment:

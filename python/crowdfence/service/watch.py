@@ -14,6 +14,7 @@ from threading import Event, Thread
 import numpy as np
 
 from crowdfence.iso_time import iso_utc
+from crowdfence.pipeline import lost_crowd_warning
 from crowdfence.service import alerts as alert_log
 from crowdfence.service.alerts import AlertKind, Level
 from crowdfence.service.operator_zones import passable
@@ -71,6 +72,7 @@ class Watch:
             self._silence()
         self._poses()
         self._detector()
+        self._lost_crowd()
         self._drones_and_zones()
         self._clock()
         self._disk()
@@ -129,6 +131,12 @@ class Watch:
         stale = oldest_s is not None and oldest_s > _DETECTOR_STALE_S
         text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
         self._set(stale, "detector_stale", "alarm", text)
+
+    def _lost_crowd(self) -> None:
+        """Of drones that gave nothing since the start nobody knows: what was raised before stays."""
+        for drone, mass in self._service.mission.recent_crowd.masses().items():
+            text = lost_crowd_warning(drone, mass)
+            self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone)
 
     def _drones_and_zones(self) -> None:
         service, moment = self._service, self._service.mission.newest
