@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from crowdfence import FrameLoop
+from crowdfence import FrameLoop, Georeference
 from crowdfence.service.opening import live
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE, StoreError
@@ -172,6 +172,37 @@ def test_a_folder_of_another_mission_is_refused(tmp_path: Path) -> None:
         pass
     other = type(CONFIG)(zones=CONFIG.zones)
     with pytest.raises(StoreError, match="another configuration"), live(tmp_path, plain(), other, name="x"):
+        pass
+
+
+def test_a_folder_of_another_origin_is_refused(tmp_path: Path) -> None:
+    """Zones are kept in local metres: they would all move."""
+    here, there = Georeference(46.5, 8.0, 1200.0), Georeference(46.6, 8.0, 1200.0)
+    with running(tmp_path / "here", georeference=here):
+        pass
+    for other in (there, Georeference(46.5, 8.0, 1201.0), None):
+        with (
+            pytest.raises(StoreError, match=r"another origin: name another folder with --data"),
+            running(tmp_path / "here", georeference=other),
+        ):
+            pass
+    # One that was computed again may differ in its last digit.
+    with running(tmp_path / "here", georeference=Georeference(46.5 + 1e-14, 8.0, 1200.0)):
+        pass
+    with running(tmp_path / "nowhere"):
+        pass
+    with pytest.raises(StoreError, match="another origin"), running(tmp_path / "nowhere", georeference=here):
+        pass
+
+
+def test_a_folder_of_before_takes_the_origin_of_its_next_start(tmp_path: Path) -> None:
+    here, there = Georeference(46.5, 8.0, 1200.0), Georeference(46.6, 8.0, 1200.0)
+    with running(tmp_path, georeference=here):
+        pass
+    damage(tmp_path, "DELETE FROM about WHERE name = 'origin'")
+    with running(tmp_path, georeference=there):
+        pass
+    with pytest.raises(StoreError, match="another origin"), running(tmp_path, georeference=here):
         pass
 
 

@@ -124,10 +124,12 @@ def live(
     store = Store(folder)
     try:
         config = config.with_detector(heatmaps.contract)
-        store.belongs_to(
-            terrain=f"{terrain.fingerprint:016x}", configuration=json.dumps(config.to_json(), sort_keys=True)
-        )
         anchor = georeference or terrain.georeference
+        store.belongs_to(
+            terrain=f"{terrain.fingerprint:016x}",
+            configuration=json.dumps(config.to_json(), sort_keys=True),
+            origin=_origin(anchor),
+        )
         service = _service(
             store,
             name,
@@ -226,6 +228,14 @@ def _service(
         clock=clock,
         settings=settings,
     )
+
+
+def _origin(anchor: Georeference | None) -> str:
+    """To a millimetre: one that is computed from a map again may differ in its last digits."""
+    if anchor is None:
+        return "none"
+    degrees = (anchor.latitude_deg, anchor.longitude_deg)
+    return json.dumps([*(round(one, 8) + 0.0 for one in degrees), round(anchor.height_m, 3) + 0.0])
 
 
 def _within_reach(recording: Recording, max_range_m: float) -> tuple[float, float, float, float] | None:
