@@ -3,6 +3,7 @@
 import json
 import random
 import sqlite3
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from crowdfence import FrameLoop, Georeference
 from crowdfence.service.opening import live
+from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE, StoreError
 from crowdfence.zones.history import history_line
@@ -147,6 +149,99 @@ def test_a_damaged_snapshot_falls_back_on_the_one_before(tmp_path: Path) -> None
     )
     with running(tmp_path / "crashed") as service:
         assert state(service) == expected
+
+
+def flown_for_long(folder: Path) -> None:
+    """Two snapshots, and of the journal what they need and the last seconds."""
+    quick = type(SETTINGS)(**{**_fields(SETTINGS), "max_age_s": 1.0})
+    with running(folder, settings=quick) as service:
+        give(service, views(60))
+        service.store.flush()
+        ((first,),) = service.store.rows("SELECT MIN(seq) FROM journal")
+        assert first > 1
+
+
+@pytest.mark.parametrize(
+    "damaging",
+    [
+        "UPDATE snapshots SET body = zeroblob(50)",
+        "UPDATE snapshots SET seq = seq + 1000, body = x'00', checksum = 3523407757",
+        "DELETE FROM snapshots",
+        "DELETE FROM journal WHERE seq < (SELECT MAX(seq) FROM journal);"
+        "DELETE FROM snapshots WHERE seq >= (SELECT MAX(seq) - 1 FROM journal)",
+    ],
+    ids=["checksums", "another build", "none", "records between are gone"],
+)
+def test_without_a_snapshot_that_fits_the_journal_the_service_does_not_begin_anew(
+    tmp_path: Path, damaging: str
+) -> None:
+    """It would open all that was closed."""
+    flown_for_long(tmp_path)
+    with sqlite3.connect(tmp_path / FILE) as connection:
+        connection.executescript(damaging)
+        kept = connection.execute("SELECT seq, body FROM journal").fetchall()
+    words = "move the folder away to begin anew, or restore a copy"
+    with pytest.raises(StoreError, match=words) as told, running(tmp_path):
+        pass
+    assert str(tmp_path / FILE) in str(told.value)
+    with sqlite3.connect(tmp_path / FILE) as connection:
+        assert connection.execute("SELECT seq, body FROM journal").fetchall() == kept, "nothing was touched"
+
+
+def test_each_damaged_snapshot_is_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    flown_for_long(tmp_path)
+    damage(tmp_path, "UPDATE snapshots SET body = zeroblob(50)")
+    with pytest.raises(StoreError), running(tmp_path):
+        pass
+    assert [record.getMessage() for record in caplog.records if "damaged" in record.getMessage()] == [
+        "snapshot 180 is damaged: its checksum does not fit",
+        "snapshot 175 is damaged: its checksum does not fit",
+    ]
+
+
+def test_a_snapshot_that_fails_half_way_leaves_nothing_of_it_behind(tmp_path: Path) -> None:
+    """What an operator did since the one before is done once."""
+    with running(tmp_path / "data") as service, asked(service) as http:
+        give(service, views(2))
+        drawn = {"polygon": [[1, 1], [4, 1], [4, 4]], "reason": "ambulance"}
+        assert http.post("/api/v1/zones", json=drawn).status_code == 201
+        give(service, views(5)[6:])
+        service.store.flush()
+        crash(tmp_path / "data", tmp_path / "crashed")
+        expected, zones = state(service), http.get("/api/v1/zones").json()["zones"]
+    with sqlite3.connect(tmp_path / "crashed" / FILE) as connection:
+        seq, body = connection.execute("SELECT seq, body FROM snapshots ORDER BY seq DESC").fetchone()
+        told, mission = unpacked(body)
+        body = packed(json.dumps({**json.loads(told), "cameras": {"uav1": [0]}}).encode(), mission)
+        connection.execute(
+            "UPDATE snapshots SET body = ?, checksum = ? WHERE seq = ?", (body, zlib.crc32(body), seq)
+        )
+        assert connection.execute("SELECT COUNT(*) FROM snapshots").fetchone() == (2,)
+    with running(tmp_path / "crashed") as service, asked(service) as http:
+        assert state(service) == expected
+        assert [zone["id"] for zone in http.get("/api/v1/zones").json()["zones"]] == [
+            zone["id"] for zone in zones
+        ]
+
+
+@pytest.mark.parametrize("places", ["given again", "left empty, as by older builds"])
+def test_after_a_damaged_tail_the_journal_goes_on(tmp_path: Path, places: str) -> None:
+    flown = views(5)
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, flown[:8])  # its end leaves a snapshot
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, flown[8:12])
+        crash(tmp_path / "data", tmp_path / "crashed")
+    damage(tmp_path / "crashed", "UPDATE journal SET body = x'00' WHERE seq = 9")
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
+        give(service, flown[12:])
+        _, expected = state(service)
+        crash(tmp_path / "crashed", tmp_path / "again")
+    if places != "given again":
+        damage(tmp_path / "again", "UPDATE journal SET seq = seq + 1000 WHERE seq > 8")
+        damage(tmp_path / "again", "UPDATE journal SET seq = seq - 996 WHERE seq > 8")
+    with running(tmp_path / "again", settings=_no_snapshots()) as service:
+        assert state(service)[1] == expected
 
 
 def test_bytes_at_the_end_of_the_log_that_no_commit_finished_change_nothing(tmp_path: Path) -> None:

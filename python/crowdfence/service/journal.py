@@ -7,6 +7,7 @@ snapshot and the records behind it.
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 import zlib
 from collections.abc import Callable, Sequence
@@ -14,7 +15,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from crowdfence.service.store import Store, Write
+from crowdfence.service.store import BEGIN_ANEW, Store, StoreError, Write
+
+_LOG = logging.getLogger(__name__)
 
 RecordKind = Literal["view", "observation", "tick", "look", "operator"]
 KEPT_SNAPSHOTS = 2
@@ -81,7 +84,7 @@ class Journal:
 
     def after(self, seq: int) -> tuple[list[Record], int]:
         """The records behind a place, in order, up to the first that is damaged; how many that leaves out.
-        Those are put aside."""
+        Those are put aside. StoreError where the first of them is not the next one."""
         records = [
             (_record(row), row[5])
             for row in self._store.rows(
@@ -90,6 +93,8 @@ class Journal:
                 (seq,),
             )
         ]
+        if records:
+            self._check_next(seq, records[0][0].seq)
         whole = next(
             (number for number, (record, checksum) in enumerate(records) if record.checksum != checksum),
             len(records),
@@ -98,10 +103,22 @@ class Journal:
             self._put_aside(records[whole][0].seq)
         return [record for record, _ in records[:whole]], len(records) - whole
 
+    def _check_next(self, applied: int, first: int) -> None:
+        """The places of records that were put aside are given again; builds of before left them empty."""
+        ((aside,),) = self._store.rows(
+            "SELECT COUNT(DISTINCT seq) FROM damaged WHERE seq > ? AND seq < ?", (applied, first)
+        )
+        if first - applied - 1 > aside:
+            raise StoreError(
+                f"{self._store.path}: records {applied + 1} to {first - 1} are gone, and no snapshot holds "
+                f"what they did; {BEGIN_ANEW}"
+            )
+
     def _put_aside(self, first: int) -> None:
         def write(connection: sqlite3.Connection) -> None:
             connection.execute("INSERT INTO damaged SELECT * FROM journal WHERE seq >= ?", (first,))
             connection.execute("DELETE FROM journal WHERE seq >= ?", (first,))
+            connection.execute("UPDATE sqlite_sequence SET seq = ? WHERE name = 'journal'", (first - 1,))
 
         self._store.submit(write).result()
 
@@ -141,10 +158,25 @@ class Journal:
 
         return self._store.submit(write)
 
-    def snapshots(self) -> list[tuple[int, bytes]]:
-        """Place and state, the newest first; damaged ones are left out."""
+    def restore_newest(self, restore: Callable[[int, bytes], None]) -> None:
+        """Call `restore` with place and state of the newest snapshot, and with older ones until one can be
+        used: it may fail in any way, as long as nothing has changed then. StoreError where there are
+        snapshots and none can be used: records that they stand for may be gone."""
         rows = self._store.rows("SELECT seq, checksum, body FROM snapshots ORDER BY seq DESC")
-        return [(seq, body) for seq, checksum, body in rows if zlib.crc32(body) == checksum]
+        for seq, checksum, body in rows:
+            if zlib.crc32(body) != checksum:
+                _LOG.error("snapshot %s is damaged: its checksum does not fit", seq)
+                continue
+            try:
+                restore(seq, body)
+                return
+            except Exception:  # of another build, say
+                _LOG.exception("snapshot %s cannot be used", seq)
+        if rows:
+            raise StoreError(
+                f"{self._store.path}: none of its {len(rows)} snapshots can be used (the log says why); "
+                f"{BEGIN_ANEW}"
+            )
 
 
 def _record(row: Sequence[Any]) -> Record:

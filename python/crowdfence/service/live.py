@@ -79,10 +79,7 @@ class Live:
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
         self._alerts, self._clock, self._settings = alerts, clock, settings
-        self._gathering = Gathering(
-            tolerance_ns=int(mission.config.grouping.tolerance_ms * 1e6),
-            max_delay_ns=int(settings.max_delay_ms * 1e6),
-        )
+        self._gathering = self._no_gathering()
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
         self._gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
         self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
@@ -109,6 +106,12 @@ class Live:
         self._acknowledged_s: dict[int, float] = {}
         self._given_s = time.monotonic()
         """When the last view came."""
+
+    def _no_gathering(self) -> Gathering:
+        return Gathering(
+            tolerance_ns=int(self._mission.config.grouping.tolerance_ms * 1e6),
+            max_delay_ns=int(self._settings.max_delay_ms * 1e6),
+        )
 
     # -- giving ------------------------------------------------------------------------------------------
 
@@ -256,14 +259,10 @@ class Live:
     # -- applying ----------------------------------------------------------------------------------------
 
     def recover(self) -> int:
-        """Make the state again; how many damaged records were left out. Before `start`."""
+        """Make the state again; how many damaged records were left out. Before `start`. StoreError where what
+        was accepted is not all there."""
         self._recovering = True
-        for seq, body in self._journal.snapshots():
-            try:
-                self._restore(seq, body)
-                break
-            except ValueError:
-                _LOG.exception("snapshot %s cannot be used; the one before it is", seq)
+        self._journal.restore_newest(self._restore)
         records, damaged = self._journal.after(self._applied)
         for record in records:
             self._apply(record)
@@ -552,23 +551,25 @@ class Live:
         return packed(json.dumps(told).encode(), self._mission.to_bytes())
 
     def _restore(self, seq: int, body: bytes) -> None:
+        """All of a snapshot or, where it fails, nothing: the one before it may do."""
         told_bytes, mission = unpacked(body)
         told = json.loads(told_bytes)
-        waiting = [self._journal.record(place) for place in told["waiting"]]
-        if None in waiting:
+        waiting = [record for place in told["waiting"] if (record := self._journal.record(place)) is not None]
+        if len(waiting) < len(told["waiting"]):
             raise ValueError(f"snapshot {seq} needs records that are gone")
+        last_ns, gathering = told["last_ns"], self._no_gathering()
+        gathering.restore(told, [self._arrival(record) for record in waiting])
+        cameras = {
+            drone: Sighting(stamp_ns, CameraMessage(**camera).camera(), np.array(pose), picture, True)
+            for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items()
+        }
         self._mission.restore(mission)
-        self._applied, self._last_ns = seq, told["last_ns"]
-        for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items():
-            where = CameraMessage(**camera).camera()
-            self._fleet.saw(drone, Sighting(stamp_ns, where, np.array(pose), picture, True))
-            self._clock.saw(stamp_ns)
-        arrivals = []
+        self._applied, self._last_ns, self._gathering = seq, last_ns, gathering
+        for drone, sighting in cameras.items():
+            self._fleet.saw(drone, sighting)
+            self._clock.saw(sighting.stamp_ns)
         for record in waiting:
-            assert record is not None
-            arrivals.append(self._arrival(record))
             self._clock.saw(record.stamp_ns)
-        self._gathering.restore(told, arrivals)
 
 
 def _placed(record: Record, seq: int) -> Record:

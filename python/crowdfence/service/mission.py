@@ -59,7 +59,8 @@ class Mission:
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
-        self.operator_zones = OperatorZones(config.zones, terrain, dismissed_for_s)
+        self._dismissed_for_s = dismissed_for_s
+        self.operator_zones = self._no_operator_zones()
         self.newest: Moment | None = None
         """What is published; replaced as a whole."""
         self.found: ZoneSet = self.loop.look_again(0)
@@ -81,6 +82,9 @@ class Mission:
     def drones(self) -> tuple[str, ...]:
         """Those of the recording, and whoever gave a view."""
         return tuple(dict.fromkeys((*self._known_drones, *self.loop.crowd_map.drones)))
+
+    def _no_operator_zones(self) -> OperatorZones:
+        return OperatorZones(self.config.zones, self.terrain, self._dismissed_for_s)
 
     def stepped(self, step: Step) -> Moment:
         """Publish what a step of the loop brought."""
@@ -141,19 +145,23 @@ class Mission:
         return packed(json.dumps(told).encode(), self.loop.crowd_map.to_bytes(), self.loop.to_bytes())
 
     def restore(self, data: bytes) -> None:
-        """What `to_bytes` gave, on the same terrain with the same settings. ValueError for anything else."""
-        told, crowd_map, loop = unpacked(data)
-        self.loop = FrameLoop(CrowdMap.from_bytes(crowd_map, self.terrain), self.config.zones, self._static)
-        self.loop.restore(loop)
+        """What `to_bytes` gave, on the same terrain with the same settings. It fails for anything else, and
+        nothing has changed then."""
+        told, crowd_map, of_loop = unpacked(data)
+        loop = FrameLoop(CrowdMap.from_bytes(crowd_map, self.terrain), self.config.zones, self._static)
+        loop.restore(of_loop)
         state = json.loads(told)
         kept = zone_set_of_line(state["found"], {})
-        self.found = replace(kept, static=self._static)
-        self._had_other_static = _records(kept.static) != _records(self._static)
-        self.operator_zones.restore(state["operator_zones"])
-        self._belief = None
+        found = replace(kept, static=self._static)
+        operator_zones = self._no_operator_zones()
+        operator_zones.restore(state["operator_zones"])
+        newest: Moment | None = None
         if state["number"]:
-            zones, marks = self.operator_zones.applied_to(self.found, state["stamp_ns"])
-            self.newest = Moment(state["number"], state["stamp_ns"], zones, marks, {})
+            zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
+            newest = Moment(state["number"], state["stamp_ns"], zones, marks, {})
+        self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, newest
+        self._had_other_static = _records(kept.static) != _records(self._static)
+        self._belief = None
 
     def keep_belief(self) -> None:
         """Into the history, as often as it costs little."""

@@ -1,4 +1,4 @@
-"""Where the crowd went that each drone showed of late: a long good flight must not cover up what is lost now."""
+"""Where the crowd went that each drone showed of late: a long good flight must not cover up what is lost."""
 
 from __future__ import annotations
 

@@ -24,6 +24,9 @@ VERSION = 1
 MOST_TOGETHER = 256
 """Writes of one commit."""
 
+BEGIN_ANEW = "move the folder away to begin anew, or restore a copy"
+"""What to do about a file that cannot be gone on with."""
+
 _LOG = logging.getLogger(__name__)
 
 Write = Callable[[sqlite3.Connection], Any]
@@ -90,9 +93,7 @@ class Store:
         connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'OFF'}")
         (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":
-            raise StoreError(
-                f"{self.path} is damaged ({found}); move the folder away to begin anew, or restore a copy"
-            )
+            raise StoreError(f"{self.path} is damaged ({found}); {BEGIN_ANEW}")
         connection.executescript(_TABLES)
         version = connection.execute("SELECT value FROM about WHERE name = 'version'").fetchone()
         if version is None:
