@@ -3,7 +3,9 @@
 import base64
 import io
 import json
+import sqlite3
 import time
+import zlib
 from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +15,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import View
+from crowdfence import View, project
 from crowdfence.service import live, watch
 from crowdfence.service.clock import Clock
+from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
+from crowdfence.service.store import FILE
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
 from support.small_service import (
@@ -26,6 +30,7 @@ from support.small_service import (
     START_NS,
     asked,
     message,
+    plain,
     running,
     settle,
     view,
@@ -95,6 +100,90 @@ def test_a_drone_that_was_silent_before_a_restart_is_missed_after_it(tmp_path: P
     with running(tmp_path, clock=now.clock()) as service:
         Watch(service).look()
         assert active(service, "drone_silent") == {("uav1", None), ("uav2", None), ("uav3", None)}
+
+
+def observed(drone: str, number: int) -> bytes:
+    """What a companion computer gives."""
+    return project(view(drone, number), plain(), max_range_m=80.0).to_bytes()
+
+
+@pytest.mark.parametrize("ends", ["at its end", "by a crash", "on a snapshot of before"])
+def test_a_companion_that_falls_silent_is_an_alarm_also_after_a_restart(tmp_path: Path, ends: str) -> None:
+    now = Now()
+    (tmp_path / "crashed").mkdir()
+    with running(tmp_path / "data", clock=now.clock()) as service:
+        watch = Watch(service)
+        for number in range(6):
+            now.ns = view("uav2", number).stamp_ns
+            service.live.give_view(message(view("uav1", number)))
+            service.live.give_observation(observed("uav2", number))
+        settle(service)
+        watch.look()
+        assert active(service, "drone_silent") == set()
+        now.ns += 4 * SECOND_NS
+        service.live.give_view(message(view("uav1", 26)))
+        now.ns += 2 * SECOND_NS
+        watch.look()
+        assert active(service, "drone_silent") == {("uav2", None)}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "drone_silent"]
+        assert (alert.level, alert.text.split(" for ")[0]) == ("alarm", "no view from uav2")
+        service.live.give_observation(observed("uav2", 31))
+        watch.look()
+        assert active(service, "drone_silent") == set()
+        settle(service)
+        for name in (FILE, f"{FILE}-wal"):  # as a power failure would leave it
+            (tmp_path / "crashed" / name).write_bytes((tmp_path / "data" / name).read_bytes())
+        service.live.finish()  # nothing waits in the snapshot at the end
+    if ends == "on a snapshot of before":
+        with sqlite3.connect(tmp_path / "data" / FILE) as connection:
+            for seq, body in connection.execute("SELECT seq, body FROM snapshots").fetchall():
+                told, mission = unpacked(body)
+                of_before = {key: value for key, value in json.loads(told).items() if key != "last_view_ns"}
+                body = packed(json.dumps(of_before).encode(), mission)
+                connection.execute(
+                    "UPDATE snapshots SET body = ?, checksum = ? WHERE seq = ?", (body, zlib.crc32(body), seq)
+                )
+    now.ns += 30 * SECOND_NS
+    with running(tmp_path / ("crashed" if ends == "by a crash" else "data"), clock=now.clock()) as service:
+        watch = Watch(service)
+        watch.look()
+        if ends == "on a snapshot of before":  # that knows who looked, and not when: it has its time to come
+            assert active(service, "drone_silent") == {("uav1", None)}
+            now.ns += 6 * SECOND_NS
+            watch.look()
+        assert active(service, "drone_silent") == {("uav1", None), ("uav2", None)}
+
+
+def test_a_drone_that_is_expected_and_never_comes_is_an_alarm(tmp_path: Path) -> None:
+    now = Now()
+    with running(tmp_path, clock=now.clock(), drones=("uav1", "uav9")) as service:
+        watch = Watch(service)
+        now.ns += 4 * SECOND_NS
+        watch.look()
+        assert active(service, "drone_silent") == set(), "it has its time to come"
+        now.ns += 2 * SECOND_NS
+        watch.look()
+        assert active(service, "drone_silent") == {("uav1", None), ("uav9", None)}
+        (alert,) = [one for one in service.alerts.all() if one.drone == "uav9"]
+        assert alert.level == "alarm"
+        assert alert.text.startswith("no view from uav9 since the start of the service")
+        service.live.give_view(message(view("uav1", 25)))
+        watch.look()
+        assert active(service, "drone_silent") == {("uav9", None)}
+
+
+def test_with_the_clock_of_the_views_drones_are_expected_from_the_first_view_on(tmp_path: Path) -> None:
+    with running(tmp_path, drones=("uav1", "uav9")) as service:
+        watch = Watch(service)
+        watch.look()
+        service.live.give_view(message(view("uav1", 0)))
+        settle(service)
+        watch.look()
+        assert active(service, "drone_silent") == set()
+        service.live.give_view(message(view("uav1", 30)))
+        settle(service)
+        watch.look()
+        assert active(service, "drone_silent") == {("uav9", None)}
 
 
 def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path) -> None:

@@ -98,7 +98,9 @@ class Live:
         self.refused: Counter[str] = Counter()
         self.late: Counter[str] = Counter()
         self.last_view_ns: dict[str, int] = {}
-        """Newest stamp of each drone that was accepted."""
+        """Newest stamp of each drone that was accepted, also before a restart."""
+        self.started_ns = 0
+        """From when on drones are expected; with the clock of the views from the first one on."""
         self.acknowledging = Latency()
         """From the last byte of a view to its acknowledgement."""
         self.publishing = Latency()
@@ -178,8 +180,11 @@ class Live:
         except sqlite3.Error as error:
             raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
         self.acknowledging.took(time.monotonic() - started_s)
-        self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
+        self._heard(drone, stamp_ns)
         return Accepted(seq, duplicate=False)
+
+    def _heard(self, drone: str, stamp_ns: int) -> None:
+        self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
 
     def _check_other_kind(self, kind: RecordKind, drone: str, stamp_ns: int) -> None:
         """Refused: a drone looks once at a stamp, whether it projects itself or not; the journal knows
@@ -282,6 +287,7 @@ class Live:
         return self._applier.is_alive()
 
     def start(self) -> None:
+        self.started_ns = 0 if self._clock.kind == "views" else self._clock.now_ns()
         self._applier.start()
         # A replay says itself when it is over, and may be as slow as it likes.
         if self._clock.kind == "system" or self._settings.clock == "views":
@@ -347,6 +353,8 @@ class Live:
     def _arrive(self, record: Record) -> None:
         arrival = self._arrival(record)
         self._clock.saw(record.stamp_ns)
+        self._heard(record.drone, record.stamp_ns)
+        self.started_ns = self.started_ns or record.stamp_ns
         instants, too_late = self._gathering.push(arrival)
         self._take(instants)
         for late in too_late:
@@ -537,6 +545,7 @@ class Live:
         told = {
             **self._gathering.to_json(),
             "last_ns": self._last_ns,
+            "last_view_ns": dict(sorted(dict(self.last_view_ns).items())),
             "cameras": {
                 drone: [
                     last.stamp_ns,
@@ -563,12 +572,17 @@ class Live:
             drone: Sighting(stamp_ns, CameraMessage(**camera).camera(), np.array(pose), picture, True)
             for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items()
         }
+        heard: dict[str, int] = told.get("last_view_ns", {})  # builds of before kept it of cameras alone
         self._mission.restore(mission)
         self._applied, self._last_ns, self._gathering = seq, last_ns, gathering
+        for drone, stamp_ns in heard.items():
+            self._heard(drone, stamp_ns)
+            self._clock.saw(stamp_ns)
         for drone, sighting in cameras.items():
             self._fleet.saw(drone, sighting)
             self._clock.saw(sighting.stamp_ns)
         for record in waiting:
+            self._heard(record.drone, record.stamp_ns)
             self._clock.saw(record.stamp_ns)
 
 

@@ -101,17 +101,20 @@ class Watch:
                 self._service.alerts.raise_("new_zone", "warning", text, moment.stamp_ns, zone=zone.id)
 
     def _silence(self) -> None:
-        service, now_ns = self._service, self._service.now_ns()
+        service, now_ns, live = self._service, self._service.now_ns(), self._service.live
         most_s = service.settings.silent_after_s
-        for drone in service.fleet.drones:
+        heard, started_ns = ({}, 0) if live is None else (dict(live.last_view_ns), live.started_ns)
+        # Of companions, which project themselves, the fleet knows no camera.
+        for drone in sorted({*service.fleet.drones, *service.mission.drones, *heard}):
             last = service.fleet.last(drone)
-            last_ns = max(
-                0 if last is None else last.stamp_ns,
-                0 if service.live is None else service.live.last_view_ns.get(drone, 0),
-            )
-            silent = last_ns > 0 and now_ns - last_ns > most_s * _SECOND_NS
+            last_ns = max(0 if last is None else last.stamp_ns, heard.get(drone, 0))
+            since_ns = last_ns or started_ns
+            silent = since_ns > 0 and now_ns - since_ns > most_s * _SECOND_NS
             text = (
                 f"no view from {drone} for more than {most_s:g} s, the last of {iso_utc(last_ns)}: zones stay"
+                if last_ns
+                else f"no view from {drone} since the start of the service, for more than {most_s:g} s: what "
+                "it should look at is seen by nobody"
             )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
 
