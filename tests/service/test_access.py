@@ -196,6 +196,8 @@ def test_pages_of_other_sites_cannot_use_the_loopback_service(tmp_path: Path) ->
         assert rebound.status_code == 421
         foreign = http.post("/api/v1/zones", json=DRAWN, headers={"Origin": "https://evil.example"})
         assert foreign.status_code == 403
+        for none in ("http://[::1", "null", ""):
+            assert http.post("/api/v1/zones", json=DRAWN, headers={"Origin": none}).status_code == 403
         own = http.post("/api/v1/zones", json=DRAWN, headers={"Origin": "http://localhost"})
         assert own.status_code == 201
         with (

@@ -96,7 +96,7 @@ class Guard:
         if self._hosts and _name_of(host) not in self._hosts:
             return 421, f"this service does not answer to the name {host[:80]!r}", 0.0
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and _netloc_of(origin) != host:
             return 403, "requests from pages of other sites are refused", 0.0
         length = headers.get("content-length", "0")
         if not length.isdigit() or int(length) > self._max_body:
@@ -128,6 +128,14 @@ def _name_of(host: str) -> str:
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.partition(":")[0].lower()
+
+
+def _netloc_of(origin: str) -> str | None:
+    """None for what is no address."""
+    try:
+        return urlsplit(origin).netloc or None
+    except ValueError:
+        return None
 
 
 def _with_headers(send: Send) -> Send:
