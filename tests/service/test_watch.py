@@ -230,6 +230,24 @@ def test_alerts_are_acknowledged_by_name_and_published(tmp_path: Path) -> None:
         assert http.post("/api/v1/alerts/A77/acknowledge").status_code == 404
 
 
+def test_on_a_full_disk_nothing_is_acknowledged_and_the_answer_says_why(tmp_path: Path) -> None:
+    """Who saw it could not be written down."""
+    with running(tmp_path) as service, asked(service) as http:
+
+        def limit(pages: int):
+            return lambda connection: connection.execute(f"PRAGMA max_page_count = {pages}")
+
+        raised = service.alerts.raise_("disk", "alarm", "x" * 6000, START_NS)
+        service.store.submit(limit(1)).result()  # not one page more than there are
+        answer = http.post(f"/api/v1/alerts/{raised.id}/acknowledge")
+        assert answer.status_code == 507 and "full" in answer.json()["detail"]
+        assert service.alerts.active("disk").acknowledged_by is None
+        service.store.submit(limit(1 << 30)).result()
+        assert http.post(f"/api/v1/alerts/{raised.id}/acknowledge").json()["acknowledged_by"] == "local"
+        (entry,) = http.get("/api/v1/audit").json()["entries"]
+        assert entry["action"] == "acknowledge"
+
+
 def test_a_clock_that_was_set_is_an_alarm(tmp_path: Path) -> None:
     now = Now()
     with running(tmp_path, clock=now.clock()) as service:

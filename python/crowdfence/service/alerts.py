@@ -98,6 +98,11 @@ class Alerts:
         with self._lock:
             return list(self._alerts.values())[::-1]
 
+    def named(self, name: str) -> Alert | None:
+        """The one of an id, where it is remembered."""
+        with self._lock:
+            return self._alerts.get(name)
+
     def active(self, kind: AlertKind, drone: str | None = None, zone: str | None = None) -> Alert | None:
         with self._lock:
             return self._active(kind, drone, zone)
