@@ -7,6 +7,7 @@ import os
 import random
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from httpx import TransportError
 from crowdfence import Client, View, run
 from crowdfence.service.client import ServiceError
 from crowdfence.service.service import Service
+from crowdfence.service.store import FILE
 from crowdfence.zones.history import history_line
 from support.small_service import CONFIG, message, plain, recording, running, settle, views
 
@@ -72,6 +74,19 @@ def give_until_killed(client: Client, flown: list[View], acknowledged: int, kill
             return acknowledged
         acknowledged += 1
     return acknowledged
+
+
+def test_told_to_end_it_leaves_a_snapshot(tmp_path: Path) -> None:
+    """As Ctrl-C does: whoever starts it again waits for no journal."""
+    port = free_port()
+    with process(tmp_path, port) as service, Client(f"http://127.0.0.1:{port}") as client:
+        for one in views(1):
+            client.give(one)
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(60) == 0
+    with sqlite3.connect(tmp_path / FILE) as connection:
+        (applied,) = connection.execute("SELECT MAX(seq) FROM snapshots").fetchone()
+        assert connection.execute("SELECT MAX(seq) FROM journal").fetchone() == (applied,)
 
 
 def test_what_was_acknowledged_survives_kill_9_at_random_moments(tmp_path: Path) -> None:

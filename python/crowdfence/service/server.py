@@ -6,10 +6,14 @@ import ipaddress
 import socket
 import ssl
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from signal import SIGTERM, signal
+from threading import current_thread, main_thread
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
 
 from crowdfence.service.service import Service
 
@@ -116,7 +120,26 @@ def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -
     )
     listening = listen(config)
     try:
-        on_ready(address.url(listening.getsockname()[1]))
-        uvicorn.Server(config).run(sockets=[listening])
+        with _sigterm_unwinds():
+            on_ready(address.url(listening.getsockname()[1]))
+            uvicorn.Server(config).run(sockets=[listening])
     finally:
         listening.close()
+
+
+@contextmanager
+def _sigterm_unwinds() -> Iterator[None]:
+    """While entered, SIGTERM leaves every block that is open, as Ctrl-C does; by itself it would end the
+    process on the spot, without a last snapshot. uvicorn raises it again when it is done."""
+    if current_thread() is not main_thread():  # only that one hears of signals
+        yield
+        return
+    before = signal(SIGTERM, _unwind)
+    try:
+        yield
+    finally:
+        signal(SIGTERM, before)
+
+
+def _unwind(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(0)
