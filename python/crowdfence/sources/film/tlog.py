@@ -12,11 +12,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from crowdfence.sources.film.flight_log import FlightLog
-from crowdfence.sources.film.merged_rows import Turns, headings, merged
-from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
+from crowdfence.sources.film.gimbal_turns import gimbal_turns
+from crowdfence.sources.film.merged_rows import Turns, merged
+from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
 
 KINDS = (
     "GLOBAL_POSITION_INT",
@@ -27,8 +26,6 @@ KINDS = (
     "HOME_POSITION",
 )
 """Messages that say where a drone and its camera are."""
-_YAW_OF_EARTH = 16 | 64
-"""GIMBAL_DEVICE_FLAGS YAW_LOCK and YAW_IN_EARTH_FRAME."""
 _LATEST_S = 2**31
 
 
@@ -64,14 +61,15 @@ def log_of_messages(messages: Mapping[str, Sequence[Any]], first_ms: int, start_
         angles = messages["ATTITUDE"]
         body = Turns.of(time_s(angles), [_turn(one.yaw, one.pitch, one.roll) for one in angles])
     homes = messages["HOME_POSITION"]
+    remarks: list[str] = []
     return merged(
         position,
         {"sea": "sea", "take-off": "take-off"},
         body,
-        _camera(messages, time_s, body),
+        _camera(messages, time_s, body, remarks),
         start_ns=start_ns,
         take_off=(homes[-1].latitude / 1e7, homes[-1].longitude / 1e7) if homes else None,
-        remarks=[],
+        remarks=remarks,
     )
 
 
@@ -95,17 +93,13 @@ def _messages(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def _camera(messages: Mapping[str, Sequence[Any]], time_s: Any, body: Turns | None) -> Turns | None:
+def _camera(
+    messages: Mapping[str, Sequence[Any]], time_s: Any, body: Turns | None, remarks: list[str]
+) -> Turns | None:
     gimbal = messages["GIMBAL_DEVICE_ATTITUDE_STATUS"]
     if gimbal:
-        turns = np.array([one.q for one in gimbal], np.float64)
-        of_earth = np.array([(one.flags & _YAW_OF_EARTH) > 0 for one in gimbal])
-        if not of_earth.all():
-            if body is None:
-                return None
-            turned = multiply(headings(body.at(np.array(time_s(gimbal)))), turns)
-            turns = np.where(of_earth[:, None], turns, turned)
-        return Turns.of(time_s(gimbal), turns)
+        rows, flags = [one.q for one in gimbal], [one.flags for one in gimbal]
+        return gimbal_turns(time_s(gimbal), rows, flags, body, remarks)
     mount = [one for one in messages["MOUNT_ORIENTATION"] if math.isfinite(one.yaw_absolute)]
     degrees = [from_yaw_pitch_roll_deg(one.yaw_absolute, one.pitch, one.roll) for one in mount]
     return Turns.of(time_s(mount), degrees)

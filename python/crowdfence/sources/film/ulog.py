@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.sources.film.flight_log import FlightLog
-from crowdfence.sources.film.merged_rows import Turns, headings, merged
+from crowdfence.sources.film.gimbal_turns import gimbal_turns
+from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.geographic_track import HeightsAbove
-from crowdfence.sources.rotation import multiply
 
 _TOPICS = [
     "vehicle_global_position",
@@ -28,8 +28,6 @@ _TOPICS = [
     "sensor_gps",
     "home_position",
 ]
-_YAW_OF_EARTH = 16 | 64
-"""GIMBAL_DEVICE_FLAGS YAW_LOCK and YAW_IN_EARTH_FRAME."""
 
 
 def read_ulog(path: Path) -> FlightLog:
@@ -77,7 +75,11 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
     attitude = topics.get("vehicle_attitude")
     body = None if attitude is None else Turns.of(time_s(attitude), _quaternions(attitude))
     gimbal = topics.get("gimbal_device_attitude_status")
-    camera = None if gimbal is None else _camera(gimbal, time_s(gimbal), body)
+    camera, remarks = None, list[str]()
+    if gimbal is not None:
+        turns = _quaternions(gimbal)
+        flags = gimbal.get("device_flags", np.zeros(len(turns)))
+        camera = gimbal_turns(time_s(gimbal), turns, flags, body, remarks)
     home = topics.get("home_position")
     take_off = None if home is None else (float(home["lat"][-1]), float(home["lon"][-1]))
     return merged(
@@ -87,25 +89,12 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
         camera,
         start_ns=_start_ns(topics, zero_us),
         take_off=take_off,
-        remarks=[],
+        remarks=remarks,
     )
 
 
 def _quaternions(topic: dict[str, Any]) -> NDArray[np.float64]:
     return np.stack([np.asarray(topic[f"q[{axis}]"], np.float64) for axis in range(4)], axis=1)
-
-
-def _camera(gimbal: dict[str, Any], time_s: NDArray[np.float64], body: Turns | None) -> Turns | None:
-    """Gimbals tell their yaw against north or against the drone's heading."""
-    turns = _quaternions(gimbal)
-    flags = np.asarray(gimbal.get("device_flags", np.zeros(len(turns))), np.int64)
-    of_earth = (flags & _YAW_OF_EARTH) > 0
-    if not of_earth.all():
-        if body is None:
-            return None
-        turned = multiply(headings(body.at(time_s)), turns)
-        turns = np.where(of_earth[:, None], turns, turned)
-    return Turns.of(time_s, turns)
 
 
 def _start_ns(topics: dict[str, dict[str, Any]], zero_us: int) -> int | None:

@@ -1,0 +1,45 @@
+"""What a gimbal reports of itself -> attitudes in north-east-down.
+
+Its yaw counts from north or from the drone's heading. Flags say which, by the text of MAVLink's
+GIMBAL_DEVICE_ATTITUDE_STATUS (also PX4's gimbal_device_attitude_status):
+
+    YAW_IN_VEHICLE_FRAME           from the heading, locked or not
+    YAW_IN_EARTH_FRAME             from north, locked or not
+    neither, as gimbals had it before these two existed: from north with YAW_LOCK, else from the heading
+    both                           not allowed: nobody can say what such a yaw means
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crowdfence.sources.film.merged_rows import Turns, headings
+from crowdfence.sources.rotation import multiply
+
+# GIMBAL_DEVICE_FLAGS
+_YAW_LOCK = 16
+_YAW_IN_VEHICLE_FRAME = 32
+_YAW_IN_EARTH_FRAME = 64
+
+
+def gimbal_turns(
+    time_s: ArrayLike, quaternions: ArrayLike, flags: ArrayLike, body: Turns | None, remarks: list[str]
+) -> Turns | None:
+    """The camera's attitude from a gimbal's rows: seconds [N], quaternions [N, 4] (w, x, y, z), flags [N].
+    None when fewer than two can be used: a yaw from the heading needs the attitude of the drone, `body`."""
+    time = np.asarray(time_s, np.float64)
+    turns = np.asarray(quaternions, np.float64).reshape(-1, 4)
+    told = np.asarray(flags, np.int64)
+    of_vehicle, of_earth = (told & _YAW_IN_VEHICLE_FRAME) > 0, (told & _YAW_IN_EARTH_FRAME) > 0
+    from_north = of_earth | (~of_vehicle & ((told & _YAW_LOCK) > 0))
+    contradictory = of_vehicle & of_earth
+    if contradictory.any():
+        remarks.append(
+            f"{contradictory.sum()} of {len(told)} rows of the gimbal are left out: by their flags "
+            f"({told[contradictory][0]}) yaw counts from the drone's heading and from north"
+        )
+    if not from_north.all():
+        turned = np.full_like(turns, np.nan) if body is None else multiply(headings(body.at(time)), turns)
+        turns = np.where(from_north[:, None], turns, turned)
+    return Turns.of(time, np.where(contradictory[:, None], np.nan, turns))

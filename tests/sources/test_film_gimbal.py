@@ -1,0 +1,110 @@
+"""What a gimbal says of its yaw: from north, or from the drone's heading."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from crowdfence.sources.film.gimbal_turns import gimbal_turns
+from crowdfence.sources.film.merged_rows import Turns
+from crowdfence.sources.film.tlog import read_tlog
+from crowdfence.sources.film.ulog import read_ulog
+
+EAST = [np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)]
+"""A turn of 90 degrees about down: whoever looked north looks east."""
+DOWN_45 = [np.cos(np.pi / 8), 0.0, -np.sin(np.pi / 8), 0.0]
+"""45 degrees below the horizon, straight ahead."""
+LOCK, VEHICLE, EARTH = 16, 32, 64
+OTHERS = 4 | 8
+"""ROLL_LOCK and PITCH_LOCK, which say nothing about yaw."""
+TIMES = np.arange(5.0)
+
+
+def looks_towards_deg(quaternions: np.ndarray) -> float:
+    """Where x, forward, of the first attitude points, clockwise from north."""
+    w, x, y, z = quaternions[0]
+    return float(np.degrees(np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))))
+
+
+# What the message's text says of the yaw: 0 from the heading, which is east here, or from north.
+@pytest.mark.parametrize(
+    ("flags", "towards_deg"),
+    [
+        (0, 90),
+        (LOCK, 0),
+        (VEHICLE, 90),
+        (VEHICLE | LOCK, 90),
+        (EARTH, 0),
+        (EARTH | LOCK, 0),
+        (VEHICLE | EARTH, None),
+        (VEHICLE | EARTH | LOCK, None),
+    ],
+)
+def test_flags_say_where_yaw_counts_from(flags: int, towards_deg: float | None) -> None:
+    body = Turns.of(TIMES, [EAST] * 5)
+    remarks: list[str] = []
+    found = gimbal_turns(TIMES, [DOWN_45] * 5, [flags | OTHERS] * 5, body, remarks)
+    if towards_deg is None:
+        assert found is None and "5 of 5 rows of the gimbal are left out" in remarks[0]
+        assert str(flags | OTHERS) in remarks[0]
+    else:
+        assert found is not None and not remarks
+        assert looks_towards_deg(found.quaternions) == pytest.approx(towards_deg, abs=1e-6)
+
+
+def test_a_contradictory_row_is_left_out_and_the_others_stay() -> None:
+    body = Turns.of(TIMES, [EAST] * 5)
+    remarks: list[str] = []
+    found = gimbal_turns(TIMES, [DOWN_45] * 5, [64, 64, 96, 32, 64], body, remarks)
+    assert found is not None and found.time_s.tolist() == [0, 1, 3, 4] and len(remarks) == 1
+
+
+def test_a_yaw_from_the_heading_needs_the_heading() -> None:
+    assert gimbal_turns(TIMES, [DOWN_45] * 5, [VEHICLE] * 5, None, []) is None
+    assert gimbal_turns(TIMES, [DOWN_45] * 5, [EARTH] * 5, None, []) is not None
+
+
+LOCKED_TO_THE_VEHICLE = OTHERS | LOCK | VEHICLE
+"""60, as gimbals that hold their yaw report themselves."""
+
+
+def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> None:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    data = bytearray()
+    for number in range(10):
+        boot_ms = 5000 + number * 100
+        for message in (
+            mavlink.MAVLink_global_position_int_message(
+                boot_ms, 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
+            ),
+            mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0),
+            mavlink.MAVLink_gimbal_device_attitude_status_message(
+                0, 0, boot_ms, LOCKED_TO_THE_VEHICLE, DOWN_45, 0.0, 0.0, 0.0, 0
+            ),
+        ):
+            data += struct.pack(">Q", 1_760_000_000_000_000 + number * 100_000) + message.pack(sender)
+    (tmp_path / "a.tlog").write_bytes(bytes(data))
+    camera = read_tlog(tmp_path / "a.tlog").camera_ned
+    assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
+
+
+def test_a_px4_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> None:
+    topics = {
+        "vehicle_global_position": "double lat;double lon;float alt;",
+        "vehicle_attitude": "float[4] q;",
+        "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
+    }
+    bodies = [(b"F", f"{name}:uint64_t timestamp;{fields}".encode()) for name, fields in topics.items()]
+    bodies += [(b"A", struct.pack("<BH", 0, number) + name.encode()) for number, name in enumerate(topics)]
+    for number in range(10):
+        stamp_us = number * 100_000
+        bodies.append((b"D", struct.pack("<HQddf", 0, stamp_us, 46.5, 8.0, 530.0)))
+        bodies.append((b"D", struct.pack("<HQ4f", 1, stamp_us, *EAST)))
+        bodies.append((b"D", struct.pack("<HQ4fH", 2, stamp_us, *DOWN_45, LOCKED_TO_THE_VEHICLE)))
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    data += b"".join(struct.pack("<HB", len(body), kind[0]) + body for kind, body in bodies)
+    (tmp_path / "a.ulg").write_bytes(data)
+    camera = read_ulog(tmp_path / "a.ulg").camera_ned
+    assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
