@@ -337,7 +337,8 @@ def test_a_mavic_air_2_counts_focal_lengths_in_tenths(tmp_path: Path) -> None:
         "[altitude: 27.300000] </font>\n"
     )
     log = read_subtitles(srt(tmp_path, text))
-    assert log.focal_35mm == 24.0 and log.heights_m["take-off"][0] == 27.3
+    assert log.focal_35mm is not None and log.focal_35mm.tolist() == [24.0]
+    assert log.heights_m["take-off"][0] == 27.3
     assert any("does not say from where it counts" in remark for remark in log.remarks)
 
 

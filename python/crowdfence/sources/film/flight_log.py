@@ -28,8 +28,8 @@ class FlightLog:
     body_ned: NDArray[np.float64] | None
     timed_by_film: bool
     take_off: tuple[float, float] | None = None
-    focal_35mm: float | None = None
-    """Focal length as on 35 mm film, zoom included."""
+    focal_35mm: NDArray[np.float64] | None = None
+    """Focal lengths as on 35 mm film, zoom included [N], millimetres."""
     remarks: list[str] = field(default_factory=list)
 
     def attitudes(self, mount: CameraMount | None) -> NDArray[np.float64]:

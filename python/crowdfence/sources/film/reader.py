@@ -25,13 +25,13 @@ from crowdfence.georeference import Georeference
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.picture_reader import FilmPictures
+from crowdfence.sources.film.zoom import film_cameras
 from crowdfence.sources.geographic_track import (
     HeightOptions,
     HeightsAbove,
     LocalTrack,
     local_track,
 )
-from crowdfence.sources.lens.focal_length import camera_from_35mm, scaled_camera
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording
 
@@ -94,20 +94,19 @@ def read_film(
     except ValueError as error:
         raise ValueError(f"{error}" if str(log_path) in str(error) else f"{log_path}: {error}") from error
     film = FilmPictures(path)
-    camera, lens = _camera(film, log, path, options)
-    offset_s, how = _clock_offset(log, film, camera, placed, log_path, options)
+    cameras = film_cameras(path, film.size, log, options.calibration)
+    offset_s, how = _clock_offset(log, film, cameras.usual, placed, log_path, options)
     start_ns, clock = _start(log, film)
     track = placed.track.shifted(start_ns)
     step_s = _usual_step_s(track.stamps_ns)
     gap_s = max(limits.max_pose_gap_s, min(1.5 * step_s, _LONGEST_STEP_S))
-    unplaced = [
-        UnplacedFrame(
-            start_ns + round((offset_s + film.times_s[number]) * 1e9),
-            camera,
-            PixelSources(image=partial(film.ppm, number)),
-        )
-        for number in _taken(film.times_s, options.frames_per_s)
-    ]
+    unplaced = []
+    for number in _taken(film.times_s, options.frames_per_s):
+        time_s = offset_s + film.times_s[number]
+        camera, fault = cameras.at(time_s)
+        pixels = PixelSources(image=partial(film.ppm, number))
+        unplaced.append(UnplacedFrame(start_ns + round(time_s * 1e9), camera, pixels, fault))
+    lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
     remarks = [*log.remarks, *placed.remarks, how, *clock, lens, _spacing(step_s)]
     return Recording(
@@ -184,18 +183,6 @@ def _start(log: FlightLog, film: FilmPictures) -> tuple[int, list[str]]:
     if seconds > 0:
         return seconds * 1_000_000_000, ["the time of day is the film's creation_time, in whole seconds"]
     return 0, ["no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"]
-
-
-def _camera(film: FilmPictures, log: FlightLog, path: Path, options: FilmOptions) -> tuple[Camera, str]:
-    width, height = film.size
-    if options.calibration is not None:
-        return scaled_camera(options.calibration, width, height), ""
-    if log.focal_35mm is None:
-        raise ValueError(
-            f"{path}: nothing says how wide its camera sees, the log has no focal length: give --calibration"
-        )
-    estimate = camera_from_35mm(width, height, log.focal_35mm, film=True)
-    return estimate.camera, estimate.said
 
 
 def _taken(times_s: list[float], frames_per_s: float) -> list[int]:

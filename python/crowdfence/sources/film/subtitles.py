@@ -109,7 +109,8 @@ def _block(text: str) -> _Block:
         block.whole_seconds = clock[7] is None
     for name, value in _FIELD.findall(text):
         if known := _NAMES.get(name.lower()):
-            block.fields.setdefault(known, float(value))
+            number = _millimetres(value) if known == "focal_len" else float(value)
+            block.fields.setdefault(known, number)
     if latitude := re.search(r"latitude\s*:\s*[-+]?\d+\.?(\d*)", text):
         block.decimals = len(latitude[1])
     if gps := _GPS.search(text):
@@ -125,6 +126,12 @@ def _block(text: str) -> _Block:
         block.home = (second, first) if block.longitude_first else (first, second)
     _drop_impossible(block)
     return block
+
+
+def _millimetres(written: str) -> float:
+    """Older files write tenths as a whole number, 240 for 24 mm; with a point it is what it says: 166.00."""
+    value = float(written)
+    return value / 10 if "." not in written and value > 100 else value
 
 
 def _take_gps(block: _Block, gps: re.Match[str]) -> None:
@@ -193,15 +200,14 @@ def _attitudes(blocks: list[_Block], who: str) -> NDArray[np.float64] | None:
     return np.array([from_yaw_pitch_roll_deg(*row) for row in angles])
 
 
-def _focal_35mm(blocks: list[_Block]) -> float | None:
-    focal = _column(blocks, "focal_len")
-    zoom = _column(blocks, "zoom")
+def _focal_35mm(blocks: list[_Block]) -> NDArray[np.float64] | None:
+    """Lens times digital zoom [N], millimetres on 35 mm film; NaN where a block does not tell."""
+    focal, zoom = _column(blocks, "focal_len"), _column(blocks, "zoom")
     if not np.isfinite(focal).any():
         return None
-    length = float(np.nanmedian(focal))
-    length = length / 10 if length > 100 else length  # tenths of a millimetre in older files
-    ratio = float(np.nanmedian(zoom)) if np.isfinite(zoom).any() else 1.0
-    return length * (ratio / 10_000 if ratio >= 1000 else max(ratio, 1.0))
+    if not np.isfinite(zoom).any():
+        return focal
+    return focal * np.where(zoom >= 1000, zoom / 10_000, np.maximum(zoom, 1.0))
 
 
 def _remarks(path: Path, blocks: list[_Block], count: int) -> list[str]:

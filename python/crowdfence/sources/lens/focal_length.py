@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from crowdfence._core import Camera
 
 _DIAGONAL_35MM = math.hypot(36.0, 24.0)
+_LENGTHS_35MM = (4.0, 4000.0)
+"""Millimetres that lenses have."""
 _WIDEST_STILL = 1.55
 """Pictures wider than 3:2 are cut from a sensor of 4:3 or 3:2 at their full width."""
 _SENSOR_ASPECT = 4 / 3
@@ -49,9 +51,19 @@ class EstimatedCamera:
     said: str
 
 
+def is_of_a_lens(focal_35mm: float) -> bool:
+    """Whether there are lenses of this focal length, millimetres on 35 mm film; not for NaN."""
+    return _LENGTHS_35MM[0] <= focal_35mm <= _LENGTHS_35MM[1]
+
+
+def focal_35mm_of(camera: Camera) -> float:
+    """The focal length, millimetres on 35 mm film, that `camera_from_35mm` would make `camera` of."""
+    return camera.fx * _DIAGONAL_35MM / _sensor_diagonal_px(camera.width, camera.height)
+
+
 def camera_from_35mm(width: int, height: int, focal_35mm: float, *, film: bool) -> EstimatedCamera:
     """ValueError for a focal length that no lens has."""
-    if not 4 <= focal_35mm <= 4000:
+    if not is_of_a_lens(focal_35mm):
         raise ValueError(f"a focal length of {focal_35mm:g} mm (35 mm film) is not that of a lens")
     error = 10 if film else 5
     focal_px = focal_35mm / _DIAGONAL_35MM * _sensor_diagonal_px(width, height)
