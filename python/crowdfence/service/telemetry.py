@@ -15,7 +15,8 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.service.boot_clock import BootClock
 from crowdfence.sources.camera_mount import CameraMount
-from crowdfence.sources.film.tlog import KINDS, log_of_messages
+from crowdfence.sources.film.boots import Boot
+from crowdfence.sources.film.tlog import KINDS, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
@@ -117,7 +118,7 @@ class Telemetry:
         self._check_gaps(at_ms)
         around = {kind: self._around(kind, at_ms) for kind in KINDS}
         first_ms = around["GLOBAL_POSITION_INT"][0].time_boot_ms
-        log = log_of_messages(around, first_ms, None)
+        log = log_of_boots([Boot(around, first_ms)], None, [])
         heights = self._options.heights
         placed = local_track(log.poses(self._options.mount), heights, self._anchor)
         track = placed.track.shifted(first_ms * _MS_NS + offset_ns)

@@ -1,24 +1,25 @@
 """MAVLink telemetry logs (.tlog) through pymavlink (extra `mavlink`).
 
 A record is the time of its arrival in microseconds since 1970 and a MAVLink frame. The first autopilot in it
-is the drone. Times are those of the drone (time_boot_ms), laid on the arrival of its first position, so that
-the delay of a radio does not shake them.
+is the drone. Times are those of the drone (time_boot_ms), laid on the arrival of its first position, once per
+start of the autopilot (`boots`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from crowdfence.sources.film.boots import PLACE, Boot, boots_of
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
 
 KINDS = (
-    "GLOBAL_POSITION_INT",
+    PLACE,
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
     "GIMBAL_DEVICE_ATTITUDE_STATUS",
@@ -31,78 +32,90 @@ _LATEST_S = 2**31
 
 def read_tlog(path: Path) -> FlightLog:
     """ValueError when the file holds no position of a drone."""
-    messages = _messages(path)
-    places = messages["GLOBAL_POSITION_INT"]
-    if len(places) < 2:
-        raise ValueError(f"{path} holds no positions (GLOBAL_POSITION_INT): no MAVLink log, or a damaged one")
-    arrived_s = places[0]._timestamp
+    remarks: list[str] = []
+    messages = _messages(path, remarks)
+    boots = boots_of(messages, KINDS, remarks)
+    arrived_s = boots[0].messages[PLACE][0]._timestamp
     start_ns = round(arrived_s * 1e6) * 1000 if 0 < arrived_s < _LATEST_S else None
-    return log_of_messages(messages, places[0].time_boot_ms, start_ns)
+    return log_of_boots(boots, start_ns, remarks)
 
 
-def log_of_messages(messages: Mapping[str, Sequence[Any]], first_ms: int, start_ns: int | None) -> FlightLog:
-    """Decoded messages by kind (`KINDS`) as a log that begins `first_ms` after the autopilot, at the stamp
-    `start_ns`. ValueError when there is no position or no attitude."""
-    places = messages["GLOBAL_POSITION_INT"]
+def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[str]) -> FlightLog:
+    """Decoded messages (`KINDS`) as a log whose time 0 is the stamp `start_ns`. ValueError when there is no
+    position or no attitude."""
+    said = list(remarks)
+    places = _all(boots, PLACE)
     position = {
-        "time_s": [(one.time_boot_ms - first_ms) / 1e3 for one in places],
+        "time_s": _times_s(boots, PLACE),
         "latitude": [one.lat / 1e7 for one in places],
         "longitude": [one.lon / 1e7 for one in places],
         "sea": [one.alt / 1e3 for one in places],
         "take-off": [one.relative_alt / 1e3 for one in places],
     }
-
-    def time_s(found: Sequence[Any]) -> list[float]:
-        return [(one.time_boot_ms - first_ms) / 1e3 for one in found]
-
-    turns = messages["ATTITUDE_QUATERNION"]
-    body = Turns.of(time_s(turns), [[one.q1, one.q2, one.q3, one.q4] for one in turns])
+    turns = _all(boots, "ATTITUDE_QUATERNION")
+    rows = [[one.q1, one.q2, one.q3, one.q4] for one in turns]
+    body = Turns.of(_times_s(boots, "ATTITUDE_QUATERNION"), rows)
     if body is None:
-        angles = messages["ATTITUDE"]
-        body = Turns.of(time_s(angles), [_turn(one.yaw, one.pitch, one.roll) for one in angles])
-    homes = messages["HOME_POSITION"]
-    remarks: list[str] = []
+        angles = [_turn(one.yaw, one.pitch, one.roll) for one in _all(boots, "ATTITUDE")]
+        body = Turns.of(_times_s(boots, "ATTITUDE"), angles)
+    homes = _all(boots, "HOME_POSITION")
     return merged(
         position,
         {"sea": "sea", "take-off": "take-off"},
         body,
-        _camera(messages, time_s, body, remarks),
+        _camera(boots, body, said),
         start_ns=start_ns,
         take_off=(homes[-1].latitude / 1e7, homes[-1].longitude / 1e7) if homes else None,
-        remarks=remarks,
+        remarks=said,
     )
 
 
-def _messages(path: Path) -> dict[str, list[Any]]:
-    """Messages of the first autopilot by kind."""
+def _messages(path: Path, remarks: list[str]) -> list[Any]:
+    """Messages of the first drone that tells its position, in order of arrival."""
     from pymavlink import mavutil
 
-    found: dict[str, list[Any]] = {kind: [] for kind in KINDS}
-    system: int | None = None
+    found: list[Any] = []
+    systems: list[int] = []
     try:
         log = mavutil.mavlink_connection(str(path), robust_parsing=True)
         while (message := log.recv_match(type=list(KINDS))) is not None:
-            kind, sender = message.get_type(), message.get_srcSystem()
-            if system is None and kind == "GLOBAL_POSITION_INT":
-                system = sender
-            if system is None or sender == system:
-                found[kind].append(message)
+            found.append(message)
+            if message.get_type() == PLACE:
+                systems.append(message.get_srcSystem())
     except Exception as error:  # whatever the library meets in a damaged file
-        if len(found["GLOBAL_POSITION_INT"]) < 2:
+        if len(systems) < 2:
             raise ValueError(f"{path} is no MAVLink log, or damaged: {error}") from error
-    return found
+    if systems.count(systems[0] if systems else 0) < 2:
+        raise ValueError(f"{path} holds no positions ({PLACE}): no MAVLink log, or a damaged one")
+    if others := sorted(set(systems) - {systems[0]}):
+        remarks.append(
+            f"{path.name} holds the positions of several drones: system {systems[0]} is taken, not "
+            f"{', '.join(map(str, others))}"
+        )
+    return [one for one in found if one.get_srcSystem() == systems[0]]
 
 
-def _camera(
-    messages: Mapping[str, Sequence[Any]], time_s: Any, body: Turns | None, remarks: list[str]
-) -> Turns | None:
-    gimbal = messages["GIMBAL_DEVICE_ATTITUDE_STATUS"]
+def _all(boots: Sequence[Boot], kind: str) -> list[Any]:
+    return [one for boot in boots for one in boot.messages[kind]]
+
+
+def _times_s(boots: Sequence[Boot], kind: str) -> list[float]:
+    return [time_s for boot in boots for time_s in boot.time_s(kind)]
+
+
+def _camera(boots: Sequence[Boot], body: Turns | None, remarks: list[str]) -> Turns | None:
+    gimbal = _all(boots, "GIMBAL_DEVICE_ATTITUDE_STATUS")
     if gimbal:
         rows, flags = [one.q for one in gimbal], [one.flags for one in gimbal]
-        return gimbal_turns(time_s(gimbal), rows, flags, body, remarks)
-    mount = [one for one in messages["MOUNT_ORIENTATION"] if math.isfinite(one.yaw_absolute)]
-    degrees = [from_yaw_pitch_roll_deg(one.yaw_absolute, one.pitch, one.roll) for one in mount]
-    return Turns.of(time_s(mount), degrees)
+        return gimbal_turns(_times_s(boots, "GIMBAL_DEVICE_ATTITUDE_STATUS"), rows, flags, body, remarks)
+    mount = [
+        (time_s, from_yaw_pitch_roll_deg(one.yaw_absolute, one.pitch, one.roll))
+        for time_s, one in zip(
+            _times_s(boots, "MOUNT_ORIENTATION"), _all(boots, "MOUNT_ORIENTATION"), strict=True
+        )
+        if math.isfinite(one.yaw_absolute)
+    ]
+    return Turns.of([time_s for time_s, _ in mount], [turn for _, turn in mount])
 
 
 def _turn(yaw: float, pitch: float, roll: float) -> Any:

@@ -1,0 +1,85 @@
+"""A telemetry log that goes on while the autopilot starts anew: after a change of battery its clock, the
+milliseconds since it started, begins again.
+
+Within a boot times are the autopilot's, so that the delay of a radio does not shake them. Each boot lies on
+the arrival of its first position, so that the pause between two stays a pause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+PLACE = "GLOBAL_POSITION_INT"
+
+_FALLS_MS = 1000
+"""A message so much older than the newest may be of a new boot ..."""
+_LATEST_S = 5.0
+"""... unless it is a packet that was held up on its way for no longer than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """What an autopilot said between two of its starts."""
+
+    messages: Mapping[str, Sequence[Any]]
+    """By kind, in order of arrival."""
+    zero_ms: float
+    """Its clock at time 0 of the log."""
+
+    def time_s(self, kind: str) -> list[float]:
+        return [(one.time_boot_ms - self.zero_ms) / 1e3 for one in self.messages[kind]]
+
+
+def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) -> list[Boot]:
+    """Decoded messages of one vehicle in order of arrival (`_timestamp`, seconds), a position among them ->
+    its boots that tell positions; time 0 is the first one."""
+    found: list[Boot] = []
+    began_s, ended_s = 0.0, -1.0
+    for run in _runs(messages):
+        of_kind = {kind: [one for one in run if one.get_type() == kind] for kind in kinds}
+        places = of_kind[PLACE]
+        if not places:
+            continue
+        if not found:
+            began_s = places[0]._timestamp
+        begin_s = places[0]._timestamp - began_s
+        if begin_s <= ended_s:
+            remarks.append(
+                f"{len(places)} positions after a new start of the autopilot are left out: the clock of who "
+                f"wrote the log fell too, by {ended_s - begin_s:.1f} s"
+            )
+            continue
+        found.append(Boot(of_kind, places[0].time_boot_ms - begin_s * 1e3))
+        ended_s = found[-1].time_s(PLACE)[-1]
+    if len(found) > 1:
+        begins = ", ".join(f"{boot.time_s(PLACE)[0]:.1f}" for boot in found[1:])
+        remarks.append(
+            f"the autopilot started anew: the log holds {len(found)} boots, each laid on the arrival of its "
+            f"first position (the later ones at {begins} s); heights above the take-off count from each "
+            "one's own"
+        )
+    return found
+
+
+def _runs(messages: Sequence[Any]) -> list[list[Any]]:
+    """The messages from one start to the next, by the clock of the component that tells positions."""
+    component = next(one.get_srcComponent() for one in messages if one.get_type() == PLACE)
+    runs: list[list[Any]] = [[]]
+    newest: Any = None
+    for one in messages:
+        if one.get_srcComponent() == component and hasattr(one, "time_boot_ms"):
+            if newest is not None and _started_anew(newest, one):
+                runs.append([])
+                newest = None
+            if newest is None or one.time_boot_ms >= newest.time_boot_ms:
+                newest = one
+        runs[-1].append(one)
+    return runs
+
+
+def _started_anew(newest: Any, one: Any) -> bool:
+    falls_ms, pause_s = newest.time_boot_ms - one.time_boot_ms, one._timestamp - newest._timestamp
+    held_up = pause_s >= 0 and pause_s + falls_ms / 1e3 <= _LATEST_S
+    return bool(falls_ms > _FALLS_MS and not held_up)

@@ -1,0 +1,114 @@
+"""Telemetry logs that hold more than one start of an autopilot, or more than one drone."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from crowdfence.sources.film.tlog import read_tlog
+from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
+
+BEGIN_S = 1_760_000_000
+"""When the ground station hears the first position."""
+
+Told = tuple[float, float, float]
+"""Arrival, seconds after `BEGIN_S`; the autopilot's own clock, seconds; height above the sea, metres."""
+
+
+def position(boot_s: float, height_m: float) -> mavlink.MAVLink_message:
+    place = [round(boot_s * 1e3), 465000000, 80000000, round(height_m * 1e3), 0]
+    return mavlink.MAVLink_global_position_int_message(*place, 0, 0, 0, 0)
+
+
+def camera(boot_s: float, yaw_deg: float = 0.0) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_mount_orientation_message(round(boot_s * 1e3), 0.0, -90.0, 0.0, yaw_deg)
+
+
+def record(arrived_s: float, message: mavlink.MAVLink_message, system: int = 1) -> bytes:
+    sender = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+    return struct.pack(">Q", round((BEGIN_S + arrived_s) * 1e6)) + bytes(message.pack(sender))
+
+
+def log_of(path: Path, told: Sequence[Told]) -> Path:
+    path.write_bytes(
+        b"".join(
+            record(arrived_s, message)
+            for arrived_s, boot_s, height_m in told
+            for message in (position(boot_s, height_m), camera(boot_s))
+        )
+    )
+    return path
+
+
+def ticks(count: int) -> list[float]:
+    """Seconds, ten a second."""
+    return [number / 10 for number in range(count)]
+
+
+def test_a_boot_lies_where_it_arrived(tmp_path: Path) -> None:
+    # 10 s on the bench at 500 m; the battery is changed; from 30 s on another clock that climbs 2 m/s.
+    bench = [(t, 5 + t, 500.0) for t in ticks(100)]
+    flight = [(30 + t, 5.03 + t, 500 + 2 * t) for t in ticks(200)]
+    log = read_tlog(log_of(tmp_path / "a.tlog", [*bench, *flight]))
+    assert log.start_ns == BEGIN_S * 10**9
+    # The first row behind a pause is never used.
+    assert np.allclose(log.time_s, [*ticks(100), *(30 + t for t in ticks(200)[1:])], atol=1e-3)
+    assert np.allclose(log.heights_m["sea"][100:], [500 + 2 * t for t in ticks(200)[1:]], atol=1e-3)
+    assert log.remarks == [
+        "the autopilot started anew: the log holds 2 boots, each laid on the arrival of its first position "
+        "(the later ones at 30.0 s); heights above the take-off count from each one's own"
+    ]
+
+
+def test_a_second_start_is_seen_when_the_first_was_short(tmp_path: Path) -> None:
+    # The clock falls by 2 s only, from 7 s to 5 s, after a pause of 20 s.
+    told = [(t, 5 + t, 500.0) for t in ticks(21)] + [(22 + t, 5 + t, 500.0) for t in ticks(21)]
+    log = read_tlog(log_of(tmp_path / "a.tlog", told))
+    assert np.allclose(log.time_s, [*ticks(21), *(22 + t for t in ticks(21)[1:])], atol=1e-3)
+
+
+def test_a_packet_that_was_held_up_is_no_new_start(tmp_path: Path) -> None:
+    # The same flight over two links, one of them by satellite, 3 s late.
+    direct = [(t, 5 + t, 500.0) for t in ticks(100)]
+    late = [(t + 3.02, 5 + t, 500.0) for t in ticks(60)]
+    log = read_tlog(log_of(tmp_path / "a.tlog", sorted(direct + late)))
+    assert np.allclose(log.time_s, ticks(100), atol=1e-3) and not log.remarks
+
+
+def test_a_new_start_that_nobody_can_place_is_left_out(tmp_path: Path) -> None:
+    # The ground station's own clock is put back by 8 s while the battery is changed.
+    told = [(t, 50 + t, 500.0) for t in ticks(100)] + [(2 + t, 5 + t, 600.0) for t in ticks(50)]
+    log = read_tlog(log_of(tmp_path / "a.tlog", told))
+    assert np.allclose(log.heights_m["sea"], 500) and len(log.time_s) == 100
+    # 9.9 s is where the first boot ends.
+    assert log.remarks == [
+        "50 positions after a new start of the autopilot are left out: the clock of who wrote the log fell "
+        "too, by 7.9 s"
+    ]
+
+
+def test_attitudes_of_another_system_are_never_those_of_the_drone(tmp_path: Path) -> None:
+    """Not even when they come first: a second drone looks west while nobody has told a position."""
+    data = b"".join(record(-1 + t, camera(4 + t, 270.0), system=2) for t in ticks(10))
+    data += record(0, position(5, 500)) + record(0, camera(5, 90.0))
+    data += b"".join(
+        record(t, message, system)
+        for t in ticks(20)[1:]
+        for message, system in (
+            (position(5 + t, 500), 1),
+            (camera(5 + t, 90.0), 1),
+            (camera(5 + t, 270.0), 2),
+            (position(5 + t, 900), 2),
+        )
+    )
+    (tmp_path / "a.tlog").write_bytes(data)
+    log = read_tlog(tmp_path / "a.tlog")
+    assert log.camera_ned is not None
+    assert np.allclose(log.time_s, ticks(20), atol=1e-3) and np.allclose(log.heights_m["sea"], 500)
+    east = from_yaw_pitch_roll_deg(90.0, -90.0, 0.0)
+    assert np.allclose(np.abs(log.camera_ned @ east), 1.0)
+    assert log.remarks == ["a.tlog holds the positions of several drones: system 1 is taken, not 2"]
