@@ -19,6 +19,7 @@ from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
+from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
@@ -66,6 +67,8 @@ class Run:
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
     """What is doubtful about the map and what was taken from it, one sentence each."""
+    unit_doubts: tuple[str, ...] = ()
+    """Heatmaps that may be in other units than they are read in, one sentence for each such drone."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -84,7 +87,8 @@ class Run:
         of_detector = [] if self.review is None else self.review.warnings
         of_pictures = self.heatmaps.watch.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        return [*self.recording.warnings, *self.doubts, *of_detector, *of_pictures, *lost]
+        of_heatmaps = [*self.unit_doubts, *of_detector, *of_pictures, *lost]
+        return [*self.recording.warnings, *self.doubts, *of_heatmaps]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -149,7 +153,10 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
+    units = HeatmapUnits()
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
+        for view in found.views:
+            units.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
@@ -183,6 +190,7 @@ def run(
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
         doubts=(*doubts, *(doubt for doubt in (coarse, under) if doubt is not None)),
+        unit_doubts=tuple(units.warnings),
         voxel_size_why=voxel_size_why,
     )
 
