@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crowdfence import Camera, open_recording
+from crowdfence.sources.convert import convert
 from crowdfence.sources.film.subtitles import read_subtitles
 from crowdfence.sources.recording import Recording
 
@@ -134,3 +135,12 @@ def test_blocks_that_do_not_tell_it_and_lengths_of_no_lens_say_nothing(tmp_path:
     assert lengths_mm(found) == pytest.approx({n / 2: 24 for n in range(10)})
     with pytest.raises(ValueError, match="a focal length of 0 mm"):
         open_recording(film(tmp_path, lambda number: "[focal_len: 0.00]"))
+
+
+def test_a_converted_film_keeps_the_camera_of_every_frame(tmp_path: Path) -> None:
+    zoomed = film(tmp_path, lambda n: f"[focal_len: {24 if n < 36 else 72:.2f}]")
+    found = open_recording(zoomed, heights="sea", geoid_m=48.0)
+    convert(found, tmp_path / "a.mcap")
+    kept = open_recording(tmp_path / "a.mcap")
+    assert [frame.camera for frame in kept.frames] == [frame.camera for frame in found.frames]
+    assert len({frame.camera for frame in kept.frames}) == 2
