@@ -143,6 +143,37 @@ def test_a_step_made_for_who_comes_later_is_heard_by_who_was_there() -> None:
     assert steps == ({"step": 2}, {"step": 2})
 
 
+def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stream, "FRESH_S", 0.05)
+
+    async def heard() -> list[dict[str, int]]:
+        hub, slow, reads = stream.Hub(), Listening(), asyncio.Event()
+
+        async def send_text(text: str) -> None:
+            slow.heard.append(json.loads(text))
+            await reads.wait()
+
+        slow.send_text = send_text  # type: ignore[method-assign]
+        hub.start()
+        serving = asyncio.create_task(hub.serve(slow, {"hello": 0}))
+        while not slow.heard:
+            await asyncio.sleep(0.001)
+        age = iter(range(100))
+        hub.step(lambda: {"age": next(age)})
+        await asyncio.sleep(0.2)
+        reads.set()
+        while len(slow.heard) < 2:
+            await asyncio.sleep(0.001)
+        serving.cancel()
+        return slow.heard
+
+    with ThreadPoolExecutor(1) as thread:
+        told = thread.submit(lambda: asyncio.run(asyncio.wait_for(heard(), 20.0))).result()
+    assert told == [{"hello": 0}, {"age": 1}]
+
+
 def test_many_listeners_leave_time_for_the_drones() -> None:
     """Ten steps a second to 15, then 150 a second to all together."""
     assert [stream.pause_s(listeners) for listeners in (1, 15, 30, 150)] == [0.1, 0.1, 0.2, 1.0]

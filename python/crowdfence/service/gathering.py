@@ -43,10 +43,14 @@ class Gathering:
         return {one.drone for one in list(self._waiting.values())}
 
     @property
+    def waits_until_ns(self) -> int:
+        """The newest stamp of what waits; 0 for nothing."""
+        return max((one.stamp_ns for one in list(self._waiting.values())), default=0)
+
+    @property
     def end_ns(self) -> int:
         """Once it is so late, nothing waits."""
-        newest_ns = max((one.stamp_ns for one in list(self._waiting.values())), default=0)
-        return newest_ns + self.patience_ns + 1
+        return self.waits_until_ns + self.patience_ns + 1
 
     def is_due(self, now_ns: int) -> bool:
         """Whether something has waited longer than views may come late."""

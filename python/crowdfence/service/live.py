@@ -108,6 +108,8 @@ class Live:
         self._acknowledged_s: dict[int, float] = {}
         self._given_s = time.monotonic()
         """When the last view came."""
+        self._accepted_s: float | None = None
+        """When the last view was accepted since the start, by a steady clock."""
 
     def _no_gathering(self) -> Gathering:
         return Gathering(
@@ -221,6 +223,15 @@ class Live:
         """Records on disk that are not in the map yet."""
         return self._records.qsize()
 
+    @property
+    def silent_s(self) -> float | None:
+        """How long no view has been accepted, whatever its stamp; before the first one since the start by the
+        age of the newest that was there, None where there is none."""
+        if self._accepted_s is not None:
+            return time.monotonic() - self._accepted_s
+        look_ns = self.newest_look_ns
+        return max(0.0, (self._clock.now_ns() - look_ns) / _SECOND_NS) if look_ns else None
+
     def _journaled(self, record: Record, done: Future[int]) -> None:
         """In the thread that writes, so that records come in the order of their places."""
         if done.exception() is not None:
@@ -228,7 +239,7 @@ class Live:
             return
         seq = done.result()
         self.accepted[record.drone] += 1  # before the gate forgets the name
-        self._acknowledged_s[seq] = self._given_s = time.monotonic()
+        self._acknowledged_s[seq] = self._given_s = self._accepted_s = time.monotonic()
         self._records.put(_placed(record, seq))
 
     # -- deciding ----------------------------------------------------------------------------------------
@@ -274,6 +285,18 @@ class Live:
         self._recovering = False
         _LOG.info("recovered", extra={"records": len(records), "damaged": damaged, "seq": self._applied})
         return damaged
+
+    @property
+    def newest_look_ns(self) -> int:
+        """The newest stamp of what drones saw, in the map or on its way there; 0 for nothing."""
+        with self._mission.lock:
+            seen = self._mission.loop.crowd_map.span_ns
+        sightings = [self._fleet.last(drone) for drone in self._fleet.drones]
+        return max(
+            0 if seen is None else seen[1],
+            self._gathering.waits_until_ns,
+            *(0 if last is None else last.stamp_ns for last in sightings),
+        )
 
     def apply_static(self) -> None:
         """Close the static zones of now, where those of before were others. Between `recover` and `start`."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdfence._core import CrowdMap, Terrain
 from crowdfence.config import RunConfig
@@ -30,6 +31,15 @@ OnMoment = Callable[[Moment], None]
 
 _BELIEF_COSTS_AT_MOST = 0.05
 """Share of the time that goes into maps for the history."""
+_BELIEF_FRESH_NS = 1_000_000_000
+
+
+class Belief(NamedTuple):
+    """The crowd map from above (`belief_bytes`), of a moment, as of a stamp."""
+
+    number: int
+    stamp_ns: int
+    body: bytes
 
 
 class Mission:
@@ -71,7 +81,10 @@ class Mission:
         self.lock = RLock()
         """Held by whoever steps or reads the crowd map."""
         self._known_drones = tuple(drones)
-        self._belief: tuple[int, bytes] | None = None
+        self._belief: Belief | None = None
+        self.run = secrets.token_hex(4)
+        """Of this mission in this process: numbers of moments begin anew with another one, and those that no
+        snapshot holds are given again after a restart."""
         self._next_belief_s = 0.0
 
     @property
@@ -168,21 +181,26 @@ class Mission:
         if time.monotonic() < self._next_belief_s or self.newest is None:
             return
         started_s = time.monotonic()
-        number, belief = self.belief()
-        self.timeline.add_belief(number, self.newest.stamp_ns, belief)
+        belief = self.belief()
+        self.timeline.add_belief(belief.number, self.newest.stamp_ns, belief.body)
         ended_s = time.monotonic()
         self._next_belief_s = ended_s + max(0.2, (ended_s - started_s) / _BELIEF_COSTS_AT_MOST)
 
-    def belief(self) -> tuple[int, bytes]:
-        """The newest map from above, and the number of its moment."""
+    def belief(self, now_ns: int = 0) -> Belief:
+        """The newest map from above, as of now where that is behind its moment: ground that nobody looks at
+        turns stale also while nothing happens. Made anew for every moment, and once it is a second old."""
         with self.lock:
             moment, known = self.newest, self._belief
             number = 0 if moment is None else moment.number
-            if known is not None and known[0] == number:
-                return known
             crowd_map = self.loop.crowd_map
             span = crowd_map.span_ns
-            stamp_ns = max(0 if moment is None else moment.stamp_ns, 0 if span is None else span[1])
+            stamp_ns = max(now_ns, 0 if moment is None else moment.stamp_ns, 0 if span is None else span[1])
+            if (
+                known is not None
+                and known.number == number
+                and 0 <= stamp_ns - known.stamp_ns < _BELIEF_FRESH_NS
+            ):
+                return known
             made = belief_bytes(
                 crowd_map,
                 self.ground,
@@ -190,7 +208,7 @@ class Mission:
                 threshold=self.threshold,
                 stale_after_s=self.config.zones.stale_after_s,
             )
-            self._belief = (number, made)
+            self._belief = Belief(number, stamp_ns, made)
             return self._belief
 
     def description(self, stamp_ns: int, first_stamp_ns: int | None) -> MapDescription:

@@ -121,6 +121,7 @@ class Service:
             "zone_rules": mission.config.zone_parameters(mission.loop.crowd_map.default_threshold()),
             "voxel_size_m": mission.terrain.voxel_size_m,
             "drones": sorted(self.fleet.drones),
+            "silent_after_s": self.settings.silent_after_s,
             "anchor": None
             if anchor is None
             else {
@@ -161,6 +162,7 @@ class Service:
             "zones": self.zones_json(moment),
             "drones": {"drones": self.fleet.to_json(self.now_ns(), trails=False)},
             "lag_s": max(0.0, (self.now_ns() - moment.stamp_ns) / 1e9),
+            "silent_s": None if self.live is None else self.live.silent_s,
         }
 
     def moment(self, at_ns: int | None) -> Moment:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -22,15 +23,30 @@ MESSAGES_PER_S = 150.0
 views of drones go through, too."""
 SEND_WITHIN_S = 10.0
 """Who takes longer to take one message is cut off."""
+FRESH_S = 1.0
+"""A step that was made longer ago is made anew before it is sent: the ages in it are those of its making."""
 PING_EVERY_S = 15.0
 MOST_ALERTS = 200
 MOST_LISTENERS = 1000
 
 
+class _Made(NamedTuple):
+    """A step as text."""
+
+    make: MakeStep
+    text: str
+    at_s: float
+    """When, by a steady clock."""
+
+    @property
+    def is_fresh(self) -> bool:
+        return time.monotonic() - self.at_s < FRESH_S
+
+
 class _Listener:
     def __init__(self) -> None:
         self.news = asyncio.Event()
-        self.step: str | None = None
+        self.step: _Made | None = None
         self.others: deque[str] = deque(maxlen=MOST_ALERTS)
 
 
@@ -41,7 +57,7 @@ class Hub:
         self._listeners: set[_Listener] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._make: MakeStep | None = None
-        self._made: tuple[MakeStep, str] | None = None
+        self._made: _Made | None = None
         self._sent: MakeStep | None = None
         self._flushing: asyncio.Task[None] | None = None
         self.cut_off = 0
@@ -84,20 +100,21 @@ class Hub:
         """The newest step to everybody, then a pause, until nothing new has come meanwhile."""
         while self._listeners and self._sent is not self._make:
             self._sent = self._make  # whoever made it: a listener that has just come has it alone
-            text = await self._newest()
+            made = await self._newest()
             for listener in self._listeners:
-                listener.step = text
+                listener.step = made
                 listener.news.set()
             await asyncio.sleep(pause_s(len(self._listeners)))
 
-    async def _newest(self) -> str | None:
-        make = self._make
+    async def _newest(self) -> _Made | None:
+        make, made = self._make, self._made
         if make is None:
             return None
-        if self._made is None or self._made[0] is not make:
+        if made is None or made.make is not make or not made.is_fresh:
+            now_s = time.monotonic()
             message = await asyncio.to_thread(make)
-            self._made = (make, json.dumps(message, allow_nan=False))
-        return self._made[1]
+            made = self._made = _Made(make, json.dumps(message, allow_nan=False), now_s)
+        return made
 
     async def serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
         """Accept a listener and send until it goes."""
@@ -131,9 +148,11 @@ class Hub:
             try:
                 while listener.others:
                     await asyncio.wait_for(socket.send_text(listener.others.popleft()), SEND_WITHIN_S)
-                if listener.step is not None:
-                    text, listener.step = listener.step, None
-                    await asyncio.wait_for(socket.send_text(text), SEND_WITHIN_S)
+                made, listener.step = listener.step, None
+                if made is not None and not made.is_fresh:  # it waited for a listener that reads slowly
+                    made = await self._newest()
+                if made is not None:
+                    await asyncio.wait_for(socket.send_text(made.text), SEND_WITHIN_S)
             except asyncio.TimeoutError:
                 self.cut_off += 1
                 return

@@ -35,15 +35,16 @@ def terrain_colour(user: Reader) -> Response:
 @router.get("/belief", response_class=Response, responses={**_BYTES["responses"], 304: {}, 404: {}})
 def belief(request: Request, service: TheService, user: Reader, at: AtNs) -> Response:
     """The crowd map from above; see `belief_bytes` for the layout."""
-    newest = service.mission.newest
+    mission, newest = service.mission, service.mission.newest
     if at is None or newest is None or at >= newest.stamp_ns:
-        version, body = service.mission.belief()
+        number, stamp_ns, body = mission.belief(service.now_ns())
+        version = f"{number}-{stamp_ns}"
     else:
-        found = service.mission.timeline.belief_at(at)
+        found = mission.timeline.belief_at(at)
         if found is None:
             raise HTTPException(404, "no map of so early is kept")
-        version, body = found
-    etag = f'"{version}"'
+        version, body = str(found[0]), found[1]
+    etag = f'"{mission.run}-{version}"'
     if request.headers.get("if-none-match") == etag:
         return Response(status_code=304, headers={"etag": etag})
     headers = {"etag": etag, "cache-control": "private, no-cache"}
