@@ -33,9 +33,13 @@ class Fleet:
         *,
         max_range_m: float,
         stale_after_s: float,
+        max_ahead_s: float,
     ) -> None:
+        """Seconds since a sighting beyond which a drone is stale, and by how much one may be ahead of the
+        clock."""
         self._terrain, self._raster = terrain, raster
         self._max_range_m, self._stale_after_s = max_range_m, stale_after_s
+        self._max_ahead_s = max_ahead_s
         self._tracks = {drone: Track(_REMEMBERED) for drone in drones}
         self._footprints: dict[str, tuple[int, list[list[float]]]] = {}
         self._lock = Lock()
@@ -65,17 +69,18 @@ class Fleet:
             last, trail = track.at(at_ns), track.trail(at_ns, TRAIL) if trails else None
         if last is None:
             return {**_NEVER, "drone": drone}
-        age_s = max(0.0, ((now_ns if at_ns is None else at_ns) - last.stamp_ns) / _SECOND_NS)
+        age_s = ((now_ns if at_ns is None else at_ns) - last.stamp_ns) / _SECOND_NS
+        is_known = age_s >= -self._max_ahead_s  # else the clock was another one then
         told = {
             "drone": drone,
             **moment_json("stamp", last.stamp_ns),
-            "age_s": age_s,
+            "age_s": max(0.0, age_s) if is_known else None,
             "position": last.world_from_camera[:3, 3].tolist(),
             "world_from_camera": last.world_from_camera.tolist(),
             "camera": {"width": last.camera.width, "height": last.camera.height, "fx": last.camera.fx},
             "footprint": self._footprint(drone, last),
             "range_m": self._max_range_m,
-            "status": "ok" if age_s <= self._stale_after_s else "stale",
+            "status": "ok" if is_known and age_s <= self._stale_after_s else "stale",
             "picture": last.picture,
             "heatmap": last.heatmap,
         }

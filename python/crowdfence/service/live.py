@@ -287,6 +287,12 @@ class Live:
         return damaged
 
     @property
+    def newest_ns(self) -> int:
+        """The newest stamp of the state; 0 for none. Safe before `start` alone."""
+        newest = self._mission.newest
+        return max(self.newest_look_ns, self._last_ns or 0, 0 if newest is None else newest.stamp_ns)
+
+    @property
     def newest_look_ns(self) -> int:
         """The newest stamp of what drones saw, in the map or on its way there; 0 for nothing."""
         with self._mission.lock:

@@ -58,8 +58,10 @@ class Mission:
         fleet_size: int | None = None,
         static_zones: Sequence[Zone] = (),
         dismissed_for_s: float = 60.0,
+        now_ns: Callable[[], int],
     ) -> None:
-        """`config` is complete (`RunConfig.with_detector`)."""
+        """`config` is complete (`RunConfig.with_detector`); `now_ns` is the service's clock."""
+        self._now_ns = now_ns
         self.name, self.terrain, self.georeference, self.config = name, terrain, georeference, config
         self.heatmaps = heatmaps
         self.ground = Ground(terrain)
@@ -125,10 +127,18 @@ class Mission:
             self.publish(max(stamp_ns, self.newest.stamp_ns))
             return True
 
+    def end_dismissals_of_the_future(self) -> None:
+        """Before the first view after a restart: those of a clock that was ahead would last too long."""
+        with self.lock:
+            now_ns, newest = self._now_ns(), self.newest
+            if self.operator_zones.end_those_after(now_ns) and newest is not None:
+                self.publish(max(now_ns, newest.stamp_ns))
+
     def publish(self, stamp_ns: int) -> Moment:
         """Publish the zones of the last step with what operators made of them, as of a stamp."""
         found = self.found
-        zones, marks = self.operator_zones.applied_to(found, stamp_ns)
+        # Stamps may be ahead of the clock, as far as views may: a dismissal is no shorter for it.
+        zones, marks = self.operator_zones.applied_to(found, min(stamp_ns, self._now_ns()))
         number = 1 if self.newest is None else self.newest.number + 1
         moment = Moment(number, stamp_ns, zones, marks, self._figures(found, zones))
         self.newest = moment

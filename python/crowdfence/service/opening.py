@@ -14,6 +14,7 @@ from crowdfence._core import Terrain
 from crowdfence.config import RunConfig
 from crowdfence.detector.detector import Detector
 from crowdfence.georeference import Georeference
+from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
 from crowdfence.pipeline.terrain import check_overlap
@@ -30,7 +31,7 @@ from crowdfence.service.poses import Poses
 from crowdfence.service.replay import Replay
 from crowdfence.service.service import Service
 from crowdfence.service.settings import ServiceSettings
-from crowdfence.service.store import Store
+from crowdfence.service.store import Store, StoreError
 from crowdfence.service.timeline import Timeline
 from crowdfence.service.watch import Watch
 from crowdfence.sources.ground_contact import on_ground
@@ -117,7 +118,7 @@ def live(
 ) -> Iterator[Service]:
     """A mission whose state is in `folder`; it goes on where it ended there, however it ended. `drones` are
     those that are expected, `inputs` what is listened to besides HTTP. StoreError for a folder that cannot be
-    used or belongs to another mission; ValueError and OSError as for `Inputs`."""
+    used, belongs to another mission, or ends ahead of the clock; ValueError and OSError as for `Inputs`."""
     settings = settings or ServiceSettings()
     clock = clock or Clock(settings.clock)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
@@ -163,6 +164,8 @@ def live(
             detector_threads=detector_threads,
         )
         damaged = going.recover()
+        clock.saw(going.newest_ns)
+        _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
         if damaged:
             text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
             service.alerts.raise_("disk", "alarm", text, clock.now_ns())
@@ -170,6 +173,7 @@ def live(
         if service.mission.newest is None and clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
         going.apply_static()
+        service.mission.end_dismissals_of_the_future()
         watch = Watch(service)
         service.mission.listeners.append(watch.happened)
         going.start()
@@ -182,6 +186,18 @@ def live(
             going.stop()
     finally:
         store.close()
+
+
+def _check_clock(store: Store, clock: Clock, newest_ns: int, max_ahead_s: float) -> None:
+    """StoreError for a state from the future. Looks of now would be older than what it knows already: a crowd
+    that a drone sees would close nothing until time has caught up, and no alarm makes such zones right."""
+    ahead_s = (newest_ns - clock.now_ns()) / 1e9
+    if ahead_s > max_ahead_s:
+        raise StoreError(
+            f"what is in {store.path} ends at {iso_utc(newest_ns)}, {ahead_s:.1f} s ahead of this machine's "
+            f"clock ({iso_utc(clock.now_ns())}): set the clock if it is wrong; if it is right, start again "
+            "once it has passed that stamp, or begin with nothing seen in another folder (--data)"
+        )
 
 
 def _service(
@@ -208,6 +224,7 @@ def _service(
         heatmaps=heatmaps,
         static_zones=static_zones,
         dismissed_for_s=settings.dismissed_for_s,
+        now_ns=clock.now_ns,
     )
     raster = mission.ground.raster(bounds)
     fleet = Fleet(
@@ -216,6 +233,7 @@ def _service(
         raster,
         max_range_m=config.projection.max_range_m,
         stale_after_s=settings.silent_after_s,
+        max_ahead_s=settings.max_ahead_s,
     )
     return Service(
         mission=mission,

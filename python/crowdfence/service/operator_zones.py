@@ -122,14 +122,21 @@ class OperatorZones:
             self._dismissed[action.zone] = _Dismissal(until_ns, zone, action)
         return action.zone
 
-    def applied_to(self, zones: ZoneSet, stamp_ns: int) -> tuple[ZoneSet, Marks]:
-        """The zones as they are published, and what operators did to them."""
+    def end_those_after(self, now_ns: int) -> bool:
+        """End the dismissals that were made after a stamp; whether there were any."""
+        after = [name for name, one in self._dismissed.items() if one.action.stamp_ns > now_ns]
+        for name in after:
+            del self._dismissed[name]
+        return bool(after)
+
+    def applied_to(self, zones: ZoneSet, now_ns: int) -> tuple[ZoneSet, Marks]:
+        """The zones as they are published at a moment, and what operators did to them."""
         marks: dict[str, dict[str, Any]] = {}
         alive = {zone.id: zone for zone in zones}
         merged = {event.other for event in zones.events if event.kind == "merged"}
         for name, dismissal in list(self._dismissed.items()):
             if (
-                dismissal.until_ns <= stamp_ns
+                dismissal.until_ns <= now_ns
                 or name not in alive
                 or self._reaches_beyond(dismissal.zone, alive[name], has_merged=name in merged)
             ):

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
+_ASKED_WITHIN_NS = 1_000_000_000
+"""From the moment at which somebody takes the time to the one at which the question arrives."""
+
 Mode = Literal["live", "replay", "finished"]
 
 
@@ -77,8 +80,11 @@ class Service:
         return name
 
     def _acting_ns(self) -> int:
-        newest = self.mission.newest
-        return max(self.now_ns(), 0 if newest is None else newest.stamp_ns)
+        """Now, also where the newest view is ahead of it: what an operator allows ends by the clock."""
+        newest, now_ns = self.mission.newest, self.now_ns()
+        if self.clock.kind == "system" or newest is None:
+            return now_ns
+        return max(now_ns, newest.stamp_ns)
 
     def audit(self, user: User, action: str, zone: str | None, reason: str | None) -> None:
         """Who did what."""
@@ -171,7 +177,15 @@ class Service:
         if newest is not None and (at_ns is None or at_ns >= newest.stamp_ns):
             return newest
         then = None if at_ns is None else self.mission.timeline.at(at_ns)
+        if newest is not None and at_ns is not None and self._is_about_now(at_ns, newest):
+            return then if then is not None and then.stamp_ns == at_ns else newest
         return then or self.mission.opening(self.now_ns() if at_ns is None else at_ns)
+
+    def _is_about_now(self, at_ns: int, newest: Moment) -> bool:
+        """Whether somebody asks for now while the newest moment, of a drone whose clock is ahead, is of
+        later: what it closes is closed now."""
+        now_ns = self.now_ns()
+        return newest.stamp_ns > now_ns and at_ns >= now_ns - _ASKED_WITHIN_NS
 
     def publish(self, moment: Moment) -> None:
         """A listener of the mission."""

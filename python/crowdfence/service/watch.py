@@ -102,7 +102,7 @@ class Watch:
 
     def _silence(self) -> None:
         service, now_ns, live = self._service, self._service.now_ns(), self._service.live
-        most_s = service.settings.silent_after_s
+        most_s, ahead_s = service.settings.silent_after_s, service.settings.max_ahead_s
         heard, started_ns = ({}, 0) if live is None else (dict(live.last_view_ns), live.started_ns)
         # Of companions, which project themselves, the fleet knows no camera.
         for drone in sorted({*service.fleet.drones, *service.mission.drones, *heard}):
@@ -110,6 +110,7 @@ class Watch:
             last_ns = max(0 if last is None else last.stamp_ns, heard.get(drone, 0))
             since_ns = last_ns or started_ns
             silent = since_ns > 0 and now_ns - since_ns > most_s * _SECOND_NS
+            silent |= service.clock.kind == "system" and last_ns - now_ns > ahead_s * _SECOND_NS
             text = (
                 f"no view from {drone} for more than {most_s:g} s, the last of {iso_utc(last_ns)}: zones stay"
                 if last_ns
@@ -184,6 +185,8 @@ class Watch:
             f"the machine's clock was set by {jump_s:+.1f} s while the service runs, which goes on with the "
             "one that it began with: restart it to take the new one"
         )
+        if jump_s < -self._service.settings.max_ahead_s:
+            text += ", which it does with this folder once that clock has passed its newest view"
         self._set(jump_s != 0.0, "clock", "alarm", text)
 
     def _disk(self) -> None:
