@@ -144,3 +144,19 @@ def test_maps_of_two_missions_are_never_taken_for_each_other(tmp_path: Path) -> 
             assert answer.status_code == 200
             tags.append(answer.headers["etag"])
     assert len(set(tags)) == 2
+
+
+def test_who_listens_after_a_restart_hears_what_is_closed_before_any_view_comes(tmp_path: Path) -> None:
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service:
+        flown(service, now)
+        before = service.step_json(service.moment(None))
+    now.ns += 90 * SECOND_NS
+    with running(tmp_path, clock=now.clock()) as service, asked(service) as http:
+        with http.websocket_connect("/api/v1/stream") as one:
+            assert one.receive_json()["type"] == "hello"
+            service.set_mode("live")  # something else to hear, where there is no step
+            told = next(said for _ in range(3) if (said := one.receive_json())["type"] != "alert")
+        assert told["type"] == "step" and told["zones"] == before["zones"]
+        assert told["zones"]["zones"] and told["closed_m2"] == before["closed_m2"] > 0.0
+        assert told["lag_s"] == pytest.approx(90.0, abs=1.0)

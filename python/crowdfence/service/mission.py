@@ -178,13 +178,13 @@ class Mission:
         found = replace(kept, static=self._static)
         operator_zones = self._no_operator_zones()
         operator_zones.restore(state["operator_zones"])
-        newest: Moment | None = None
-        if state["number"]:
-            zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
-            newest = Moment(state["number"], state["stamp_ns"], zones, marks, {})
-        self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, newest
+        zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
+        self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
         self._had_other_static = _records(kept.static) != _records(self._static)
         self._belief = None
+        if state["number"]:
+            figures = self._figures(found, zones)
+            self.newest = Moment(state["number"], state["stamp_ns"], zones, marks, figures)
 
     def keep_belief(self) -> None:
         """Into the history, as often as it costs little."""

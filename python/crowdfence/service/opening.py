@@ -170,7 +170,7 @@ def live(
             text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
             service.alerts.raise_("disk", "alarm", text, clock.now_ns())
         service.live = going
-        if service.mission.newest is None and clock.now_ns():  # else it has no place on a time line
+        if service.mission.newest is not None or clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
         going.apply_static()
         service.mission.end_dismissals_of_the_future()
