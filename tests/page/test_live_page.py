@@ -48,7 +48,7 @@ class Fleet(threading.Thread):
             while not self.landed.wait(EVERY_S):
                 for drone in sorted(self.flying):
                     there = self.crowd & (heatmap(drone, 0.0) > 0.5)
-                    values = np.where(there, 0.9, 0.02).astype(np.float32)
+                    values = np.where(there, 0.9, 0.0).astype(np.float32)  # sure of both
                     taken = View(drone, time.time_ns(), CAMERA, pose(drone, 0.0), values)
                     try:
                         client.give(taken)
@@ -92,6 +92,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     server.mission = ["--terrain", str(folder / "dem.tif"), "--origin", "46.5,8.0,1200"]
     server.mission += ["--data", str(folder / "live"), "--name", "meadow", "--silent-after-s", "3"]
     server.mission += ["--drone", "uav1", "--drone", "uav2", "--buffer", "fixed:distance_m=3"]
+    server.mission += ["--stale-after-s", "10"]
     server.mission += ["--base-map", str(folder / "base.pmtiles")]
     server.admit("operator")
     server.start()
@@ -216,3 +217,33 @@ def test_it_goes_on_after_the_server_was_killed(console: Console, server: Server
     console.find("offline").wait_for(state="hidden")
     assert before <= {zone["id"] for zone in console.state("moment.zones.zones")}
     assert console.find("mode").inner_text() == "LIVE"
+
+
+def test_silence_makes_everything_old_also_for_who_comes_later(
+    console: Console, context: BrowserContext, fleet: Fleet, server: Server
+) -> None:
+    closed = {zone["id"] for zone in console.state("moment.zones.zones")}
+    console.page.keyboard.press("Escape")
+    assert ground(console, "seen, empty") != "0 m²"
+    fleet.flying = set()
+    console.wait("older_s", lambda older: older >= 11)
+    for one in (console, open_console(context, server, "operator")):
+        assert one.find("mode").inner_text() == "NO DATA"
+        assert one.find("drones").inner_text() == "0/2"
+        one.page.get_by_text("No view has arrived for").wait_for()
+        hours, minutes, seconds = (int(part) for part in clock(one).split(":"))
+        behind_s = (time.time() - 3600 * hours - 60 * minutes - seconds) % 86_400
+        assert min(behind_s, 86_400 - behind_s) < 5.0, "the clock is that of now"
+        assert closed <= {zone["id"] for zone in one.state("moment.zones.zones")}
+        one.page.keyboard.press("Escape")
+        assert ground(one, "seen, empty") == "0 m²" and ground(one, "too long ago") != "0 m²"
+
+
+def ground(console: Console, state: str) -> str:
+    """Its area, on the card of the mission."""
+    row = console.page.locator(".areas li", has_text=state)
+    return str(row.locator("b").inner_text())
+
+
+def clock(console: Console) -> str:
+    return str(console.page.locator(".clock b").inner_text())

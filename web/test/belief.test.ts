@@ -60,29 +60,41 @@ describe("the belief as the service packs it", () => {
   });
 });
 
+const NOW = { older_s: 0, stale_after_s: 30 };
+const LATER = { older_s: 31, stale_after_s: 30 };
+
 describe("what is known of a spot", () => {
   const index = new BeliefIndex(parseBelief(packed([CROWD, HIDDEN, EMPTY])));
 
   it("finds the column that holds it", () => {
     // Column 3 of half metres from -100 covers [-98.5, -98), row 1 from 40 covers [40.5, 41).
-    expect(index.at(-98.5, 40.5)).toEqual({ state: VoxelState.crowd, probability: 1, age_s: 0.4 });
-    expect(index.at(-98.01, 40.99).state).toBe(VoxelState.crowd);
-    expect(index.at(-98, 40.5).state).toBe(VoxelState.neverSeen);
+    expect(index.at(-98.5, 40.5, NOW)).toEqual({ state: VoxelState.crowd, probability: 1, age_s: 0.4 });
+    expect(index.at(-98.01, 40.99, NOW).state).toBe(VoxelState.crowd);
+    expect(index.at(-98, 40.5, NOW).state).toBe(VoxelState.neverSeen);
   });
 
   it("never takes the lack of a look for a probability", () => {
-    expect(index.at(5000, 5000)).toEqual({ state: VoxelState.neverSeen, probability: null, age_s: null });
-    expect(index.at(-100.1, 40.1)).toEqual({ state: VoxelState.neverSeen, probability: null, age_s: null });
-    const hidden = index.at(-100 + 350.2, 40 + 65_535 / 2 + 0.2);
+    expect(index.at(5000, 5000, NOW)).toEqual({ state: VoxelState.neverSeen, probability: null, age_s: null });
+    expect(index.at(-100.1, 40.1, NOW)).toEqual({ state: VoxelState.neverSeen, probability: null, age_s: null });
+    const hidden = index.at(-100 + 350.2, 40 + 65_535 / 2 + 0.2, NOW);
     expect(hidden).toEqual({ state: VoxelState.occluded, probability: null, age_s: null });
   });
 
   it("gives no age where the look is older than can be said", () => {
-    expect(index.at(-99.9, 40.1)).toEqual({ state: VoxelState.empty, probability: 0.2, age_s: null });
+    expect(index.at(-99.9, 40.1, NOW)).toEqual({ state: VoxelState.stale, probability: 0.2, age_s: null });
+  });
+
+  it("grows old: empty ground turns stale, and crowd stays", () => {
+    const seen = new BeliefIndex(parseBelief(packed([CROWD, { ...EMPTY, age: 5 }])));
+    expect(seen.at(-99.9, 40.1, NOW)).toEqual({ state: VoxelState.empty, probability: 0.2, age_s: 0.5 });
+    expect(seen.at(-99.9, 40.1, { ...NOW, older_s: 29.4 }).state).toBe(VoxelState.empty);
+    expect(seen.at(-99.9, 40.1, LATER)).toEqual({ state: VoxelState.stale, probability: 0.2, age_s: 31.5 });
+    expect(seen.at(-98.5, 40.5, LATER).state).toBe(VoxelState.crowd);
+    expect([VoxelState.empty, VoxelState.stale, VoxelState.crowd].map((state) => areaByState(seen.belief, LATER)[state])).toEqual([0, 0.25, 0.25]);
   });
 
   it("adds up areas", () => {
-    const areas = areaByState(index.belief);
+    const areas = areaByState(index.belief, NOW);
     expect(areas[VoxelState.crowd]).toBe(0.25);
     expect(areas.reduce((a, b) => a + b)).toBe(0.75);
   });

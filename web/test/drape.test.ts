@@ -24,12 +24,12 @@ function beliefOf(states: VoxelState[], age = 0, probability = 200) {
   return parseBelief(buffer);
 }
 
-function painted(theme: Theme, states: VoxelState[], age = 0, strength = 1): { of: (k: number) => Rgb; never: Rgb } {
+function painted(theme: Theme, states: VoxelState[], age = 0, strength = 1, older_s = 0): { of: (k: number) => Rgb; never: Rgb } {
   const palette = PALETTES[theme];
   const frame = drapeFrame(PLAIN);
   const [seen, unseen] = groundPixels(PLAIN, frame, palette, null);
   const pixels = new Uint8ClampedArray(unseen);
-  paintBelief(pixels, seen, frame, beliefOf(states, age), { palette, threshold: 0.07, stale_after_s: 30, older_s: 0, strength, byAge: false });
+  paintBelief(pixels, seen, frame, beliefOf(states, age), { palette, threshold: 0.07, stale_after_s: 30, older_s, strength, byAge: false });
   const mean = (column: number): Rgb => {
     const sum = [0, 0, 0];
     const side = 1 / frame.pixel_m;
@@ -59,6 +59,13 @@ describe.each<Theme>(["dark", "light"])("the drape, %s", (theme) => {
     const [fresh, old] = [painted(theme, states, 0), painted(theme, states, 600)];
     expect(apart(fresh.of(0), old.of(0))).toBeGreaterThan(12);
     expect(old.of(4)).toEqual(fresh.of(4));
+  });
+
+  it("shows empty ground as stale once nobody has looked for long, and crowd as crowd", () => {
+    const [fresh, later] = [painted(theme, states), painted(theme, states, 0, 1, 31)];
+    expect(later.of(0)).toEqual(later.of(2));
+    expect(apart(fresh.of(0), later.of(0))).toBeGreaterThan(18);
+    expect(later.of(4)).toEqual(fresh.of(4));
   });
 
   it("leaves crowd as it is when the operator turns colours down", () => {

@@ -4,7 +4,8 @@ import { EMPTY_STATE, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
 import { byUrgency, isOpen, marks } from "../src/state/alerts";
 import { thinned } from "../src/state/thinning";
-import { behind_s, now_ms } from "../src/ui/now";
+import type { Drone } from "../src/api/contract";
+import { agedDrones, behind_s, now_ms, older_s, silence_s } from "../src/state/time";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -56,6 +57,43 @@ describe("now", () => {
     expect(behind_s(past)).toBe(0);
     expect(now_ms({ ...live, mode: "replay" })).toBe(10_000);
     vi.restoreAllMocks();
+  });
+
+  describe("in silence", () => {
+    const drone = (name: string, age_s: number | null, status: Drone["status"]) => ({ drone: name, age_s, status }) as Drone;
+    const moment = { stamp_ms: 10_000, lag_s: 55, silent_s: 54, arrived: 500, drones: [drone("a", 1, "ok"), drone("b", 4, "ok"), drone("c", null, "never")] };
+    const scene = { silent_after_s: 5, zone_rules: { stale_after_s: 30 } };
+    const belief = { stamp_ns: "64000000000" };
+    const live = { ...EMPTY_STATE, mode: "live", moment, scene, belief } as unknown as typeof EMPTY_STATE;
+    const after = (milliseconds: number) => vi.spyOn(performance, "now").mockReturnValue(500 + milliseconds);
+
+    it("counts what was silent before the page was opened", () => {
+      after(0);
+      expect(silence_s(live)).toBe(54);
+      after(2000);
+      expect(silence_s(live)).toBe(56);
+      expect(silence_s({ ...live, mode: "replay" })).toBe(0);
+      expect(silence_s({ ...live, time: { ...live.time, following: false } })).toBe(0);
+    });
+
+    it("lets the map of the ground grow old, and never young", () => {
+      after(0);
+      expect(older_s(live)).toBe(1);
+      after(2000);
+      expect(older_s(live)).toBe(3);
+      expect(older_s({ ...live, time: { ...live.time, following: false } })).toBe(0);
+    });
+
+    it("marks a drone as silent by its age, though no message says so", () => {
+      after(0);
+      expect(agedDrones(live)).toBeNull();
+      after(2000);
+      expect(agedDrones(live)?.map(({ status }) => status)).toEqual(["ok", "stale", "never"]);
+      after(60_000);
+      expect(agedDrones(live)?.map(({ status }) => status)).toEqual(["stale", "stale", "never"]);
+      expect(agedDrones({ ...live, mode: "replay" })).toBeNull();
+      vi.restoreAllMocks();
+    });
   });
 });
 

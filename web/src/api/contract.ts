@@ -29,6 +29,8 @@ export interface Scene {
   parameters: Record<string, unknown>;
   voxel_size_m: number;
   drones: string[];
+  /** Without a view for longer a drone is silent. */
+  silent_after_s: number;
   anchor: Anchor | null;
   bounds: [west: number, south: number, east: number, north: number];
   terrain: TerrainFrame;
@@ -161,6 +163,8 @@ export interface Step {
   zones: Zones;
   drones: { drones: Drone[] };
   lag_s: number | null;
+  /** How long no view has been accepted; null in a replay, and before the first one. */
+  silent_s: number | null;
 }
 
 export type Message =

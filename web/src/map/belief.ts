@@ -77,6 +77,21 @@ export function parseBelief(buffer: ArrayBuffer): Belief {
   return belief;
 }
 
+/** How old a look is; Infinity for what is older than can be told. */
+export const lookAge_s = (belief: Belief, k: number, older_s: number) => (belief.age[k] === OLDER_THAN_KNOWN ? Infinity : belief.age[k] / 10 + older_s);
+
+/** A state as of a later time: that ground is empty holds for a while only. */
+export function agedState(state: VoxelState, age_s: number, stale_after_s: number): VoxelState {
+  return state === VoxelState.empty && age_s > stale_after_s ? VoxelState.stale : state;
+}
+
+/** As of when a belief is read. */
+export interface Reading {
+  /** Beyond the ages in it. */
+  older_s: number;
+  stale_after_s: number;
+}
+
 export interface Ground {
   state: VoxelState;
   /** None where nobody has looked: the lack of a look is not a probability. */
@@ -92,25 +107,26 @@ export class BeliefIndex {
     for (let k = 0; k < belief.count; k++) this.entries.set((belief.rows[k] << 16) | belief.columns[k], k);
   }
 
-  at(east: number, north: number): Ground {
+  at(east: number, north: number, { older_s, stale_after_s }: Reading): Ground {
     const { belief } = this;
     const column = Math.floor((east - belief.west) / belief.cell_size_m);
     const row = Math.floor((north - belief.south) / belief.cell_size_m);
     const inside = column >= 0 && row >= 0 && column < 65_536 && row < 65_536;
     const k = inside ? this.entries.get((row << 16) | column) : undefined;
-    const state = k === undefined ? VoxelState.neverSeen : (belief.state[k] as VoxelState);
+    const age = k === undefined ? Infinity : lookAge_s(belief, k, older_s);
+    const state = k === undefined ? VoxelState.neverSeen : agedState(belief.state[k], age, stale_after_s);
     const known = k !== undefined && state !== VoxelState.neverSeen && state !== VoxelState.occluded;
     return {
       state,
       probability: known ? belief.probability[k] / 255 : null,
-      age_s: known && belief.age[k] !== OLDER_THAN_KNOWN ? belief.age[k] / 10 : null,
+      age_s: known && age < Infinity ? age : null,
     };
   }
 }
 
 /** Square metres of each state; never seen is what no entry names and is not counted here. */
-export function areaByState(belief: Belief): number[] {
+export function areaByState(belief: Belief, { older_s, stale_after_s }: Reading): number[] {
   const counts = new Array<number>(6).fill(0);
-  for (const state of belief.state) counts[state]++;
+  belief.state.forEach((state, k) => counts[agedState(state, lookAge_s(belief, k, older_s), stale_after_s)]++);
   return counts.map((count) => count * belief.cell_size_m ** 2);
 }

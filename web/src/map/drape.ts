@@ -1,7 +1,7 @@
 // The picture that lies on the terrain: relief, what is known about the ground, zones and footprints.
 
 import type { Outline } from "../api/contract";
-import { OLDER_THAN_KNOWN, URGENCY, VoxelState, type Belief } from "./belief";
+import { agedState, lookAge_s, URGENCY, VoxelState, type Belief, type Reading } from "./belief";
 import { crowdColour, css, marked, mixed, opacity, type Palette, type Rgb } from "./colours";
 import { Heights } from "./heights";
 
@@ -95,12 +95,9 @@ function put(pixels: Pixels, k: number, [red, green, blue]: Rgb): void {
   pixels[k + 3] = 255;
 }
 
-export interface BeliefStyle {
+export interface BeliefStyle extends Reading {
   palette: Palette;
   threshold: number;
-  stale_after_s: number;
-  /** How old the belief is now, beyond the ages in it. */
-  older_s: number;
   /** 0 to 1: the operator's slider; crowd does not follow it. */
   strength: number;
   /** Colour by age instead of by state. */
@@ -115,7 +112,8 @@ export function paintBelief(pixels: Pixels, seen: Pixels, frame: DrapeFrame, bel
   const x0 = (belief.west - frame.west) / frame.pixel_m;
   const y0 = (frame.north - belief.south) / frame.pixel_m;
   for (let n = 0; n < belief.count; n++) {
-    const state = belief.state[n] as VoxelState;
+    const age_s = lookAge_s(belief, n, style.older_s);
+    const state = agedState(belief.state[n], age_s, style.stale_after_s);
     if (state === VoxelState.neverSeen) continue;
     const rank = URGENCY[state] + 1;
     // Every pixel that it touches: where columns share one, the more urgent has it.
@@ -123,7 +121,6 @@ export function paintBelief(pixels: Pixels, seen: Pixels, frame: DrapeFrame, bel
     const right = Math.ceil(x0 + (belief.columns[n] + 1) * size - ROUNDING);
     const bottom = Math.ceil(y0 - belief.rows[n] * size - ROUNDING);
     const top = Math.floor(y0 - (belief.rows[n] + 1) * size + ROUNDING);
-    const age_s = belief.age[n] === OLDER_THAN_KNOWN ? Infinity : belief.age[n] / 10 + style.older_s;
     const strength = state === VoxelState.crowd ? 1 : style.strength;
     const alpha = opacity(state, age_s, style.stale_after_s) * strength;
     const plain = style.byAge ? ageColour(state, age_s, style) : state === VoxelState.crowd ? crowd[belief.probability[n]] : style.palette.states[state];

@@ -5,6 +5,7 @@ import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
 import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
 import type { Drone, Outline, Place, Zone } from "../api/contract";
 import type { State, Store } from "../state/store";
+import { older_s, staleAfter_s } from "../state/time";
 import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Size, type Viewport } from "./camera";
 import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
 import { BaseMap } from "./base_map";
@@ -246,7 +247,7 @@ export class MapView {
     const changed = (...names: (keyof State)[]) => names.some((name) => before[name] !== state[name]);
     if (state.theme !== before.theme || state.layers.base !== before.layers.base) this.base = null;
     if (this.ground && state.scene) this.surroundings.ask(state.scene, this.ground.bounds, this.ground.floor_m, state.theme, state.layers.base);
-    if (changed("belief", "moment", "layers", "strength", "theme", "selection") || !this.texture) this.drapeSoon();
+    if (changed("belief", "older_s", "moment", "layers", "strength", "theme", "selection") || !this.texture) this.drapeSoon();
     if (changed("camera", "moment", "layers", "selection", "theme", "drawing")) this.redraw();
   }
 
@@ -301,12 +302,12 @@ export class MapView {
     const shown = state.layers.belief && state.belief;
     const pixels = new Uint8ClampedArray(this.base.unseen);
     if (shown) {
-      const { zone_rules, threshold } = state.scene!;
+      const { threshold } = state.scene!;
       paintBelief(pixels, this.base.seen, ground.frame, shown, {
         palette,
         threshold: state.moment?.zones.threshold ?? threshold,
-        stale_after_s: Number(zone_rules.stale_after_s) || 30,
-        older_s: 0,
+        stale_after_s: staleAfter_s(state),
+        older_s: older_s(state),
         strength: state.strength,
         byAge: state.layers.age,
       });

@@ -10,9 +10,13 @@ import { formatLink, parseLink } from "./deep_link";
 import { keepSettings, readSettings } from "./settings";
 import { store, type Selection, type Time } from "./store";
 import { thinned } from "./thinning";
+import { agedDrones, older_s } from "./time";
 
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
+const AGE_EVERY_MS = 500;
+/** A map that is less old is not drawn anew for its age: while views come, the next one is on its way. */
+const OLD_S = 2;
 
 let noticeNumber = 0;
 
@@ -52,6 +56,7 @@ export async function start(): Promise<void> {
   openStream({ onMessage, onConnection });
   keepAddress();
   keepPlaying();
+  keepAging();
   window.addEventListener("hashchange", followAddress);
   if (link.t) await showPast(link.t);
 }
@@ -67,6 +72,7 @@ async function load(): Promise<void> {
 // ---------------------------------------------------------------- the newest moment
 
 let newest: Step | null = null;
+let newestArrived = 0;
 let trails = new Map<string, Place[]>();
 let newestBelief: string | number | null = null;
 let beliefAsked = false;
@@ -120,6 +126,7 @@ function takeAlert(alert: Alert): void {
 
 function takeStep(step: Step): void {
   newest = step;
+  newestArrived = performance.now();
   lengthenTrails(step.drones.drones);
   lengthenTimeline(step);
   if (store.state.time.following) showNewest();
@@ -146,9 +153,9 @@ function lengthenTimeline(step: Step): void {
 
 function showNewest(): void {
   if (!newest) return;
-  const { stamp_ns, stamp_ms, zones, lag_s, closed_m2 } = newest;
+  const { stamp_ns, stamp_ms, zones, lag_s, silent_s, closed_m2 } = newest;
   const drones = newest.drones.drones.map((drone) => ({ ...drone, trail: trails.get(drone.drone) ?? [] }));
-  store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, closed_m2, arrived: performance.now() } });
+  store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, silent_s, closed_m2, arrived: newestArrived } });
   if (newest.belief_version !== newestBelief) askBelief();
   if (newest.drones.drones.some(({ drone }) => !trails.has(drone))) void askTrails();
 }
@@ -184,6 +191,18 @@ async function askTrails(): Promise<void> {
   if (store.state.time.following) showNewest();
 }
 
+/** Silence changes what is shown, and brings no message. */
+function keepAging(): void {
+  window.setInterval(() => {
+    const { state } = store;
+    const seconds = Math.floor(older_s(state));
+    const older = seconds < OLD_S ? 0 : seconds;
+    const drones = agedDrones(state);
+    if (older === state.older_s && !drones) return;
+    store.set({ older_s: older, ...(drones && { moment: { ...state.moment!, drones } }) });
+  }, AGE_EVERY_MS);
+}
+
 // ---------------------------------------------------------------- moments of the past
 
 let asking = false;
@@ -205,7 +224,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
-        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, silent_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
         belief: parseBelief(belief),
         belief_arrived: arrived,
       });

@@ -44,6 +44,8 @@ export interface Moment {
   zones: Zones;
   drones: Drone[];
   lag_s: number | null;
+  /** How long no view had been accepted when it arrived. */
+  silent_s: number | null;
   /** Of all zones together, where they overlap once. */
   closed_m2: number | null;
   /** `performance.now()` when it arrived. */
@@ -66,6 +68,8 @@ export interface State {
   moment: Moment | null;
   belief: Belief | null;
   belief_arrived: number;
+  /** Whole seconds by which the belief is older than now, once it is old: what shows it is drawn anew. */
+  older_s: number;
   timeline: Timeline;
   alerts: Alert[];
   time: Time;
@@ -96,6 +100,7 @@ export const EMPTY_STATE: State = {
   moment: null,
   belief: null,
   belief_arrived: 0,
+  older_s: 0,
   timeline: { points: [], alerts: [] },
   alerts: [],
   time: { following: true, playing: false, speed: 1, stamp_ns: null, stamp_ms: null },

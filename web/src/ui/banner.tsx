@@ -3,12 +3,11 @@
 import type { Alert } from "../api/contract";
 import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
+import { behind_s, LATE_S, silence_s } from "../state/time";
 import { duration, timeOfDay, withTimes } from "../text/stamp";
 import { Icon } from "./icons";
-import { behind_s, silence_s, useNow } from "./now";
+import { useNow } from "./now";
 import { mayOperate } from "./operator";
-
-const LATE_S = 4;
 
 export function Banner() {
   useNow();

@@ -14,7 +14,7 @@ import { area, grouped, length, place, probability } from "../text/units";
 import { EVENT_WORDS, KIND_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
-import { groundAt, map } from "./map_panel";
+import { groundAt, map, reading } from "./map_panel";
 import { useNow } from "./now";
 import { askAbout, mayOperate } from "./operator";
 import { Sparkline } from "./sparkline";
@@ -335,6 +335,7 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
 
 function GroundCard({ east, north }: { east: number; north: number }) {
   useStore((state) => state.belief);
+  useStore((state) => state.older_s);
   const units = useStore((state) => state.units);
   const scene = useStore((state) => state.scene);
   const heights = useStore((state) => state.heights);
@@ -385,13 +386,14 @@ const ORDER = [VoxelState.crowd, VoxelState.empty, VoxelState.notCleared, VoxelS
 function Mission() {
   const scene = useStore((state) => state.scene);
   const belief = useStore((state) => state.belief);
+  useStore((state) => state.older_s);
   const moment = useStore((state) => state.moment);
   const units = useStore((state) => state.units);
   const theme = useStore((state) => state.theme);
   const clock = useStore((state) => state.clock);
   const timeline = useStore((state) => state.timeline);
   if (!scene) return null;
-  const areas = belief ? areaByState(belief) : null;
+  const areas = belief ? areaByState(belief, reading(store.state)) : null;
   const known = areas ? ORDER.reduce((sum, state) => sum + areas[state], 0) : 0;
   const first = timeline.points[0];
   const last = timeline.points.at(-1);

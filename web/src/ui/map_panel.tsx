@@ -1,12 +1,13 @@
 // The map with what lies over it: labels, tools, what is under the pointer, camera pictures.
 
 import { useEffect, useRef, useState } from "preact/hooks";
-import { BeliefIndex, VoxelState } from "../map/belief";
+import { BeliefIndex, VoxelState, type Reading } from "../map/belief";
 import type { Viewport } from "../map/camera";
 import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { MapView, type Pointed } from "../map/map_view";
 import { isNarrow, select } from "../state/session";
-import { store, useStore } from "../state/store";
+import { store, useStore, type State } from "../state/store";
+import { older_s, staleAfter_s } from "../state/time";
 import { closureOf } from "../text/closure";
 import { duration } from "../text/stamp";
 import { area, length, place, probability } from "../text/units";
@@ -215,14 +216,17 @@ function DrawBar() {
 
 let index: BeliefIndex | null = null;
 
+export const reading = (state: State): Reading => ({ older_s: older_s(state), stale_after_s: staleAfter_s(state) });
+
 export function groundAt(east: number, north: number) {
   const { belief } = store.state;
   if (!belief) return null;
   if (index?.belief !== belief) index = new BeliefIndex(belief);
-  return index.at(east, north);
+  return index.at(east, north, reading(store.state));
 }
 
 function PointedAt({ pointed }: { pointed: Pointed | null }) {
+  useStore((state) => state.older_s);
   const units = useStore((state) => state.units);
   const scene = useStore((state) => state.scene);
   const heights = useStore((state) => state.heights);

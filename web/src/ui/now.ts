@@ -1,26 +1,8 @@
-// "Now" for ages and count-downs: the stamp of what is shown; the time of the service while the page follows live data.
+// Redraws what shows ages and count-downs.
 
 import { useEffect, useState } from "preact/hooks";
-import { store, type State } from "../state/store";
-
-export function now_ms(state: State): number {
-  const { moment, time, mode } = state;
-  if (!moment) return 0;
-  const runs = time.following && mode === "live";
-  return moment.stamp_ms + (runs ? 1000 * (moment.lag_s ?? 0) + performance.now() - moment.arrived : 0);
-}
-
-/** How old the newest moment was when it arrived: views that wait in the service make the map late. */
-export function behind_s(state: State): number {
-  const { moment, time, mode } = state;
-  return moment && time.following && mode === "live" ? (moment.lag_s ?? 0) : 0;
-}
-
-/** Seconds since the service last said anything about the map; only live data can be late. */
-export function silence_s(state: State): number {
-  const { moment, time, mode } = state;
-  return moment && time.following && mode === "live" ? (performance.now() - moment.arrived) / 1000 : 0;
-}
+import { store } from "../state/store";
+import { now_ms } from "../state/time";
 
 /** Redraws a component with the state, and a few times a second beside it. */
 export function useNow(): number {

@@ -2,12 +2,11 @@ import { useStore } from "../state/store";
 import { store } from "../state/store";
 import { isOpen } from "../state/alerts";
 import { goLive } from "../state/session";
+import { LATE_S, silence_s } from "../state/time";
 import { dateOf, duration, timeOfDay } from "../text/stamp";
 import { area } from "../text/units";
 import { Icon } from "./icons";
-import { silence_s, useNow } from "./now";
-
-const LATE_S = 4;
+import { useNow } from "./now";
 
 export function TopBar() {
   const scene = useStore((state) => state.scene);
