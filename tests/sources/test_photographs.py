@@ -109,6 +109,22 @@ def test_what_a_photograph_lacks_refuses_it_alone(tmp_path: Path) -> None:
         open_recording(folder / "c.jpg")
 
 
+def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
+    """Whether the attitude means the stored picture or the shown one, nobody can know."""
+    folder = write_photographs(tmp_path / "flight", dji)
+    first = sorted(folder.iterdir())[0]
+    with Image.open(first) as picture:
+        exif = picture.getexif()
+        exif[ExifTags.Base.Orientation] = 3
+        shown = picture.transpose(Image.Transpose.ROTATE_180)
+        shown.save(first, "JPEG", exif=exif, xmp=picture.info["xmp"])
+    found = open_recording(folder)
+    assert len(found.frames) == len(frames()) - 1
+    (refusal,) = found.refused
+    assert f"{first.name} is stored turned (EXIF Orientation 3)" in refusal.reason
+    assert "save it with Orientation 1" in refusal.reason
+
+
 def test_intrinsics_by_focal_length_are_an_estimate_that_says_so(tmp_path: Path) -> None:
     frame = frames()[0]
     row = row_at(frame.stamp_ns)

@@ -23,6 +23,7 @@ from crowdfence.sources.geographic_track import (
 )
 from crowdfence.sources.lens.focal_length import camera_from_35mm, camera_from_sensor, scaled_camera
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
+from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
@@ -135,7 +136,7 @@ def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
         )
     if options.mount is not None and options.mount.needs_body and tags.body_ned is None:
         return f"does not tell the drone's attitude, which a mount of kind {options.mount.kind!r} needs"
-    return None
+    return None if tags.orientation == UPRIGHT else turned_fault(tags.orientation)
 
 
 def _in_time(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_Photograph]:

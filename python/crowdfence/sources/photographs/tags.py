@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.pictures.decoding import orientation
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
 
 _HEAD_BYTES = 1 << 19
@@ -58,6 +59,8 @@ class PhotographTags:
     focal_35mm: float | None
     dewarp: str | None
     """DJI's own calibration: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, cx and cy from the middle."""
+    orientation: int
+    """EXIF Orientation, 1 = as stored."""
 
 
 def read_tags(path: Path) -> PhotographTags:
@@ -68,6 +71,7 @@ def read_tags(path: Path) -> PhotographTags:
             with Image.open(path) as picture:
                 width, height = picture.size
                 exif = picture.getexif()
+                turned = orientation(picture)
                 more, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, FileNotFoundError | PermissionError):
@@ -95,6 +99,7 @@ def read_tags(path: Path) -> PhotographTags:
         focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
         focal_35mm=_number(more.get(ExifTags.Base.FocalLengthIn35mmFilm)),
         dewarp=xmp.get("drone-dji:DewarpData"),
+        orientation=turned,
     )
 
 

@@ -1,7 +1,8 @@
 """Picture files and bytes -> arrays, with every limit checked before pixels are decoded.
 
 Everything here raises ValueError (or OSError from the file itself) for pictures that are damaged, of another
-size than the camera says, or not of the expected kind.
+size than the camera says, or not of the expected kind. A JPEG that libjpeg would patch up counts as damaged
+(`intact_jpeg`).
 """
 
 import io
@@ -15,7 +16,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import ExifTags, Image
+
+from crowdfence.sources.pictures.intact_jpeg import require_intact
 
 Size = tuple[int, int]
 """(width, height)"""
@@ -23,19 +26,57 @@ Size = tuple[int, int]
 LARGEST: Size = (2**14, 2**14)
 """No picture without a known camera may declare more columns or rows than this."""
 
+UPRIGHT = 1
+"""EXIF Orientation of a picture that is stored as it is shown."""
+
+_TO_UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""By EXIF Orientation."""
+
 
 def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
-    """Encoded picture -> [H, W, 3] uint8 of exactly `size`."""
+    """Encoded picture of a posed camera -> [H, W, 3] uint8 of exactly `size`.
+
+    Transparency is dropped; deeper than 8 bit is refused, and so is a picture that asks to be turned (EXIF
+    Orientation): nobody can know whether its pose means it as stored or as shown.
+    """
     with _opened(io.BytesIO(data), size) as picture:
-        return np.asarray(picture.convert("RGB"))
+        told = orientation(picture)
+        if told != UPRIGHT:
+            raise ValueError(f"picture {turned_fault(told)}")
+        return _rgb(picture, "picture")
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """Picture file of any size -> [H, W, 3] uint8. Transparency is dropped; deeper than 8 bit is refused."""
+    """Picture file of any size -> [H, W, 3] uint8, upright as its EXIF Orientation says. Transparency is
+    dropped; deeper than 8 bit is refused."""
     with _opened(path, None) as picture:
-        if picture.mode[0] in "IF":
-            raise ValueError(f"{path.name} has mode {picture.mode}: save it with 8 bits a channel")
-        return np.asarray(picture.convert("RGB"))
+        turn = _TO_UPRIGHT.get(orientation(picture))
+        return _rgb(picture if turn is None else picture.transpose(turn), path.name)
+
+
+def orientation(picture: Image.Image) -> int:
+    """EXIF Orientation, 1 (upright) to 8; 1 where none is told, or damaged."""
+    try:
+        told = picture.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
+    except Exception:  # whatever the library meets in damaged tags
+        return UPRIGHT
+    return told if isinstance(told, int) and told in _TO_UPRIGHT else UPRIGHT
+
+
+def turned_fault(told: int) -> str:
+    """Why a picture with a pose is refused that asks to be turned, and what to do."""
+    return (
+        f"is stored turned (EXIF Orientation {told}), and its pose may mean the stored picture or the one "
+        "that is shown: turn its pixels as the pose means them, and save it with Orientation 1"
+    )
 
 
 def read_heatmap(path: Path, image_size: Size) -> NDArray[Any]:
@@ -135,6 +176,13 @@ def as_png(data: bytes) -> bytes:
         return encoded.getvalue()
 
 
+def _rgb(picture: Image.Image, name: str) -> NDArray[np.uint8]:
+    """Pillow clips what is deeper than 8 bit to black and white instead of scaling it."""
+    if picture.mode[0] in "IF":
+        raise ValueError(f"{name} has mode {picture.mode}: save it with 8 bits a channel")
+    return np.asarray(picture.convert("RGB"))
+
+
 @contextmanager
 def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGEST) -> Iterator[Image.Image]:
     """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory."""
@@ -149,6 +197,8 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
                     f"{name} declares {width}x{height} pixels, more than {at_most[0]}x{at_most[1]}"
                 )
             picture.load()
+            if picture.format in ("JPEG", "MPO"):
+                _require_intact(source, name)
             yield picture
     except (SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError) as error:
         raise ValueError(f"{name} is damaged: {error}") from error
@@ -156,6 +206,13 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
         if error.errno is not None:
             raise
         raise ValueError(f"{name} is damaged: {error}") from error
+
+
+def _require_intact(source: Path | io.BytesIO, name: str) -> None:
+    try:
+        require_intact(source.read_bytes() if isinstance(source, Path) else source.getvalue())
+    except ValueError as error:
+        raise ValueError(f"{name} is damaged: {error}") from None
 
 
 def _read_npy(path: Path) -> NDArray[Any]:

@@ -31,7 +31,7 @@ def image_pixels(message: Any) -> NDArray[np.uint8]:
     if channels is None:
         raise ValueError(
             f"pictures encoded as {message.encoding!r} are not supported ({', '.join(_CHANNELS)}); "
-            "record them compressed, or as rgb8"
+            "record them with 8 bits a channel, such as rgb8, or compressed from such"
         )
     rows = _rows(message, channels)
     if channels == 1:

@@ -1,0 +1,143 @@
+"""Pictures that must not be taken for what they do not show: too deep, damaged, turned."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import ExifTags, Image
+
+from crowdfence.sources.pictures.decoding import decode_rgb, read_rgb
+
+SIZE = (160, 120)
+
+
+def scene() -> NDArray[np.uint8]:
+    """Something with detail everywhere, so that lost bytes cost pixels: [120, 160, 3]."""
+    rows, columns = np.mgrid[:120, :160]
+    waves = np.stack([np.sin(columns / (3 + n)) * np.cos(rows / (5 + n)) for n in range(3)], axis=-1)
+    noise = np.random.default_rng(5).normal(0, 20, waves.shape)
+    return np.clip(128 + 90 * waves + noise, 0, 255).astype(np.uint8)
+
+
+def encoded(kind: str, mode: str = "RGB", **options: Any) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(scene()).convert(mode).save(file, kind, **options)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "PPM"])
+def test_grey_in_sixteen_bits_is_refused_and_not_clipped_to_two_tones(tmp_path: Path, kind: str) -> None:
+    file = io.BytesIO()
+    Image.fromarray(np.linspace(0, 65535, 64, dtype=np.uint16).reshape(8, 8)).save(file, kind)
+    with pytest.raises(ValueError, match="picture has mode I.*: save it with 8 bits a channel"):
+        decode_rgb(file.getvalue(), (8, 8))
+    path = tmp_path / "deep.png"
+    path.write_bytes(file.getvalue())
+    with pytest.raises(ValueError, match="deep.png has mode I.*: save it with 8 bits a channel"):
+        read_rgb(path)
+
+
+INTACT = {
+    "baseline": encoded("JPEG", quality=92),
+    "no subsampling": encoded("JPEG", quality=95, subsampling=0),
+    "progressive": encoded("JPEG", quality=92, progressive=True),
+    "grey": encoded("JPEG", "L"),
+    "cmyk": encoded("JPEG", "CMYK"),
+    "subsampled cmyk": encoded("JPEG", "CMYK", subsampling=1),
+    "restart markers": encoded("JPEG", restart_marker_blocks=4),
+    "with a preview behind it": encoded(
+        "MPO", save_all=True, append_images=[Image.fromarray(scene()).resize((40, 30))]
+    ),
+    "with a cut-off preview": encoded("JPEG") + encoded("JPEG")[:500],
+    "with a rest of a buffer": encoded("JPEG") + bytes(3000),
+    "filled up before its end": encoded("JPEG")[:-2] + b"\0\0\xff\xff\xd9",
+}
+
+
+@pytest.mark.parametrize("kind", INTACT)
+def test_intact_jpegs_of_all_kinds_are_read(kind: str) -> None:
+    picture = decode_rgb(INTACT[kind], SIZE)
+    assert picture.shape == (120, 160, 3)
+    if "grey" not in kind and "cmyk" not in kind:
+        assert np.abs(picture.astype(float) - scene()).mean() < 20
+
+
+def cut(data: bytes) -> bytes:
+    """As an encoder leaves it whose buffer was full."""
+    return data[: len(data) // 2] + b"\xff\xd9"
+
+
+def zeroed(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes(1000) + data[middle + 1000 :]
+
+
+def lost(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + data[middle + 1500 :]
+
+
+@pytest.mark.parametrize("kind", ["baseline", "progressive", "grey", "cmyk", "restart markers"])
+@pytest.mark.parametrize("harm", [cut, zeroed, lost])
+def test_a_jpeg_that_the_decoder_would_patch_up_is_refused(tmp_path: Path, kind: str, harm: Any) -> None:
+    data = harm(INTACT[kind])
+    Image.open(io.BytesIO(data)).load()  # nothing is wrong, says the decoder
+    with pytest.raises(ValueError, match="picture is damaged: its pixels do not decode to the end"):
+        decode_rgb(data, SIZE)
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="a.jpg is damaged: its pixels do not decode to the end"):
+        read_rgb(path)
+
+
+def turned(orientation: int) -> bytes:
+    """A PNG whose upper left corner is white, with the tag."""
+    stored = np.zeros((4, 6, 3), np.uint8)
+    stored[0, 0] = 255
+    exif, file = Image.Exif(), io.BytesIO()
+    exif[ExifTags.Base.Orientation] = orientation
+    Image.fromarray(stored).save(file, "PNG", exif=exif)
+    return file.getvalue()
+
+
+# The first stored row is shown at, the first stored column is shown at (EXIF 2.3, Orientation).
+@pytest.mark.parametrize(
+    ("orientation", "row", "column"),
+    [
+        (1, "top", "left"),
+        (2, "top", "right"),
+        (3, "bottom", "right"),
+        (4, "bottom", "left"),
+        (5, "left", "top"),
+        (6, "right", "top"),
+        (7, "right", "bottom"),
+        (8, "left", "bottom"),
+    ],
+)
+def test_a_picture_without_a_pose_comes_upright(
+    tmp_path: Path, orientation: int, row: str, column: str
+) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(turned(orientation))
+    picture = read_rgb(path)
+    assert picture.shape == ((4, 6, 3) if orientation < 5 else (6, 4, 3))
+    sides = {row, column}
+    corner = (-1 if "bottom" in sides else 0, -1 if "right" in sides else 0)
+    assert picture[corner].tolist() == [255, 255, 255] and picture.sum() == 3 * 255
+
+
+def test_a_picture_with_a_pose_must_not_ask_to_be_turned() -> None:
+    assert decode_rgb(turned(1), (6, 4))[0, 0, 0] == 255
+    for orientation in range(2, 9):
+        with pytest.raises(ValueError, match=f"EXIF Orientation {orientation}.*save it with Orientation 1"):
+            decode_rgb(turned(orientation), (6, 4))
+
+
+@pytest.mark.parametrize("told", [0, 9, 77])
+def test_a_turn_that_does_not_exist_is_none(told: int) -> None:
+    assert decode_rgb(turned(told), (6, 4))[0, 0, 0] == 255
