@@ -21,7 +21,7 @@ from crowdfence.sources.pictures.video import Video
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import flight, write_airsim
-from support.small_videos import HEIGHT, WIDTH, damage, packet_ends, picture, write_video
+from support.small_videos import HEIGHT, WIDTH, damage, packet_ends, picture, turn, write_video
 
 FAILED = 1
 
@@ -127,6 +127,25 @@ def test_frames_out_of_order_keep_their_numbers(tmp_path: Path) -> None:
     for item in items:
         if isinstance(item, StreamPicture):
             assert np.abs(item.rgb.astype(int) - picture(item.number)).mean() < 8
+
+
+@pytest.mark.parametrize(("clockwise_deg", "side"), [(90, "top"), (180, "right"), (270, "bottom")])
+def test_a_film_that_is_stored_turned_is_looked_at_upright(
+    model: Path, tmp_path: Path, clockwise_deg: int, side: str
+) -> None:
+    film = turn(write_video(tmp_path / "film.mp4", 4), clockwise_deg)
+    size = (HEIGHT, WIDTH) if clockwise_deg != 180 else (WIDTH, HEIGHT)
+    with Video(film) as video:
+        assert video.size == size
+        done = detect_pictures(video.pictures(), Detector(model), tmp_path / "out")
+    assert done.frames == 4 and not done.skipped
+    # Of the stored frame 3, the 12 columns on the left are white: 3 cells deep.
+    cells = np.asarray(Image.open(tmp_path / "out" / "heatmaps" / "frame_000003.png"))
+    assert cells.shape == (size[1] // 4, size[0] // 4)
+    white = {"top": cells[:3], "right": cells[:, -3:], "bottom": cells[-3:]}[side]
+    assert (white > 230).all() and (cells > 128).sum() == white.size
+    with Video(tmp_path / "out" / "overlay.mp4") as video:
+        assert video.size == size
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"#EXTM3U\n#EXTINF:1,\nfilm.mp4\n", b"\0" * 5000])

@@ -43,6 +43,7 @@ from support.foreign_recordings import (
     write_subtitles,
     write_ulog,
 )
+from support.small_videos import turn
 
 
 def home() -> tuple[float, float]:
@@ -82,6 +83,16 @@ def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, di
         pictures = replace(settled, frames=settled.frames[1:])
         zones, expected = closed(pictures, terrain), closed(reference())
         assert beyond(zones, expected, 1.0) < 0.05
+
+
+def test_a_film_with_poses_that_is_stored_turned_is_refused(tmp_path: Path) -> None:
+    """Whether the logged attitude means the stored frames or the shown ones, nobody can know."""
+    film, start_ns = write_film(tmp_path / "DJI_0001.MP4")
+    write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, mini)
+    for clockwise_deg in (90, 180, 270):
+        turn(film, clockwise_deg)
+        with pytest.raises(ValueError, match=r"DJI_0001.MP4 is stored turned.*save it without the flag"):
+            open_recording(film)
 
 
 def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Small videos whose frames tell their number, and damage done to single frames of them."""
 
+import struct
 from pathlib import Path
 
 import av
@@ -43,5 +44,17 @@ def damage(path: Path, numbers: list[int]) -> Path:
     for number in numbers:
         position, size = places[number]
         data[position : position + size] = bytes(size)
+    path.write_bytes(data)
+    return path
+
+
+def turn(path: Path, clockwise_deg: int) -> Path:
+    """Set the rotation flag of an MP4: players show its frames turned so far (ISO 14496-12, tkhd matrix)."""
+    data = bytearray(path.read_bytes())
+    box = data.index(b"tkhd") + 4
+    matrix = box + 4 + (20 if data[box] == 0 else 32) + 16
+    a, b = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[clockwise_deg]
+    values = (a, b, 0, -b, a, 0, 0, 0)
+    data[matrix : matrix + 36] = struct.pack(">9i", *(65536 * value for value in values), 1 << 30)
     path.write_bytes(data)
     return path

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.pictures.video import Video
+from crowdfence.sources.pictures.video import Video, require_unturned
 
 _AHEAD = 150
 """Decoding this many frames is about as much work as a new beginning at a key frame."""
@@ -26,6 +26,7 @@ class FilmPictures:
     def __init__(self, path: Path) -> None:
         self.path = path
         with Video(path) as video:
+            require_unturned(video)
             self.size = video.size
             self.created = video.metadata.get("creation_time")
             self._pts, self.times_s, self._keys = video.shown_times()

@@ -2,11 +2,16 @@
 
 What the decoder cannot decode, or only by patching it up from its neighbours, is not passed on: a frame is
 skipped when it is damaged and when it builds on a damaged one, that is until the next key frame.
+
+A camera that is held upright stores its frames lying, and a rotation flag with them; frames come out as they
+are meant to be shown.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -29,6 +34,8 @@ FORMATS = (
 
 _MISSING_END_S = 0.35
 """Sound may go on a little longer than the pictures."""
+_HEAD = 50
+"""Among so many frames, one is whole in any film of use."""
 
 
 class Video:
@@ -89,7 +96,7 @@ class Video:
                 yield SkippedPicture(number, "", self._time_s(item.pts), item.reason)
                 continue
             try:
-                rgb = np.asarray(item.to_ndarray(format="rgb24"), np.uint8)
+                rgb = _upright(item)
             except ValueError as error:
                 yield SkippedPicture(number, "", self._time_s(item.pts), _said(error))
                 continue
@@ -102,8 +109,18 @@ class Video:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height)"""
-        return int(self._stream.codec_context.width), int(self._stream.codec_context.height)
+        """(width, height) as shown."""
+        width, height = int(self._stream.codec_context.width), int(self._stream.codec_context.height)
+        return (height, width) if _quarters(self.rotation_deg) % 2 else (width, height)
+
+    @cached_property
+    def rotation_deg(self) -> int:
+        """By how many degrees, counterclockwise, the stored frames are turned to be shown: what the first
+        frame says that can be decoded."""
+        with Video(self.path) as again:
+            frames = (item for item in islice(again._frames(), _HEAD) if not isinstance(item, _Broken))
+            first = next(frames, None)
+            return 0 if first is None else int(first.rotation)
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -144,7 +161,7 @@ class Video:
             if isinstance(item, _Broken):
                 yield item.pts, item.reason
             else:
-                yield item.pts, np.asarray(item.to_ndarray(format="rgb24"), np.uint8)
+                yield item.pts, _upright(item)
 
     def close(self) -> None:
         self._container.close()
@@ -204,6 +221,16 @@ class Video:
         return None if pts is None or base is None else float((pts - (self._stream.start_time or 0)) * base)
 
 
+def require_unturned(film: Video) -> None:
+    """ValueError for a film whose frames are turned to be shown, whose poses may mean either."""
+    if _quarters(film.rotation_deg):
+        raise ValueError(
+            f"{film.path} is stored turned (its rotation flag says {film.rotation_deg} degrees "
+            "counterclockwise), and its poses may mean the stored frames or those that are shown: turn its "
+            "frames as the poses mean them, and save it without the flag"
+        )
+
+
 class _Broken:
     """A frame that is not there."""
 
@@ -248,6 +275,18 @@ class _Gaps:
             self._last = None
             return False
         return True
+
+
+def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
+    """RGB [H, W, 3] as shown. ValueError when it cannot be converted."""
+    rgb = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+    quarters = _quarters(frame.rotation)
+    return np.ascontiguousarray(np.rot90(rgb, quarters)) if quarters else rgb
+
+
+def _quarters(rotation_deg: int) -> int:
+    """Counterclockwise, 0 to 3."""
+    return round(rotation_deg / 90) % 4
 
 
 def _said(error: Any) -> str:
