@@ -143,6 +143,21 @@ def test_two_heatmaps_for_one_frame_are_ambiguous(recorded):
     assert "2 heatmaps for one frame" in recording.refused[0].reason
 
 
+def test_two_pictures_for_one_frame_are_ambiguous(recorded):
+    """The shot and, say, an exported mask beside it: which of them the detector should see, nobody knows."""
+    (recorded / "images").mkdir()
+    first, second = open_recording(recorded).frames[:2]
+    for frame, suffixes in ((first, ("jpg", "png")), (second, ("jpg",))):
+        for suffix in suffixes:
+            name = f"{frame.drone}_{frame.stamp_ns}.{suffix}"
+            Image.new("RGB", (WIDTH, HEIGHT)).save(recorded / "images" / name)
+    recording = open_recording(recorded)
+    assert len(recording.frames) == 17
+    (refused,) = recording.refused
+    name = f"{first.drone}_{first.stamp_ns}"
+    assert refused.reason == f"2 pictures for one frame: {name}.jpg, {name}.png"
+
+
 def test_images_alone_make_frames_for_a_detector(recorded):
     frame = open_recording(recorded).frames[0]
     heatmap_file(recorded, frame).unlink()

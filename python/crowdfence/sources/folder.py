@@ -23,6 +23,7 @@ first pixel, whose centre is at (0.5, 0.5). Other keys of a camera are refused.
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
             _pixels(heatmaps.get(key, []), images.get(key, []), regions.get(key, []), camera),
             layers={name: one.pixels(key, camera) for name, one in layers.items() if one.holds(key)},
         )
-        fault = _ambiguous(heatmaps.get(key, []))
+        fault = _ambiguous({"heatmaps": heatmaps.get(key, []), "pictures": images.get(key, [])})
         unplaced.setdefault(drone, []).append(UnplacedFrame(stamp_ns, camera, pixels, fault))
     if not unplaced:
         raise ValueError(f"{folder} holds no frames: {POSES_NAME} has no row and heatmaps/ no file")
@@ -145,10 +146,12 @@ def _layer_files(folder: Path, name: str, warnings: list[str]) -> _LayerFiles:
     )
 
 
-def _ambiguous(heatmaps: list[Path]) -> str | None:
-    if len(heatmaps) < 2:
-        return None
-    return f"{len(heatmaps)} heatmaps for one frame: {', '.join(path.name for path in heatmaps)}"
+def _ambiguous(files: Mapping[str, list[Path]]) -> str | None:
+    """What there are several of for one frame, by their noun."""
+    for what, paths in files.items():
+        if len(paths) > 1:
+            return f"{len(paths)} {what} for one frame: {', '.join(path.name for path in paths)}"
+    return None
 
 
 def _pixels(heatmaps: list[Path], images: list[Path], regions: list[Path], camera: Camera) -> PixelSources:
