@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from crowdfence.detector.overlay import caption, overlay
-from crowdfence.exports.heatmap_folder import HeatmapFolder
+from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder, require_free
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.detect import HeatmapSource
@@ -62,14 +62,19 @@ def detect_pictures(
     *,
     video: bool = True,
     gsd_m: float | None = None,
+    source: Path | None = None,
     replace_existing: bool = False,
     on_picture: Callable[[], None] = lambda: None,
 ) -> DetectedPictures:
     """Write a `HeatmapFolder` and, with `video`, `overlay.mp4` beside it; one picture in memory at a time.
 
-    `gsd_m`: metres per pixel, for models that need them. ValueError when not a single picture gives a
-    heatmap; nothing is left behind then.
+    `gsd_m`: metres per pixel, for models that need them. `source`: where the pictures come from.
+
+    ValueError when not a single picture gives a heatmap; nothing is left behind then, and what
+    `replace_existing` allows to replace stays. FileExistsError when something of that name is there, and
+    even with `replace_existing` when it is the source.
     """
+    _require_place(folder, source, replace_existing=replace_existing)
     frames, skipped, watch = 0, list[SkippedPicture](), PictureWatch(detector.contract)
     with ExitStack() as stack:
         heatmaps = stack.enter_context(HeatmapFolder(folder, replace=replace_existing))
@@ -91,6 +96,8 @@ def detect_pictures(
         if frames == 0:
             reasons = "; ".join(str(one) for one in skipped[:_MOST_REASONS]) or "it holds no frame"
             raise ValueError(f"no picture could be used: {reasons}")
+    if not video:
+        (folder / OVERLAY).unlink(missing_ok=True)  # it would show other heatmaps than those beside it
     warnings = (*_unknown_scale(detector, gsd_m), *watch.warnings)
     return DetectedPictures(frames, skipped, watch, warnings)
 
@@ -102,14 +109,18 @@ def detect_recording(
     *,
     video: bool = False,
     every: int = 1,
+    replace_existing: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> DetectedRecording:
     """Write the recording as a mission file with the heatmaps of a detector, frame for frame; of every drone
     `every`-th frames only. With `video`, an overlay video of each drone appears beside it.
 
-    ValueError when no frame gives a heatmap; nothing is left behind then.
+    ValueError when no frame gives a heatmap; nothing is left behind then. FileExistsError when a video of
+    that name is there and not to be replaced.
     """
     check_every(every)
+    if video and not replace_existing:
+        require_free(*(_film_path(path, drone) for drone in recording.drones))
     kept = sorted(
         (frame for drone in recording.drones for frame in recording.frames_of(drone)[::every]),
         key=lambda frame: frame.stamp_ns,
@@ -137,6 +148,16 @@ def detect_recording(
     return DetectedRecording(conversion, [] if films is None else films.paths)
 
 
+def _require_place(folder: Path, source: Path | None, *, replace_existing: bool) -> None:
+    written = [folder / name for name in (HEATMAPS, INDEX, OVERLAY)]
+    looked_at = [] if source is None else [source.resolve(), *source.resolve().parents]
+    for path in written:
+        if path.resolve() in looked_at:
+            raise FileExistsError(f"{path} is looked at and would be replaced; choose another folder")
+    if not replace_existing:
+        require_free(*written)
+
+
 def _unknown_scale(detector: Detector, gsd_m: float | None) -> Iterator[str]:
     """Pictures come without poses, so nobody can tell how far away their ground is."""
     contract = detector.contract
@@ -146,6 +167,10 @@ def _unknown_scale(detector: Detector, gsd_m: float | None) -> Iterator[str]:
         yield f"pictures without poses: no range could be checked against those of {contract.name}{shown}"
     elif tested_m is not None and not tested_m[0] <= gsd_m <= tested_m[1]:
         yield f"--gsd-m {gsd_m:g}: {contract.name} was tested at {tested_m[0]:g} to {tested_m[1]:g} m"
+
+
+def _film_path(mission: Path, drone: str) -> Path:
+    return mission.with_name(f"{mission.stem}_{re.sub(r'[^A-Za-z0-9._-]', '_', drone)}.mp4")
 
 
 class _Films:
@@ -161,8 +186,7 @@ class _Films:
 
     def add(self, frame: Frame, heatmap: Pixels) -> None:
         if frame.drone not in self._films:
-            name = f"{self._mission.stem}_{re.sub(r'[^A-Za-z0-9._-]', '_', frame.drone)}.mp4"
-            writer = VideoWriter(self._mission.with_name(name), rate=Fraction(10))
+            writer = VideoWriter(_film_path(self._mission, frame.drone), rate=Fraction(10))
             self._films[frame.drone] = (self._stack.enter_context(writer), frame.stamp_ns)
         film, first_ns = self._films[frame.drone]
         label = f"{frame.drone}  {iso_utc(frame.stamp_ns)[:23]}Z"

@@ -204,6 +204,80 @@ def test_a_folder_of_pictures(model: Path, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "out" / "heatmaps").iterdir()] == ["frame_000000.png"]
 
 
+def test_what_is_left_out_of_a_folder_of_pictures_is_told(model: Path, tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    (pictures / "heatmaps").mkdir(parents=True)
+    page = Image.fromarray(picture(4))
+    page.save(pictures / "a.png")
+    page.save(pictures / "heatmaps" / "frame_000000.png")
+    (pictures / "overlay.mp4").write_bytes(b"of the last time")
+    report = json.loads(detect(pictures, "--model", model, "-o", tmp_path / "1", "--json").stdout)
+    assert not report["skipped"] and not [one for one in report["warnings"] if "left out" in one]
+
+    page.save(pictures / "b.tif", save_all=True, append_images=[page, page])
+    page.save(pictures / "c.GIF")
+    (pictures / "d.dng").write_bytes(b"raw")
+    (pictures / "e.jpg").symlink_to(tmp_path / "nowhere.jpg")
+    (pictures / "sub").mkdir()
+    page.save(pictures / "sub" / "f.png")
+    done = detect(pictures, "--model", model, "-o", tmp_path / "2", "--json")
+    report = json.loads(done.stdout)
+    assert report["frames"] == 2
+    pages, lost = report["skipped"]
+    assert pages.startswith("frame 1 (b.tif): only its first page is used, not the 2 behind it")
+    assert lost.startswith("frame 2 (e.jpg): ") and "No such file" in lost
+    files, folders = (one for one in report["warnings"] if "left out" in one)
+    assert files.startswith("2 files of pictures/ left out, first: c.GIF; ")
+    assert folders.startswith("1 subfolder of pictures/ with pictures left out, first: sub; ")
+
+
+def test_smaller_copies_in_a_picture_are_no_pages(tmp_path: Path) -> None:
+    """Pyramids of a TIFF, and the preview that cameras put behind a photograph."""
+    page = Image.fromarray(picture(4))
+    small = page.resize((WIDTH // 2, HEIGHT // 2))
+    small.encoderinfo = {"tiffinfo": {254: 1}}
+    page.save(tmp_path / "a.tif", save_all=True, append_images=[small])
+    page.save(tmp_path / "b.jpg", format="MPO", save_all=True, append_images=[small])
+    with Image.open(tmp_path / "a.tif") as written:
+        assert written.n_frames == 2
+    items = list(read_pictures(picture_files(tmp_path)))
+    assert [type(item) for item in items] == [StreamPicture, StreamPicture]
+
+
+def test_nothing_is_replaced_without_being_asked_to(model: Path, tmp_path: Path) -> None:
+    """Neither somebody's table, nor a film that happens to have our name."""
+    film = write_video(tmp_path / "film.mp4", 2)
+    for name in ("index.csv", "overlay.mp4"):
+        folder = tmp_path / name.partition(".")[0]
+        folder.mkdir()
+        (folder / name).write_bytes(b"mine")
+        line = error_line(detect(film, "--model", model, "-o", folder))
+        assert f"{folder / name} exists" in line and "--force" in line
+        assert [(path.name, path.read_bytes()) for path in folder.iterdir()] == [(name, b"mine")]
+
+
+def test_what_is_looked_at_is_never_replaced(model: Path, tmp_path: Path) -> None:
+    film = write_video(tmp_path / "overlay.mp4", 2)
+    before = film.read_bytes()
+    line = error_line(detect(film, "--model", model, "-o", tmp_path, "--force"))
+    assert "overlay.mp4 is looked at and would be replaced" in line
+    assert film.read_bytes() == before and [path.name for path in tmp_path.iterdir()] == ["overlay.mp4"]
+    (tmp_path / "heatmaps").mkdir()
+    Image.fromarray(picture(4)).save(tmp_path / "heatmaps" / "a.png")
+    for source in (tmp_path / "heatmaps", tmp_path / "heatmaps" / "a.png"):
+        assert "is looked at" in error_line(detect(source, "--model", model, "-o", tmp_path, "--force"))
+    assert (tmp_path / "heatmaps" / "a.png").is_file()
+
+
+def test_an_overlay_of_other_heatmaps_does_not_stay(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    film = write_video(tmp_path / "film.mp4", 2)
+    assert detect(film, "--model", model, "-o", out).returncode == 0
+    assert (out / "overlay.mp4").is_file()
+    assert detect(film, "--model", model, "-o", out, "--force", "--no-video").returncode == 0
+    assert sorted(path.name for path in out.iterdir()) == ["heatmaps", "index.csv"]
+
+
 def test_who_looks_where_nobody_is_named(tmp_path: Path) -> None:
     """Pictures without poses are a camera's; a recording has a map, or may be given one."""
     Image.fromarray(picture(4)).save(tmp_path / "a.png")
@@ -252,6 +326,9 @@ def test_a_recording_becomes_a_mission_with_these_heatmaps(
             assert (after.regions() == before.regions()).all()
         assert (tmp_path / f"seen_{drone}.mp4").stat().st_size > 500
     assert "exists" in error_line(detect(recording, "--model", model, "-o", output))
+    output.unlink()
+    line = error_line(detect(recording, "--model", model, "-o", output, "--video"))
+    assert "seen_uav1.mp4 exists" in line and "--force" in line and not output.exists()
 
 
 def test_the_overlay_marks_the_crowd_and_leaves_the_rest_alone() -> None:

@@ -26,6 +26,7 @@ from support.foreign_recordings import (
     reference,
     row_at,
     rows,
+    write_dem,
     write_photograph,
     write_photographs,
 )
@@ -123,6 +124,33 @@ def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
     (refusal,) = found.refused
     assert f"{first.name} is stored turned (EXIF Orientation 3)" in refusal.reason
     assert "save it with Orientation 1" in refusal.reason
+
+
+def test_what_is_left_out_of_a_folder_is_told(tmp_path: Path) -> None:
+    folder = write_photographs(tmp_path / "flight", dji)
+    shots = sorted(folder.iterdir())
+    first = shots[0]
+    (folder / f"{first.stem}.dng").write_bytes(b"raw of a photograph that is there")
+    (folder / "notes.txt").write_text("not a picture")
+    (folder / ".hidden.png").write_bytes(b"")
+    write_dem(folder / "dem.tif")
+    (folder / "out" / "more").mkdir(parents=True)
+    (folder / "out" / "crowd_map.png").write_bytes(b"of a run")
+    assert not [warning for warning in open_recording(folder).warnings if "left out" in warning]
+
+    (folder / "101MEDIA" / "deeper").mkdir(parents=True)
+    shots[-1].rename(folder / "101MEDIA" / "deeper" / shots[-1].name)
+    (folder / "DJI_0100.DNG").write_bytes(b"raw of one that is not there")
+    (folder / "DJI_0101.MP4").write_bytes(b"film")
+    (folder / "lost.JPG").symlink_to(folder / "nowhere.JPG")
+    found = open_recording(folder)
+    assert [warning for warning in found.warnings if "left out" in warning] == [
+        "2 files of flight/ left out, first: DJI_0100.DNG; of a folder only .jpg .jpeg are read",
+        "1 subfolder of flight/ with pictures left out, first: 101MEDIA; name every folder itself",
+    ]
+    assert len(found.frames) == len(frames()) - 1
+    (refusal,) = found.refused
+    assert "lost.JPG" in refusal.reason and "No such file" in refusal.reason
 
 
 def test_intrinsics_by_focal_length_are_an_estimate_that_says_so(tmp_path: Path) -> None:

@@ -96,7 +96,9 @@ def detect(
         recording = source_options.open_source(source, context.params)
         detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
-        _detect_recording(recording, detector, terrain, map_options, output, every, bool(video), as_json)
+        _detect_recording(
+            recording, detector, terrain, map_options, output, every, bool(video), force, as_json
+        )
 
 
 def _require_place(output: Path, source: Path, force: bool) -> None:
@@ -120,10 +122,13 @@ def _detect_pictures(
     force: bool,
     as_json: bool,
 ) -> None:
-    from crowdfence.heatmap_files import detect_pictures
+    from crowdfence.exports.heatmap_folder import HEATMAPS
+    from crowdfence.heatmap_files import OVERLAY, detect_pictures
     from crowdfence.pipeline.detect import describe_model
-    from crowdfence.sources.pictures.files import is_picture_file, picture_files, read_pictures
+    from crowdfence.sources.pictures.files import SUFFIXES, is_picture_file, picture_files, read_pictures
+    from crowdfence.sources.pictures.left_out import left_out
 
+    missed = left_out(source, SUFFIXES, except_for=(HEATMAPS, OVERLAY)) if source.is_dir() else []
     with ExitStack() as stack:
         if source.is_dir() or is_picture_file(source):
             files = picture_files(source)
@@ -141,21 +146,22 @@ def _detect_pictures(
                 output,
                 video=video,
                 gsd_m=gsd_m,
+                source=source,
                 replace_existing=force,
                 on_picture=advance,
             )
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from error
-    skipped = [str(one) for one in done.skipped]
+    warnings, skipped = [*done.warnings, *missed], [str(one) for one in done.skipped]
     if as_json:
         report = {"output": str(output), "frames": done.frames, "skipped": skipped}
-        report |= {"pictures": done.watch.to_json(), "warnings": list(done.warnings)}
+        report |= {"pictures": done.watch.to_json(), "warnings": warnings}
         console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
         return
     facts = {"frames": f"{counted(done.frames, 'heatmap')}, {len(skipped)} skipped"}
     if done.watch.looked_at:
         facts["unlike tested"] = f"{done.watch.unlike} of {done.watch.looked_at} pictures"
-    _report(output, detector, facts, [*done.warnings, *skipped])
+    _report(output, detector, facts, [*warnings, *skipped])
 
 
 def _detect_recording(
@@ -166,6 +172,7 @@ def _detect_recording(
     output: Path,
     every: int,
     video: bool,
+    force: bool,
     as_json: bool,
 ) -> None:
     from crowdfence.config import ProjectionConfig
@@ -181,7 +188,13 @@ def _detect_recording(
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(
-            recording, heatmaps, output, video=video, every=every, progress=lambda *_: advance()
+            recording,
+            heatmaps,
+            output,
+            video=video,
+            every=every,
+            replace_existing=force,
+            progress=lambda *_: advance(),
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
     warnings = list(heatmaps.watch.warnings)

@@ -21,6 +21,13 @@ COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest", "unlik
 CROWD_FROM = 0.5
 
 
+def require_free(*paths: Path) -> None:
+    """FileExistsError that names the first of the paths where something is."""
+    for path in paths:
+        if os.path.lexists(path):
+            raise FileExistsError(f"{path} exists; choose another folder, or replace it with --force")
+
+
 class HeatmapFolder:
     """Writes `heatmaps/frame_<number>.png` (8-bit grey, value / 255) and `index.csv`; a context manager.
 
@@ -31,12 +38,10 @@ class HeatmapFolder:
     """
 
     def __init__(self, folder: Path, *, replace: bool = False) -> None:
-        """FileExistsError when the folder holds heatmaps already, unless they are to be replaced."""
+        """FileExistsError when the folder holds heatmaps or a table, unless they are to be replaced."""
         self.folder = folder
-        if not replace and (folder / HEATMAPS).exists():
-            raise FileExistsError(
-                f"{folder / HEATMAPS} exists; choose another folder, or replace it with --force"
-            )
+        if not replace:
+            require_free(folder / HEATMAPS, folder / INDEX)
         self._stack = ExitStack()
 
     def __enter__(self) -> HeatmapFolder:

@@ -24,6 +24,8 @@ from crowdfence.sources.geographic_track import (
 from crowdfence.sources.lens.focal_length import camera_from_35mm, camera_from_sensor, scaled_camera
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
+from crowdfence.sources.pictures.files import is_file_or_lost
+from crowdfence.sources.pictures.left_out import left_out
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
@@ -52,7 +54,9 @@ class _Photograph:
 def photographs(path: Path) -> list[Path]:
     """The photographs of a folder by name, or of the one named."""
     if path.is_dir():
-        return sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES and file.is_file())
+        return sorted(
+            file for file in path.iterdir() if file.suffix.lower() in SUFFIXES and is_file_or_lost(file)
+        )
     return [path] if path.suffix.lower() in SUFFIXES else []
 
 
@@ -63,7 +67,7 @@ def read_photographs(
     first."""
     refused: list[RefusedFrame] = []
     by_drone: dict[str, list[_Photograph]] = {}
-    remarks: list[str] = []
+    remarks = left_out(path, SUFFIXES) if path.is_dir() else []
     for drone, group in _by_camera(photographs(path), refused).items():
         usable = _placeable(drone, group, options, refused)
         if usable:

@@ -40,6 +40,9 @@ _TO_UPRIGHT = {
 }
 """By EXIF Orientation."""
 
+_SUBFILE_TYPE, _COPY_OR_MASK = 254, 0b101
+"""TIFF tag, and those of its bits."""
+
 
 def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
     """Encoded picture of a posed camera -> [H, W, 3] uint8 of exactly `size`.
@@ -60,6 +63,32 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
     with _opened(path, None) as picture:
         turn = _TO_UPRIGHT.get(orientation(picture))
         return _rgb(picture if turn is None else picture.transpose(turn), path.name)
+
+
+def further_pages(path: Path) -> int:
+    """Pages behind the first one that `read_rgb` gives, or frames of an animation. Smaller copies of a page,
+    masks and the previews in photographs are none. ValueError where what follows is damaged."""
+    try:
+        with Image.open(path) as picture:
+            count = int(getattr(picture, "n_frames", 1))
+            if picture.format == "MPO":
+                return 0
+            return _tiff_pages(picture, count) if picture.format == "TIFF" else count - 1
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise ValueError(f"what follows its first page is damaged: {error}") from error
+    except Exception as error:  # whatever the library meets in damaged tags
+        raise ValueError(f"what follows its first page is damaged: {error}") from error
+
+
+def _tiff_pages(picture: Any, count: int) -> int:
+    pages = 0
+    for number in range(1, count):
+        picture.seek(number)
+        kind = int(picture.tag_v2.get(_SUBFILE_TYPE, 0))
+        pages += kind & _COPY_OR_MASK == 0
+    return pages
 
 
 def orientation(picture: Image.Image) -> int:

@@ -15,27 +15,36 @@ def is_picture_file(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
+def is_file_or_lost(path: Path) -> bool:
+    """A file, or a link to one that is gone: whoever reads it says so."""
+    return path.is_file() or (path.is_symlink() and not path.exists())
+
+
 def picture_files(path: Path) -> list[Path]:
-    """The picture itself, or the pictures of a folder by name (subfolders are not entered).
+    """The picture itself, or the pictures of a folder by name (subfolders are not entered, see `left_out`).
 
     OSError when the path cannot be read, ValueError for a folder without pictures.
     """
     if not path.is_dir():
         return [path]
-    files = sorted(file for file in path.iterdir() if is_picture_file(file) and file.is_file())
+    files = sorted(file for file in path.iterdir() if is_picture_file(file) and is_file_or_lost(file))
     if not files:
         raise ValueError(f"{path} holds no pictures ({' '.join(SUFFIXES)}) and no recording")
     return files
 
 
 def read_pictures(files: Sequence[Path], *, every: int = 1) -> PictureStream:
-    """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped and reported."""
-    from crowdfence.sources.pictures.decoding import read_rgb
+    """Every `every`-th file, one in memory at a time. A file that cannot be read is skipped and reported, and
+    so is whatever follows the first page of one."""
+    from crowdfence.sources.pictures.decoding import further_pages, read_rgb
 
     check_every(every)
     for number in range(0, len(files), every):
         file = files[number]
         try:
             yield StreamPicture(number, file.name, None, read_rgb(file))
+            if pages := further_pages(file):
+                reason = f"only its first page is used, not the {pages} behind it: save each as a picture"
+                yield SkippedPicture(number, file.name, None, reason)
         except (OSError, ValueError) as error:
             yield SkippedPicture(number, file.name, None, str(error))
