@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder, require_free
 from crowdfence.exports.video import VideoWriter, video_size
@@ -98,7 +99,11 @@ def detect_pictures(
             raise ValueError(f"no picture could be used: {reasons}")
     if not video:
         (folder / OVERLAY).unlink(missing_ok=True)  # it would show other heatmaps than those beside it
-    warnings = (*_unknown_scale(detector, gsd_m), *watch.warnings)
+    warnings = (
+        *_unknown_scale(detector, gsd_m),
+        *combination_warnings(detector.contract),
+        *watch.warnings,
+    )
     return DetectedPictures(frames, skipped, watch, warnings)
 
 

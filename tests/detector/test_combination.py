@@ -1,5 +1,6 @@
 """Several detectors on one picture, worked out by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crowdfence import Detector
-from crowdfence.detector.combination import CombinationRule, rule_for
+from crowdfence.detector.combination import CombinationRule, combination_warnings, combined_contract, rule_for
+from crowdfence.detector.picture_statistics import PictureRange
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
 
@@ -80,6 +82,57 @@ def test_a_detector_has_no_vote_on_ground_that_is_too_coarse_for_it(tmp_path: Pa
     assert (found[8:] > 0.99).all()
 
 
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_nobody_takes_away_crowd_without_calibration(p: float, q: float) -> None:
+    """Each can add only: the pair is at least as sure as the surer of the two, and no surer where the other
+    is silent, below the prior."""
+    rule, calibrated = rule_for(["a", "b"])
+    assert not calibrated
+    both = rule.combined([one(p), one(q)], [None, None]).item()
+    # 1e-6: logits end at 16.
+    assert both >= max(p, q) - 1e-6
+    if min(p, q) <= rule.prior:
+        assert both == pytest.approx(max(p, q), abs=1e-6)
+
+
+def test_silence_beside_a_stranger_says_nothing(tmp_path: Path) -> None:
+    """0.8 beside a detector that marks nothing stays 0.8, and ground that both call empty stays empty."""
+    blind = Detector.from_callable(lambda image: np.zeros((16, 16), np.float32), stride=4, name="blind")
+    for pair in ([model(tmp_path, "a"), blind], [blind, model(tmp_path, "a")]):
+        both = Detector.combined(pair)
+        np.testing.assert_allclose(both(GREY), 0.8, atol=1e-3)
+        assert both(np.zeros_like(GREY)).max() < 1e-6
+
+
+def test_strangers_say_that_they_were_not_calibrated_together(tmp_path: Path) -> None:
+    a, b = model(tmp_path, "a"), model(tmp_path, "b")
+    (warning,) = combination_warnings(Detector.combined([a, b]).contract)
+    assert warning.startswith("the detectors a + b were not calibrated together")
+    assert combination_warnings(a.contract) == []
+    assert combination_warnings(combined_contract([a.contract, b.contract], calibrated=True)) == []
+
+
+def test_pictures_are_compared_with_those_of_the_first_that_says_which(tmp_path: Path) -> None:
+    tested = PictureRange((0.5,) * 10, tuple(map(tuple, np.eye(10).tolist())), 3.0)
+    a, b = model(tmp_path, "a"), model(tmp_path, "b")
+    knows = replace(b.contract, pictures=tested)
+    assert combined_contract([a.contract, knows], calibrated=False).pictures == tested
+    assert combined_contract([a.contract, a.contract], calibrated=False).pictures is None
+
+
+@pytest.mark.parametrize("lowest", [None, (-16.0, -8.0)])
+def test_crowd_stays_where_nobody_has_a_vote(lowest: tuple[float, ...] | None) -> None:
+    """On ground too coarse for all of them the surest stands, and nobody calls it empty."""
+    rule, no = CombinationRule(0.015, lowest), np.array([[False]])
+    assert rule.combined([one(0.7), one(0.2)], [no, no]).item() == pytest.approx(0.7, abs=1e-6)
+    assert rule.combined([one(0.0), one(0.001)], [no, no]).item() == pytest.approx(0.015, abs=1e-6)
+
+
+def test_a_stranger_with_a_vote_takes_nothing_from_one_without() -> None:
+    found = rule_for(["a", "b"])[0].combined([one(0.7), one(0.001)], [np.array([[False]]), None])
+    assert found.item() == pytest.approx(0.7, abs=1e-6)
+
+
 def test_one_detector_is_no_combination(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="1 detectors; a combination has two and more"):
         Detector.combined([model(tmp_path, "a")])
@@ -88,3 +141,19 @@ def test_one_detector_is_no_combination(tmp_path: Path) -> None:
 def test_the_pair_that_was_calibrated_has_numbers_of_its_own() -> None:
     rule, calibrated = rule_for(["crowdnet-s", "yolox-nano"])
     assert calibrated and len(rule.lowest) == 2 and 0.0 < rule.prior < 1.0
+
+
+@pytest.mark.parametrize("network", ["crowdnet-s", "crowdnet-s-wide"])
+def test_the_order_in_which_detectors_are_named_changes_nothing(network: str) -> None:
+    """Each keeps its own number: the silence of YOLOX-nano counts -8 at most."""
+    there, calibrated = rule_for([network, "yolox-nano"])
+    back, again = rule_for(["yolox-nano", network])
+    assert calibrated and again and back.prior == there.prior
+    assert there.lowest == (-16.0, -8.0) and back.lowest == (-8.0, -16.0)
+    p, q = one(0.9), one(0.0)
+    assert there.combined([p, q], [None, None]) == back.combined([q, p], [None, None])
+
+
+def test_a_detector_more_is_another_combination() -> None:
+    assert not rule_for(["crowdnet-s", "yolox-nano", "mine"])[1]
+    assert not rule_for(["crowdnet-s", "crowdnet-s-wide"])[1]

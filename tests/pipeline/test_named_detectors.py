@@ -21,10 +21,20 @@ def test_the_shipped_models_have_names(name: str) -> None:
 def test_several_are_one(tmp_path: Path) -> None:
     model = write_map_model(tmp_path / "m.onnx", document())
     both = named_detector(["crowdnet-s", str(model)])
-    made = heatmap_source(both, None, 100.0).to_json()
+    heatmaps = heatmap_source(both, None, 100.0)
+    made = heatmaps.to_json()
     assert made["name"] == "crowdnet-s + test model"
     assert [one["file"] for one in made["members"]] == ["crowdnet-s-int8.onnx", "m.onnx"]
     assert all(len(one["sha256"]) == 64 for one in made["members"])
+    assert made["calibrated_together"] is False
+    assert heatmaps.warnings[0].startswith(
+        "the detectors crowdnet-s + test model were not calibrated together"
+    )
+
+
+def test_one_has_nothing_to_be_calibrated_with() -> None:
+    heatmaps = heatmap_source(named_detector(["crowdnet-s"]), None, 100.0)
+    assert heatmaps.warnings == [] and "calibrated_together" not in heatmaps.to_json()
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,6 @@ def _detect_pictures(
 ) -> None:
     from crowdfence.exports.heatmap_folder import HEATMAPS
     from crowdfence.heatmap_files import OVERLAY, detect_pictures
-    from crowdfence.pipeline.detect import describe_model
     from crowdfence.sources.pictures.files import SUFFIXES, is_picture_file, picture_files, read_pictures
     from crowdfence.sources.pictures.left_out import left_out
 
@@ -156,7 +155,7 @@ def _detect_pictures(
     if as_json:
         report = {"output": str(output), "frames": done.frames, "skipped": skipped}
         report |= {"pictures": done.watch.to_json(), "warnings": warnings}
-        console.print_json({**report, "detector": describe_model(detector.contract, detector.path)})
+        console.print_json({**report, "detector": _described(detector)})
         return
     facts = {"frames": f"{counted(done.frames, 'heatmap')}, {len(skipped)} skipped"}
     if done.watch.looked_at:
@@ -177,7 +176,7 @@ def _detect_recording(
 ) -> None:
     from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
-    from crowdfence.pipeline import describe_model, heatmap_source, open_terrain
+    from crowdfence.pipeline import heatmap_source, open_terrain
     from crowdfence.sources.ground_contact import on_ground
 
     mapped = terrain is not None or recording.terrain is not None
@@ -197,7 +196,7 @@ def _detect_recording(
             progress=lambda *_: advance(),
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
-    warnings = list(heatmaps.watch.warnings)
+    warnings = heatmaps.warnings
     if ground is None:
         warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
     if as_json:
@@ -207,7 +206,7 @@ def _detect_recording(
             {
                 **report,
                 "videos": list(map(str, done.videos)),
-                "detector": describe_model(detector.contract, detector.path),
+                "detector": _described(detector),
             }
         )
         return
@@ -215,6 +214,12 @@ def _detect_recording(
     if done.videos:
         facts["videos"] = ", ".join(path.name for path in done.videos)
     _report(output, detector, facts, [*warnings, *refused])
+
+
+def _described(detector: Detector) -> dict[str, Any]:
+    from crowdfence.pipeline import describe_model
+
+    return describe_model(detector.contract, detector.path, detector.members)
 
 
 def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: list[str]) -> None:

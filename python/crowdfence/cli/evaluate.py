@@ -168,7 +168,7 @@ def evaluate(
         for number, row in enumerate(scores if sweep else [])
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
-    warnings = [*doubts, *lost]
+    warnings = [*heatmaps.of_detectors, *doubts, *lost]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     summary = {
         "detector": {**heatmaps.to_json(), **_rates(counts)},

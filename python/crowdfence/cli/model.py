@@ -124,6 +124,7 @@ def evaluate(
     most errors of every mission: heatmap in magenta, truth outlined in cyan.
     """
     from crowdfence.calibration.calibrate import plan_for
+    from crowdfence.detector.combination import combination_warnings
     from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
     from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
     from crowdfence.evaluation.model_quality import model_quality
@@ -134,6 +135,8 @@ def evaluate(
     paths = options.recordings_in(data)
     default = PHOTOGRAPH_MODEL if all(map(is_labelled_pictures, paths)) else SHIPPED_MODEL
     detector = named_detector(models or [default], contract=contract, enlarge=enlarge.value)
+    for warning in combination_warnings(detector.contract):
+        console.warn(warning)
     map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     plan = MeasurementPlan(max_range_m=max_range_m, every=every, terrain_options=map_options)
     given: dict[str, Any] = {} if target is None else {"target": target.value}

@@ -193,6 +193,8 @@ def serve(
         service.base_map = surroundings
         if surroundings is not None and service.mission.georeference is None:
             console.warn("the mission does not say where on Earth it lies: its page shows no base map")
+        for warning in service.mission.heatmaps.of_detectors:
+            console.warn(warning)
         serve_on(service, address, lambda url: _ready(url, service, as_json))
 
 

@@ -3,8 +3,16 @@
     logit P = logit prior + sum over the detectors that can see the place of (logit p - logit prior)
 
 That is Bayes' rule for opinions that err independently of each other. Detectors do not know what they miss:
-`lowest` is the smallest logit that the silence of one may count with. A detector has no vote where a pixel
-covers more metres than it knows, even enlarged: its silence there says nothing.
+`lowest` is the smallest logit that the silence of one may count with. How much that may be has to be measured.
+Of detectors that were not calibrated together, silence (p below the prior) adds nothing beside an opinion:
+
+    logit P = logit prior + sum over those with p above the prior of (logit p - logit prior)
+    P = the largest p where there are none
+
+so each can add crowd, none can take away what another sees, and one that sees nothing leaves the others as they
+are. A detector has no vote where a pixel covers more metres than it knows, even enlarged: its silence there says
+nothing. Where nobody has a vote the largest p stands, and the prior at least: crowd that one of them sees there
+alone is not lost, and nobody calls that ground empty.
 """
 
 from __future__ import annotations
@@ -25,7 +33,9 @@ from crowdfence.detector.inference.map_output import Map, sigmoid
 from crowdfence.detector.inference.picture_parts import ENLARGED
 
 COMBINATIONS = Path(__file__).parent / "models" / "combinations.json"
-"""Rules that were calibrated, by the names of the detectors."""
+"""Rules that were calibrated, with the names of the detectors."""
+CALIBRATED_TOGETHER = "calibrated together"
+"""Key of what a combination says about itself."""
 _MOST_LOGIT = 16.0
 
 
@@ -35,34 +45,44 @@ class CombinationRule:
 
     prior: float
     """Share of the cells that is crowd where the detectors were calibrated, in (0, 1)."""
-    lowest: tuple[float, ...]
-    """Smallest logit of each detector."""
+    lowest: tuple[float, ...] | None
+    """Smallest logit of each detector; None: nobody has measured what their silence is worth."""
 
     def combined(self, maps: Sequence[Map], votes: Sequence[np.ndarray | None]) -> Map:
         """P [h, w] of the heatmaps [h, w] of all detectors; `votes` [h, w] are False where one has none
         (None: it has them everywhere)."""
-        prior = np.log(self.prior) - np.log1p(-self.prior)
+        prior = float(np.log(self.prior) - np.log1p(-self.prior))
         total = np.full(maps[0].shape, prior)
-        for values, lowest, vote in zip(maps, self.lowest, votes, strict=True):
+        surest = np.full(maps[0].shape, -_MOST_LOGIT)
+        voted = np.zeros(maps[0].shape, bool)
+        for values, lowest, vote in zip(maps, self.lowest or (prior,) * len(maps), votes, strict=True):
             with np.errstate(divide="ignore"):
                 logit = np.log(values.astype(np.float64)) - np.log1p(-values.astype(np.float64))
-            evidence = np.clip(logit, max(lowest, -_MOST_LOGIT), _MOST_LOGIT) - prior
+            logit = np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT)
+            evidence = np.maximum(logit, lowest) - prior
             total += evidence if vote is None else np.where(vote, evidence, 0.0)
+            surest = np.maximum(surest, logit)
+            voted |= True if vote is None else vote
+        if self.lowest is None:
+            total = np.where(surest < prior, surest, np.maximum(total, surest))
+        total = np.where(voted, total, np.maximum(surest, prior))
         return np.asarray(sigmoid(np.clip(total, -_MOST_LOGIT, _MOST_LOGIT)), np.float32)
 
 
 def rule_for(names: Sequence[str]) -> tuple[CombinationRule, bool]:
-    """The rule for detectors of these names, and whether it was calibrated for them; others are taken as
-    independent, with the prior of the calibrated ones."""
+    """The rule for detectors of these names, in whatever order, and whether it was calibrated for them. Others
+    are taken as independent where they see crowd, with the prior of the calibrated ones."""
     rules = json.loads(COMBINATIONS.read_text())
-    if (known := rules["calibrated"].get(" + ".join(names))) is not None:
-        return CombinationRule(known["prior"], tuple(known["lowest"])), True
-    return CombinationRule(rules["prior"], (-_MOST_LOGIT,) * len(names)), False
+    for known in rules["calibrated"]:
+        if sorted(known["lowest"]) == sorted(names):
+            return CombinationRule(known["prior"], tuple(known["lowest"][name] for name in names)), True
+    return CombinationRule(rules["prior"], None), False
 
 
 def combined_contract(contracts: Sequence[Contract], *, calibrated: bool) -> Contract:
     """What the combination says of itself: rates and tested range are those of the first, which decides alone
-    where the others have no vote."""
+    where the others have no vote. What pictures look like that it was tested on says the first that states
+    it."""
     first = contracts[0]
     stride = min(contract.output.stride for contract in contracts)
     return replace(
@@ -70,11 +90,22 @@ def combined_contract(contracts: Sequence[Contract], *, calibrated: bool) -> Con
         name=" + ".join(contract.name for contract in contracts),
         version=None,
         output=ModelOutput("heatmap", "probability", "NHW", stride),
+        pictures=next((one.pictures for one in contracts if one.pictures is not None), None),
         about={
             "combination of": [contract.name for contract in contracts],
-            "calibrated together": calibrated,
+            CALIBRATED_TOGETHER: calibrated,
         },
     )
+
+
+def combination_warnings(contract: Contract) -> list[str]:
+    """One sentence where a contract is that of detectors whose opinions nobody has measured together."""
+    if (contract.about or {}).get(CALIBRATED_TOGETHER, True):
+        return []
+    return [
+        f"the detectors {contract.name} were not calibrated together: where one sees crowd no other takes it "
+        "away, so the false alarms of all add up"
+    ]
 
 
 class Opinion(Protocol):

@@ -70,11 +70,23 @@ class HeatmapSource:
             for earlier, views in begun:
                 yield earlier, views()
 
+    @property
+    def of_detectors(self) -> list[str]:
+        """What is doubtful about detectors that look together, known before they look at anything."""
+        if not self.members or self.contract is None:
+            return []
+        from crowdfence.detector.combination import combination_warnings
+
+        return combination_warnings(self.contract)
+
+    @property
+    def warnings(self) -> list[str]:
+        """That, and what is doubtful about the pictures looked at so far, one sentence each."""
+        return [*self.of_detectors, *self.watch.warnings]
+
     def to_json(self) -> dict[str, Any]:
         """For a summary: what made the heatmaps, with the checksum of a model's file."""
-        made = {} if self.contract is None else describe_model(self.contract, self.model)
-        if self.members:
-            made["members"] = [describe_model(one.contract, one.path) for one in self.members]
+        made = {} if self.contract is None else describe_model(self.contract, self.model, self.members)
         if self.watch.looked_at:
             made["pictures"] = self.watch.to_json()
         return {"heatmaps": self.kind, **made}
@@ -118,14 +130,20 @@ def heatmap_source(
     )
 
 
-def describe_model(contract: Contract, path: Path | None) -> dict[str, Any]:
-    """Which model exactly, for JSON; `path` is None for a function."""
-    return {
+def describe_model(contract: Contract, path: Path | None, members: Sequence[Detector] = ()) -> dict[str, Any]:
+    """Which model exactly, for JSON; `path` is None for a function. `members`: those of a combination."""
+    described: dict[str, Any] = {
         "name": contract.name,
         "version": contract.version,
         "file": None if path is None else path.name,
         "sha256": None if path is None else _sha256(path),
     }
+    if members:
+        from crowdfence.detector.combination import combination_warnings
+
+        described["calibrated_together"] = not combination_warnings(contract)
+        described["members"] = [describe_model(one.contract, one.path, one.members) for one in members]
+    return described
 
 
 def choose_detector(

@@ -85,9 +85,8 @@ class Run:
     def warnings(self) -> list[str]:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
-        of_pictures = self.heatmaps.watch.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        of_heatmaps = [*self.unit_doubts, *of_detector, *of_pictures, *lost]
+        of_heatmaps = [*self.unit_doubts, *of_detector, *self.heatmaps.warnings, *lost]
         return [*self.recording.warnings, *self.doubts, *of_heatmaps]
 
     @property
