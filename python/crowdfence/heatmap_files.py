@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from crowdfence.detector.blank_picture import blank_reason
 from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
 from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder, require_free
@@ -41,7 +42,8 @@ class DetectedPictures:
     frames: int
     """Heatmaps written."""
     skipped: list[SkippedPicture]
-    """Pictures without a heatmap: they could not be read, or the detector refused them."""
+    """Pictures without a heatmap: they could not be read, show nothing, or the detector refused
+    them."""
     watch: PictureWatch
     """Which of them look unlike everything that the detector was tested on."""
     warnings: tuple[str, ...]
@@ -203,6 +205,8 @@ def _detected(
 ) -> tuple[StreamPicture, NDArray[np.float32]] | SkippedPicture:
     if isinstance(item, SkippedPicture):
         return item
+    if reason := blank_reason(item.rgb):
+        return SkippedPicture(item.number, item.name, item.time_s, reason)
     try:
         return item, detector(item.rgb, gsd_m=gsd_m)
     except ValueError as error:

@@ -179,7 +179,7 @@ def test_a_folder_of_pictures(model: Path, tmp_path: Path) -> None:
     Image.fromarray(picture(4)).save(pictures / "a.png")
     Image.fromarray(picture(2)).save(pictures / "b.jpg", quality=95)
     (pictures / "b2.jpg").write_bytes((pictures / "b.jpg").read_bytes()[:200])
-    Image.fromarray(np.full((1, 1, 3), 255, np.uint8)).save(pictures / "c.png")
+    Image.fromarray(np.array([[[255, 0, 0], [255, 9, 0]]], np.uint8)).save(pictures / "c.png")
     Image.fromarray(np.zeros((8, 8), np.uint16)).save(pictures / "d.png")
     (pictures / "notes.txt").write_text("not a picture")
     done = detect(pictures, "--model", model, "-o", tmp_path / "out", "--json")
@@ -276,6 +276,32 @@ def test_an_overlay_of_other_heatmaps_does_not_stay(model: Path, tmp_path: Path)
     assert (out / "overlay.mp4").is_file()
     assert detect(film, "--model", model, "-o", out, "--force", "--no-video").returncode == 0
     assert sorted(path.name for path in out.iterdir()) == ["heatmaps", "index.csv"]
+
+
+def test_a_picture_that_shows_nothing_is_skipped_with_its_reason(model: Path, tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    Image.fromarray(picture(4)).save(pictures / "a.png")
+    Image.fromarray(np.zeros((48, 64, 3), np.uint8)).save(pictures / "b.png")
+    done = detect(pictures, "--model", model, "-o", tmp_path / "out", "--json")
+    report = json.loads(done.stdout)
+    assert report["frames"] == 1 and [row["source"] for row in index(tmp_path / "out")] == ["a.png"]
+    (skipped,) = report["skipped"]
+    assert skipped.startswith(
+        "frame 1 (b.png): the picture shows nothing but one tone (red 0, green 0, blue 0)"
+    )
+    line = error_line(detect(pictures / "b.png", "--model", model, "-o", tmp_path / "nothing"))
+    assert "no picture could be used" in line and "lost video" in line
+
+
+def test_detectors_that_were_not_calibrated_together_are_told(model: Path, tmp_path: Path) -> None:
+    other = write_map_model(tmp_path / "other.onnx", contract(name="other"))
+    Image.fromarray(picture(4)).save(tmp_path / "a.png")
+    both = ("--model", model, "--model", other, "-o", tmp_path / "out", "--no-video")
+    report = json.loads(detect(tmp_path / "a.png", *both, "--json").stdout)
+    assert report["detector"]["calibrated_together"] is False
+    assert [one["name"] for one in report["detector"]["members"]] == ["test model", "other"]
+    assert any("were not calibrated together" in warning for warning in report["warnings"])
 
 
 def test_who_looks_where_nobody_is_named(tmp_path: Path) -> None:

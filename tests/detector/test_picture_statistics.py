@@ -113,6 +113,7 @@ def test_detect_flags_pictures_and_says_that_no_range_could_be_checked(tmp_path:
     from support.onnx_models import write_map_model
 
     black, white = np.zeros((16, 16, 3), np.uint8), np.full((16, 16, 3), 255, np.uint8)
+    black[:, 8:], white[:, 8:] = 20, 235  # of one tone they would be refused
     near = PictureRange(tuple(picture_statistics(black)), tuple(map(tuple, np.eye(10).tolist())), 1.0)
     model = write_map_model(tmp_path / "m.onnx", document(pictures=near.to_json()))
     (tmp_path / "pictures").mkdir()

@@ -5,6 +5,7 @@ red of each 4 x 4 cell, over which the crowd number is constant.
 """
 
 import hashlib
+import io
 import json
 import shutil
 import threading
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from typer.testing import CliRunner
 
 from crowdfence import Terrain, _core, open_recording, pipeline
@@ -120,6 +122,40 @@ def test_the_pictures_decide_not_the_recorded_heatmaps(recorded: Path, model: Pa
     assert len(views) == 18
     for view in views:
         assert view.heatmap == pytest.approx(red(frames[view.drone, view.stamp_ns]), abs=1e-6)
+
+
+@pytest.mark.parametrize("tone", [0, 128, 255])
+def test_a_camera_that_shows_nothing_clears_no_ground(
+    recorded: Path, model: Path, terrain: Terrain, tone: int
+) -> None:
+    """From the third instant on the lens is covered: the map stays as if those frames had never been taken,
+    whoever looks, and the frames are told."""
+    recording = open_recording(recorded)
+    begun = sorted({frame.stamp_ns for frame in recording.frames_of("uav1")})[2]
+    seeing = tuple(frame for frame in recording.frames if frame.stamp_ns < begun)
+    flat = [
+        replace(frame, pixels=replace(frame.pixels, image=lambda: covered(tone)))
+        for frame in recording.frames
+        if frame.stamp_ns >= begun
+    ]
+    assert len(seeing) == 6 and len(flat) == 12
+    sure = Detector.from_callable(lambda image: (image[::4, ::4, 0] > 0).astype(np.float32), stride=4)
+    for detector in (Detector(model), sure):
+        dead = pipeline.run(
+            replace(recording, frames=(*seeing, *flat)), terrain, RunConfig(), detector=detector
+        )
+        assert len(dead.refused) == 12
+        assert all(f"nothing but one tone (red {tone}" in one.reason for one in dead.refused)
+        stopped = pipeline.run(replace(recording, frames=seeing), terrain, RunConfig(), detector=detector)
+        now_ns = dead.stamp_ns
+        assert stopped.crowd_map.seen().sum() > 100
+        assert (dead.crowd_map.state(now_ns) == stopped.crowd_map.state(now_ns)).all()
+
+
+def covered(tone: int) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.full((24, 32, 3), tone, np.uint8)).save(file, "PNG")
+    return file.getvalue()
 
 
 def test_a_contract_fills_in_what_the_configuration_leaves_open(

@@ -11,8 +11,10 @@ WIDTH, HEIGHT, RATE = 64, 48, 10
 
 
 def picture(number: int) -> NDArray[np.uint8]:
-    """White to the left of column 4 * number (up to 32), black otherwise: [48, 64, 3]."""
+    """White to the left of column 4 * number (up to 32), else black above and dark green below, as a picture
+    of one tone would be refused: [48, 64, 3]."""
     rgb = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    rgb[HEIGHT // 2 :, :, 1] = 60
     rgb[:, : 4 * min(number, 8)] = 255
     return rgb
 

@@ -3,16 +3,16 @@
     logit P = logit prior + sum over the detectors that can see the place of (logit p - logit prior)
 
 That is Bayes' rule for opinions that err independently of each other. Detectors do not know what they miss:
-`lowest` is the smallest logit that the silence of one may count with. How much that may be has to be measured.
-Of detectors that were not calibrated together, silence (p below the prior) adds nothing beside an opinion:
+`lowest` is the smallest logit that the silence of one may count with. How much that may be has to be
+measured. Of detectors that were not calibrated together, silence (p below the prior) adds nothing:
 
     logit P = logit prior + sum over those with p above the prior of (logit p - logit prior)
     P = the largest p where there are none
 
-so each can add crowd, none can take away what another sees, and one that sees nothing leaves the others as they
-are. A detector has no vote where a pixel covers more metres than it knows, even enlarged: its silence there says
-nothing. Where nobody has a vote the largest p stands, and the prior at least: crowd that one of them sees there
-alone is not lost, and nobody calls that ground empty.
+so each can add crowd, none can take away what another sees, and one that sees nothing leaves the others as
+they are. A detector has no vote where a pixel covers more metres than it knows, even enlarged: its silence
+there says nothing. Where nobody has a vote the largest p stands, and the prior at least: crowd that one of
+them sees there alone is not lost, and nobody calls that ground empty.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ class CombinationRule:
 
 
 def rule_for(names: Sequence[str]) -> tuple[CombinationRule, bool]:
-    """The rule for detectors of these names, in whatever order, and whether it was calibrated for them. Others
-    are taken as independent where they see crowd, with the prior of the calibrated ones."""
+    """The rule for detectors of these names, in whatever order, and whether it was calibrated for them.
+    Others are taken as independent where they see crowd, with the prior of the calibrated ones."""
     rules = json.loads(COMBINATIONS.read_text())
     for known in rules["calibrated"]:
         if sorted(known["lowest"]) == sorted(names):

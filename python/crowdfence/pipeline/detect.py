@@ -99,8 +99,8 @@ def heatmap_source(
     detector: Detector | HeatmapFunction | None, terrain: Terrain | None, max_range_m: float
 ) -> HeatmapSource:
     """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
-    model needs metres per pixel they come from the frame's pose and the terrain. Any other function is called
-    with the frame.
+    model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
+    is refused (`blank_picture`). Any other function is called with the frame.
 
     ValueError when a terrain is needed and missing.
     """
@@ -255,7 +255,12 @@ def _detect_to_scale(
 
 
 def _image(frame: Frame, watch: PictureWatch) -> NDArray[np.uint8]:
+    """FrameError for a picture that shows nothing: where nothing can be seen no crowd is not seen either."""
+    from crowdfence.detector.blank_picture import blank_reason
+
     image = frame.image()
+    if reason := blank_reason(image):
+        raise FrameError(frame.drone, frame.stamp_ns, reason)
     watch.look(f"{frame.drone} at {frame.stamp_ns}", image)
     return image
 
