@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap
 from crowdfence.evaluation.probability_quality import ProbabilityQuality
+from crowdfence.zones.sorted_keys import are_among
+from crowdfence.zones.tracker import column_keys
 
 
 @dataclass(slots=True)
@@ -46,9 +48,9 @@ class LayerMeasures:
             seen, on_called = (_columns(crowd_map, some) for some in (ids, ids[called]))
             terrain = crowd_map.terrain
             feet = np.floor((people_enu[:, :2] - np.asarray(terrain.origin)[:2]) / terrain.voxel_size_m)
-            keys = _keys(feet.astype(np.int64))
-            self.people += int(np.count_nonzero(np.isin(keys, seen)))
-            self.people_on_called += int(np.count_nonzero(np.isin(keys, on_called)))
+            keys = column_keys(feet.astype(np.int64))
+            self.people += int(np.count_nonzero(are_among(keys, seen)))
+            self.people_on_called += int(np.count_nonzero(are_among(keys, on_called)))
 
     @property
     def precision(self) -> float:
@@ -80,8 +82,4 @@ class LayerMeasures:
 
 
 def _columns(crowd_map: CrowdMap, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.unique(_keys(crowd_map.terrain.voxel_indices(ids)[:, :2]))
-
-
-def _keys(columns: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.asarray(columns[:, 0] * (1 << 32) + columns[:, 1])
+    return column_keys(crowd_map.terrain.voxel_indices(ids)[:, :2])

@@ -16,6 +16,7 @@ from crowdfence.planner import NoRoute, safe_route
 from crowdfence.zones import Zone
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.tracker import column_keys
 
 if TYPE_CHECKING:
@@ -95,4 +96,4 @@ def _crosses(way: NDArray[np.float64], ground: Cells, terrain: Terrain) -> bool:
     steps = [np.linspace(0.0, 1.0, int(np.hypot(*leg) / _STEP_M) + 2)[:, None] for leg in legs]
     places = np.vstack([start + leg * step for start, leg, step in zip(way, legs, steps, strict=False)])
     columns = np.floor((places - np.asarray(terrain.origin)[:2]) / terrain.voxel_size_m).astype(np.int64)
-    return bool(np.isin(column_keys(columns), column_keys(ground)).any())
+    return bool(are_among(column_keys(columns), column_keys(ground)).any())

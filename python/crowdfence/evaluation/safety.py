@@ -22,6 +22,8 @@ from crowdfence.sources.recording import Instant, Recording
 from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at
 from crowdfence.truth.crowd_ground import crowds_of
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.sorted_keys import are_among
+from crowdfence.zones.tracker import column_keys
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Validity
@@ -197,11 +199,7 @@ def _in_range(observation: Observation, tested: Validity | None) -> NDArray[np.b
 
 def _is_among(cells: Cells, others: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether each of the columns is one of others [M, 2 or 3]."""
-
-    def key(some: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.asarray(some[:, 0] * (1 << 32) + some[:, 1])
-
-    return np.isin(key(cells), key(others))
+    return are_among(column_keys(cells), column_keys(others))
 
 
 def _share(count: NDArray[np.int64], of: int) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
 from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.simplify import simplified
+from crowdfence.zones.sorted_keys import are_among, united
 from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
 from crowdfence.zones.unseen import StandingPlaces
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
@@ -145,7 +146,7 @@ class ZoneEngine:
         """Voxels of columns that somebody has seen, sorted."""
         seen = self._crowd_map.seen_ids()
         indices = self._crowd_map.terrain.voxel_indices(seen)[:, :2]
-        return seen[np.isin(column_keys(indices), keys)]
+        return seen[are_among(column_keys(indices), keys)]
 
     def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> NDArray[np.int64]:
         ids = np.sort(columns.voxel_ids)
@@ -161,7 +162,7 @@ class ZoneEngine:
         alive = [track.columns for track in self._crowd.alive]
         continues = np.zeros(len(size), dtype=np.bool_)
         if least > 0.0 and alive:
-            continues[region[(region >= 0) & np.isin(keys, np.concatenate(alive))]] = True
+            continues[region[(region >= 0) & are_among(keys, np.concatenate(alive))]] = True
         kept = (size >= least) | (continues & (size >= least / 2))
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         return np.where(region >= 0, number[region], -1) if len(size) else region, size[~kept].tolist()
@@ -236,7 +237,7 @@ class ZoneEngine:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
         keys = self._standing.unknown(self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s)
-        keys = np.union1d(keys, in_no_zone)
+        keys = united(keys, in_no_zone)
         if not len(keys):
             return ()
         runs = Runs.of(column_places(keys))

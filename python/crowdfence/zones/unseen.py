@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap, Terrain
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.map_holes import hole_columns
+from crowdfence.zones.sorted_keys import united
 from crowdfence.zones.tracker import column_keys, column_places
 
 _EMPTY_OR_CROWD = np.array([VoxelState.EMPTY, VoxelState.CROWD], dtype=np.uint8)
@@ -36,4 +37,4 @@ class StandingPlaces:
         state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
         unknown = ~np.isin(state, _EMPTY_OR_CROWD)
         columns = self.columns[np.logical_or.reduceat(unknown[self._ids], self._first)]
-        return np.union1d(columns, self._holes) if len(self._holes) else columns
+        return united(columns, self._holes)

@@ -12,6 +12,7 @@ from crowdfence.errors import FrameError
 from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.at_exposure import crowd_ground_of, people_at, true_camera_pose
 from crowdfence.truth.crowd_masks import MaskOf, crowd_mask
+from crowdfence.zones.sorted_keys import are_among, distinct
 
 if TYPE_CHECKING:
     from crowdfence._core import Observation, Terrain
@@ -104,7 +105,7 @@ class LabelledProjection:
             ids,
             seen.mean[known],
             crowd[known],
-            np.isin(self._columns(ids), edge_columns),
+            are_among(self._columns(ids), edge_columns),
             distance_m,
             np.degrees(np.arcsin(np.clip(down, -1.0, 1.0))),
             distance_m / np.sqrt(frame.camera.fx * frame.camera.fy),
@@ -158,7 +159,7 @@ def _as_heatmap(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 def _edge_columns(crowd_columns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Columns with and without crowd that have a neighbour of the other kind among their eight."""
-    crowd = np.unique(crowd_columns)
+    crowd = distinct(crowd_columns)
     around = crowd[:, None] + _NEIGHBOURS
-    outside = ~np.isin(around, crowd)
-    return np.concatenate([crowd[outside.any(axis=1)], np.unique(around[outside])])
+    outside = ~are_among(around, crowd)
+    return np.concatenate([crowd[outside.any(axis=1)], distinct(around[outside])])
