@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import CrowdMap
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.state_raster import StateRaster, read_states
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.zones.history import ZoneHistory
 
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 HISTORY = "zone_history.jsonl"
-READ_AGAIN = (HISTORY, "crowd_map.tif", "terrain.bt", "crowd_map.crowdmap")
+CROWD_MAP = "crowd_map.tif"
+READ_AGAIN = (HISTORY, CROWD_MAP, "terrain.bt", "crowd_map.crowdmap")
 """What is made from a run afterwards is made from these."""
 MARGIN_M = 60.0
 STALE_AFTER_S = 30.0
@@ -68,6 +70,13 @@ def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | N
         stale_after_s=float(history.description.get("stale_after_s", STALE_AFTER_S)),
         margin_m=MARGIN_M,
     )
+
+
+def open_states(run: str | PathLike[str]) -> StateRaster | None:
+    """What the map of the run in a folder says of the ground at its last instant; None where the run did not
+    write it, or before such files said where they lie."""
+    path = Path(run) / CROWD_MAP
+    return read_states(path) if path.exists() else None
 
 
 def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:

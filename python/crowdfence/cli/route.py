@@ -17,8 +17,26 @@ from crowdfence.cli.export import At, RunFolder
 from crowdfence.iso_time import iso_utc
 
 if TYPE_CHECKING:
+    from crowdfence.exports.state_raster import StateRaster
     from crowdfence.georeference import Georeference
     from crowdfence.planner import Route
+    from crowdfence.zones.history import ZoneHistory
+
+_LENGTHS = ("length_m", "direct_m", "beyond_map_m", "not_known_empty_m", "over_m")
+_UNKNOWN = {
+    "never_seen": "never seen or beyond the map",
+    "occluded": "hidden",
+    "stale": "seen empty too long ago",
+    "not_cleared": "looked at and not cleared",
+    "crowd": "crowd that no zone closes",
+}
+"""States of ground that is not known to be empty."""
+_TOLD_M = 0.05
+"""Less is rounding."""
+_NO_STATES = (
+    "{run} holds no map of that instant (a run keeps that of its last one, crowd_map.tif): it is not known "
+    "how much of the way lies over ground that nobody has seen empty"
+)
 
 
 def route(
@@ -53,6 +71,14 @@ def route(
             "zone says where people are.",
         ),
     ] = False,
+    known_empty: Annotated[
+        bool,
+        typer.Option(
+            "--known-empty",
+            help="Only over ground that was seen empty, lately: all other ground is closed like a zone, as "
+            "run --close-unseen closes it. Without it, ground that nobody has looked at counts as clear.",
+        ),
+    ] = False,
     at: At = "last",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="GeoJSON file for the way. Default: none.")
@@ -62,10 +88,15 @@ def route(
     as_json: options.Json = False,
 ) -> None:
     """The shortest way round the no-fly zones of a run as they were at an instant, over ground that its map
-    knows; exit code 3 where there is none."""
+    knows; exit code 3 where there is none.
+
+    Clear means in no zone, not seen empty: how much of the way lies over ground that is not known to be empty
+    is told. --known-empty keeps off such ground, as does a run that was made with --close-unseen.
+    """
     from contextlib import ExitStack
 
     from crowdfence.planner import NoRoute, safe_route
+    from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.result_folder import files_read_of, known_ground_of, open_history
     from crowdfence.static_zones import read_static_zones
 
@@ -88,6 +119,13 @@ def route(
             raise ValueError(
                 f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
             )
+        states = _states_at(run, history, departure_ns)
+        if known_empty:
+            if beyond_map or ground is None:
+                raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
+            if states is None:
+                raise ValueError(f"--known-empty: {_NO_STATES.format(run=run)}")
+            zones = (*zones, not_known_empty(states, ground))
         try:
             found = safe_route(
                 begin,
@@ -100,21 +138,25 @@ def route(
                 expires=expires,
             )
         except NoRoute as reason:
-            console.fail(str(reason).replace("the area", "the ground of the map (--beyond-map may leave it)"))
+            console.fail(_worded(str(reason)))
             raise typer.Exit(GATE_NOT_MET) from None
-        report = _told(found, history.georeference, ground)
+        report = _told(found, history.georeference, ground, states)
         if output is not None:
             write_bytes(output, (json.dumps(_feature(report)) + "\n").encode())
         if picture is not None:
             from crowdfence.exports.route_picture import write_route_picture
 
-            write_route_picture(picture, found, zones, clearance_m)
+            write_route_picture(picture, found, zones, clearance_m, states)
     if report["beyond_map_m"] is None:
         console.warn(f"{run} does not say how far its map reaches: nothing is known of ground beyond it")
     elif report["beyond_map_m"] > 0.0:
         console.warn(
             f"{report['beyond_map_m']:.1f} m of the way lie beyond the map: nobody knows who stands there"
         )
+    if report["over_m"] is None:
+        console.warn(_NO_STATES.format(run=run))
+    elif report["not_known_empty_m"] >= _TOLD_M:
+        console.warn(_over_unknown(report))
     if as_json:
         console.print_json(report)
         return
@@ -139,7 +181,42 @@ def _place(text: str, georeference: Georeference | None) -> Any:
     return georeference.local_from_geodetic(first, second, georeference.height_m)[0, :2]
 
 
-def _told(found: Route, georeference: Georeference | None, ground: Any) -> dict[str, Any]:
+def _states_at(run: Path, history: ZoneHistory, stamp_ns: int) -> StateRaster | None:
+    """What the run knew of the ground; None for an instant before the last, of which it keeps no map."""
+    from crowdfence.result_folder import open_states
+
+    return open_states(run) if stamp_ns >= history.stamps_ns[-1] else None
+
+
+def _worded(reason: str) -> str:
+    """Why there is no way, in the options of this command."""
+    from crowdfence.zones.engine import UNSEEN_ID
+
+    return (
+        reason.replace("the area", "the ground of the map (--beyond-map may leave it)")
+        .replace(f"in zone {UNSEEN_ID}", "over ground that is not known to be empty")
+        .replace(f"zone {UNSEEN_ID}", "ground that is not known to be empty")
+    )
+
+
+def _over_unknown(report: dict[str, Any]) -> str:
+    length_m, unknown_m = report["length_m"], report["not_known_empty_m"]
+    parts = [
+        f"{report['over_m'][state]:.1f} m {said}"
+        for state, said in _UNKNOWN.items()
+        if report["over_m"][state] >= _TOLD_M
+    ]
+    return (
+        f"{unknown_m:.1f} of {length_m:.1f} m of the way lie over ground that is not known to be empty: "
+        f"{', '.join(parts)}; no zone only means that no crowd was seen. --known-empty keeps off such ground"
+    )
+
+
+def _told(
+    found: Route, georeference: Georeference | None, ground: Any, states: StateRaster | None
+) -> dict[str, Any]:
+    from crowdfence.planner.seen_ground import metres_by_state
+
     waypoints: list[dict[str, float | str]] = [
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
@@ -151,10 +228,16 @@ def _told(found: Route, georeference: Georeference | None, ground: Any) -> dict[
     if found.stamps_ns is not None:
         for waypoint, stamp_ns in zip(waypoints, found.stamps_ns.tolist(), strict=True):
             waypoint |= {"at": iso_utc(stamp_ns)}
+    over_m = None
+    if states is not None:
+        metres = metres_by_state(found.waypoints, states)
+        over_m = {state.name.lower(): length_m for state, length_m in metres.items()}
     return {
         "length_m": found.length_m,
         "direct_m": found.direct_m,
         "beyond_map_m": None if ground is None else _beyond_m(found, ground),
+        "not_known_empty_m": None if over_m is None else sum(over_m[name] for name in _UNKNOWN),
+        "over_m": over_m,
         "waypoints": waypoints,
     }
 
@@ -170,7 +253,7 @@ def _beyond_m(found: Route, ground: Any) -> float:
 def _feature(report: dict[str, Any]) -> dict[str, Any]:
     names = ("longitude", "latitude") if "latitude" in report["waypoints"][0] else ("east_m", "north_m")
     corners = [[place[name] for name in names] for place in report["waypoints"]]
-    lengths = {name: report[name] for name in ("length_m", "direct_m", "beyond_map_m")}
+    lengths = {name: report[name] for name in _LENGTHS}
     frame = {} if names[0] == "longitude" else {"crs": None}
     return {
         "type": "Feature",

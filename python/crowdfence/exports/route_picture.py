@@ -10,11 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
+from crowdfence.exports.colours import STATE_COLOURS
 from crowdfence.exports.drawn_name import drawn
+from crowdfence.exports.state_raster import StateRaster
+from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
 
 _COLOURS = {"crowd": "#b40826", "unseen": "#9a9a9a", "static": "#1e5ab4"}
 _NAMES = {"crowd": "crowd", "unseen": "not known to be empty", "static": "closed by others"}
+_GROUND_NAMES = {
+    VoxelState.EMPTY: "seen empty",
+    VoxelState.STALE: "seen empty too long ago",
+    VoxelState.NOT_CLEARED: "looked at, not cleared",
+    VoxelState.OCCLUDED: "hidden",
+    VoxelState.NEVER_SEEN: "never seen",
+}
+"""Crowd is in its zones."""
+_GROUND_STRENGTH = 0.6
+"""How strong its colours are, of 1."""
 _INCHES = 8.0
 _MARGIN = 0.15
 """Of the way's extent, around it."""
@@ -23,10 +36,15 @@ _FLATTEST = 0.5
 
 
 def write_route_picture(
-    path: str | PathLike[str], route: Any, zones: Sequence[Zone], clearance_m: float
+    path: str | PathLike[str],
+    route: Any,
+    zones: Sequence[Zone],
+    clearance_m: float,
+    states: StateRaster | None = None,
 ) -> None:
-    """The way, the zones near it and what is kept clear around them, north up, in local metres. `route` has
-    `waypoints` [N, 2] and lengths. OSError when the file cannot be written."""
+    """The way, the zones near it and what is kept clear around them, north up, in local metres, on what is
+    known of the ground. `route` has `waypoints` [N, 2] and lengths. OSError when the file cannot be
+    written."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -35,6 +53,7 @@ def write_route_picture(
     figure = Figure(figsize=tuple(_INCHES * (high - low) / (high - low).max()), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
+    ground = [] if states is None else _draw_ground(axes, states, low, high)
     for kind in ("unseen", "static", "crowd"):
         members = [zone for zone in zones if zone.kind == kind]
         _draw_zones(axes, members, kind, clearance_m)
@@ -51,7 +70,8 @@ def write_route_picture(
     axes.set_ylabel("north, m")
     axes.grid(color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.legend(loc="upper left", framealpha=0.95)
+    ways, _ = axes.get_legend_handles_labels()
+    axes.legend(handles=[*ways, *ground], loc="upper left", framealpha=0.95)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png")
 
@@ -63,6 +83,31 @@ def _extent(way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
     reach = np.maximum((high - low) / 2, _FLATTEST * largest / 2) + _MARGIN * largest
     middle = (low + high) / 2
     return middle - reach, middle + reach
+
+
+def _draw_ground(
+    axes: Any, states: StateRaster, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> list[Any]:
+    """The states between two corners, pale, for zones and way lie on them; what the legend says of them."""
+    from matplotlib.patches import Patch
+
+    table = np.array([STATE_COLOURS[state] for state in VoxelState], dtype=np.float64) / 255
+    pale = 1.0 - _GROUND_STRENGTH * (1.0 - table)
+    affine, (rows, columns) = states.local_from_cells, states.state.shape
+    (west, north), (east, south) = affine @ (0, 0), affine @ (columns, rows)
+    # Beyond the raster nobody looked.
+    axes.set_facecolor(pale[VoxelState.NEVER_SEEN])
+    axes.imshow(pale[states.state], extent=(west, east, south, north), interpolation="nearest", zorder=0)
+    first, last = ~affine @ (low[0], high[1]), ~affine @ (high[0], low[1])
+    (left, top), (right, bottom) = np.floor(first).astype(int), np.ceil(last).astype(int)
+    shown = {*np.unique(states.state[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]).tolist()}
+    if left < 0 or top < 0 or right > columns or bottom > rows:
+        shown.add(int(VoxelState.NEVER_SEEN))
+    return [
+        Patch(facecolor=pale[state], edgecolor="#999999", linewidth=0.5, label=_GROUND_NAMES[state])
+        for state in VoxelState
+        if state in shown and state in _GROUND_NAMES
+    ]
 
 
 def _draw_zones(axes: Any, zones: Sequence[Zone], kind: str, clearance_m: float) -> None:

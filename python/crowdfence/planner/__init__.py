@@ -4,6 +4,7 @@
 - `route`      the shortest way round the zones of one moment
 - `way_out`    the nearest clear place
 - `timed_way`  the earliest one where zones have an end
+- `seen_ground`  how much of a way lies over ground that nobody has seen empty, and such ground as a zone
 """
 
 from crowdfence.planner.clear_air import ClearAir, Conflict

@@ -5,6 +5,9 @@ they stay closed, because forgetting is no evidence that people left; `expires` 
 `valid_until`. Before the first instant nothing is known, and nothing is clear. Nor is anything beyond the
 ground that the map of a mission knows, at any height, unless asked for: nobody can look there.
 
+Clear means in no zone. Ground within the map that nobody has looked at, or that nobody could clear, is in no
+zone either, unless the zones are those of a run with `close_unseen`.
+
 A zone closes its outline from its band above the lowest ground to its band above the highest, in local
 heights. A zone of others, of which the ground is not known, is closed at every height.
 """
@@ -48,7 +51,11 @@ class Conflict:
 
 
 class ClearAir:
-    """Questions about the zones of a mission, or of one moment; vectorised."""
+    """Questions about the zones of a mission, or of one moment; vectorised.
+
+    Clear means in no zone, not seen empty: make the run with `ZoneConfig(close_unseen=True)` to keep off what
+    nobody has seen.
+    """
 
     def __init__(
         self,

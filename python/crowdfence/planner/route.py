@@ -65,6 +65,9 @@ def safe_route(
     """The shortest way from `start` to `goal` [2] (local metres) that keeps `clearance_m` >= 0 from every
     zone and stays `within` an area.
 
+    Clear means in no zone, not seen empty: make the run with `ZoneConfig(close_unseen=True)`, and give all
+    that it closes (`ZoneSet.closed`), to keep off what nobody has seen.
+
     zones         those known at the departure; all of them stay closed
     within        the area, most often the ground that the map knows, `ZoneHistory.ground`: beyond it there
                   are no zones because nobody can look, not because nobody is there. None: no bound

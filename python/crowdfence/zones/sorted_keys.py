@@ -1,7 +1,7 @@
 """Sets of columns as sorted keys, by sorting.
 
-`np.unique`, `np.union1d` and `np.isin` put numbers into a hash table, in which keys of columns (i << 32 plus j)
-of a large map collide: seconds for what takes milliseconds here, since two sorted runs are merged in one pass.
+`np.unique`, `np.union1d` and `np.isin` put numbers into a hash table, in which keys of the columns of a large
+map (i << 32 plus j) collide: seconds for what takes milliseconds here, where two sorted runs are merged.
 """
 
 from __future__ import annotations

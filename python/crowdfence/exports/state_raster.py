@@ -1,0 +1,42 @@
+"""The states of a run's `crowd_map.tif`, read again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.exports.geotiff import LOCAL_TAG
+
+if TYPE_CHECKING:
+    from affine import Affine
+
+_STATE_BAND = 3
+"""Without zones."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateRaster:
+    """What is known of the ground, seen from above."""
+
+    state: NDArray[np.uint8]
+    """[rows, columns] `VoxelState`, row 0 northernmost. Ends near what was seen: beyond it nobody looked."""
+    local_from_cells: Affine
+    """From (column, row) to local metres."""
+
+
+def read_states(crowd_map: str | PathLike[str]) -> StateRaster | None:
+    """None for a file that does not say where its cells lie in the local frame, as older ones do not. OSError
+    and rasterio's errors for what cannot be read."""
+    import rasterio
+    from affine import Affine
+
+    with rasterio.open(crowd_map) as raster:
+        told = raster.tags().get(LOCAL_TAG)
+        if told is None or raster.count < _STATE_BAND:
+            return None
+        return StateRaster(raster.read(_STATE_BAND).astype(np.uint8), Affine(*json.loads(told)))
