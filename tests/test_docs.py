@@ -6,6 +6,7 @@ The pages name files that a reader would have: `flight.mcap`, `dem.tif`, `log.cs
 import contextlib
 import csv
 import importlib.util
+import inspect
 import io
 import json
 import re
@@ -28,6 +29,7 @@ from crowdfence.cli.reference import reference
 from crowdfence.exports.report.page import STATES
 from crowdfence.sources.convert import convert
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.safety_distance import RULES, safety_distance_m
 from support.small_recordings import flight, write_folder
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -162,6 +164,32 @@ def test_the_reference_of_names_is_current_and_whole() -> None:
 
 def test_the_reference_of_commands_is_current() -> None:
     assert (DOCS / "cli.md").read_text() == reference(), "run `make cli-reference`"
+    # What an option takes stands beside it; a switch takes nothing.
+    for cell in (
+        "| `--surface` `{planes,voxels}` |",
+        "| `--from` `LAT,LON` |",
+        "| `--output`, `-o` `<path>` |",
+        "| `--max-vertices` `<int>` |",
+        "| `--link` `udpin/udpout/tcp:HOST:PORT` |",
+        "| `--force` |",
+    ):
+        assert cell in reference(), cell
+
+
+def test_the_page_of_zones_has_every_safety_distance_with_its_keys() -> None:
+    rows = re.findall(
+        r"^\| `([a-z0-9-]+):([^`]*)` \| ([^|]*) \|", (DOCS / "zones.md").read_text(), re.MULTILINE
+    )
+    assert {kind for kind, _, _ in rows} == set(RULES)
+    for kind, example, keys in rows:
+        parameters = inspect.signature(RULES[kind]).parameters.values()
+        told = dict(pair.partition("=")[::2] for pair in re.findall(r"`([^`]+)`", keys))
+        assert [*told] == [one.name for one in parameters]
+        for one in parameters:
+            default = "" if one.default is inspect.Parameter.empty else one.default
+            shown = f"{default:.3g}" if isinstance(default, float) else str(default).lower()
+            assert told[one.name] == shown, (kind, one.name)
+        assert safety_distance_m([f"{kind}:{example}"]) > 0.0
 
 
 def test_the_states_and_bounds_on_the_pages_are_those_of_the_code() -> None:

@@ -152,7 +152,7 @@ def _wgs84_from(crs: CRS) -> Transformer:
     except ProjError as error:
         raise ValueError(
             f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: PROJ's geoid grid for them "
-            "is not installed. Install it (projsync, proj-data), or use the horizontal part of the CRS and"
+            "is not installed. Install it (pyproj sync, proj-data), or use the horizontal part of the CRS and"
             " add the height of the geoid yourself (for maps: height_offset_m)"
         ) from error
 

@@ -66,6 +66,20 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
+def test_heatmaps_that_a_detector_made_for_the_run_are_told_missing(
+    mission: Path, run: Path, tmp_path: Path
+) -> None:
+    """The file holds the recorded ones; a run keeps none."""
+    for heatmaps, told in (("model", True), ("recorded", False)):
+        detector = {"heatmaps": heatmaps, "name": "crowdnet-s"}
+        (run / "summary.json").write_text(json.dumps({"detector": detector}))
+        words = ["convert", str(mission), "--results", str(run), "-o", str(tmp_path / f"{heatmaps}.mcap")]
+        done = CliRunner().invoke(app, words)
+        said = " ".join(done.stderr.split())
+        assert done.exit_code == 0, done.exception
+        assert ("the recorded heatmaps are in the file, not those that crowdnet-s made" in said) is told
+
+
 def test_one_file_shows_the_cameras_and_what_was_found(mission: Path, run: Path, tmp_path: Path) -> None:
     both = tmp_path / "both.mcap"
     code, stdout, error = invoked("convert", mission, "--results", run, "-o", both, "--json")

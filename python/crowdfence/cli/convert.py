@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -62,6 +63,7 @@ def convert(
         _require_place(output, recording, force)
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
+        lacking = None if results is None else _heatmaps_told(results, source)
         if terrain is not None:
             source = _on_map(source, terrain)
         with console.progress("converting", len(source.frames), "frames") as advance:
@@ -74,6 +76,8 @@ def convert(
                 map_inside=with_map,
                 progress=lambda done, total: advance(),
             )
+    if lacking is not None:
+        console.warn(lacking)
     if as_json:
         console.print_json(
             {
@@ -101,6 +105,18 @@ def convert(
     )
     for reason in [*map(str, conversion.refused), *conversion.omitted]:
         console.warn(reason)
+
+
+def _heatmaps_told(run: Path, recording: Recording) -> str | None:
+    """What the file lacks of a run whose heatmaps a detector made."""
+    summary = run / "summary.json"
+    detector = json.loads(summary.read_bytes()).get("detector") if summary.is_file() else None
+    if not isinstance(detector, dict) or detector.get("heatmaps") != "model":
+        return None
+    recorded = any(frame.pixels.heatmap is not None for frame in recording.frames)
+    there = "the recorded heatmaps are" if recorded else "no heatmaps are"
+    made = f"those that {detector.get('name')} made for {run}, which a run does not keep"
+    return f"{there} in the file, not {made}"
 
 
 def _results(run: Path, recording: Recording) -> Iterator[TopicMessage]:

@@ -333,7 +333,7 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
         out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
-    out.print("The best threshold, of or the best b_threshold, is chosen on this very recording.")
+    out.print("The best threshold (of the method or: the best b_threshold) is chosen on this very recording.")
 
 
 def _knob_table(scores: list[Score], knobs: list[list[Turned]]) -> Table:

@@ -363,7 +363,11 @@ Threshold = Annotated[
 ]
 MinAreaM2 = Annotated[
     float,
-    typer.Option("--min-area-m2", rich_help_panel=_ZONES, help="Drop smaller zones (they are counted)."),
+    typer.Option(
+        "--min-area-m2",
+        rich_help_panel=_ZONES,
+        help="Drop smaller zones (they are counted); one that is there ends below half of it.",
+    ),
 ]
 OffThreshold = Annotated[
     float | None,
@@ -432,7 +436,8 @@ CloseUnseen = Annotated[
     typer.Option(
         "--close-unseen",
         rich_help_panel=_ZONES,
-        help="Close ground that is not known to be empty: never seen, hidden, stale.",
+        help="Close ground that is not known to be empty: never seen, hidden, stale, or looked at and not "
+        "cleared.",
     ),
 ]
 StaticZones = Annotated[

@@ -55,9 +55,10 @@ def _section(words: str, command: Any) -> str:
     panels: dict[str, list[Any]] = {}
     for option in options:
         panels.setdefault(option.rich_help_panel or "", []).append(option)
+    context = command.make_context(words, [], resilient_parsing=True)
     for panel, members in panels.items():
         lines += [f"| {panel or 'option'} | what it does |", "|---|---|"]
-        lines += [_row(option) for option in members]
+        lines += [_row(option, context) for option in members]
         lines.append("")
     return "\n".join(lines)
 
@@ -67,14 +68,28 @@ def _argument(parameter: Any) -> str:
     return name if parameter.required else f"[{name}]"
 
 
-def _row(option: Any) -> str:
+def _row(option: Any, context: Any) -> str:
     names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
+    if not option.is_flag:
+        names += f" `{_value(option, context)}`"
     text = _text(option.help)
     if option.required:
         text += " **Required.**"
     elif (default := _default(option)) is not None:
         text += f" [{default}]"
     return f"| {names} | {text} |"
+
+
+def _value(option: Any, context: Any) -> str:
+    """What an option takes: its choices, what its parts are called, or a type."""
+    several = "..." if option.multiple else ""
+    if option.metavar:
+        # A bar would end the cell.
+        return str(option.metavar).replace("|", "/") + several
+    shown = str(option.display_type(context)).removesuffix("...")
+    if "|" in shown:
+        return "{" + shown.strip("<>").replace("|", ",") + "}" + several
+    return shown.replace(" range", "") + several
 
 
 def _default(option: Any) -> str | None:

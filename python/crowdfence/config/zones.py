@@ -23,7 +23,8 @@ class ZoneConfig:
     """So many looks in a row must find ground below `off_threshold` before it leaves its zone, >= 1; methods
     that forget crowd by themselves open it without."""
     min_area_m2: float = 0.0
-    """Smaller regions are dropped from the zones, and counted; finite and >= 0."""
+    """Smaller regions do not become zones, and are counted; a zone that is there ends when it is smaller than
+    half of it. Finite and >= 0."""
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area, >= 0; inf: always."""
     buffer_m: float = 0.0
@@ -39,7 +40,8 @@ class ZoneConfig:
     restriction: Restriction = "prohibited"
     """No flight, or none that stays above."""
     close_unseen: bool = False
-    """Close ground that is not known to be empty: never seen, hidden, stale."""
+    """Close ground that is not known to be empty: never seen, hidden, stale, or looked at and not cleared;
+    holes of the map and crowd in regions below `min_area_m2` too."""
     stale_after_s: float = 30.0
     """Empty ground not seen for longer is stale, >= 0: no evidence of absence any more."""
 

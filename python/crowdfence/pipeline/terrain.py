@@ -24,19 +24,7 @@ def open_terrain(
     assume_local: bool = False,
     **options: Any,
 ) -> Terrain:
-    """The terrain of `read_map`, which has the arguments and errors."""
-    return read_map(recording, path, georeference=georeference, assume_local=assume_local, **options).terrain
-
-
-def read_map(
-    recording: Recording,
-    path: str | PathLike[str] | None = None,
-    *,
-    georeference: Georeference | None = None,
-    assume_local: bool = False,
-    **options: Any,
-) -> MapReading:
-    """The map to project onto: `path`, or else the one that came with the recording.
+    """The terrain to project onto: of the map `path`, or else of the one that came with the recording.
 
     Georeferenced maps are brought into the recording's local frame. Where nothing says how the two relate,
     the caller does:
@@ -48,10 +36,31 @@ def read_map(
       at its lowest height, rounded down to whole metres (an OctoMap of ours names its own). A height model or
       point cloud without reference system holds the recording's coordinates as they are.
 
-    `options` are those of `maps.read_map`. ValueError when there is no map, a georeferenced map meets a
-    recording without georeference and neither of the two is given, one contradicts what the files say, or an
-    option does not belong to the map's kind.
+    `options` are those of the map's kind:
+
+    - any: `voxel_size_m`, None lets the file decide; an OctoMap has its own and no other
+    - height models and lidar points: `crs` ("EPSG:32632") before the file's own, `height_unit` ("m", "ft",
+      "us-ft"; "auto"), `height_offset_m` added to heights, which count from the ellipsoid
+    - height models (.tif .tiff): `band` (1 = first), `nodata`, `max_hole_m2`: smaller holes are bridged
+    - lidar points (.las .laz): `surface` ("ground", "all"), `max_hole_m`: wider gaps stay holes
+    - meshes (.ply .obj): `up` ("z", "y"), `unit_m`; these and OctoMaps (.bt .ot): `origin` (east, north, up),
+      metres added to coordinates
+
+    ValueError when there is no map, a georeferenced map meets a recording without georeference and neither of
+    the two is given, one contradicts what the files say, or an option does not belong to the map's kind.
     """
+    return read_map(recording, path, georeference=georeference, assume_local=assume_local, **options).terrain
+
+
+def read_map(
+    recording: Recording,
+    path: str | PathLike[str] | None = None,
+    *,
+    georeference: Georeference | None = None,
+    assume_local: bool = False,
+    **options: Any,
+) -> MapReading:
+    """The terrain of `open_terrain`, which has the arguments and errors, and what was found on the way."""
     chosen = path or recording.terrain
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")

@@ -165,8 +165,8 @@ def _undulation_m(latitude_deg: float, longitude_deg: float, given_m: float | No
     except ValueError as error:
         raise ValueError(
             "heights above sea level need the geoid (EGM96), whose grid PROJ has not installed: install it "
-            "(projsync --file us_nga_egm96_15), say how high the geoid lies there (--geoid-m), or count from "
-            "the take-off (--heights take-off)"
+            "(pyproj sync --file us_nga_egm96_15), say how high the geoid lies there (--geoid-m), or count "
+            "from the take-off (--heights take-off)"
         ) from error
 
 

@@ -38,8 +38,8 @@ class ZoneRules:
     max_vertices: int | None = None
     """Most corners of a zone, >= 3; where it takes more ground to keep this, it takes it."""
     close_unseen: bool = False
-    """Ground that is not known to be empty is closed too: never seen, hidden, stale, missing inside the map,
-    and crowd in regions below `min_area_m2`."""
+    """Ground that is not known to be empty is closed too: never seen, hidden, stale, looked at and not
+    cleared, missing inside the map, and crowd in regions below `min_area_m2`."""
     stale_after_s: float = 30.0
     """For `close_unseen`: how long a look says that ground is empty."""
     band: AltitudeBand = DEFAULT_BAND

@@ -25,7 +25,7 @@ not_cleared    drones looked at it at this instant and saw too little to be sure
 not_looked_at  crowd was seen, nobody has looked since, and it is not forgotten yet
 held           below the threshold, but not below the one at which a zone ends, or not at enough looks,
                or at looks too coarse to tell
-never_cleared  ground that was never seen, is hidden, or was seen too long ago
+never_cleared  ground that was never seen, is hidden, was looked at and not cleared, or was seen too long ago
 given          somebody else closed it
 """
 
