@@ -11,6 +11,8 @@ Heights. A CRS that has no vertical axis says nothing about heights, so they are
 WGS84 ellipsoid, as satellite receivers report them. Heights of a compound CRS (above a geoid) are converted
 with PROJ's geoid grid; where the grid is not installed the conversion is refused, because the quiet
 fallback of calling both heights equal is wrong by up to 100 m.
+
+Datums that PROJ does not know are refused or taken as WGS84, see `crowdfence.datum`.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.datum import wgs84_from
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -89,7 +93,7 @@ class Georeference:
     def projected_from_local(self, crs: CRS | str | int, points: ArrayLike) -> NDArray[np.float64]:
         """Inverse of `local_from_projected`: local ENU metres [N, 3] -> coordinates (x, y, z) [N, 3]."""
         known = _as_crs(crs)
-        to_wgs84 = _wgs84_from(known)
+        to_wgs84 = wgs84_from(known)
         return np.stack(_transform(to_wgs84, self._geodetic(points), f"WGS84 -> {known.name}", True), axis=-1)
 
     def _geodetic(self, points: ArrayLike) -> tuple[NDArray[np.float64], ...]:
@@ -114,7 +118,7 @@ def _geodetic_from_projected(
 ) -> tuple[NDArray[np.float64], ...]:
     """(longitude_deg, latitude_deg, ellipsoidal height), each [N]."""
     known = _as_crs(crs)
-    return _transform(_wgs84_from(known), (x, y, z), f"{known.name} -> WGS84")
+    return _transform(wgs84_from(known), (x, y, z), f"{known.name} -> WGS84")
 
 
 def _as_crs(crs: CRS | str | int) -> CRS:
@@ -137,24 +141,6 @@ def _topocentric(anchor: Georeference) -> Transformer:
         f"+step +proj=topocentric +ellps=WGS84 +lat_0={float(anchor.latitude_deg)!r} "
         f"+lon_0={float(anchor.longitude_deg)!r} +h_0={float(anchor.height_m)!r}"
     )
-
-
-@lru_cache(maxsize=64)
-def _wgs84_from(crs: CRS) -> Transformer:
-    """CRS -> (longitude_deg, latitude_deg, ellipsoidal height)."""
-    from pyproj import Transformer
-    from pyproj.exceptions import ProjError
-
-    if len(crs.axis_info) < 3:
-        return Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    try:
-        return Transformer.from_crs(crs, "EPSG:4979", always_xy=True, allow_ballpark=not crs.is_compound)
-    except ProjError as error:
-        raise ValueError(
-            f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: PROJ's geoid grid for them "
-            "is not installed. Install it (pyproj sync, proj-data), or use the horizontal part of the CRS and"
-            " add the height of the geoid yourself (for maps: height_offset_m)"
-        ) from error
 
 
 def _transform(

@@ -263,9 +263,8 @@ def test_help_has_no_types_beside_switches_nor_of_python_and_fits(
         assert max(map(len, shown.splitlines())) <= columns, command
 
 
-def test_one_is_no_plural(tmp_path: Path) -> None:
+def one_look(folder: Path) -> Path:
     """One drone above a plain, one picture, one crowd."""
-    folder = tmp_path / "flight"
     (folder / "heatmaps").mkdir(parents=True)
     crowd = np.zeros((30, 30), np.uint8)
     crowd[9:21, 9:21] = 255
@@ -274,6 +273,11 @@ def test_one_is_no_plural(tmp_path: Path) -> None:
     (folder / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{row}\n")
     camera = {"width": 30, "height": 30, "fx": 30, "fy": 30, "cx": 15, "cy": 15}
     (folder / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))
+    return folder
+
+
+def test_one_is_no_plural(tmp_path: Path) -> None:
+    folder = one_look(tmp_path / "flight")
     plain = Terrain.from_indices([(x, y, -1) for x in range(40) for y in range(40)], 1.0)
     done = crowdfence(
         "run", folder, "-t", write_bt(tmp_path / "p.bt", plain), "-m", "or", "-o", tmp_path / "out"
@@ -282,6 +286,27 @@ def test_one_is_no_plural(tmp_path: Path) -> None:
     assert "flight: 1 instant of 1 drone\n" in done.stdout
     assert re.search(r"^1 zone *$", done.stdout, re.MULTILINE)
     assert counted(0, "zone") == "0 zones" and counted(2, "zone") == "2 zones"
+
+
+def test_a_map_whose_datum_is_not_known_is_refused_or_doubted(tmp_path: Path) -> None:
+    folder, maps = one_look(tmp_path / "flight"), {}
+    for ellipsoid in ("bessel", "GRS80"):
+        maps[ellipsoid] = tmp_path / f"{ellipsoid}.tif"
+        crs = f"+proj=tmerc +lon_0=12 +x_0=4500000 +ellps={ellipsoid} +units=m"
+        corner = rasterio.transform.from_origin(4_594_996.0, 5_820_000.0, 1.0, 1.0)
+        profile = {"driver": "GTiff", "width": 100, "height": 100, "count": 1, "dtype": "float32"}
+        with rasterio.open(maps[ellipsoid], "w", **profile, crs=crs, transform=corner) as dataset:
+            dataset.write(np.zeros((100, 100), np.float32), 1)
+    for command in (("inspect", "--quick"), ("run", folder, "--assume-local", "-o", tmp_path / "a", "-t")):
+        done = crowdfence(*command, maps["bessel"])
+        assert done.returncode == 1 and "pass --terrain-option crs=EPSG:..." in done.stderr
+    doubt = "is taken as WGS84, and places may be a metre or two off"
+    assert doubt in crowdfence("inspect", "--quick", maps["GRS80"]).stderr
+    common = (folder, "--assume-local", "-t", maps["GRS80"])
+    assert doubt in crowdfence("inspect", "--quick", *common).stderr
+    done = crowdfence("run", *common, "-m", "or", "-o", tmp_path / "b", "--json")
+    assert done.returncode == 0, done.stderr
+    assert [doubt in line for line in json.loads(done.stdout)["warnings"]].count(True) == 1
 
 
 def test_what_a_scene_is_built_of_is_shown_while_it_is_built(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import typer
 from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.wording import in_options
 from crowdfence.inspection import InspectionOptions
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def inspect(
         out.print()
         out.print(terrain_facts)
         for warning in report.warnings:
-            console.warn(warning)
+            console.warn(in_options(warning))
     elif isinstance(report, CrowdMapReport):
         console.stdout().print(_crowd_map_facts(report))
     else:

@@ -126,6 +126,7 @@ def fuse_and_report(
             detector=detector,
             holes=ground.holes,
             voxel_size_why=ground.voxel_size_why,
+            map_doubts=ground.doubts,
             static_zones=others,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )

@@ -13,9 +13,11 @@ import typer
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
+from crowdfence.cli.wording import in_options
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
+    from crowdfence.maps import MapReading
     from crowdfence.service.access import Access
     from crowdfence.service.inputs import Inputs
     from crowdfence.service.ros.link import RosLink
@@ -214,6 +216,7 @@ def _replayed(
 
     recording = source_options.open_source(chosen["recording"], chosen)
     ground = read_map(recording, chosen["terrain"], **map_options(chosen))
+    _warn_of(ground)
     with replayed(
         recording,
         ground.terrain,
@@ -240,6 +243,7 @@ def _live(
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
     ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
+    _warn_of(ground)
     inputs = _inputs(chosen)
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
@@ -257,6 +261,11 @@ def _live(
         inputs=inputs,
     ) as service:
         yield service
+
+
+def _warn_of(ground: MapReading) -> None:
+    for doubt in ground.doubts:
+        console.warn(in_options(doubt))
 
 
 def _inputs(chosen: dict[str, Any]) -> Inputs:

@@ -131,7 +131,7 @@ def inspect_recording(
 
     tell(f"reading {path.name}")
     recording = open_recording(path, **options.source_options)
-    terrain, below = _open_terrain(recording, terrain_path, options, tell)
+    terrain, below, doubts = _open_terrain(recording, terrain_path, options, tell)
     if terrain is not None:
         recording = on_ground(recording, terrain)
     instants = list(recording.instants(options.tolerance_ms))
@@ -163,7 +163,7 @@ def inspect_recording(
         overlap=overlap,
         refused=tuple(group_trouble(recording.refused)),
         damaged=None if damaged is None else tuple(damaged),
-        warnings=recording.warnings,
+        warnings=(*recording.warnings, *doubts),
         layers=recording.layers,
     )
 
@@ -208,12 +208,13 @@ def group_trouble(refused: Iterable[RefusedFrame]) -> list[Trouble]:
 
 def _open_terrain(
     recording: Recording, chosen: Path | None, options: InspectionOptions, tell: Tell
-) -> tuple[Terrain | None, TerrainBelow | None]:
+) -> tuple[Terrain | None, TerrainBelow | None, tuple[str, ...]]:
+    """The map, what it is, and what is doubtful about it."""
     from crowdfence.pipeline import check_overlap, read_map
 
     path = chosen or recording.terrain
     if path is None:
-        return None, None
+        return None, None, ()
     tell(f"reading {path.name}")
     given = chosen is not None
     try:
@@ -221,14 +222,15 @@ def _open_terrain(
     except ValueError as error:
         if given:
             raise
-        return None, TerrainBelow(str(path), given, None, str(error))
+        return None, TerrainBelow(str(path), given, None, str(error)), ()
     terrain, problem = reading.terrain, None
     try:
         check_overlap(on_ground(recording, terrain), terrain, options.max_range_m)
     except ValueError as error:
         # Not fatal here: the figures show what is wrong (heights, frames beside the terrain).
         problem = str(error)
-    return terrain, TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes)
+    below = TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes)
+    return terrain, below, reading.doubts
 
 
 def _drone(

@@ -94,6 +94,7 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
     terrain = reading.terrain
     tell("counting columns")
     columns = count_columns(terrain)
+    coarse = coarse_voxels_warning(terrain.voxel_size_m)
     prior, reason = (None, "left out") if options.quick else _landing_prior(terrain, tell)
     return MapReport(
         path=str(path),
@@ -108,7 +109,7 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
         no_landing_prior=reason,
         holes=reading.holes,
         voxel_size_why=reading.voxel_size_why,
-        warnings=[] if (coarse := coarse_voxels_warning(terrain.voxel_size_m)) is None else [coarse],
+        warnings=[*reading.doubts, *([] if coarse is None else [coarse])],
     )
 
 

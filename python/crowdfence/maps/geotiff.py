@@ -62,8 +62,9 @@ def open_geotiff(
       holes, never height zero.
     - `max_hole_m2`: holes up to this size with heights all around are bridged (see `maps.holes`), 0 for none;
       across larger ones and at the edge of the data nothing is interpolated.
-    - `crs`: takes precedence over the one in the file. `assume_local=True`: for files without one; pixels
-      then lie in local metres as their transform says.
+    - `crs`: takes precedence over the one in the file, for instance where that names no datum: it is refused,
+      or taken as WGS84 where it names the ellipsoid of GNSS. `assume_local=True`: for files without one;
+      pixels then lie in local metres as their transform says.
     - `height_unit`: "m", "ft", "us-ft", or "auto" (see `maps.source_frame.HeightRules`).
     - `height_offset_m`: added to all heights. Heights count from the WGS84 ellipsoid, unless the reference
       system has a vertical part whose geoid grid PROJ has installed. Most height models count from a geoid
@@ -87,7 +88,7 @@ def open_geotiff(
         voxels = _voxel_size(bridged, voxel_size_m)
         terrain = _terrain(path, bridged, voxels.size_m)
     terrain.georeference = projection.frame.georeference
-    return MapReading(terrain, holes, voxels.why)
+    return MapReading(terrain, holes, voxels.why, projection.frame.doubts)
 
 
 def stated_crs(path: Path) -> CRS | None:

@@ -96,7 +96,7 @@ def open_lidar(
         survey = _Survey.of(_chunks(path, reader, frame), keys, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
-    return MapReading(terrain, voxel_size_why=voxels.why)
+    return MapReading(terrain, voxel_size_why=voxels.why, doubts=frame.doubts)
 
 
 def stated_crs(path: Path) -> CRS | None:

@@ -17,3 +17,5 @@ class MapReading:
     """None for kinds of maps that are no height models."""
     voxel_size_why: str = ""
     """Who chose the size of the voxels, as in "finer than the file's pixels of 2 m"."""
+    doubts: tuple[str, ...] = ()
+    """What is doubtful about the map, one sentence each."""

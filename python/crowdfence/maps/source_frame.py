@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.datum import datum_doubt
 from crowdfence.georeference import Georeference
 
 if TYPE_CHECKING:
@@ -77,6 +78,12 @@ class SourceFrame:
     metres_per_height: float
     metres_per_axis: float
     height_offset_m: float
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is doubtful about the places of its points, one sentence each."""
+        doubt = None if self.crs is None else datum_doubt(self.crs)
+        return () if doubt is None else (doubt,)
 
     def local_from_source(
         self, x: NDArray[np.float64], y: NDArray[np.float64], height: NDArray[np.float64]

@@ -117,6 +117,7 @@ def run(
     detector: Detector | HeatmapFunction | None = None,
     holes: MapHoles | None = None,
     voxel_size_why: str = "",
+    map_doubts: Sequence[str] = (),
     static_zones: Sequence[Zone] = (),
     on_step: OnStep | None = None,
 ) -> Run:
@@ -125,8 +126,9 @@ def run(
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
-    those of the map (`read_map`), for the summary, and so is `voxel_size_why`. `static_zones` are zones that
-    somebody else drew. A recording of another layer than crowds (`Recording.of_layer`) closes nothing else.
+    those of the map (`read_map`), for the summary, and so are `voxel_size_why` and `map_doubts`.
+    `static_zones` are zones that somebody else drew. A recording of another layer than crowds
+    (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
     be used, or no view saw any of the terrain; StampError where drones may have two clocks. Frames that
@@ -188,7 +190,7 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
-        doubts=(*doubts, *(doubt for doubt in (coarse, under) if doubt is not None)),
+        doubts=(*map_doubts, *doubts, *(doubt for doubt in (coarse, under) if doubt is not None)),
         unit_doubts=tuple(units.warnings),
         voxel_size_why=voxel_size_why,
     )

@@ -1,0 +1,108 @@
+"""How the datum of a coordinate reference system (CRS) lies to WGS84, also where PROJ does not know.
+
+Latitude and longitude mean a place only together with a datum. Where PROJ has no transformation between two
+datums, it takes the one's degrees for the other's ("ballpark") without a word: on the ellipsoids of the old
+national systems that is 100 m to a kilometre off. Such systems are refused here. Those on the ellipsoid of
+satellite positioning (GRS80, WGS84), as many tools write them without their datum, are realisations of the
+same frame within a metre or two; they are taken as WGS84, and `datum_doubt` says so.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
+
+# GRS80, WGS84 and CGCS2000 differ by 0.1 mm at the poles.
+_SEMI_MAJOR_M = 6_378_137.0
+_INVERSE_FLATTENING = 298.2572
+
+
+@lru_cache(maxsize=64)
+def wgs84_from(crs: CRS) -> Transformer:
+    """CRS -> (longitude_deg, latitude_deg, ellipsoidal height).
+
+    ValueError for a CRS whose datum PROJ cannot bring to WGS84, and for heights above a geoid whose grid is
+    not installed.
+    """
+    transformer = _known(crs)
+    if transformer is not None:
+        return transformer
+    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
+    known = _known(horizontal) is not None
+    if not known and not _lies_like_wgs84(horizontal):
+        raise ValueError(
+            f"PROJ does not know how the datum of {horizontal.name!r} ({_datum(horizontal)}) lies to WGS84, "
+            f"and without that places may lie hundreds of metres off{_missing_grid(horizontal)}; pass "
+            "crs='EPSG:...', the reference system with its datum"
+        )
+    if crs.is_compound:
+        why, cure = "PROJ's geoid grid for them is not installed", "Install it (pyproj sync, proj-data)"
+        if not known:
+            why, cure = "PROJ does not know how its datum lies to WGS84", "Name one with a datum"
+        raise ValueError(
+            f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: {why}. {cure}, or use the "
+            "horizontal part of the CRS and add the height of the geoid yourself (for maps: height_offset_m)"
+        )
+    return _transformer(crs, allow_ballpark=True)
+
+
+@lru_cache(maxsize=64)
+def datum_doubt(crs: CRS) -> str | None:
+    """What is doubtful about places in a CRS that `wgs84_from` accepts, as a sentence; None if nothing is."""
+    if crs.is_compound or _known(crs) is not None:
+        return None
+    return (
+        f"PROJ does not know how the datum of {crs.name!r} ({_datum(crs)}) lies to WGS84; by its ellipsoid "
+        "it is taken as WGS84, and places may be a metre or two off (crs='EPSG:...' names one with a datum)"
+    )
+
+
+def _known(crs: CRS) -> Transformer | None:
+    """By a transformation that PROJ has, or None."""
+    from pyproj.exceptions import ProjError
+
+    try:
+        return _transformer(crs, allow_ballpark=False)
+    except ProjError:
+        return None
+
+
+def _transformer(crs: CRS, *, allow_ballpark: bool) -> Transformer:
+    from pyproj import Transformer
+
+    target = "EPSG:4326" if len(crs.axis_info) < 3 else "EPSG:4979"
+    return Transformer.from_crs(crs, target, always_xy=True, allow_ballpark=allow_ballpark)
+
+
+def _lies_like_wgs84(crs: CRS) -> bool:
+    ellipsoid = crs.ellipsoid
+    if ellipsoid is None or "intermediate" in _datum(crs).lower():
+        return False  # an intermediate datum is a step on the way to a national grid and may lie anywhere
+    return (
+        abs(ellipsoid.semi_major_metre - _SEMI_MAJOR_M) < 0.5
+        and abs(ellipsoid.inverse_flattening - _INVERSE_FLATTENING) < 1e-3
+    )
+
+
+def _datum(crs: CRS) -> str:
+    return "none" if crs.datum is None else str(crs.datum.name)
+
+
+def _missing_grid(crs: CRS) -> str:
+    """The grid that would help, for the middle of a sentence."""
+    import warnings
+
+    from pyproj.exceptions import ProjError
+    from pyproj.transformer import TransformerGroup
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # it warns of the very grid that is asked for
+            group = TransformerGroup(crs, "EPSG:4326", always_xy=True, allow_ballpark=False)
+    except ProjError:
+        return ""
+    grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
+    return f". Its grid {grids[0]} is not installed (projsync --file {grids[0]})" if grids else ""
