@@ -81,6 +81,32 @@ def test_y_up_units_and_origin(tmp_path):
     assert voxel_set(terrain) == {(i + 10, j, k - 2) for i, j, k in FLAT}
 
 
+# Two squares of 4 x 4 voxels, the second one 6 m further east and 3 m higher, as every dialect writes them.
+LOW = "v 0.5 0.5 2.5\nv 3.5 0.5 2.5\nv 3.5 3.5 2.5\nv 0.5 3.5 2.5\n"
+HIGH = "v 6.5 0.5 5.5\nv 9.5 0.5 5.5\nv 9.5 3.5 5.5\nv 6.5 3.5 5.5\n"
+DIALECTS = {
+    "backwards": LOW + "f -4 -3 -2 -1\n" + HIGH + "f -4 -3 -2 -1\n",
+    "mixed": LOW + HIGH + "f 1 2 3 4\nf -4 -3 -2 -1\n",
+    "textured": LOW
+    + "vt 0 0\nvn 0 0 1\nf -4/-1/-1 -3/-1/-1 -2/-1/-1 -1/-1/-1\n"
+    + HIGH
+    + "f 5//1 6//1 7//1 8//1\n",
+    "later": "f 1 2 3 4\n" + LOW + "f -4 -3 -2 -1\nf 5 6 7 8\n" + HIGH,
+    "tabs": LOW + HIGH + "f\t1\t2\t3\t4\n  f 5 6 7 8\n",
+    "continued": LOW + HIGH + "f 1 2 \\\n3 4\r\nf -4 -3 \\\r\n -2 \\\r\n -1\r\n",
+    "path": "# C:\\models\\\n" + LOW + HIGH + "f 1 2 3 4\nf 5 6 7 8\n",
+    # As many numbers in the line of the one as in that of the other.
+    "uneven": LOW + HIGH + "vn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 5 6 7 7 8 5\n",
+}
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_no_house_of_an_obj_is_lost(tmp_path, name):
+    path = tmp_path / f"{name}.obj"
+    path.write_bytes(DIALECTS[name].encode())
+    assert voxel_set(open_terrain(path, voxel_size_m=1.0)) == FLAT | {(i + 6, j, k + 3) for i, j, k in FLAT}
+
+
 def test_voxels_are_a_thousandth_of_the_longest_side(tmp_path):
     path = tmp_path / "a.ply"
     path.write_bytes(ascii_ply(SQUARE * [100, 1, 1]))
@@ -106,6 +132,9 @@ BROKEN = [
     ("nan.ply", ascii_ply([[0, 0, 0], [1, math.nan, 0], [0, 1, 0]], [(0, 1, 2)]), "vertex 1 is .*nan"),
     ("index.obj", obj(faces=[(0, 1, 8)]), "not a readable mesh"),
     ("cut.obj", obj()[:-3], "line 9 gives a face 1 corner"),
+    ("zero.obj", obj() + b"\nf 0 1 2", "line 10 gives a face the corner '0', and 4 vertices come before it"),
+    ("before.obj", obj() + b"\nf -1 -2 -5/-1", "line 10 gives a face the corner '-5/-1', and 4 vertices"),
+    ("word.obj", obj() + b"\nf -1 -2 up", "line 10 gives a face the corner 'up'"),
     ("points.obj", obj(faces=[]), "holds no triangles"),
 ]
 
@@ -124,6 +153,11 @@ def test_broken_meshes_are_refused(tmp_path, name, data, message):
     [
         ({"up": "x"}, "up is 'x', must be 'z' or 'y'"),
         ({"unit_m": 0}, "unit_m is 0, must be finite and > 0"),
+        (
+            {"unit_m": 1e300},
+            r"longest side is 3e\+300 m, the bound is 1e\+06; check unit_m, which is 1e\+300",
+        ),
+        ({"unit_m": 1.7e308}, "longest side is .*; check unit_m"),
         ({"voxel_size_m": -1}, "voxel_size_m"),
         ({"voxel_size_m": 1e-5}, "voxels"),
     ],

@@ -15,7 +15,11 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
+from crowdfence.maps.obj_lines import plain_obj
 from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
+
+LONGEST_SIDE_M = 1e6
+"""Larger ones are a mistake of units: a voxel tree spans as many cells of a metre."""
 
 
 def open_mesh(
@@ -41,11 +45,19 @@ def open_mesh(
     if not (math.isfinite(unit_m) and unit_m > 0):
         raise MapError(path, f"unit_m is {unit_m}, must be finite and > 0")
     vertices, triangles = _read(path)
-    vertices = vertices * unit_m
+    with np.errstate(over="ignore"):
+        vertices = vertices * unit_m
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=-1)
     vertices += np.asarray(origin, np.float64)
-    sides_m = np.ptp(vertices, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sides_m = np.ptp(vertices, axis=0)
+    if not sides_m.max() <= LONGEST_SIDE_M:  # not a number where it overflows
+        raise MapError(
+            path,
+            f"its longest side is {sides_m.max():.3g} m, the bound is {LONGEST_SIDE_M:g}; check unit_m, "
+            f"which is {unit_m:g}",
+        )
     thousandth_m = round_voxel_size_m(float(sides_m.max()) / 1000)
     voxels = chosen_voxel_size(
         voxel_size_m, thousandth_m, "a thousandth of its longest side", float(sides_m[:2].prod())
@@ -90,9 +102,8 @@ def _parse(path: Path) -> Any:
     if kind == "ply":
         _check_ply_lines(path, data)
     else:
-        _check_obj_faces(path, data)
         # Names of materials may be in any encoding; they do not matter.
-        data = data.decode("utf-8", errors="replace").encode()
+        data = plain_obj(path, data).decode("utf-8", errors="replace").encode()
     try:
         # Bytes instead of a path: without a folder to look in, no texture or material can be opened.
         return trimesh.load_mesh(
@@ -100,15 +111,6 @@ def _parse(path: Path) -> Any:
         )
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         raise MapError(path, f"not a readable mesh ({type(error).__name__}: {error})") from error
-
-
-def _check_obj_faces(path: Path, data: bytes) -> None:
-    """A file that was cut off ends with a face of fewer than three corners; the parser would leave it out."""
-    for number, line in enumerate(data.splitlines(), start=1):
-        if line.startswith(b"f ") and not line.endswith(b"\\") and len(line.split()) < 4:
-            raise MapError(
-                path, f"line {number} gives a face {len(line.split()) - 1} corners: truncated or damaged"
-            )
 
 
 def _check_ply_lines(path: Path, data: bytes) -> None:
