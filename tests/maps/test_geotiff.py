@@ -221,13 +221,14 @@ def test_nothing_is_interpolated_across_what_splits_the_map(tmp_path):
     assert set(z[west]) == {10.125} and set(z[east]) == {90.125}
 
 
-def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path):
-    heights = np.full((5, 6), 50.0)
-    heights[3, 1] = -32768
+@pytest.mark.parametrize("mark", [-32768, -999])
+def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path, mark):
+    heights = np.full((5, 6), -430.0)  # the lowest land there is
+    heights[3, 1] = mark
     path = local_map(tmp_path, heights, nodata=None)
-    with pytest.raises(MapError, match=r"height -32768\.0 at row 3, column 1 .*pass nodata=-32768\.0"):
+    with pytest.raises(MapError, match=rf"height {mark}\.0 at row 3, column 1 .*pass nodata={mark}\.0"):
         open_terrain(path, assume_local=True)
-    terrain = open_terrain(path, assume_local=True, nodata=-32768, max_hole_m2=0)
+    terrain = open_terrain(path, assume_local=True, nodata=mark, max_hole_m2=0)
     assert len(heights_by_column(terrain)) == 29
 
 
