@@ -105,4 +105,4 @@ def _missing_grid(crs: CRS) -> str:
     except ProjError:
         return ""
     grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
-    return f". Its grid {grids[0]} is not installed (projsync --file {grids[0]})" if grids else ""
+    return f". Its grid {grids[0]} is not installed (pyproj sync --file {grids[0]})" if grids else ""

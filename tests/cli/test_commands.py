@@ -397,6 +397,13 @@ def test_what_cannot_be_run_is_one_line_with_the_value(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_threshold_at_or_below_the_prior_is_refused_in_one_line(airsim: Path, tmp_path: Path) -> None:
+    done = crowdfence("run", airsim, *RECORDED, "-o", tmp_path / "out", "--threshold", 0.01)
+    line = error_line(done)
+    assert "threshold is 0.01; it must be above the prior, 0.015" in line and "--close-unseen" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_terrain_and_poses_that_do_not_overlap_are_refused(airsim: Path, tmp_path: Path) -> None:
     terrain = Terrain.from_points(np.array([[5000.0, 5000.0, 0.0]]), 1.0)
     (tmp_path / "far.bt").write_bytes(_core.write_octomap_binary(terrain, [0]))

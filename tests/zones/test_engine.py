@@ -13,7 +13,10 @@ from scipy import ndimage
 
 from crowdfence import Camera, CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain, View
 from crowdfence.config import EvidenceConfig, ZoneConfig
+from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
+from crowdfence.zones.tracker import column_places
+from crowdfence.zones.unseen import StandingPlaces
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
 from support.small_zones import SECOND_NS, DrawnZones, drawing, ids, told
 
@@ -497,6 +500,44 @@ def test_crowd_that_a_lower_threshold_keeps_is_closed_as_well_where_it_is_too_sm
     zones.step(drawing("......#\n.......\n......."))
     held = zones.step(drawing("......+\n.......\n......."))  # 0.4: above the threshold that opens
     assert [one.polygon.bounds for one in held.unseen] == [(6.0, 2.0, 7.0, 3.0)]
+
+
+def test_what_the_map_calls_crowd_is_closed_by_a_zone_or_as_ground_that_is_not_known() -> None:
+    """Six columns are seen empty, and then by nobody: ten minutes later they are at the prior, .1. That is
+    crowd by a threshold of .08, though nobody saw any."""
+    terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(prior=0.1).fusion_method(terrain, drones=1))
+    look(crowd_map, "uav1", 0, np.arange(6), 0.0)
+    standing = StandingPlaces(terrain)
+
+    def unknown(second: int, in_zones: NDArray[np.int64]) -> list[int]:
+        keys = standing.unknown(crowd_map, second * SECOND_NS, 0.08, 30.0, in_zones)
+        return list(column_places(keys)[:, 0])
+
+    nowhere, east = standing.columns[:0], standing.columns[4:]
+    assert unknown(0, nowhere) == []
+    assert (crowd_map.state(600 * SECOND_NS, threshold=0.08) == VoxelState.CROWD).all()
+    assert unknown(600, nowhere) == [0, 1, 2, 3, 4, 5]
+    assert unknown(600, east) == [0, 1, 2, 3]
+    assert unknown(600, standing.columns) == []
+
+
+@pytest.mark.parametrize("close_unseen", [False, True])
+def test_a_threshold_that_ground_reaches_by_being_forgotten_is_refused(close_unseen: bool) -> None:
+    def engine(config: EvidenceConfig, threshold: float | None) -> ZoneEngine:
+        crowd_map = CrowdMap(PLAIN, config.fusion_method(PLAIN, drones=1))
+        zones = ZoneConfig(threshold=threshold, close_unseen=close_unseen)
+        return ZoneEngine(crowd_map, zones.rules(crowd_map.default_threshold()))
+
+    for threshold in (0.08, 0.1):
+        with pytest.raises(ValueError, match=f"threshold is {threshold:g}; it must be above the prior, 0.1,"):
+            engine(EvidenceConfig(prior=0.1), threshold)
+    with pytest.raises(ValueError, match="must be above the prior, 0.015, which method evidence forgets"):
+        engine(EvidenceConfig(zone_log_odds=-0.5), None)
+    assert engine(EvidenceConfig(prior=0.1), 0.1001).rules.threshold == 0.1001
+    # Methods that forget towards "free" reach no threshold by it.
+    paper = CrowdMap(PLAIN, Paper(Rates(0.9, 0.02), 0.2, fleet_size=1))
+    assert ZoneEngine(paper, ZoneConfig(threshold=0.1).rules(0.5)).rules.threshold == 0.1
 
 
 def test_a_hole_of_the_map_is_not_known_to_be_empty_whatever_lies_around() -> None:

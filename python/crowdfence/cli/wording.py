@@ -10,6 +10,7 @@ import re
 
 _OPTIONS = {
     "assume_local": "--assume-local",
+    "close_unseen": "--close-unseen",
     "georeference": "--origin LAT,LON,HEIGHT",
     "voxel_size_m": "--voxel-size-m",
     "max_range_m": "--max-range-m",

@@ -16,7 +16,8 @@ class ZoneConfig:
     bounds."""
 
     threshold: float | None = None
-    """Probability from which ground is crowd, in (0, 1]; None: the method's own."""
+    """Probability from which ground is crowd, in (0, 1], and above the prior of a method that forgets towards
+    it; None: the method's own."""
     off_threshold: float | None = None
     """Ground stays in its zone down to this probability, in (0, threshold]; None: `threshold`."""
     opening_looks: int = 1

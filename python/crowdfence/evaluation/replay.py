@@ -148,7 +148,7 @@ def score(
 
     def loop(config: RunConfig) -> FrameLoop:
         crowd_map = config.crowd_map(terrain, drones, max_gap_s=float("inf"))
-        return FrameLoop(crowd_map, config.zones, closes=layer == CROWD)
+        return FrameLoop(crowd_map, config.zones, closes=False)  # what would be closed is counted by columns
 
     of_crowds = layer == CROWD
     measured = with_measures and of_crowds

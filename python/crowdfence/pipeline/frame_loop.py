@@ -59,7 +59,7 @@ class FrameLoop:
         closes: bool = True,
     ) -> None:
         """`static_zones` are zones that somebody else drew: they are part of every step's zones. `closes`:
-        what is found is closed, as crowd is."""
+        what is found is closed, as crowd is. ValueError as `ZoneEngine` has it."""
         self.crowd_map = crowd_map
         rules = zones.rules(crowd_map.default_threshold())
         self.threshold = rules.threshold

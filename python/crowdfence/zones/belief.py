@@ -16,6 +16,8 @@ from crowdfence._core import CrowdColumns, CrowdMap
 
 _LATEST_NS = np.iinfo(np.int64).max // 2
 """Beyond it (the year 2116) an expiry is none, and nothing is forgotten."""
+_ROUNDING = 1e-9
+"""What the core allows for it where it compares probabilities with a prior, as a share."""
 FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
 
 
@@ -43,6 +45,17 @@ def column_belief(
 def forgets_to_unknown(crowd_map: CrowdMap) -> bool:
     """Whether crowd that nobody looks at becomes "not known", the prior, and not "free"."""
     return crowd_map.method.name in FORGET_TO_PRIOR
+
+
+def require_above_prior(crowd_map: CrowdMap, threshold: float) -> None:
+    """ValueError for a threshold that ground reaches by being forgotten, whatever was seen there."""
+    prior = float(crowd_map.method.parameters.get("prior", 0.0))
+    if forgets_to_unknown(crowd_map) and threshold <= prior * (1.0 + _ROUNDING):
+        raise ValueError(
+            f"threshold is {threshold:g}; it must be above the prior, {prior:g}, which method "
+            f"{crowd_map.method.name} forgets towards: ground that was seen empty would become crowd because "
+            "nobody looks at it. To close what nobody has looked at for a while, use close_unseen"
+        )
 
 
 def forgotten_ns(

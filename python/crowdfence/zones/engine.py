@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
-from crowdfence.zones.belief import ColumnBelief, forgotten_ns
+from crowdfence.zones.belief import ColumnBelief, forgotten_ns, require_above_prior
 from crowdfence.zones.closed_ground import NEVER_NS, ClosedGround
 from crowdfence.zones.evidence import DroneEvidence, joined, looks_at, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
@@ -58,7 +58,9 @@ class ZoneEngine:
     """Follows the zones of one crowd map; `step` after every instant, in order."""
 
     def __init__(self, crowd_map: CrowdMap, rules: ZoneRules, static: Sequence[Zone] = ()) -> None:
-        """`static` are zones that somebody else drew: they are part of every set, and never end."""
+        """`static` are zones that somebody else drew: they are part of every set, and never end. ValueError
+        for a threshold at or below the prior of a method that forgets towards it."""
+        require_above_prior(crowd_map, rules.threshold)
         self.rules = rules
         self._crowd_map = crowd_map
         self._static = tuple(static)
@@ -98,7 +100,7 @@ class ZoneEngine:
             min_area_m2=rules.min_area_m2,
             dropped_count=len(dropped),
             dropped_area_m2=float(sum(dropped)) * self._crowd_map.terrain.voxel_size_m**2,
-            unseen=self._unknown_ground(stamp_ns, keys[region < 0]),
+            unseen=self._unknown_ground(stamp_ns, keys[region >= 0], keys[region < 0]),
             static=self._static,
             events=tuple(events),
         )
@@ -230,13 +232,17 @@ class ZoneEngine:
             return "held" if looks_now or not self._closed.forgets_to_unknown else "not_looked_at"
         return "not_cleared" if looks_now else "not_looked_at"
 
-    def _unknown_ground(self, stamp_ns: int, in_no_zone: NDArray[np.int64]) -> tuple[Zone, ...]:
+    def _unknown_ground(
+        self, stamp_ns: int, in_zones: NDArray[np.int64], in_no_zone: NDArray[np.int64]
+    ) -> tuple[Zone, ...]:
         """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing.
-        `in_no_zone` are keys of crowd whose regions are too small for a zone."""
+        `in_zones` are keys of crowd in a zone, `in_no_zone` those whose regions are too small for one."""
         if self._standing is None:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
-        keys = self._standing.unknown(self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s)
+        keys = self._standing.unknown(
+            self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s, in_zones
+        )
         keys = united(keys, in_no_zone)
         if not len(keys):
             return ()

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap, Terrain
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.map_holes import hole_columns
-from crowdfence.zones.sorted_keys import united
+from crowdfence.zones.sorted_keys import are_among, united
 from crowdfence.zones.tracker import column_keys, column_places
-
-_EMPTY_OR_CROWD = np.array([VoxelState.EMPTY, VoxelState.CROWD], dtype=np.uint8)
 
 
 class StandingPlaces:
@@ -28,13 +26,23 @@ class StandingPlaces:
         self._holes = column_keys(hole_columns(column_places(self.columns)))
 
     def unknown(
-        self, crowd_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float
+        self,
+        crowd_map: CrowdMap,
+        stamp_ns: int,
+        threshold: float,
+        stale_after_s: float,
+        in_zones: NDArray[np.int64],
     ) -> NDArray[np.int64]:
-        """Keys of the columns with a place that is neither empty nor crowd, and of those that the map lacks
-        inside of itself, sorted. Whatever state a method may invent is unknown here."""
+        """Keys of the columns with a place that is neither empty nor crowd, or that is crowd while the column
+        is none of those `in_zones` (keys), and of those that the map lacks inside of itself, sorted. Whatever
+        state a method may invent is unknown here."""
         if not len(self.columns):
             return self.columns
         state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
-        unknown = ~np.isin(state, _EMPTY_OR_CROWD)
-        columns = self.columns[np.logical_or.reduceat(unknown[self._ids], self._first)]
-        return united(columns, self._holes)
+        state = state[self._ids]
+        unknown = (state != VoxelState.EMPTY) & (state != VoxelState.CROWD)
+        is_unknown = np.logical_or.reduceat(unknown, self._first)
+        # What the map calls crowd is no zone by that alone.
+        crowd = np.flatnonzero(np.logical_or.reduceat(state == VoxelState.CROWD, self._first))
+        is_unknown[crowd[~are_among(self.columns[crowd], in_zones)]] = True
+        return united(self.columns[is_unknown], self._holes)
