@@ -7,6 +7,7 @@ import pytest
 from shapely import Point, Polygon, box
 
 from crowdfence.config import ZoneConfig
+from crowdfence.planner import ClearAir
 from crowdfence.service.access import User
 from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
 from crowdfence.service.service import Service
@@ -46,6 +47,22 @@ def test_a_locked_zone_keeps_what_it_closed_and_outlives_its_crowd() -> None:
     assert [zone.id for zone in gone.closed] == ["Z1"] and marks["Z1"]["kind"] == "operator"
     mine.do(action("unlock"), gone)
     assert mine.applied_to(zone_set(), START_NS)[0].closed == ()
+
+
+def test_a_locked_zone_closes_all_of_its_heights_and_has_no_end() -> None:
+    """On a hillside: crowd at 140 to 150 m is locked, and walks down to 20 to 30 m."""
+    up = replace(crowd("Z1", box(0, 0, 10, 10)), lower_m=140.0, upper_m=150.0)
+    up = replace(up, valid_until_ns=START_NS + 9 * SECOND_NS)
+    down = replace(up, polygon=box(50, 0, 60, 10), lower_m=20.0, upper_m=30.0)
+    mine = operators()
+    mine.do(action("lock"), zone_set(up))
+    for now, heights in ((up, (140.0, 150.0)), (down, (20.0, 150.0))):
+        (zone,), _ = mine.applied_to(zone_set(now), START_NS)
+        assert (zone.lower_m, zone.upper_m, zone.valid_until_ns) == (*heights, None)
+        assert zone.polygon.covers(up.polygon) and zone.polygon.covers(now.polygon)
+        # 40 m above the ground that was locked, and ten minutes later.
+        air = ClearAir(zone_set(zone), expires=True)
+        assert not air.is_clear([[5.0, 5.0, 190.0]], START_NS + 600 * SECOND_NS)[0]
 
 
 def test_dismissed_crowd_stays_on_the_list_and_comes_back_by_itself() -> None:

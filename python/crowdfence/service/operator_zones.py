@@ -197,13 +197,21 @@ class OperatorZones:
         return not _crowd_ground(dismissed).buffer(margin_m, join_style="mitre").covers(_crowd_ground(zone))
 
     def _with_lock(self, zone: Zone) -> Zone:
-        """A locked zone keeps all that it closed when it was locked."""
+        """A locked zone keeps all that it closed when it was locked, from its lowest to its highest ground,
+        and has no end."""
         lock = self._locked.get(zone.id)
-        if lock is None or zone.polygon.covers(lock.zone.polygon):
+        if lock is None:
             return zone
-        outline = zone.crowd_outline or zone.polygon
+        polygon, outline = zone.polygon, zone.crowd_outline
+        if not polygon.covers(lock.zone.polygon):
+            polygon, outline = polygon.union(lock.zone.polygon), outline or polygon
         return replace(
-            zone, polygon=zone.polygon.union(lock.zone.polygon), crowd_outline=outline, valid_until_ns=None
+            zone,
+            polygon=polygon,
+            crowd_outline=outline,
+            lower_m=min(zone.lower_m, lock.zone.lower_m),
+            upper_m=max(zone.upper_m, lock.zone.upper_m),
+            valid_until_ns=None,
         )
 
     def _drawn(self, action: OperatorAction) -> Zone:
