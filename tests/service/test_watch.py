@@ -14,6 +14,7 @@ from threading import Event
 import numpy as np
 import pytest
 from PIL import Image
+from shapely import box
 
 from crowdfence import View, project
 from crowdfence.service import live, watch
@@ -23,6 +24,7 @@ from crowdfence.service.service import Service
 from crowdfence.service.store import FILE
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
+from crowdfence.zones import AltitudeBand
 from support.small_service import (
     CAMERA,
     SECOND_NS,
@@ -36,6 +38,7 @@ from support.small_service import (
     view,
     views,
 )
+from support.small_zones import DrawnZones
 
 
 class Now:
@@ -209,6 +212,26 @@ def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path)
         http.post(f"/api/v1/zones/{inside}/dismiss", json={"reason": "wrong"})
         watch.look()
         assert not active(service, "drone_in_zone")
+
+
+def test_a_zone_bounded_above_the_ellipsoid_counts_at_every_height(tmp_path: Path) -> None:
+    """Where the ground lies 90 m below the ellipsoid a zone up to 5 m above it reaches 95 m up."""
+    (crowd,) = DrawnZones((1, 1)).drawn("#")
+    around = box(0.0, 0.0, 40.0, 40.0)
+    alarms = {}
+    for datum in ("AGL", "WGS84", "AMSL"):
+        band = AltitudeBand(-100.0, 5.0, datum)
+        zone = replace(crowd, id="CTR", kind="static", reason="given", polygon=around, band=band)
+        with running(tmp_path / datum, static_zones=[zone]) as service:
+            assert service.live is not None
+            service.live.give_view(message(view("uav1", 0)))
+            service.live.give_view(message(view("uav1", 10)))
+            settle(service)
+            east, north, up = service.fleet.last("uav1").world_from_camera[:3, 3]
+            assert up - service.raster.height_at(np.array([[east, north]]))[0] > 5.0
+            Watch(service).look()
+            alarms[datum] = active(service, "drone_in_zone")
+    assert alarms == {"AGL": set(), "WGS84": {("uav1", "CTR")}, "AMSL": {("uav1", "CTR")}}
 
 
 def test_alerts_are_acknowledged_by_name_and_published(tmp_path: Path) -> None:

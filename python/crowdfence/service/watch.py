@@ -161,8 +161,12 @@ class Watch:
         east, north, up = last.world_from_camera[:3, 3]
         place = shapely.Point(east, north)
         ground_m = float(self._service.raster.height_at(np.array([[east, north]]))[0])
-        # Above the band nothing is closed; where the ground is not known the comparison is false.
-        in_band = [zone for zone in closed if zone.kind != "unseen" and not up - ground_m > zone.band.upper_m]
+        # Above a band above ground nothing is closed; where the ground is not known the comparison is false.
+        in_band = [
+            zone
+            for zone in closed
+            if zone.kind != "unseen" and not (zone.band.datum == "AGL" and up - ground_m > zone.band.upper_m)
+        ]
         distances = sorted((zone.polygon.distance(place), zone.id) for zone in in_band)
         inside = [name for distance_m, name in distances if distance_m == 0.0]
         near = [name for distance_m, name in distances if 0.0 < distance_m <= self._service.settings.near_m]
