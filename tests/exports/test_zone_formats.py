@@ -476,6 +476,16 @@ def test_zones_of_others_are_closed_above_their_own_ground(
     assert band == AltitudeBand(0.0, 120.0, "AGL")
 
 
+def test_crowd_whose_buffer_leaves_the_map_is_closed_above_every_ground() -> None:
+    zones = zones_of("#")
+    beyond = replace(zones, zones=(replace(zones[0], leaves_map=True),))
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](exported(beyond)))["constraints"]
+    volume = constraint["details"]["volumes"][0]["volume"]
+    assert (volume["altitude_lower"]["value"], volume["altitude_upper"]["value"]) == (-500.0, 9120.0)
+    export = exported(beyond, datum="AGL")
+    assert export.band(export.zones[0]) == AltitudeBand(0.0, 120.0, "AGL")
+
+
 def test_a_zone_without_a_ceiling_keeps_the_altitudes_of_f3548() -> None:
     zones = static_zone(300.0, 340.0)
     endless = replace(zones.static[0], band=AltitudeBand(0.0, 99_999.0, "AGL"))

@@ -51,6 +51,14 @@ def test_zones_of_others_are_closed_at_every_height() -> None:
     assert air.is_clear([(5, 5, 5000.0), (5, 15, 0.0)], 0).tolist() == [False, True]
 
 
+def test_a_zone_that_closes_ground_which_the_map_lacks_is_closed_at_every_height() -> None:
+    """Its ground may be higher, or lower, than what the map knows of it."""
+    beyond = replace(SQUARE, leaves_map=True, band=AltitudeBand(50.0, 100.0, "AGL"))
+    for known in (zone_set(beyond), replace(history(zone_set(beyond)), ground=shapely.box(0, 0, 6, 10))):
+        air = ClearAir(known, beyond_map=True)
+        assert air.is_clear([(9, 5, 500.0), (9, 5, 20.0), (11, 5, 50.0)], 0).tolist() == [False, False, True]
+
+
 def history(*sets: ZoneSet) -> ZoneHistory:
     return ZoneHistory([k * SECOND_NS for k in range(len(sets))], sets, None, {})
 

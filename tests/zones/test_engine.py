@@ -14,7 +14,7 @@ from scipy import ndimage
 from crowdfence import Camera, CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain, View
 from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones import ZoneEngine, ZoneSet, find_zones
+from crowdfence.zones import Zone, ZoneEngine, ZoneSet, find_zones
 from crowdfence.zones.tracker import column_places
 from crowdfence.zones.unseen import StandingPlaces
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
@@ -550,6 +550,23 @@ def test_a_hole_of_the_map_is_not_known_to_be_empty_whatever_lies_around() -> No
     )
     assert never.unseen[0].polygon.equals(shapely.box(0, 0, 7, 7) - shapely.box(0, 5, 1, 6))
     assert cleared.unseen[0].polygon.equals(hole) and cleared.unseen[0].area_m2 == 2.0
+
+
+def test_a_buffer_beyond_the_map_leaves_nobody_the_heights_of_all_its_ground() -> None:
+    """2.5 m around one column: in the middle of the map, beyond its rim, and over its one hole at (12, 9)."""
+    places = [(i, j, 300) for i in range(20) for j in range(20) if (i, j) != (12, 9)]
+
+    def closed(crowd: tuple[int, int], **options: float) -> Zone:
+        probability = np.array([float((i, j) == crowd) for i, j, _ in places])
+        rules = ZoneConfig(threshold=0.5, **options).rules(0.5)  # type: ignore[arg-type]
+        (zone,) = ZoneEngine(crowd_map_of(places, probability), rules).step(0)
+        assert (zone.lower_m, zone.upper_m) == (300.0, 301.0)
+        return zone
+
+    cases = {(5, 5): True, (3, 16): True, (2, 9): False, (9, 17): False, (8, 9): True, (9, 9): False}
+    assert {crowd: closed(crowd, buffer_m=2.5).ground_is_known for crowd in cases} == cases
+    # What is closed ends at the rim, or a hair beyond it for the sake of rounding.
+    assert closed((0, 0)).ground_is_known and closed((19, 19), max_vertices=12).ground_is_known
 
 
 @settings(max_examples=200)

@@ -120,7 +120,8 @@ def _feature(
 
 def _ground(zone: Zone, georeference: Georeference | None) -> dict[str, float]:
     heights = {} if georeference is None else _heights(zone, georeference)
-    return {"ground_lower_m": zone.lower_m, "ground_upper_m": zone.upper_m, **heights}
+    known = {"ground_is_known": zone.ground_is_known}
+    return {"ground_lower_m": zone.lower_m, "ground_upper_m": zone.upper_m, **heights, **known}
 
 
 def _crowd(zone: Zone, description: MapDescription) -> dict[str, Any]:

@@ -9,7 +9,8 @@ Clear means in no zone. Ground within the map that nobody has looked at, or that
 zone either, unless the zones are those of a run with `close_unseen`.
 
 A zone closes its outline from its band above the lowest ground to its band above the highest, in local
-heights. A zone of others, of which the ground is not known, is closed at every height.
+heights. One of which the ground is not known is closed at every height: zones of others, and those that close
+ground which the map lacks.
 """
 
 from __future__ import annotations
@@ -451,7 +452,7 @@ def _distance_m(
 
 def _heights(zone: Zone) -> tuple[float, float]:
     """Local heights between which a zone is closed."""
-    if zone.kind == "static" or zone.band.datum != "AGL":
+    if zone.kind == "static" or zone.band.datum != "AGL" or zone.leaves_map:
         return -np.inf, np.inf
     # What closes from the ground closes what is below the ground too: nobody knows it that well.
     lower_m = -np.inf if zone.band.lower_m <= 0.0 else zone.lower_m + zone.band.lower_m

@@ -211,6 +211,7 @@ class OperatorZones:
             crowd_outline=outline,
             lower_m=min(zone.lower_m, lock.zone.lower_m),
             upper_m=max(zone.upper_m, lock.zone.upper_m),
+            leaves_map=zone.leaves_map or lock.zone.leaves_map,
             valid_until_ns=None,
         )
 

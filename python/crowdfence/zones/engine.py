@@ -51,7 +51,9 @@ class _Shape:
     crowd: Polygon | MultiPolygon
     closed: Polygon | MultiPolygon
     ground_m: tuple[float, float] | None
-    """Lowest and highest ground of all that is closed, where that is more than crowd."""
+    """Lowest and highest ground of all that is closed, where that is more than crowd and the map has any."""
+    leaves_map: bool
+    """Whether the map lacks ground of what is closed."""
 
 
 class ZoneEngine:
@@ -217,6 +219,7 @@ class ZoneEngine:
             upper_m=max(zone.upper_m, upper_m),
             restriction=self.rules.restriction,
             band=self.rules.band,
+            leaves_map=shape.leaves_map,
             created_ns=track.created_ns,
             valid_until_ns=None if until_ns is None else int(until_ns[inside].max()),
             forgotten_ns=None if known_until_ns is None else int(known_until_ns[inside].max()),
@@ -359,8 +362,10 @@ class _Followed:
     def _shape(
         self, columns: NDArray[np.int64], crowd: Polygon | MultiPolygon, closed: Polygon | MultiPolygon
     ) -> _Shape:
-        ground_m = None if self._heights is None or closed is crowd else self._heights.within(closed)
-        return _Shape(columns, crowd, closed, ground_m)
+        if self._heights is None or closed is crowd:
+            return _Shape(columns, crowd, closed, None, leaves_map=False)
+        ground_m, leaves_map = self._heights.within(closed), not self._heights.hold(closed)
+        return _Shape(columns, crowd, closed, ground_m, leaves_map)
 
     def _closing(self, crowd: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
         """Holes, then the buffer, then fewer corners: each step covers what it was given."""

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs
 from crowdfence.zones.tracker import column_keys, column_places
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
+
+ROUNDING_M = 0.002
+"""More than the steps from crowd to outline add where they say nothing of it."""
 
 
 class GroundHeights:
@@ -27,31 +29,52 @@ class GroundHeights:
 
     def below(self, outline: Polygon | MultiPolygon) -> tuple[float, float] | None:
         """The same where the map has ground below all of an outline; None where it lacks any."""
+        return self.within(outline) if self.hold(outline) else None
+
+    def hold(self, outline: Polygon | MultiPolygon) -> bool:
+        """Whether the map has ground below all of an outline, but for what rounding adds to one."""
         import shapely
 
         (west, south, _), (east, north, _) = self._terrain.bounds
-        if not shapely.box(west, south, east, north).covers(outline):
-            return None
-        runs = Runs.of(column_places(self._keys[self._inside(outline)]))
-        ground = outlines(runs, np.zeros(len(runs), dtype=np.int64), self._terrain)
-        return self.within(outline) if ground and ground[0].covers(outline) else None
+        if not shapely.box(west, south, east, north).buffer(ROUNDING_M, join_style="mitre").covers(outline):
+            return False
+        first, last = self._corner_columns(outline, ROUNDING_M)
+        inside = self._between(first, last)
+        if len(inside) == np.prod(last - first + 1):
+            return True
+        missing = np.ones(last - first + 1, dtype=np.bool_)
+        present = column_places(self._keys[inside]) - first
+        missing[present[:, 0], present[:, 1]] = False
+        runs = Runs.of(np.argwhere(missing) + first)
+        size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
+        low = np.stack([runs.i, runs.south], axis=1) * size_m + origin[:2] + ROUNDING_M
+        high = np.stack([runs.i + 1, runs.north], axis=1) * size_m + origin[:2] - ROUNDING_M
+        shapely.prepare(outline)
+        return not shapely.intersects(outline, shapely.box(*low.T, *high.T)).any()
 
     def within(self, outline: Polygon | MultiPolygon) -> tuple[float, float] | None:
         """Local heights of the underside of the lowest and the top of the highest voxel in the bounds of an
         outline; None where the map has no ground there."""
-        inside = self._inside(outline)
+        inside = self._between(*self._corner_columns(outline))
         if not len(inside):
             return None
         size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
         lowest, highest = self._lowest[inside].min(), self._highest[inside].max() + 1
         return origin[2] + float(lowest) * size_m, origin[2] + float(highest) * size_m
 
-    def _inside(self, outline: Polygon | MultiPolygon) -> NDArray[np.int64]:
-        """Positions of the columns in the bounds of an outline."""
+    def _corner_columns(
+        self, outline: Polygon | MultiPolygon, less_m: float = 0.0
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(i, j) of the south-westernmost and the north-easternmost column in the bounds of an outline, taken
+        in by `less_m`."""
         size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
         west, south, east, north = outline.bounds
-        first = np.floor((np.array([west, south]) - origin[:2]) / size_m).astype(np.int64)
-        last = np.floor((np.array([east, north]) - origin[:2]) / size_m).astype(np.int64)
+        first = np.floor((np.array([west, south]) + less_m - origin[:2]) / size_m).astype(np.int64)
+        last = np.floor((np.array([east, north]) - less_m - origin[:2]) / size_m).astype(np.int64)
+        return first, np.maximum(first, last)
+
+    def _between(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Positions of the columns from one corner to the other."""
         rows = np.arange(first[0], last[0] + 1)
         west_end, east_end = (
             column_keys(np.stack([rows, np.full(len(rows), j)], axis=1)) for j in (first[1], last[1])

@@ -76,11 +76,14 @@ class Zone:
     """What each drone showed of it, by name, since it was created."""
     reason: Reason | None = None
     """Why it is closed at the instant of its zone set."""
+    leaves_map: bool = False
+    """Whether it closes ground that the map lacks, beyond its rim or in a hole, of which `lower_m` and
+    `upper_m` say nothing."""
 
     @property
     def ground_is_known(self) -> bool:
-        """Whether `lower_m` and `upper_m` are heights of the ground; its voxels are never flat."""
-        return self.lower_m < self.upper_m
+        """Whether all of its ground lies between `lower_m` and `upper_m`; the map's voxels are never flat."""
+        return self.lower_m < self.upper_m and not self.leaves_map
 
     def __repr__(self) -> str:
         crowd = f"{self.area_m2:.0f} m2 of crowd, P up to {self.probability_max:.2f}"
