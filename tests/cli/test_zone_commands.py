@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -19,6 +20,7 @@ from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
+from crowdfence.zones import ZoneSet
 from crowdfence.zones.history import ZoneHistory
 from crowdfence.zones.known_ground import known_ground
 from support.small_zones import SECOND_NS, DrawnZones
@@ -455,6 +457,34 @@ def test_places_on_earth(run: Path) -> None:
     for text in ("-640,60", "46.5,200", "nan,8"):
         message = refused("route", run, "--from", text, "--to", "46.5,8")
         assert f"'{text}' is no latitude and longitude in degrees; local metres need --local" in message
+
+
+@pytest.mark.parametrize(("far_m", "ground_m"), [(1000, 1200.0), (3000, 1200.0), (3000, -400.0), (300, 0.0)])
+def test_a_way_in_degrees_passes_the_zones_in_degrees(tmp_path: Path, far_m: int, ground_m: float) -> None:
+    """Places on ground 1200 m above the anchor and 4.2 km from it lie 4200 * 1200 / 6.37e6 = 80 cm away from
+    those with the same local metres at its height."""
+    frame = Georeference(46.5, 8.0, 600.0)
+    (crowd,) = DrawnZones((1, 1)).drawn("#")
+    square = shapely.box(far_m, far_m - 50, far_m + 40, far_m + 50)
+    zone = replace(crowd, polygon=square, lower_m=ground_m - 1.0, upper_m=ground_m + 1.0)
+    closed = ZoneSet((zone,), 0.5, 0.0, 0, 0.0)
+    ground = shapely.box(far_m - 300, far_m - 300, far_m + 300, far_m + 300)
+    path = tmp_path / "history.jsonl"
+    ZoneHistory([0], [closed], frame, {}, ground).write(path)
+
+    def place(north_m: float) -> str:
+        latitude, longitude, _ = frame.geodetic_from_local([[far_m + 20.0, far_m + north_m, ground_m]])
+        return f"{latitude[0]:.9f},{longitude[0]:.9f}"
+
+    ends = place(-150.0), place(150.0)
+    told = json.loads(command("route", path, "--from", ends[0], "--to", ends[1], "--json"))
+    command("export", path, "-f", "geojson", "-o", tmp_path / "zones.geojson")
+    (feature,) = json.loads((tmp_path / "zones.geojson").read_text())["features"]
+    way = [(corner["longitude"], corner["latitude"]) for corner in told["waypoints"]]
+    assert not shapely.LineString(way).intersects(shapely.geometry.shape(feature["geometry"]))
+    # It begins where it was asked to, and is no longer than it must be: two corners, 10 cm beside them.
+    assert way[0] == pytest.approx([float(part) for part in ends[0].split(",")][::-1], abs=2e-8)
+    assert told["length_m"] == pytest.approx(100.0 + 2 * np.hypot(100.0, 20.0), abs=0.2)
 
 
 def test_crowd_too_small_for_a_zone_is_told(tmp_path: Path) -> None:

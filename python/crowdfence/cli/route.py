@@ -97,6 +97,7 @@ def route(
 
     from crowdfence.planner import NoRoute, safe_route
     from crowdfence.planner.seen_ground import not_known_empty
+    from crowdfence.planner.told_in_degrees import at_one_height
     from crowdfence.result_folder import files_read_of, known_ground_of, open_history
     from crowdfence.static_zones import read_static_zones
 
@@ -113,7 +114,8 @@ def route(
         frame = None if local else history.georeference
         if frame is None and not local:
             raise ValueError("the run has no place on Earth; give local metres with --local")
-        begin, end = _place(start, frame), _place(goal, frame)
+        height_m, passed = at_one_height(zones) if history.georeference else (0.0, zones)
+        begin, end = _place(start, frame, height_m), _place(goal, frame, height_m)
         ground = known_ground_of(run, history)
         if ground is None and not beyond_map:
             raise ValueError(
@@ -125,12 +127,13 @@ def route(
                 raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
             if states is None:
                 raise ValueError(f"--known-empty: {_NO_STATES.format(run=run)}")
-            zones = (*zones, not_known_empty(states, ground))
+            unknown = not_known_empty(states, ground)
+            zones, passed = (*zones, unknown), (*passed, unknown)
         try:
             found = safe_route(
                 begin,
                 end,
-                zones,
+                passed,
                 clearance_m=clearance_m,
                 within=None if beyond_map else ground,
                 departure_ns=None if speed_m_s is None else departure_ns,
@@ -140,7 +143,7 @@ def route(
         except NoRoute as reason:
             console.fail(_worded(str(reason)))
             raise typer.Exit(GATE_NOT_MET) from None
-        report = _told(found, history.georeference, ground, states)
+        report = _told(found, history.georeference, ground, height_m, states)
         if output is not None:
             write_bytes(output, (json.dumps(_feature(report)) + "\n").encode())
         if picture is not None:
@@ -169,7 +172,10 @@ def route(
         console.stdout().print("  " + ", ".join(f"{name} {value}" for name, value in place.items()))
 
 
-def _place(text: str, georeference: Georeference | None) -> Any:
+def _place(text: str, georeference: Georeference | None, height_m: float) -> Any:
+    """Local metres [2]; of degrees at a local height."""
+    from crowdfence.planner.told_in_degrees import local_place
+
     try:
         first, second = map(float, text.split(","))
     except ValueError:
@@ -178,7 +184,7 @@ def _place(text: str, georeference: Georeference | None) -> Any:
         return np.array([first, second])
     if not (abs(first) <= 90.0 and abs(second) <= 180.0):
         raise ValueError(f"{text!r} is no latitude and longitude in degrees; local metres need --local")
-    return georeference.local_from_geodetic(first, second, georeference.height_m)[0, :2]
+    return local_place(georeference, first, second, height_m)
 
 
 def _states_at(run: Path, history: ZoneHistory, stamp_ns: int) -> StateRaster | None:
@@ -213,7 +219,11 @@ def _over_unknown(report: dict[str, Any]) -> str:
 
 
 def _told(
-    found: Route, georeference: Georeference | None, ground: Any, states: StateRaster | None
+    found: Route,
+    georeference: Georeference | None,
+    ground: Any,
+    height_m: float,
+    states: StateRaster | None,
 ) -> dict[str, Any]:
     from crowdfence.planner.seen_ground import metres_by_state
 
@@ -221,7 +231,7 @@ def _told(
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
     if georeference is not None:
-        points = np.column_stack([found.waypoints, np.zeros(len(found.waypoints))])
+        points = np.column_stack([found.waypoints, np.full(len(found.waypoints), height_m)])
         latitude, longitude, _ = georeference.geodetic_from_local(points)
         for waypoint, north, east in zip(waypoints, latitude.tolist(), longitude.tolist(), strict=True):
             waypoint |= {"latitude": round(north, 8), "longitude": round(east, 8)}

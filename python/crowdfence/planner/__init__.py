@@ -5,6 +5,7 @@
 - `way_out`    the nearest clear place
 - `timed_way`  the earliest one where zones have an end
 - `seen_ground`  how much of a way lies over ground that nobody has seen empty, and such ground as a zone
+- `told_in_degrees`  how far from zones a way is kept where both are told in degrees
 """
 
 from crowdfence.planner.clear_air import ClearAir, Conflict

@@ -11,7 +11,8 @@ from crowdfence._core import Terrain
 from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.zone import Zone
 
-_SMALLEST_EARTH_RADIUS_M = 6.335e6
+SMALLEST_EARTH_RADIUS_M = 6.335e6
+"""Of curvature: along meridians at the equator."""
 
 
 def on_ground(given: Sequence[Zone], terrain: Terrain) -> tuple[Zone, ...]:
@@ -34,6 +35,6 @@ def _placed(zone: Zone, heights: GroundHeights) -> Zone:
         return zone
     west, south, east, north = zone.polygon.bounds
     reach_m = float(np.hypot(max(abs(west), abs(east)), max(abs(south), abs(north))))
-    lean_m = reach_m * max(map(abs, ground_m)) / _SMALLEST_EARTH_RADIUS_M
+    lean_m = reach_m * max(map(abs, ground_m)) / SMALLEST_EARTH_RADIUS_M
     outline = shapely.buffer(zone.polygon, lean_m, join_style="mitre", mitre_limit=2.0)
     return replace(zone, polygon=outline, lower_m=ground_m[0], upper_m=ground_m[1])
