@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from crowdfence.sources.pictures.decoding import decode_rgb, read_rgb
+from crowdfence.sources.ros_bag.picture import image_pixels
 
 SIZE = (160, 120)
 
@@ -40,6 +42,13 @@ def test_grey_in_sixteen_bits_is_refused_and_not_clipped_to_two_tones(tmp_path: 
     path.write_bytes(file.getvalue())
     with pytest.raises(ValueError, match="deep.png has mode I.*: save it with 8 bits a channel"):
         read_rgb(path)
+
+
+def test_sixteen_bits_in_a_bag_are_not_sent_into_the_same_trap() -> None:
+    """Compressed as they are, they would still be too deep."""
+    message = SimpleNamespace(encoding="mono16", height=8, width=8, step=16, data=bytes(128))
+    with pytest.raises(ValueError, match="'mono16' are not supported.*with 8 bits a channel"):
+        image_pixels(message)
 
 
 INTACT = {

@@ -91,8 +91,9 @@ def test_a_film_with_poses_that_is_stored_turned_is_refused(tmp_path: Path) -> N
     write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, mini)
     for clockwise_deg in (90, 180, 270):
         turn(film, clockwise_deg)
-        with pytest.raises(ValueError, match=r"DJI_0001.MP4 is stored turned.*save it without the flag"):
+        with pytest.raises(ValueError, match=r"DJI_0001.MP4 is stored turned .*without the flag") as error:
             open_recording(film)
+        assert f"says {clockwise_deg} degrees clockwise" in str(error.value)
 
 
 def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:

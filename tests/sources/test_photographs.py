@@ -146,7 +146,8 @@ def test_what_is_left_out_of_a_folder_is_told(tmp_path: Path) -> None:
     found = open_recording(folder)
     assert [warning for warning in found.warnings if "left out" in warning] == [
         "2 files of flight/ left out, first: DJI_0100.DNG; of a folder only .jpg .jpeg are read",
-        "1 subfolder of flight/ with pictures left out, first: 101MEDIA; name every folder itself",
+        "1 subfolder of flight/ with pictures left out, first: 101MEDIA; move its pictures up, or name it "
+        "by itself",
     ]
     assert len(found.frames) == len(frames()) - 1
     (refusal,) = found.refused

@@ -101,10 +101,10 @@ def orientation(picture: Image.Image) -> int:
 
 
 def turned_fault(told: int) -> str:
-    """Why a picture with a pose is refused that asks to be turned, and what to do."""
+    """Why a picture with a pose, or with labels, is refused that asks to be turned, and what to do."""
     return (
-        f"is stored turned (EXIF Orientation {told}), and its pose may mean the stored picture or the one "
-        "that is shown: turn its pixels as the pose means them, and save it with Orientation 1"
+        f"is stored turned (EXIF Orientation {told}), and its pose or labels may mean the stored picture or "
+        "the one that is shown: turn its pixels as those mean them, and save it with Orientation 1"
     )
 
 

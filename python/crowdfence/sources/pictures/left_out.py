@@ -41,7 +41,7 @@ def _told(folder: Path, files: list[str], folders: list[str], suffixes: Sequence
     if folders:
         yield (
             f"{_counted(len(folders), 'subfolder')} of {name}/ with pictures left out, first: {folders[0]}; "
-            "name every folder itself"
+            "move its pictures up, or name it by itself"
         )
 
 

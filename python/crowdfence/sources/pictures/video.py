@@ -225,9 +225,9 @@ def require_unturned(film: Video) -> None:
     """ValueError for a film whose frames are turned to be shown, whose poses may mean either."""
     if _quarters(film.rotation_deg):
         raise ValueError(
-            f"{film.path} is stored turned (its rotation flag says {film.rotation_deg} degrees "
-            "counterclockwise), and its poses may mean the stored frames or those that are shown: turn its "
-            "frames as the poses mean them, and save it without the flag"
+            f"{film.path} is stored turned (its rotation flag says {-film.rotation_deg % 360} degrees "
+            "clockwise), and its poses may mean the stored frames or those that are shown: turn its frames "
+            "as the poses mean them, and save it without the flag"
         )
 
 
