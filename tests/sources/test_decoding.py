@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -102,6 +103,18 @@ def test_a_jpeg_that_the_decoder_would_patch_up_is_refused(tmp_path: Path, kind:
     path.write_bytes(data)
     with pytest.raises(ValueError, match="a.jpg is damaged: its pixels do not decode to the end"):
         read_rgb(path)
+
+
+def test_without_ffmpeg_only_a_jpeg_that_stops_is_known_to_be_damaged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As docs/recordings.md says; intact ones are read all the same."""
+    for name in ("av", "av.error"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert decode_rgb(INTACT["baseline"], SIZE).shape == (120, 160, 3)
+    assert decode_rgb(zeroed(INTACT["baseline"]), SIZE).shape == (120, 160, 3)
+    with pytest.raises(ValueError, match="picture is damaged: "):
+        decode_rgb(INTACT["baseline"][: len(INTACT["baseline"]) // 2], SIZE)
 
 
 def turned(orientation: int) -> bytes:
