@@ -27,6 +27,7 @@ def picture(path: Path, width: int = 64, height: int = 48, red: int = 0) -> Path
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[..., 0] = red
+    pixels[: height // 2, :, 1] = 60  # of one tone it would be refused
     Image.fromarray(pixels).save(path)
     return path
 
