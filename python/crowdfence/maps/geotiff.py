@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from crowdfence.maps.height_raster import HeightRaster
 from crowdfence.maps.holes import MAX_HOLE_M2, bridge_holes
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
+from crowdfence.maps.outstanding import COARSER
 from crowdfence.maps.raster_projection import RasterProjection
 from crowdfence.maps.source_frame import HeightRules, HeightUnit, chosen_crs
 from crowdfence.maps.tangent_grid import NODE_SPACING_M, LocalGrid, resample
@@ -49,7 +51,8 @@ def open_geotiff(
     assume_local: bool = False,
     max_hole_m2: float = MAX_HOLE_M2,
 ) -> MapReading:
-    """Height model -> closed voxel surface in the local frame, sampled at the middle of every voxel column.
+    """Height model -> closed voxel surface in the local frame, sampled at the middle of every voxel column;
+    where voxels are larger than pixels, what stands out of a column counts (`maps.outstanding`).
 
     Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
     the true tangent plane of the anchor, curvature of the earth included. Without `georeference` the anchor
@@ -196,5 +199,6 @@ def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain
         base_up_m=float(origin[2]),
         block_cells=int(np.clip(_WINDOW_SIDE * pixel_size_m / size_m, 1, 512)),
         node_spacing_m=0.0 if projection.bends else NODE_SPACING_M,
+        highest=partial(projection.highest, side_m=size_m) if size_m > COARSER * pixel_size_m else None,
     )
     return Terrain.from_height_map(heights, size_m, size_m, origin=origin.tolist())

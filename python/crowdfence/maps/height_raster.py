@@ -129,6 +129,32 @@ class HeightRaster:
         result[inside] = _bilinear(window, column[inside] - left, row[inside] - top)
         return result
 
+    def highest(
+        self, column: NDArray[np.float64], row: NDArray[np.float64], box: tuple[float, float]
+    ) -> NDArray[np.float64]:
+        """The greatest height of the pixels whose middles lie in boxes of `box` (columns, rows) around
+        continuous pixel coordinates; NaN where none has one."""
+        from scipy import ndimage
+
+        first = [np.ceil(at - side / 2 - 0.5) for at, side in zip((row, column), box[::-1], strict=True)]
+        count = [math.ceil(side) for side in box[::-1]]
+        low = [int(start.min()) for start in first]
+        stop = [int(start.max()) + many for start, many in zip(first, count, strict=True)]
+        inside = [
+            slice(min(max(a, 0), size), max(min(b, size), 0))
+            for a, b, size in zip(low, stop, (self.height, self.width), strict=True)
+        ]
+        if any(along.stop <= along.start for along in inside):
+            return np.full(column.shape, np.nan)
+        window = np.full((stop[0] - low[0], stop[1] - low[1]), -np.inf)
+        heights = self.read(inside[0], inside[1])
+        at = tuple(slice(along.start - a, along.stop - a) for along, a in zip(inside, low, strict=True))
+        window[at] = np.where(np.isnan(heights), -np.inf, heights)
+        for axis, many in enumerate(count):  # [i] becomes the greatest of [i, i + many)
+            window = ndimage.maximum_filter1d(window, many, axis, origin=-(many // 2))
+        found = window[(first[0] - low[0]).astype(np.intp), (first[1] - low[1]).astype(np.intp)]
+        return np.where(np.isfinite(found), found, np.nan)
+
     def _padded_window(
         self, column: NDArray[np.float64], row: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], int, int]:

@@ -77,6 +77,12 @@ class RasterProjection:
         """Height of the surface at source coordinates, NaN for holes."""
         return self.raster.sample(*_applied(~self.source_from_pixel, x, y))
 
+    def highest(self, x: NDArray[np.float64], y: NDArray[np.float64], side_m: float) -> NDArray[np.float64]:
+        """Greatest height in local squares of `side_m` around source coordinates, NaN where there is none."""
+        pixels_per_m = np.abs(np.linalg.inv(self._middle_pixel()[:, :2].T))  # [column, row] by [east, north]
+        wide, high = pixels_per_m.sum(axis=1) * side_m
+        return self.raster.highest(*_applied(~self.source_from_pixel, x, y), (float(wide), float(high)))
+
     def pixel_size_m(self) -> float:
         """Shorter side of the middle pixel."""
         return float(np.linalg.norm(self._middle_pixel(), axis=1).min())

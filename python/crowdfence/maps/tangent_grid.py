@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.maps.outstanding import raised
+
 Array = NDArray[np.float64]
 
 NODE_SPACING_M = 100.0
@@ -51,22 +53,31 @@ def resample(
     base_up_m: float,
     block_cells: int = _MAX_BLOCK_CELLS,
     node_spacing_m: float = NODE_SPACING_M,
+    highest: Callable[[Array, Array], Array] | None = None,
 ) -> NDArray[np.float32]:
     """Heights [X, Y] in metres above `base_up_m` at the centres of the grid's cells, NaN for holes.
 
     `source_from_local`: local points [N, 3] -> source (x, y, height) [N, 3]. `sample`: source x and y, each
     [n, m] -> source height of the surface, NaN for holes. `up_range_m`: local heights between which the
-    surface lies. `block_cells`: side of the blocks that `sample` is called with.
+    surface lies. `block_cells`: side of the blocks that `sample` is called with. `highest`: the like of
+    `sample` for the highest point of the surface in the cell around a place; cells that something stands out
+    of are as high as that (`outstanding`).
     """
     heights = np.full(grid.shape, np.nan, np.float32)
+    tops = None if highest is None else heights.copy()
     stride = max(1, min(block_cells, int(node_spacing_m / grid.cell_size_m)))
     for rows, columns in _blocks(grid.shape, block_cells):
         east = grid.east_centres_m(rows.start, rows.stop)
         north = grid.north_centres_m(columns.start, columns.stop)
         chart = _BlockChart.of(east, north, stride, up_range_m, source_from_local)
         # To the micrometre: ground exactly on the face between two voxels must not flicker between them.
-        heights[rows, columns] = np.round(_surface_up_m(chart, sample) - base_up_m, 6)
-    return heights
+        up_m = _surface_up_m(chart, sample)
+        heights[rows, columns] = np.round(up_m - base_up_m, 6)
+        if tops is not None and highest is not None:
+            x, y, height = chart.at(np.where(np.isnan(up_m), chart.low_m, up_m))
+            top_m = up_m + (highest(x, y) - height) / chart.per_metre[2]
+            tops[rows, columns] = np.round(top_m - base_up_m, 6)
+    return heights if tops is None else raised(heights, tops, grid.cell_size_m)
 
 
 def _blocks(shape: tuple[int, int], side: int) -> Iterator[tuple[slice, slice]]:
