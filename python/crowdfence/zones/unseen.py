@@ -43,6 +43,7 @@ class StandingPlaces:
         unknown = (state != VoxelState.EMPTY) & (state != VoxelState.CROWD)
         is_unknown = np.logical_or.reduceat(unknown, self._first)
         # What the map calls crowd is no zone by that alone.
-        crowd = np.flatnonzero(np.logical_or.reduceat(state == VoxelState.CROWD, self._first))
+        places = np.flatnonzero(state == VoxelState.CROWD)
+        crowd = np.searchsorted(self._first, places, "right") - 1
         is_unknown[crowd[~are_among(self.columns[crowd], in_zones)]] = True
         return united(self.columns[is_unknown], self._holes)
