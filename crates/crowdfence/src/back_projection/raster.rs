@@ -55,6 +55,8 @@ struct Row {
     painted: Painted,
     /// A point of it, relative to the camera.
     place: Vec3,
+    /// How far the top of its solid lies above that, in voxels: a wall goes on above each of its voxels.
+    below_top: f32,
 }
 
 impl Row {
@@ -297,8 +299,13 @@ impl<'a> Painter<'a> {
 
     #[inline(always)]
     fn add(&mut self, id: u32, painted: Painted, place: DVec3) {
+        self.add_below_top(id, painted, place, 0.0);
+    }
+
+    #[inline(always)]
+    fn add_below_top(&mut self, id: u32, painted: Painted, place: DVec3, below_top: f64) {
         if painted.count > 0 {
-            self.rows.push(Row { id, painted, place: place.as_vec3() });
+            self.rows.push(Row { id, painted, place: place.as_vec3(), below_top: below_top as f32 });
         }
     }
 
@@ -326,7 +333,7 @@ impl<'a> Painter<'a> {
     fn paint_top(&mut self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) {
         if self.shows_middle(normal, middle, self.canvas.owner(column, row)) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
-            self.rows.push(Row { id, painted, place: middle.as_vec3() });
+            self.rows.push(Row { id, painted, place: middle.as_vec3(), below_top: 0.0 });
         } else {
             self.occluded_ids.push(id);
         }
@@ -334,8 +341,8 @@ impl<'a> Painter<'a> {
 
     /// Whether the middle of a top is in view, by who owns the pixel over it. Its own ray passes the centre of that
     /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
-    /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and no
-    /// higher above it than half a voxel and half a pixel.
+    /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
+    /// top no higher above it than half a voxel and half a pixel.
     #[inline(always)]
     fn shows_middle(&self, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
@@ -345,11 +352,12 @@ impl<'a> Painter<'a> {
         if owner == NOBODY {
             return true;
         }
-        let nearer = self.rows[owner as usize].place.as_dvec3();
+        let Row { place, below_top, .. } = &self.rows[owner as usize];
+        let nearer = place.as_dvec3();
         let pixel = distance / self.optics.focal_px;
         let footprint = pixel * distance * normal.length() / height;
         let gap = distance - nearer.length();
-        let rise = normal.dot(nearer - middle);
+        let rise = normal.dot(nearer - middle) + normal.z * f64::from(*below_top);
         gap <= 1.5 * footprint + 2.0 && rise <= 0.5 + 0.5 * pixel
     }
 }

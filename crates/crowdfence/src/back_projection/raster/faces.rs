@@ -56,8 +56,9 @@ impl Painter<'_> {
             let face = |axis| side(place, axis, [floor; 4], [ceiling; 4]).filter(|_| shows(axis));
             let below = underside(place, bottom).filter(|_| is_lowest);
             let painted = self.paint_all(&[face(0), face(1), below], cut);
-            let middle = place.middle(f64::from(z) + 0.5 - self.origin.z);
-            self.add(tile.id(place.at, z), painted, middle);
+            let height = f64::from(z) + 0.5;
+            let middle = place.middle(height - self.origin.z);
+            self.add_below_top(tile.id(place.at, z), painted, middle, solid.top() - height);
         }
     }
 

@@ -26,8 +26,8 @@ enum What {
     Ground,
     /// The next hull: the uppermost voxel of a solid, with the height of its middle.
     Top { id: u32, height: f64, plane: Plane },
-    /// The next hull: the voxel of a wall.
-    Wall { z: u32 },
+    /// The next hull: the voxel of a wall, with the height of the top of its solid.
+    Wall { z: u32, top: f64 },
     /// The top of a solid that is hidden, which may be seen between the pixels.
     Middle { id: u32, height: f64, plane: Plane },
     /// The lowest solid of a column or one of the others, by its faces.
@@ -217,7 +217,7 @@ impl Painter<'_> {
             let crest = (ceiling > camera).then_some(Tip::Near(ceiling));
             let ends = [ceiling, floor];
             let hull = Hull { left: ends, right: ends, crest, foot: Some(Tip::Near(floor)) };
-            strokes.push_hull(place, What::Wall { z }, hull);
+            strokes.push_hull(place, What::Wall { z, top: solid.top() }, hull);
             ceiling = floor;
         }
         for z in split..solid.uppermost {
@@ -231,7 +231,7 @@ impl Painter<'_> {
             let ends = [ceiling, floor];
             let crest = Some(Tip::Near(ceiling));
             let hull = Hull { left: ends, right: ends, crest, foot: is_over_air.then_some(foot) };
-            strokes.push_hull(place, What::Wall { z }, hull);
+            strokes.push_hull(place, What::Wall { z, top: solid.top() }, hull);
         }
     }
 
@@ -269,11 +269,12 @@ impl Painter<'_> {
                         self.paint_middle_at(id, place.middle(height - self.origin.z), plane);
                     }
                 }
-                What::Wall { z } => {
+                What::Wall { z, top } => {
                     let painted = self.paint_shown(&mut hulls);
                     if painted.count > 0 {
-                        let middle = place.middle(f64::from(z) + 0.5 - self.origin.z);
-                        self.add(tile.id(place.at, z), painted, middle);
+                        let height = f64::from(z) + 0.5;
+                        let middle = place.middle(height - self.origin.z);
+                        self.add_below_top(tile.id(place.at, z), painted, middle, top - height);
                     }
                 }
                 What::Top { id, height, plane } => {

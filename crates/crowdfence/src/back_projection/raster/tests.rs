@@ -163,6 +163,31 @@ fn a_pixel_of_smooth_ground_belongs_to_what_its_ray_meets() {
     assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
 }
 
+/// Walls one column wide and three voxels high on a plain, whose surface lies anywhere in its voxels: from 9 m above it
+/// nothing is seen of the two columns behind each, though the foot of the wall, which owns the pixels over them, is
+/// hardly higher than they are where the plain lies high in its voxels.
+#[test]
+fn the_foot_of_a_wall_is_not_the_ground_behind_it() {
+    let is_wall = |y: usize| y % 20 == 10;
+    for fraction in [0.0, 0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.999] {
+        let height = |cell: usize| 1.0 + fraction + if is_wall(cell % 128) { 3.0 } else { 0.0 };
+        let heights: Vec<f32> = (0..128 * 128).map(height).collect();
+        let map = HeightMap::new(&heights, [128, 128], 1.0).unwrap();
+        let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+        let at = DVec3::new(64.2, 2.3, 10.0 + f64::from(fraction));
+        let view = view(at, looking(0.0, 0.15, 0.05), 300.0);
+        let projection = Projection::new(90.0, 0.0, Coverage::Full).unwrap();
+        let seen = project(&view, &terrain, &projection);
+        let is_behind = |&id: &u32| {
+            let [_, y, z] = terrain.index(id);
+            z < 2 && [y - 1, y - 2].iter().any(|&y| y >= 0 && is_wall(y as usize))
+        };
+        let (behind, open): (Vec<u32>, Vec<u32>) = seen.voxel_ids().iter().copied().partition(is_behind);
+        assert!(behind.is_empty(), "{} columns behind walls, surface at {fraction}", behind.len());
+        assert!(open.len() > 100);
+    }
+}
+
 /// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
 /// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
 #[test]
