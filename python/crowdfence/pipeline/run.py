@@ -66,9 +66,8 @@ class Run:
     voxel_size_why: str = ""
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
-    """What is doubtful about the map and what was taken from it, one sentence each."""
-    unit_doubts: tuple[str, ...] = ()
-    """Heatmaps that may be in other units than they are read in, one sentence for each such drone."""
+    """What is doubtful about the map and what was taken from it, and about the units of heatmaps, one
+    sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -86,8 +85,8 @@ class Run:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        of_heatmaps = [*self.unit_doubts, *of_detector, *self.heatmaps.warnings, *lost]
-        return [*self.recording.warnings, *self.doubts, *of_heatmaps]
+        of_pictures = [*of_detector, *self.heatmaps.warnings, *lost]
+        return [*self.recording.warnings, *self.doubts, *of_pictures]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -190,8 +189,7 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
-        doubts=(*map_doubts, *doubts, *(doubt for doubt in (coarse, under) if doubt is not None)),
-        unit_doubts=tuple(units.warnings),
+        doubts=(*map_doubts, *doubts, *filter(None, (coarse, under)), *units.warnings),
         voxel_size_why=voxel_size_why,
     )
 
