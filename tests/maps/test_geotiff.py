@@ -166,6 +166,8 @@ def test_without_georeference_the_anchor_is_the_middle_at_the_lowest_height(tmp_
     ("pixel_m", "side", "size_m", "why"),
     [
         (0.77, 20, 0.77, "as the file's pixels of 0.77 m"),
+        (0.25, 4000, 0.25, "as the file's pixels of 0.25 m"),
+        (0.05, 20, 0.25, "coarser than the file's pixels of 0.05 m, because every one costs"),
         (7.7, 20, 0.5, "finer than the file's pixels of 7.7 m, because people are"),
         # 10 million columns on 36 km2 are 1.9 m wide, on 2500 km2 15.8 m: wider than these pixels are.
         (60.0, 100, 2.0, "finer than the file's pixels of 60 m"),
@@ -176,6 +178,17 @@ def test_the_file_or_the_size_of_people_chooses_the_voxels(pixel_m, side, size_m
     chosen = chosen_voxel_size(None, pixel_m, f"the file's pixels of {pixel_m:g} m", (side * pixel_m) ** 2)
     assert chosen.size_m == size_m and chosen.why.startswith(why)
     assert chosen_voxel_size(3.0, pixel_m, "", 1.0).size_m == 3.0
+
+
+def test_a_wall_of_a_photogrammetric_model_stands_in_its_coarser_voxels(tmp_path):
+    heights = np.zeros((100, 100))  # 5 m of 5 cm
+    heights[:, 54] = 2.0  # 5 cm thick, 2.70 m from the western edge: the middle of its column lies at 2.625 m
+    path = write_tif(tmp_path / "dsm.tif", heights, "EPSG:32632", from_origin(500_000, 5_300_000, 0.05, 0.05))
+    terrain = open_terrain(path)
+    assert terrain.voxel_size_m == 0.25
+    tops = terrain.voxel_centers(np.arange(terrain.voxel_count))[:, 2] + 0.125
+    assert tops.max() == pytest.approx(2.0, abs=0.25)
+    assert (tops > 1.0).sum() >= 20  # along all of its 5 m
 
 
 def test_voxels_take_the_shorter_side_of_fine_pixels_and_people_s_size_of_coarse_ones(tmp_path):

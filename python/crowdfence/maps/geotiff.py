@@ -57,8 +57,8 @@ def open_geotiff(
     Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
     the true tangent plane of the anchor, curvature of the earth included. Without `georeference` the anchor
     is the middle of the raster at the lowest height, rounded down to whole metres. Without `voxel_size_m`
-    voxels are as large as pixels, rounded to two digits; pixels of more than a metre are interpolated to
-    voxels of 0.5 m, or as fine as ten million columns allow (`maps.voxel_size`).
+    voxels are as large as pixels, rounded to two digits, and at least 0.25 m; pixels of more than a metre are
+    interpolated to voxels of 0.5 m, or as fine as ten million columns allow (`maps.voxel_size`).
 
     - `band`: which one holds heights (1 = first); must be given when there are several.
     - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are

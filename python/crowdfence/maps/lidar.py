@@ -71,8 +71,9 @@ def open_lidar(
     - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
 
     Without `voxel_size_m` it follows the mean distance of neighbouring points, rounded up to 1, 2 or 5 times
-    a power of ten; where that is above a metre it is 0.5 m, or as fine as ten million columns allow. Without
-    `georeference` the anchor is the middle of the file at its lowest height, rounded down to whole metres.
+    a power of ten, and is at least 0.25 m; where it is above a metre it is 0.5 m, or as fine as ten million
+    columns allow. Without `georeference` the anchor is the middle of the file at its lowest height, rounded
+    down to whole metres.
 
     MapError for a file without reference system, without usable points, with fewer points than its header
     says, more than 200 km from the anchor, too large for the voxel size, or damaged.

@@ -36,7 +36,7 @@ def open_mesh(
     Vertices are local: x east, y north, z up, in units of `unit_m` metres.
     `up="y"` is for files whose y axis points up, as many modelling tools write them: their (x, y, z) becomes
     (x, -z, y). `origin` is then added, in metres. Textures and materials are not read. Without `voxel_size_m`
-    it is a thousandth of the longest side, rounded up to 1, 2 or 5 times a power of ten and at least 5 cm;
+    it is a thousandth of the longest side, rounded up to 1, 2 or 5 times a power of ten, and at least 0.25 m;
     where that is above a metre it is 0.5 m, or as fine as ten million columns allow.
     A mesh knows no place on Earth, so `georeference` is taken as given.
     """
