@@ -9,8 +9,8 @@ SMALLEST_M = 0.05
 AS_THE_FILE_M = 1.0
 """Files of this resolution or finer decide themselves, down to `FINEST_M`."""
 FINEST_M = 0.25
-"""Half of what a person takes up in a loose crowd. Finer files are read so coarsely: every voxel in view is paid
-for at every look, and a photogrammetric model of 5 cm has twenty-five of them on the same ground."""
+"""Half of what a person takes up in a loose crowd. Finer files are read so coarsely: every voxel in view is
+paid for at every look, and a photogrammetric model of 5 cm has twenty-five of them on the same ground."""
 PEOPLE_M = 0.5
 """Coarser files are read so finely, if that is not too much: the room of a person in a loose crowd, and what
 the shipped detector was measured with."""
@@ -30,9 +30,9 @@ class VoxelSize:
 
 
 def chosen_voxel_size(given_m: float | None, file_m: float, told: str, area_m2: float) -> VoxelSize:
-    """`given_m` where somebody said so; else the resolution `file_m` of the file, `told` in words. Coarser where
-    that is finer than `FINEST_M`; finer where it is coarser than `AS_THE_FILE_M` and the map's area allows: the
-    surface between heights, points and corners is interpolated, and people are small."""
+    """`given_m` where somebody said so; else the resolution `file_m` of the file, `told` in words. Coarser
+    where that is finer than `FINEST_M`; finer where it is coarser than `AS_THE_FILE_M` and the map's area
+    allows: the surface between heights, points and corners is interpolated, and people are small."""
     if given_m is not None:
         return VoxelSize(given_m, "as asked for")
     if file_m < FINEST_M:
