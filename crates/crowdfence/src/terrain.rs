@@ -12,6 +12,7 @@ mod plane;
 mod plane_fit;
 mod point_means;
 mod solid;
+mod surroundings;
 mod terraces;
 pub(crate) mod tree;
 pub mod triangles;

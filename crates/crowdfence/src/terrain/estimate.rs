@@ -16,220 +16,123 @@
 //! | rising 1.3 along x, falling 0.8 along y | 0.03 | 0.03 |
 //! | hills of 4 voxels, dents of 0.6 voxels 6 columns apart | 0.15 | 0.65 |
 
-use std::ops::Range;
+mod rows;
 
 use rayon::prelude::*;
 
 use super::plane_fit::PlaneFit;
 use super::point_means::PointMeans;
-use super::tree::{Branch, Cell, Tree};
+use super::surroundings::{Surroundings, Top};
 use super::{Plane, Terrain};
+use rows::Rows;
 
 /// Columns to either side that a plane is fitted to.
 const REACH: i32 = 2;
-/// Side of the cubes of voxels that are worked on together; the tree has cells of this size.
-const BLOCK: u32 = 16;
-/// Voxels above and below a block that a sheet may reach within [`REACH`]: 4 along each axis and some slack.
-const CLIMB: u32 = 12;
-/// Side of a block with the columns around it.
-const SIDE: i32 = BLOCK as i32 + 2 * REACH;
+/// How far a top beside another one, and one two columns away from where those two lead, may lie to be of its sheet.
+const NEAR_SLACK: f64 = 3.0;
+const FAR_SLACK: f64 = 1.0;
 
 /// Planes by voxel id, from bare voxels or from the points in them. A voxel with another one on top keeps its ceiling.
 pub(super) fn planes(terrain: &Terrain, points: Option<&PointMeans>) -> Vec<Plane> {
     let tree = terrain.tree();
     let mut planes = vec![Plane::CEILING; tree.voxel_count()];
-    let blocks = blocks(tree);
-    let firsts: Vec<u32> = blocks.iter().map(|&block| first_voxel(tree, block)).collect();
     let mut rest = planes.as_mut_slice();
-    let mut tasks = Vec::with_capacity(blocks.len());
-    for (at, &block) in blocks.iter().enumerate() {
-        let end = firsts.get(at + 1).map_or(tree.voxel_count(), |&next| next as usize);
-        let (own, others) = rest.split_at_mut(end - firsts[at] as usize);
-        tasks.push((block.cell, firsts[at], own));
+    let mut tasks = Vec::new();
+    for block in tree.blocks() {
+        let (own, others) = rest.split_at_mut(block.ids.len());
+        tasks.push((block, own));
         rest = others;
     }
-    tasks.into_par_iter().with_min_len(8).for_each_init(
-        Columns::default,
-        |columns, (cell, first, planes)| {
-            columns.gather(tree, cell);
-            for (column, run) in columns.ending_in(first..first + planes.len() as u32) {
-                planes[(run.id - first) as usize] = match points {
-                    None => columns.plane(column, run),
-                    Some(points) => columns.plane_of_points(column, run, points),
+    let new = || (Box::new(Surroundings::new()), Box::new(Rows::new()));
+    tasks.into_par_iter().with_min_len(8).for_each_init(new, |(around, rows), (block, planes)| {
+        around.gather(tree, &block);
+        if points.is_none() {
+            rows.fit(around);
+        }
+        for column in Surroundings::columns() {
+            for top in around.tops(column) {
+                planes[(around.id(top) - block.ids.start) as usize] = match points {
+                    None => rows.plane(column).unwrap_or_else(|| plane(around, top)),
+                    Some(points) => plane_of_points(around, top, points),
                 };
             }
-        },
-    );
+        }
+    });
     planes
 }
 
-/// The occupied cells of [`BLOCK`] voxels a side, by voxel id; a smaller tree is one block.
-fn blocks(tree: &Tree) -> Vec<Branch> {
-    let mut blocks = vec![tree.root()];
-    while blocks[0].cell.side > BLOCK {
-        blocks = blocks.into_iter().flat_map(|branch| tree.children(branch)).collect();
+/// How far from where its rough slope leads a solid's top may lie to be of the same sheet.
+#[inline(always)]
+fn slack(x: i32, y: i32) -> f64 {
+    (1.0 + 0.25 * f64::from(x.abs() + y.abs())).min(1.75)
+}
+
+/// The solids around that end in the same sheet: columns along x and y from this one, rise, and their tops.
+fn sheet(around: &Surroundings, top: Top) -> impl Iterator<Item = ([f64; 3], Top)> {
+    let rough = Surroundings::STEP.map(|step| rough_slope(around, top, step));
+    let places = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| (x, y)));
+    places.filter_map(move |(x, y)| {
+        let expected = rough[0] * f64::from(x) + rough[1] * f64::from(y);
+        let [step_x, step_y] = Surroundings::STEP;
+        let column = top.column + x * step_x + y * step_y;
+        let (other, rise) = around.nearest(column, top, expected, slack(x, y))?;
+        Some(([x.into(), y.into(), rise], other))
+    })
+}
+
+fn plane(around: &Surroundings, top: Top) -> Plane {
+    let (mut fit, mut thickness) = (PlaneFit::default(), 0.0);
+    for (place, other) in sheet(around, top) {
+        fit.add(place, 1.0);
+        thickness += f64::from(around.thickness(other));
     }
-    blocks
+    fitted(&fit, thickness)
 }
 
-fn first_voxel(tree: &Tree, mut branch: Branch) -> u32 {
-    loop {
-        if let Some(id) = branch.voxel_id() {
-            return id;
-        }
-        branch = tree.children(branch).next().expect("an occupied cell holds a voxel");
+/// `thickness` of all solids together.
+#[inline(always)]
+fn fitted(fit: &PlaneFit, thickness: f64) -> Plane {
+    let (height, slope) = fit.plane();
+    Plane::new((height + 0.5).clamp(0.0, 1.0) - overhang(slope, thickness / fit.weight), slope)
+}
+
+/// The nearer a point, the more it counts; with less than one in a voxel it takes the neighbours to tell a slope.
+fn plane_of_points(around: &Surroundings, top: Top, points: &PointMeans) -> Plane {
+    let mut fit = PlaneFit::default();
+    for ([x, y, rise], other) in sheet(around, top) {
+        let [from_x, from_y, above] = points.of_voxel(around.id(other));
+        fit.add([x + from_x, y + from_y, rise + above], 1.0 / (1.0 + x * x + y * y));
     }
+    let (height, slope) = fit.plane();
+    // The sheet passes through the voxel somewhere in its column.
+    let half_rise = (slope[0].abs() + slope[1].abs()) / 2.0;
+    Plane::new(height.clamp(-half_rise, 1.0 + half_rise), slope)
 }
 
-/// A solid of one column. Of one that leaves what was gathered, only the part inside is known, which is too far
-/// away to be of the sheet of any voxel in the block.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    bottom: i32,
-    top: i32,
-    /// Of the uppermost voxel.
-    id: u32,
-}
-
-/// The solids in a block and around it.
-#[derive(Default)]
-struct Columns {
-    /// Column, z and id of every voxel, sorted.
-    voxels: Vec<(i32, i32, u32)>,
-    runs: Vec<Run>,
-    /// First run of every column, row-major over [`SIDE`] x [`SIDE`], and the number of all runs.
-    starts: Vec<u32>,
-}
-
-impl Columns {
-    fn gather(&mut self, tree: &Tree, block: Cell) {
-        self.voxels.clear();
-        let low = [0, 1, 2].map(|k| i64::from(block.low[k]) - [REACH as i64, REACH as i64, CLIMB.into()][k]);
-        let sides = [SIDE as i64, SIDE as i64, i64::from(BLOCK + 2 * CLIMB)];
-        collect(tree, tree.root(), low, sides, &mut self.voxels);
-        self.voxels.sort_unstable();
-        self.join();
-    }
-
-    /// Voxels -> runs.
-    fn join(&mut self) {
-        self.runs.clear();
-        self.starts.clear();
-        let mut column = -1;
-        for &(own, z, id) in &self.voxels {
-            match self.runs.last_mut() {
-                Some(run) if own == column && run.top + 1 == z => (run.top, run.id) = (z, id),
-                _ => {
-                    self.starts.resize(own as usize + 1, self.runs.len() as u32);
-                    self.runs.push(Run { bottom: z, top: z, id });
+/// Slope of the sheet along one axis, `step` columns apart, from the side that continues it best: at the foot
+/// and at the edge of a wall, that is the side away from the wall.
+fn rough_slope(around: &Surroundings, top: Top, step: i32) -> f64 {
+    let side = |step: i32| {
+        let (_, near) = around.nearest(top.column + step, top, 0.0, NEAR_SLACK)?;
+        let far = around.nearest(top.column + 2 * step, top, 2.0 * near, FAR_SLACK).map(|(_, rise)| rise);
+        Some((near, far))
+    };
+    match (side(-step), side(step)) {
+        (Some((before, far_before)), Some((after, far_after))) if (before + after).abs() <= 1.0 => {
+            match (far_before, far_after) {
+                (Some(far_before), Some(far_after)) => {
+                    (2.0 * (far_after - far_before) + after - before) / 10.0
                 }
+                _ => (after - before) / 2.0,
             }
-            column = own;
         }
-        self.starts.resize((SIDE * SIDE) as usize + 1, self.runs.len() as u32);
-    }
-}
-
-/// Voxels of a branch inside a box, for every column from below.
-fn collect(tree: &Tree, branch: Branch, low: [i64; 3], sides: [i64; 3], voxels: &mut Vec<(i32, i32, u32)>) {
-    if let Some(id) = branch.voxel_id() {
-        let [x, y, _] = [0, 1, 2].map(|k| (i64::from(branch.cell.low[k]) - low[k]) as i32);
-        voxels.push((x * SIDE + y, branch.cell.low[2] as i32, id));
-        return;
-    }
-    for child in tree.children(branch) {
-        let Cell { low: corner, side } = child.cell;
-        let meets = |k: usize| {
-            let below = i64::from(corner[k]) - low[k];
-            below < sides[k] && below + i64::from(side) > 0
-        };
-        if meets(0) && meets(1) && meets(2) {
-            collect(tree, child, low, sides, voxels);
-        }
-    }
-}
-
-impl Columns {
-    /// The solids whose uppermost voxel is one of these, with their columns.
-    fn ending_in(&self, ids: Range<u32>) -> impl Iterator<Item = (i32, Run)> {
-        let columns =
-            (0..SIDE * SIDE).flat_map(|column| self.runs_of(column).iter().map(move |&run| (column, run)));
-        columns.filter(move |(_, run)| ids.contains(&run.id))
-    }
-
-    fn runs_of(&self, column: i32) -> &[Run] {
-        let [from, to] = [column, column + 1].map(|column| self.starts[column as usize] as usize);
-        &self.runs[from..to]
-    }
-
-    /// The solid of a column that ends nearest to a height, if it does so within `slack`, and its rise over `run`.
-    fn rise(&self, run: Run, column: i32, expected: f64, slack: f64) -> Option<(f64, Run)> {
-        let off = |rise: f64| (rise - expected).abs();
-        let rises = self.runs_of(column).iter().map(|&other| (f64::from(other.top - run.top), other));
-        rises.min_by(|a, b| off(a.0).total_cmp(&off(b.0))).filter(|&(rise, _)| off(rise) <= slack)
-    }
-
-    /// The solids around that end in the same sheet: columns along x and y from this one, rise, and the solid.
-    fn sheet(&self, column: i32, run: Run) -> impl Iterator<Item = ([f64; 3], Run)> {
-        let rough = [self.rough_slope(column, run, SIDE), self.rough_slope(column, run, 1)];
-        let around = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| (x, y)));
-        around.filter_map(move |(x, y)| {
-            let expected = rough[0] * f64::from(x) + rough[1] * f64::from(y);
-            let slack = (1.0 + 0.25 * f64::from(x.abs() + y.abs())).min(1.75);
-            let (rise, other) = self.rise(run, column + x * SIDE + y, expected, slack)?;
-            Some(([x.into(), y.into(), rise], other))
-        })
-    }
-
-    fn plane(&self, column: i32, run: Run) -> Plane {
-        let (mut fit, mut thickness, mut count) = (PlaneFit::default(), 0.0, 0.0);
-        for (place, other) in self.sheet(column, run) {
-            fit.add(place, 1.0);
-            thickness += f64::from(other.top - other.bottom + 1);
-            count += 1.0;
-        }
-        let (top, slope) = fit.plane();
-        Plane::new((top + 0.5).clamp(0.0, 1.0) - overhang(slope, thickness / count), slope)
-    }
-
-    /// The nearer a point, the more it counts; with less than one in a voxel it takes the neighbours to tell a slope.
-    fn plane_of_points(&self, column: i32, run: Run, points: &PointMeans) -> Plane {
-        let mut fit = PlaneFit::default();
-        for ([x, y, rise], other) in self.sheet(column, run) {
-            let [from_x, from_y, above] = points.of_voxel(other.id);
-            fit.add([x + from_x, y + from_y, rise + above], 1.0 / (1.0 + x * x + y * y));
-        }
-        let (height, slope) = fit.plane();
-        // The sheet passes through the voxel somewhere in its column.
-        let half_rise = (slope[0].abs() + slope[1].abs()) / 2.0;
-        Plane::new(height.clamp(-half_rise, 1.0 + half_rise), slope)
-    }
-
-    /// Slope of the sheet along one axis, `step` columns apart, from the side that continues it best: at the foot
-    /// and at the edge of a wall, that is the side away from the wall.
-    fn rough_slope(&self, column: i32, run: Run, step: i32) -> f64 {
-        let side = |step: i32| {
-            let near = self.rise(run, column + step, 0.0, 3.0).map(|(rise, _)| rise)?;
-            let far = self.rise(run, column + 2 * step, 2.0 * near, 1.0).map(|(rise, _)| rise);
-            Some((near, far))
-        };
-        match (side(-step), side(step)) {
-            (Some((before, far_before)), Some((after, far_after))) if (before + after).abs() <= 1.0 => {
-                match (far_before, far_after) {
-                    (Some(far_before), Some(far_after)) => {
-                        (2.0 * (far_after - far_before) + after - before) / 10.0
-                    }
-                    _ => (after - before) / 2.0,
-                }
-            }
-            (before, after) => {
-                let far = |side: Option<(f64, Option<f64>)>| side.and_then(|(_, far)| far);
-                match (far(before).map(|far| -far / 2.0), far(after).map(|far| far / 2.0)) {
-                    (Some(a), Some(b)) if a * b <= 0.0 => 0.0,
-                    (Some(a), Some(b)) => a.abs().min(b.abs()).copysign(a),
-                    (Some(slope), None) | (None, Some(slope)) => slope,
-                    (None, None) => 0.0,
-                }
+        (before, after) => {
+            let far = |side: Option<(f64, Option<f64>)>| side.and_then(|(_, far)| far);
+            match (far(before).map(|far| -far / 2.0), far(after).map(|far| far / 2.0)) {
+                (Some(a), Some(b)) if a * b <= 0.0 => 0.0,
+                (Some(a), Some(b)) => a.abs().min(b.abs()).copysign(a),
+                (Some(slope), None) | (None, Some(slope)) => slope,
+                (None, None) => 0.0,
             }
         }
     }

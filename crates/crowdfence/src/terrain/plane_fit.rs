@@ -5,17 +5,18 @@ use super::plane::Plane;
 /// Where points lie on one line in plan, or are one, the slope across them comes out as 0.
 const ACROSS: f64 = 1e-6;
 
+/// Sums over the points, each with its weight.
 #[derive(Default)]
 pub(super) struct PlaneFit {
-    weight: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
-    yy: f64,
-    z: f64,
-    xz: f64,
-    yz: f64,
+    pub weight: f64,
+    pub x: f64,
+    pub y: f64,
+    pub xx: f64,
+    pub xy: f64,
+    pub yy: f64,
+    pub z: f64,
+    pub xz: f64,
+    pub yz: f64,
 }
 
 impl PlaneFit {
@@ -32,16 +33,19 @@ impl PlaneFit {
         self.yz += weight * y * z;
     }
 
-    /// Height at the column's centre and the slopes, these cut to what a [`Plane`] keeps. There must be a point.
+    /// Height at the column's centre and the slopes, these cut to what a [`Plane`] keeps. There must be a point. Without
+    /// closures, so that it becomes vectors where many are worked out.
+    #[inline(always)]
     pub fn plane(&self) -> (f64, [f64; 2]) {
-        let mean = |sum: f64| sum / self.weight;
-        let [x, y, z] = [self.x, self.y, self.z].map(mean);
-        let [xx, yy] = [mean(self.xx) - x * x, mean(self.yy) - y * y].map(|spread| spread + ACROSS);
-        let xy = mean(self.xy) - x * y;
-        let (xz, yz) = (mean(self.xz) - x * z, mean(self.yz) - y * z);
+        let (x, y, z) = (self.x / self.weight, self.y / self.weight, self.z / self.weight);
+        let xx = self.xx / self.weight - x * x + ACROSS;
+        let yy = self.yy / self.weight - y * y + ACROSS;
+        let xy = self.xy / self.weight - x * y;
+        let (xz, yz) = (self.xz / self.weight - x * z, self.yz / self.weight - y * z);
         let determinant = xx * yy - xy * xy;
-        let slope = [(xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant]
-            .map(|slope| slope.clamp(-Plane::STEEPEST, Plane::STEEPEST));
-        (z - slope[0] * x - slope[1] * y, slope)
+        let (along_x, along_y) = (xz * yy - yz * xy, yz * xx - xz * xy);
+        let slope_x = (along_x / determinant).clamp(-Plane::STEEPEST, Plane::STEEPEST);
+        let slope_y = (along_y / determinant).clamp(-Plane::STEEPEST, Plane::STEEPEST);
+        (z - slope_x * x - slope_y * y, [slope_x, slope_y])
     }
 }

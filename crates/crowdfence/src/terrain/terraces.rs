@@ -6,7 +6,8 @@
 use rayon::prelude::*;
 
 use super::plane::Plane;
-use super::tree::Ascent;
+use super::surroundings::{self, Surroundings};
+use super::tree::Block;
 use super::{Index, Terrain};
 
 /// Rise over a column, along either axis, up to which ground counts as nearly level, also across the edge of a terrace,
@@ -26,9 +27,13 @@ const ROUNDS: usize = 4;
 struct Top {
     id: u32,
     is_fixed: bool,
-    /// West, east, south and north: which top of the other colour, and by how many voxels its floor is higher.
-    beside: [Option<(u32, i8)>; 4],
+    /// West, east, south and north: which top of the other colour, or [`NOTHING`], and by how many voxels its floor is
+    /// higher.
+    beside: [u32; 4],
+    floors: [i8; 4],
 }
+
+const NOTHING: u32 = u32::MAX;
 
 /// Tops that take turns, as the fields of a chess board: those beside one are of the other colour.
 struct Colour {
@@ -53,7 +58,7 @@ pub(super) fn ramp(terrain: &Terrain, planes: &mut [Plane]) {
         black.smooth(&white.heights);
     }
     for (own, other) in [(&white, &black), (&black, &white)] {
-        for (at, top) in own.tops.iter().enumerate().filter(|&(at, _)| own.is_between(at)) {
+        for (at, top) in own.tops.iter().enumerate().filter(|&(at, _)| is_between(own.ways[at])) {
             planes[top.id as usize] = top.plane(own.heights[at], &other.heights);
         }
     }
@@ -62,7 +67,7 @@ pub(super) fn ramp(terrain: &Terrain, planes: &mut [Plane]) {
 impl Colour {
     fn of(tops: Vec<Top>, planes: &[Plane]) -> Colour {
         let edge = |top: &Top, step: i8| {
-            let has_step = !top.is_fixed && top.beside.iter().flatten().any(|&(_, floor)| floor == step);
+            let has_step = !top.is_fixed && top.beside().flatten().any(|(_, floor)| floor == step);
             if has_step { 0.5 } else { f32::INFINITY }
         };
         let ways = tops.iter().map(|top| [edge(top, -1), edge(top, 1)]).collect();
@@ -72,7 +77,7 @@ impl Colour {
 
     fn find_ways(&mut self, others: &[[f32; 2]]) {
         self.ways.par_iter_mut().zip(&self.tops).with_min_len(1 << 12).for_each(|(ways, top)| {
-            for &(at, _) in top.beside.iter().flatten().filter(|&&(_, floor)| floor == 0 && !top.is_fixed) {
+            for (at, _) in top.beside().flatten().filter(|&(_, floor)| floor == 0 && !top.is_fixed) {
                 for (way, beside) in ways.iter_mut().zip(others[at as usize]) {
                     *way = way.min(beside + 1.0);
                 }
@@ -80,15 +85,9 @@ impl Colour {
         });
     }
 
-    /// Whether a top knows both edges of a terrace that is wide enough.
-    fn is_between(&self, at: usize) -> bool {
-        let [down, up] = self.ways[at];
-        down.max(up) <= REACH && down + up >= NARROWEST
-    }
-
     fn climb(&mut self) {
         for at in 0..self.tops.len() {
-            if self.is_between(at) {
+            if is_between(self.ways[at]) {
                 let [down, up] = self.ways[at];
                 self.heights[at] = down / (down + up);
             }
@@ -97,21 +96,35 @@ impl Colour {
 
     /// Heights become the mean of themselves and of those beside them.
     fn smooth(&mut self, others: &[f32]) {
-        for at in 0..self.tops.len() {
-            if self.is_between(at) {
-                let beside = self.tops[at].rises(others).into_iter().flatten();
+        let (tops, ways) = (&self.tops, &self.ways);
+        self.heights.par_iter_mut().enumerate().with_min_len(1 << 12).for_each(|(at, height)| {
+            if is_between(ways[at]) {
+                let beside = tops[at].rises(others).into_iter().flatten();
                 let (sum, count) = beside.fold((0.0, 0.0), |(sum, count), rise| (sum + rise, count + 1.0));
-                let mean = if count > 0.0 { sum / count } else { self.heights[at] };
-                self.heights[at] = (0.5 * (self.heights[at] + mean)).clamp(0.0, 1.0);
+                let mean = if count > 0.0 { sum / count } else { *height };
+                *height = (0.5 * (*height + mean)).clamp(0.0, 1.0);
             }
-        }
+        });
     }
 }
 
+/// Whether a top knows both edges of a terrace that is wide enough, by its ways to them.
+fn is_between([down, up]: [f32; 2]) -> bool {
+    down.max(up) <= REACH && down + up >= NARROWEST
+}
+
 impl Top {
+    fn beside(&self) -> impl Iterator<Item = Option<(u32, i8)>> {
+        let beside = self.beside.into_iter().zip(self.floors);
+        beside.map(|(at, floor)| (at != NOTHING).then_some((at, floor)))
+    }
+
     /// Heights of the tops beside it, above the floor of its own voxel.
     fn rises(&self, others: &[f32]) -> [Option<f32>; 4] {
-        self.beside.map(|beside| beside.map(|(at, floor)| others[at as usize] + f32::from(floor)))
+        std::array::from_fn(|side| {
+            let (at, floor) = (self.beside[side], self.floors[side]);
+            (at != NOTHING).then(|| others[at as usize] + f32::from(floor))
+        })
     }
 
     fn plane(&self, height: f32, others: &[f32]) -> Plane {
@@ -126,40 +139,62 @@ impl Top {
     }
 }
 
+/// White and black.
 fn nearly_level(terrain: &Terrain, planes: &[Plane]) -> [Colour; 2] {
-    const CHUNK: usize = 1 << 14;
-    let rises_at_most =
-        |id: u32, bound: f64| planes[id as usize].slope().iter().all(|rise| rise.abs() <= bound);
-    let in_chunk = |chunk: usize| -> Vec<(u32, Index)> {
-        let ids = chunk * CHUNK..terrain.voxel_count().min((chunk + 1) * CHUNK);
-        let mut ascent = Ascent::new(&terrain.tree);
-        ids.map(|id| id as u32)
-            .filter(|&id| rises_at_most(id, STEEPEST_BESIDE))
-            .map(|id| (id, terrain.index_at(ascent.coordinate(id))))
-            .filter(|&(id, index)| terrain.top_plane(id, index).is_some())
-            .collect()
-    };
-    let chunks = (0..terrain.voxel_count().div_ceil(CHUNK)).into_par_iter();
-    let found = chunks.map(in_chunk).collect::<Vec<_>>().concat();
-    let is_black = |&(_, [i, j, _]): &(u32, Index)| (i ^ j) & 1 != 0;
-    let (black, white): (Vec<_>, Vec<_>) = found.into_iter().partition(is_black);
-    let mut number = vec![u32::MAX; terrain.voxel_count()];
-    for colour in [&white, &black] {
-        for (at, &(id, _)) in (0..).zip(colour) {
-            number[id as usize] = at;
+    let new = || Box::new(Surroundings::new());
+    let in_block =
+        |around: &mut Box<Surroundings>, block: Block| nearly_level_in(around, &block, terrain, planes);
+    let blocks = terrain.tree().blocks().into_par_iter().with_min_len(8);
+    let found: Vec<[Vec<Top>; 2]> = blocks.map_init(new, in_block).collect();
+    let mut number = vec![NOTHING; terrain.voxel_count()];
+    let mut colours = [Vec::new(), Vec::new()];
+    for tops in found {
+        for (colour, tops) in colours.iter_mut().zip(tops) {
+            for top in tops {
+                number[top.id as usize] = colour.len() as u32;
+                colour.push(top);
+            }
         }
     }
-    let top = |&(id, [i, j, k]): &(u32, Index)| {
-        let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)].map(|(x, y)| {
-            [0i8, 1, -1].into_iter().find_map(|rise| {
-                let index = [i.wrapping_add(x), j.wrapping_add(y), k.wrapping_add(rise.into())];
-                let at = number[terrain.id(index)? as usize];
-                (at != u32::MAX).then_some((at, rise))
-            })
-        });
-        Top { id, is_fixed: !rises_at_most(id, LEVEL), beside }
-    };
-    [white, black].map(|found| Colour::of(found.par_iter().map(top).collect(), planes))
+    colours.map(|mut tops| {
+        let beside = tops.par_iter_mut().flat_map_iter(|top| &mut top.beside).filter(|at| **at != NOTHING);
+        beside.for_each(|at| *at = number[*at as usize]);
+        Colour::of(tops, planes)
+    })
+}
+
+/// Those of a block, white and black, with ids in the place of numbers.
+fn nearly_level_in(
+    around: &mut Surroundings,
+    block: &Block,
+    terrain: &Terrain,
+    planes: &[Plane],
+) -> [Vec<Top>; 2] {
+    let rises_at_most =
+        |id: u32, bound: f64| planes[id as usize].slope().iter().all(|rise| rise.abs() <= bound);
+    let [along_x, along_y] = Surroundings::STEP;
+    let mut colours = [Vec::new(), Vec::new()];
+    around.gather(terrain.tree(), block);
+    for top in Surroundings::columns().flat_map(|column| around.tops(column)) {
+        let id = around.id(top);
+        if !rises_at_most(id, STEEPEST_BESIDE) {
+            continue;
+        }
+        let (mut beside, mut floors) = ([NOTHING; 4], [0; 4]);
+        for (side, step) in [-along_x, along_x, -along_y, along_y].into_iter().enumerate() {
+            for rise in [0i8, 1, -1] {
+                let other = surroundings::Top { column: top.column + step, z: top.z + i32::from(rise) };
+                if around.is_top(other) && rises_at_most(around.id(other), STEEPEST_BESIDE) {
+                    (beside[side], floors[side]) = (around.id(other), rise);
+                    break;
+                }
+            }
+        }
+        let [i, j, _]: Index = terrain.index_at(around.coordinate(top));
+        let is_black = (i ^ j) & 1 != 0;
+        colours[usize::from(is_black)].push(Top { id, is_fixed: !rises_at_most(id, LEVEL), beside, floors });
+    }
+    colours
 }
 
 #[cfg(test)]

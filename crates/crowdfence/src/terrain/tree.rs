@@ -5,11 +5,13 @@
 //! This layout is known here and in `tree/` alone; the rest of the crate sees coordinates, ids and [`Cell`]s.
 
 mod ascent;
+mod block;
 mod column;
 mod descent;
 mod stack;
 
 pub(crate) use ascent::Ascent;
+pub(crate) use block::Block;
 pub(crate) use descent::{Descent, Place};
 pub(crate) use stack::{Brick, Layer, Square, Stacks};
 

@@ -23,10 +23,12 @@ impl Layer {
 pub(crate) struct Brick {
     /// Lowest z.
     pub low: u32,
-    node: Node,
+    pub(super) node: Node,
 }
 
 impl Brick {
+    /// Without a voxel.
+    pub const EMPTY: Brick = Brick { low: 0, node: Node { mask: 0, base: 0 } };
     /// Columns along one side, and voxels upwards.
     pub const SIDE: u32 = SIDE;
 
