@@ -117,20 +117,19 @@ impl CrowdMap {
         });
         self.quiet.wrote(&fused.pages, stamp_ns);
         self.quiet_at_last_looks.wrote(&fused.pages_at_last_looks(), columns::NEVER_LATER_NS);
-        self.remember(&observations, fused.untold, stamp_ns);
+        self.remember(&observations, &fused.untold, stamp_ns);
         let Fused { voxel_ids, probability, .. } = fused;
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }
 
-    /// Stores who saw what, and what nobody could see.
-    fn remember(&mut self, observations: &[Arc<Observation>], mut untold: Vec<(u32, u32)>, stamp_ns: i64) {
-        untold.sort_unstable();
-        for (view, observation) in (0..).zip(observations) {
+    /// Stores who saw what, and what nobody could see; `untold` are the voxels of each view that it does not count for.
+    fn remember(&mut self, observations: &[Arc<Observation>], untold: &[Vec<u32>], stamp_ns: i64) {
+        for (observation, untold) in observations.iter().zip(untold) {
             self.history.hide(observation.occluded_ids());
-            let mut ids = Cow::from(observation.voxel_ids());
-            if untold.iter().any(|look| look.0 == view) {
-                ids.to_mut().retain(|&id| untold.binary_search(&(view, id)).is_err());
-            }
+            let ids = match untold.as_slice() {
+                [] => Cow::from(observation.voxel_ids()),
+                untold => Cow::from(without(observation.voxel_ids(), untold)),
+            };
             self.history.add_seen(observation.drone(), &ids);
         }
         self.history.instants.integrated += 1;
@@ -349,6 +348,12 @@ fn instants_of(observations: &[Arc<Observation>], now: Instant) -> Vec<Instant> 
         if is_simultaneous { now.stamp_ns } else { view_ns }
     };
     observations.iter().map(|seen| Instant { stamp_ns: taken_ns(seen.stamp_ns()), ..now }).collect()
+}
+
+/// Sorted ids but for some of them, sorted too.
+fn without(ids: &[u32], some: &[u32]) -> Vec<u32> {
+    let mut left_out = some.iter().peekable();
+    ids.iter().filter(|id| left_out.next_if_eq(id).is_none()).copied().collect()
 }
 
 #[cfg(test)]

@@ -25,8 +25,8 @@ pub(super) struct Fused {
     pub pages: Vec<(usize, f64)>,
     /// Whether these probabilities are what the looks left, with nothing forgotten since.
     pub is_as_looked: bool,
-    /// Looks that told the method nothing: view and voxel.
-    pub untold: Vec<(u32, u32)>,
+    /// Of each view, the voxels at which its look told the method nothing, sorted.
+    pub untold: Vec<Vec<u32>>,
 }
 
 impl Fused {
@@ -77,12 +77,12 @@ pub(super) fn fuse<M: FusionMethod>(
         probability: Vec::with_capacity(count),
         pages: numbers.into_iter().zip(seen.iter().map(|page| page.largest)).collect(),
         is_as_looked: times.instants == [now],
-        untold: vec![],
+        untold: vec![vec![]; views.observations.len()],
     };
     for page in seen {
-        fused.voxel_ids.extend(page.voxel_ids);
-        fused.probability.extend(page.probability);
-        fused.untold.extend(page.untold);
+        fused.voxel_ids.extend_from_slice(&page.voxel_ids);
+        fused.probability.extend_from_slice(&page.probability);
+        page.untold.into_iter().for_each(|(view, id)| fused.untold[view as usize].push(id));
         times.slots.iter().zip(page.entered).for_each(|(&slot, count)| history.instants.enter(slot, count));
         page.left.into_iter().for_each(|(slot, count)| history.instants.leave(slot, count));
     }
@@ -156,6 +156,7 @@ struct PageSeen {
     voxel_ids: Vec<u32>,
     probability: Vec<f64>,
     largest: f64,
+    /// View and voxel, by voxel.
     untold: Vec<(u32, u32)>,
     /// How many of its voxels name each of the slots of [`Times`] now.
     entered: Vec<u32>,

@@ -14,6 +14,7 @@
 //! Sums do not depend on an order, and E, W and W_d fade by one factor: instants may come in any order and grouping, late
 //! ones weigh what their age leaves, and reading at any stamp is exact.
 
+mod borders;
 mod interval;
 mod likelihood;
 mod stored;

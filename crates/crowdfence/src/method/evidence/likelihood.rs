@@ -1,13 +1,14 @@
 //! How strongly a look speaks for crowd: ln P(m | crowd) / P(m | no crowd), as measured on missions whose truth is known.
 
+use super::borders::Borders;
 use crate::error::{Error, Result, require};
 
 /// Table of the log likelihood ratio by ground sample distance, tilt and mean heatmap value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LikelihoodRatio {
-    gsd_m: Vec<f32>,
-    tilt_deg: Vec<f32>,
-    mean: Vec<f32>,
+    gsd_m: Borders,
+    tilt_deg: Borders,
+    mean: Borders,
     log_ratio: Vec<f32>,
 }
 
@@ -37,22 +38,18 @@ impl LikelihoodRatio {
         for &ratio in &log_ratio {
             require(ratio.abs() <= MOST, "log_ratio", f64::from(ratio), "inside [-20, 20]")?;
         }
+        let [gsd_m, tilt_deg, mean] = [gsd_m, tilt_deg, mean].map(Borders::new);
         Ok(LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio })
     }
 
     pub fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
-        // Counted and not searched: so few borders are compared at once, and no branch is guessed.
-        let below = |borders: &[f32], value: f32| borders.iter().filter(|&&border| border <= value).count();
-        let gsd = below(&self.gsd_m, gsd_m);
-        let tilt = below(&self.tilt_deg, tilt_deg);
-        let value = self.mean.iter().filter(|&&border| border < mean).count();
-        let row = gsd * (self.tilt_deg.len() + 1) + tilt;
-        self.log_ratio[row * (self.mean.len() + 1) + value]
+        let row = self.gsd_m.up_to(gsd_m) * (self.tilt_deg.count() + 1) + self.tilt_deg.up_to(tilt_deg);
+        self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]
     }
 
     /// Borders between the bins, and the table: `gsd_m`, `tilt_deg`, `mean`, `log_ratio`.
     pub fn columns(&self) -> [&[f32]; 4] {
-        [&self.gsd_m, &self.tilt_deg, &self.mean, &self.log_ratio]
+        [self.gsd_m.as_slice(), self.tilt_deg.as_slice(), self.mean.as_slice(), &self.log_ratio]
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::array;
 
+use rayon::prelude::*;
+
 use super::header::is_voxel_size;
 use super::morton::{is_full, morton_code, split, voxel_of};
 use super::{OctomapError, OctomapHeader};
@@ -21,8 +23,8 @@ const INNER_NODE: u16 = 3;
 /// Indices count cells of `voxel_size_m` metres from coordinate 0, in any order; repeated ones
 /// count once. No voxels make a valid file of 0 nodes.
 pub fn write_binary(voxels: &[[i32; 3]], voxel_size_m: f64) -> Result<Vec<u8>, OctomapError> {
-    let mut codes: Vec<u64> = voxels.iter().map(morton_code).collect::<Result<_, _>>()?;
-    codes.sort_unstable();
+    let mut codes: Vec<u64> = voxels.par_iter().map(morton_code).collect::<Result<_, _>>()?;
+    codes.par_sort_unstable();
     codes.dedup();
     let mut nodes = Nodes::default();
     if !codes.is_empty() {
@@ -113,7 +115,7 @@ fn sorted_values(
         let value = Value::new(*voxel, *color, *probability)?;
         sorted.push((morton_code(voxel)?, value));
     }
-    sorted.sort_unstable_by_key(|(code, _)| *code);
+    sorted.par_sort_unstable_by_key(|(code, _)| *code);
     if let Some(pair) = sorted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
         let voxel = voxel_of(pair[0].0);
         return Err(OctomapError::RepeatedVoxel { voxel });
