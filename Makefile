@@ -174,6 +174,7 @@ bench: setup ## the figures of benchmarks/README.md
 	$(BIN)/python benchmarks/terrain_scale.py
 	$(BIN)/python benchmarks/lazy_decay.py
 	$(BIN)/python benchmarks/zones.py
+	$(BIN)/python benchmarks/open_octomap.py
 
 # The rivals are Debian packages with small programs of ours around them (Embree 3: Debian 12, Ubuntu 22.04). Open3D is
 # 600 MB from PyPI in a place of its own; without it the benchmark says so and goes on.
