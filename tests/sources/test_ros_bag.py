@@ -181,6 +181,24 @@ def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
         assert np.allclose(ours.world_from_camera[:3, :3], theirs.world_from_camera[:3, :3], atol=1e-3)
 
 
+def test_an_imu_without_an_attitude_is_not_level(tmp_path: Path) -> None:
+    """REP 145: a first covariance of -1 says that there is none, and ROS 2 fills in the identity."""
+    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
+    for row in rows():
+        attitude = {
+            "header": header(row.stamp_ns, "base_link"),
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            "orientation_covariance": [-1.0] + [0.0] * 8,
+        }
+        latitude, longitude, height = row.geodetic
+        fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+        messages.append(("/imu/data_raw", "sensor_msgs/msg/Imu", row.stamp_ns, attitude))
+        messages.append(("/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height}))
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert not found.frames and len(found.refused) == len(frames())
+    assert any("/imu/data_raw" in warning and "no attitude" in warning for warning in found.warnings)
+
+
 def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path) -> None:
     messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
     for row in rows()[::10]:

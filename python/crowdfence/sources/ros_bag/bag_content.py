@@ -21,6 +21,8 @@ from crowdfence.sources.ros_bag.topic_choice import (
 from crowdfence.sources.ros_bag.transforms import TransformTree
 
 _NO_FIX = -1
+_NO_ATTITUDE = -1.0
+"""Instead of a variance (REP 145); the attitude beside it is what a message begins with, in ROS 2 level."""
 
 
 @dataclass(slots=True)
@@ -108,6 +110,8 @@ class BagContent:
         rows = self.rows.setdefault(topic, PoseRows())
         rows.child_frame = getattr(found, "child_frame_id", "").lstrip("/") or rows.child_frame
         if kind.endswith("Imu"):
+            if found.orientation_covariance[0] == _NO_ATTITUDE:
+                raise ValueError("no attitude: its orientation_covariance begins with -1")
             position, turn = SimpleNamespace(x=0.0, y=0.0, z=0.0), found.orientation
         elif kind == TRANSFORM:
             position, turn = found.transform.translation, found.transform.rotation
