@@ -19,7 +19,12 @@ from crowdfence.georeference import Georeference
 from crowdfence.sources import FrameError, open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.mission import ros2_messages
-from crowdfence.sources.mission.camera_info import camera_from_info, camera_info_fields
+from crowdfence.sources.mission.camera_info import (
+    camera_from_info,
+    camera_info_fields,
+    is_rectified,
+    rectified_camera,
+)
 from crowdfence.sources.mission.layout import MAGIC, split_topic, topic, topic_prefix
 from crowdfence.sources.mission.writer import MissionWriter
 from support.small_recordings import EPOCH_NS, HEIGHT, WIDTH, camera_enu, flight, heatmap, write_airsim
@@ -249,6 +254,44 @@ def decoded_info(camera, **changes):
 def test_unusable_camera_info_names_the_reason(changes, message):
     with pytest.raises(ValueError, match=message):
         camera_from_info(decoded_info(CAMERA, **changes))
+
+
+@pytest.mark.parametrize(
+    ("topic", "rectified"),
+    [
+        ("/uav1/cam/image_rect", True),
+        ("/uav1/cam/image_rect_color/compressed", True),
+        ("/camera/infra1/image_rect_raw", True),
+        ("/cam/rectified/image", True),
+        ("/uav1/cam/image_raw", False),
+        ("/uav1/direct/image", False),
+        ("/uav1/rectangle", False),
+    ],
+)
+def test_topics_say_whether_their_pictures_are_rectified(topic, rectified):
+    assert is_rectified(topic) is rectified
+
+
+def test_a_rectified_camera_is_a_pinhole_as_p_says():
+    p = [410.0, 0, 329.5, -40.0, 0, 412.0, 229.5, 0, 0, 0, 1, 0]
+    lens = {"d": [-0.3, 0.1, 0, 0, 0, 0.01, 0, 0], "distortion_model": "rational_polynomial"}
+    camera = rectified_camera(decoded_info(CAMERA, p=p, **lens))
+    assert (camera.fx, camera.fy, camera.cx, camera.cy, camera.model) == (410, 412, 330, 230, "pinhole")
+    tenth = np.radians(0.1)  # of a pair of cameras: their pictures are turned to lie side by side
+    turned = [np.cos(tenth), 0, np.sin(tenth), 0, 1, 0, -np.sin(tenth), 0, np.cos(tenth)]
+    assert rectified_camera(decoded_info(CAMERA, p=p, r=turned)).fx == 410
+    with pytest.raises(ValueError, match="turned by 0.30 degrees"):
+        turned = [np.cos(3 * tenth), 0, np.sin(3 * tenth), 0, 1, 0, -np.sin(3 * tenth), 0, np.cos(3 * tenth)]
+        rectified_camera(decoded_info(CAMERA, p=p, r=turned))
+
+
+def test_a_rectified_camera_without_p_is_the_plain_one_or_none():
+    plain = Camera.pinhole(640, 480, 400, 401, 320, 240)
+    assert rectified_camera(decoded_info(plain, p=[0.0] * 12, r=[0.0] * 9)) == plain
+    with pytest.raises(ValueError, match="P .* is empty"):
+        rectified_camera(decoded_info(plain, p=[0.0] * 12, d=[-0.3, 0, 0, 0, 0]))
+    with pytest.raises(ValueError, match="binned or cut"):
+        rectified_camera(decoded_info(plain, binning_x=2))
 
 
 def test_drone_names_that_ros_does_not_allow(tmp_path):

@@ -181,6 +181,30 @@ def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
         assert np.allclose(ours.world_from_camera[:3, :3], theirs.world_from_camera[:3, :3], atol=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_rectified_pictures_have_the_intrinsics_of_p(tmp_path: Path, kind: str) -> None:
+    """image_proc publishes them beside the camera_info of the raw ones, whose K and D are of the lens."""
+    camera = frames()[0].camera
+    lens = [camera.fx * 0.8, 0, camera.cx + 9, 0, camera.fy * 0.8, camera.cy - 7, 0, 0, 1]
+    rectified = [camera.fx, 0, camera.cx - 0.5, 0, 0, camera.fy, camera.cy - 0.5, 0, 0, 0, 1, 0]
+    level = [1.0, 0, 0, 0, 1, 0, 0, 0, 1]
+    messages: list[Any] = [*camera_pose_messages()]
+    for topic, type_name, stamp, fields in picture_messages(DRONE, OPTICAL):
+        if type_name.endswith("CameraInfo"):
+            fields = fields | {"k": lens, "d": [-0.3, 0.1, 0.0, 0.0, 0.0], "p": rectified, "r": level}
+        messages.append((topic, type_name, stamp, fields))
+    distorted = open_recording(
+        write_bag(tmp_path / ("raw.bag" if kind == "ros1" else "raw"), kind, messages)
+    ).frames[0]
+    assert distorted.camera.fx == pytest.approx(0.8 * camera.fx) and distorted.camera.distortion[0] == -0.3
+    renamed = [
+        (topic.replace("image_raw", "image_rect_color"), type_name, stamp, fields)
+        for topic, type_name, stamp, fields in messages
+    ]
+    found = open_recording(write_bag(tmp_path / ("rect.bag" if kind == "ros1" else "rect"), kind, renamed))
+    assert len(found.frames) == len(frames()) and all(one.camera == camera for one in found.frames)
+
+
 def test_an_imu_without_an_attitude_is_not_level(tmp_path: Path) -> None:
     """REP 145: a first covariance of -1 says that there is none, and ROS 2 fills in the identity."""
     messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]

@@ -3,12 +3,19 @@
 ROS and OpenCV put the centre of the first pixel at (0, 0), we put it at (0.5, 0.5): cx, cy differ by a half.
 """
 
+import re
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 
 _HALF_PIXEL = 0.5
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+_RECTIFIED = re.compile(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)")
+_MOST_TURN_DEG = 0.2
+"""By which pictures may be rectified away from the frame of their poses: 0.35 m in 100 m."""
 
 
 def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> dict[str, Any]:
@@ -36,8 +43,7 @@ def camera_from_info(info: Any) -> Camera:
     ValueError for a distortion model other than plumb_bob and equidistant, for an image that is a binned or
     cut part of the sensor (its intrinsics would need correcting), and for intrinsics that the core refuses.
     """
-    if info.binning_x > 1 or info.binning_y > 1 or info.roi.width or info.roi.height:
-        raise ValueError("binned or cut images (binning_x, binning_y, roi in camera_info) are not supported")
+    _require_whole(info)
     fx, fy = info.k[0], info.k[4]
     cx, cy = info.k[2] + _HALF_PIXEL, info.k[5] + _HALF_PIXEL
     distortion = list(info.d)
@@ -48,3 +54,40 @@ def camera_from_info(info: Any) -> Camera:
             f"distortion model {info.distortion_model!r} is not supported (plumb_bob, equidistant)"
         )
     return Camera.pinhole(info.width, info.height, fx, fy, cx, cy, distortion if any(distortion) else None)
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether the pictures of a topic are rectified, by the names that image_proc gives: image_rect,
+    image_rect_color. Their CameraInfo is that of the raw pictures."""
+    return _RECTIFIED.search(topic) is not None
+
+
+def rectified_camera(info: Any) -> Camera:
+    """Camera of the pictures that were rectified as a decoded CameraInfo says: a pinhole by its P.
+
+    ValueError where P is empty and the lens distorts, where R turns the pictures away from the frame that
+    poses mean, and as for `camera_from_info`.
+    """
+    _require_whole(info)
+    p, r = info.p, np.array(info.r, np.float64)
+    if not p[0] > 0.0:
+        if any(info.d):
+            raise ValueError("the pictures are rectified, and P in camera_info, which says how, is empty")
+        return camera_from_info(info)
+    turn_deg = _turn_deg(r.reshape(3, 3)) if r.any() else 0.0
+    if turn_deg > _MOST_TURN_DEG:
+        raise ValueError(
+            f"the pictures are rectified and turned by {turn_deg:.2f} degrees against the camera (R in "
+            f"camera_info), at most {_MOST_TURN_DEG:g} are taken: name the raw pictures"
+        )
+    return Camera.pinhole(info.width, info.height, p[0], p[5], p[2] + _HALF_PIXEL, p[6] + _HALF_PIXEL)
+
+
+def _require_whole(info: Any) -> None:
+    if info.binning_x > 1 or info.binning_y > 1 or info.roi.width or info.roi.height:
+        raise ValueError("binned or cut images (binning_x, binning_y, roi in camera_info) are not supported")
+
+
+def _turn_deg(rotation: NDArray[np.float64]) -> float:
+    """Of a rotation [3, 3]; the chord, not the cosine, which is flat where it matters."""
+    return float(np.degrees(2.0 * np.arcsin(min(1.0, np.linalg.norm(rotation - np.eye(3)) / np.sqrt(8.0)))))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
 from crowdfence._core import Camera
-from crowdfence.sources.mission.camera_info import camera_from_info
+from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of
 from crowdfence.sources.ros_bag.topic_choice import (
@@ -19,6 +19,9 @@ from crowdfence.sources.ros_bag.topic_choice import (
     DroneTopics,
 )
 from crowdfence.sources.ros_bag.transforms import TransformTree
+
+Intrinsics = Camera | str
+"""A camera, or why there is none."""
 
 _NO_FIX = -1
 _NO_ATTITUDE = -1.0
@@ -38,6 +41,14 @@ class PoseRows:
         return track_from_rows(self.stamps_ns, self.positions, self.quaternions)
 
 
+@dataclass(frozen=True, slots=True)
+class CameraInfos:
+    """What one CameraInfo says of the pictures beside it."""
+
+    raw: Intrinsics
+    rectified: Intrinsics
+
+
 class BagContent:
     """Everything but the pixels, which stay in the bag until they are asked for."""
 
@@ -48,14 +59,14 @@ class BagContent:
         self.rows: dict[str, PoseRows] = {}
         self.fixes: dict[str, list[tuple[int, float, float, float]]] = {}
         """Stamp, latitude, longitude, ellipsoidal height by topic."""
-        self.cameras: dict[str, dict[int, Camera | str]] = {}
+        self.cameras: dict[str, dict[int, CameraInfos]] = {}
         self.pictures: dict[str, dict[int, BagMessage]] = {}
         """Messages without their data, by topic and stamp."""
         self.repeated: dict[str, list[int]] = {}
         self.frames: dict[str, str] = {}
         """Frame that the messages of a topic name."""
         self.faulty: dict[str, list[str]] = {}
-        self._known: dict[bytes, Camera | str] = {}
+        self._known: dict[bytes, CameraInfos] = {}
         pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
         static = [name for name in self.types if name.endswith("/tf_static")]
         wanted = {
@@ -126,12 +137,27 @@ class BagContent:
         header = header_of(message.data, ros1=self.bag.ros1)
         key = message.data[12:]
         if key not in self._known:
-            try:
-                info = decode(message.data, self.types[message.topic], ros1=self.bag.ros1)
-                self._known[key] = camera_from_info(_as_ros2(info))
-            except ValueError as error:
-                self._known[key] = f"its camera_info cannot be used: {error}"
+            self._known[key] = self._infos(message)
         self.cameras.setdefault(message.topic, {})[header.stamp_ns] = self._known[key]
+
+    def _infos(self, message: BagMessage) -> CameraInfos:
+        try:
+            info = _as_ros2(decode(message.data, self.types[message.topic], ros1=self.bag.ros1))
+        except ValueError as error:
+            reason = _unusable(error)
+            return CameraInfos(reason, reason)
+        return CameraInfos(_camera(camera_from_info, info), _camera(rectified_camera, info))
+
+
+def _camera(read: Callable[[Any], Camera], info: Any) -> Intrinsics:
+    try:
+        return read(info)
+    except ValueError as error:
+        return _unusable(error)
+
+
+def _unusable(error: ValueError) -> str:
+    return f"its camera_info cannot be used: {error}"
 
 
 def _as_ros2(info: Any) -> Any:

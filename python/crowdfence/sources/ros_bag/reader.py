@@ -25,6 +25,7 @@ from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
@@ -239,7 +240,11 @@ class _Reader:
     def _unplaced(self, one: DroneTopics) -> list[UnplacedFrame]:
         pictures = self.content.pictures.get(one.camera or "", {})
         heatmaps = self.content.pictures.get(one.heatmap or "", {})
-        cameras = self.content.cameras.get(one.info or "", {})
+        rectified = is_rectified(one.camera or one.heatmap or "")
+        cameras = {
+            stamp_ns: infos.rectified if rectified else infos.raw
+            for stamp_ns, infos in self.content.cameras.get(one.info or "", {}).items()
+        }
         only = next(iter(cameras.values())) if len(set(map(id, cameras.values()))) == 1 else None
         unplaced = []
         for stamp_ns in dict.fromkeys([*pictures, *heatmaps]):
