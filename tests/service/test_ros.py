@@ -426,3 +426,24 @@ def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:
         )
         feed.posed(stamped)
     assert len(feed._rows) <= 701
+
+
+@pytest.mark.parametrize("role", ["camera_pose", "tf"])
+def test_one_stamp_of_a_wrong_clock_does_not_end_all_poses(role: Any) -> None:
+    """An hour ahead, once, as of a node that was just started; and a clock that is set back by an hour."""
+    feed = RosPoses(role, None)
+    feed.camera_frame = FRAME
+
+    def tell(seconds: float, east: float) -> None:
+        stamp_ns = START_NS + round(seconds * SECOND_NS)
+        if role == "tf":
+            feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, straight_down(east))), fixed=False)
+        else:
+            feed.posed(decoded(pose_message(stamp_ns, straight_down(east))))
+
+    tell(3600.0, 99.0)
+    for seconds, east in ((0.0, 10.0), (0.5, 12.0)):
+        tell(seconds, east)
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+    tell(0.2, 50.0)  # overtaken on its way, and no new clock
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)

@@ -10,15 +10,15 @@ import queue
 from threading import Event, Thread
 from typing import Any
 
-from crowdfence._core import Camera
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
 from crowdfence.service.live import Live
+from crowdfence.service.ros.intrinsics import Intrinsics
 from crowdfence.service.ros.poses import RosPoses
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 from crowdfence.sources.mission import ros2_messages
-from crowdfence.sources.mission.camera_info import camera_from_info
+from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 
 _LOG = logging.getLogger(__name__)
@@ -31,12 +31,22 @@ _INFO_WITHIN_S = 2.0
 class Intake:
     """Messages of one drone. `take` may be called from any thread."""
 
-    def __init__(self, drone: str, live: Live, alerts: Alerts, clock: Clock, poses: RosPoses | None) -> None:
-        """`poses`: the feed that its pose topics fill; None: its poses come from elsewhere."""
+    def __init__(
+        self,
+        drone: str,
+        live: Live,
+        alerts: Alerts,
+        clock: Clock,
+        poses: RosPoses | None,
+        *,
+        rectified: bool = False,
+    ) -> None:
+        """`poses`: the feed that its pose topics fill; None: its poses come from elsewhere. `rectified`: so
+        are its pictures, and its CameraInfo is that of the raw ones."""
         self._drone, self._live, self._alerts, self._clock = drone, live, alerts, clock
         self._poses = poses
-        self._camera: Camera | None = None
-        self._has_camera = Event()
+        self._camera_of = rectified_camera if rectified else camera_from_info
+        self._intrinsics = Intrinsics(_INFO_WITHIN_S)
         self._waiting: queue.Queue[tuple[str, str, bytes]] = queue.Queue(_ROOM)
         self._stopping = Event()
         self._thread = Thread(target=self._give_all, name=f"ros {drone}", daemon=True)
@@ -54,8 +64,8 @@ class Intake:
             if role in ("camera", "heatmap"):
                 self._waiting.put_nowait((role, kind, data))
             elif role == "info":
-                self._camera = camera_from_info(ros2_messages.decode(kind, data))
-                self._has_camera.set()
+                info = ros2_messages.decode(kind, data)
+                self._intrinsics.heard(ros2_messages.time_ns(info.header.stamp), self._camera_of(info))
             elif self._poses is not None:
                 message = ros2_messages.decode(kind, data)
                 if role == "tf":
@@ -82,16 +92,14 @@ class Intake:
 
     def _view(self, role: str, kind: str, data: bytes) -> bytes:
         message: Any = ros2_messages.decode(kind, data)
-        # Topics have no order among each other: the first picture may overtake its intrinsics.
-        self._has_camera.wait(_INFO_WITHIN_S)
-        if self._camera is None:
-            raise ValueError("no camera_info has come")
+        stamp_ns = ros2_messages.time_ns(message.header.stamp)
+        camera = self._intrinsics.at(stamp_ns)
         if self._poses is not None:
             self._poses.camera_frame = message.header.frame_id.lstrip("/")
         view = ViewMessage(
             drone=self._drone,
-            stamp_ns=ros2_messages.time_ns(message.header.stamp),
-            camera=CameraMessage.of(self._camera),
+            stamp_ns=stamp_ns,
+            camera=CameraMessage.of(camera),
         )
         if role == "heatmap":
             view.heatmap = HeatmapMessage.of(heatmap_pixels(message))

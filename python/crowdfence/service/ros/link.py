@@ -18,6 +18,7 @@ from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.service.ros.topics import ROLES, message_type
 from crowdfence.service.service import Service
 from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.pose_noise import GivenNoise
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 
@@ -70,6 +71,7 @@ class RosLink:
                     service.alerts,
                     service.clock,
                     feed if isinstance(feed, RosPoses) else None,
+                    rectified=is_rectified(one.camera or one.heatmap or ""),
                 )
                 intake.start()
                 opened.callback(intake.stop)

@@ -56,7 +56,9 @@ class RosPoses:
         with self.changed:
             self._body_frame = getattr(message, "child_frame_id", "").lstrip("/") or self._body_frame
             if self._rows and stamp_ns <= self._rows[-1][0]:
-                return
+                if not _of_another_clock(stamp_ns, self._rows[-1][0]):
+                    return
+                self._rows.clear()
             self._rows.append((stamp_ns, [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]))
             while self._rows[0][0] < stamp_ns - _KEPT_NS:
                 self._rows.popleft()
@@ -73,7 +75,9 @@ class RosPoses:
                 kept = self._moving.setdefault(child, deque())
                 stamp_ns = time_ns(transform.header.stamp)
                 if kept and stamp_ns <= time_ns(kept[-1].header.stamp):
-                    continue
+                    if not _of_another_clock(stamp_ns, time_ns(kept[-1].header.stamp)):
+                        continue
+                    kept.clear()
                 kept.append(transform)
                 while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
                     kept.popleft()
@@ -137,3 +141,9 @@ class RosPoses:
                 if abs(time_ns(transform.header.stamp) - stamp_ns) <= _AROUND_NS:
                     tree.add(transform, fixed=False)
         return tree
+
+
+def _of_another_clock(stamp_ns: int, newest_ns: int) -> bool:
+    """Whether a pose is older than any that is kept: the newest was stamped ahead of its time, or the clock
+    was set back. It begins anew then, or one wrong stamp would end all poses."""
+    return stamp_ns < newest_ns - _KEPT_NS

@@ -1,0 +1,114 @@
+"""Messages of ROS on their way into the service: whose intrinsics a picture gets, without a network."""
+
+import json
+import time
+from collections import Counter
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from crowdfence import Camera
+from crowdfence.service.ros.intake import Intake
+from crowdfence.service.ros.intrinsics import Intrinsics
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+T = STORE.types
+INFO, IMAGE = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
+SECOND_NS = 1_000_000_000
+WIDE, TELE = Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0), Camera.pinhole(8, 6, 32.0, 32.0, 4.0, 3.0)
+
+
+def header(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, SECOND_NS)
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](sec, nanosec), "optical")
+
+
+def info(stamp_ns: int, camera: Camera, **changes: Any) -> bytes:
+    k = [camera.fx, 0.0, camera.cx - 0.5, 0.0, camera.fy, camera.cy - 0.5, 0.0, 0.0, 1.0]
+    fields = {"d": np.zeros(5), "k": k, "r": np.eye(3).reshape(-1), "p": np.zeros(12), **changes}
+    message = T[INFO](
+        header(stamp_ns),
+        camera.height,
+        camera.width,
+        "plumb_bob",
+        *(np.array(fields[name], np.float64) for name in ("d", "k", "r", "p")),
+        0,
+        0,
+        T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
+    )
+    return bytes(STORE.serialize_cdr(message, INFO))
+
+
+def heatmap(stamp_ns: int) -> bytes:
+    message = T[IMAGE](header(stamp_ns), 6, 8, "mono8", 0, 8, np.zeros(48, np.uint8))
+    return bytes(STORE.serialize_cdr(message, IMAGE))
+
+
+class Given:
+    """Stands for the service: what it was given."""
+
+    def __init__(self, *, rectified: bool = False) -> None:
+        self.views: list[dict[str, Any]] = []
+        self.refused: Counter[str] = Counter()
+        self.reasons: list[str] = []
+        alerts = SimpleNamespace(raise_=lambda kind, level, text, *rest, **more: self.reasons.append(text))
+        clock = SimpleNamespace(now_ns=lambda: 0)
+        self.intake = Intake("uav1", self, alerts, clock, None, rectified=rectified)  # type: ignore[arg-type]
+
+    def give_view(self, raw: bytes) -> None:
+        self.views.append(json.loads(raw))
+
+    def after(self, messages: list[tuple[str, str, bytes]], count: int) -> list[dict[str, Any]]:
+        for role, kind, data in messages:
+            self.intake.take(role, kind, data)
+        self.intake.start()
+        give_up_s = time.monotonic() + 20.0
+        while len(self.views) + len(self.reasons) < count and time.monotonic() < give_up_s:
+            time.sleep(0.01)
+        self.intake.stop()
+        return self.views
+
+
+def test_a_picture_that_waited_has_the_intrinsics_of_its_stamp() -> None:
+    """Two pictures wait, for their poses say, while the camera zooms in between."""
+    messages = [("info", INFO, info(1, WIDE)), ("info", INFO, info(2, TELE))]
+    messages += [("heatmap", IMAGE, heatmap(1)), ("heatmap", IMAGE, heatmap(2))]
+    found = Given().after(messages, 2)
+    assert [(view["stamp_ns"], view["camera"]["fx"]) for view in found] == [(1, 8.0), (2, 32.0)]
+
+
+def test_rectified_pictures_have_the_camera_of_p() -> None:
+    p = [TELE.fx, 0, TELE.cx - 0.5, 0, 0, TELE.fy, TELE.cy - 0.5, 0, 0, 0, 1, 0]
+    messages = [("info", INFO, info(1, WIDE, d=[-0.3, 0.1, 0, 0, 0], p=p)), ("heatmap", IMAGE, heatmap(1))]
+    (found,) = Given(rectified=True).after(messages, 1)
+    assert (found["camera"]["fx"], found["camera"]["distortion"]) == (32.0, [])
+
+
+def test_intrinsics_that_are_sent_once_hold_for_all() -> None:
+    known = Intrinsics(0.0)
+    with pytest.raises(ValueError, match="no camera_info has come"):
+        known.at(5)
+    known.heard(7, WIDE)
+    assert [known.at(stamp_ns) for stamp_ns in (3, 9)] == [WIDE, WIDE]
+    known.heard(20, TELE)  # and once more, after a change: from then on
+    assert [known.at(stamp_ns) for stamp_ns in (9, 25)] == [WIDE, TELE]
+
+
+def test_a_picture_whose_own_are_lost_while_the_camera_changes_is_refused() -> None:
+    known = Intrinsics(0.0)
+    for stamp_ns, camera in ((1, WIDE), (2, WIDE), (4, WIDE), (6, TELE), (7, TELE)):
+        known.heard(stamp_ns, camera)
+    assert known.at(2) == WIDE and known.at(7) == TELE
+    assert known.at(3) == WIDE  # what was before and after it is one camera
+    with pytest.raises(ValueError, match="the camera changes, and no camera_info of 5 has come"):
+        known.at(5)
+
+
+def test_a_stream_keeps_the_newest_only() -> None:
+    known = Intrinsics(0.0)
+    for stamp_ns in range(1000):
+        known.heard(stamp_ns, WIDE if stamp_ns < 900 else TELE)
+    assert known.at(850) == WIDE and known.at(999) == TELE and known.at(10) == WIDE
