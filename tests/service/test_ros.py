@@ -447,3 +447,20 @@ def test_one_stamp_of_a_wrong_clock_does_not_end_all_poses(role: Any) -> None:
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
     tell(0.2, 50.0)  # overtaken on its way, and no new clock
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("role", ["camera_pose", "tf"])
+def test_a_clock_that_is_set_back_moves_no_view(role: Any) -> None:
+    """Views taken since then must not get the poses that were told at their stamps before."""
+    feed = RosPoses(role, None)
+    feed.camera_frame = FRAME
+    times = [(seconds, 10.0 * seconds) for seconds in np.arange(0.0, 10.0, 0.25)]
+    times += [(seconds, 10.0 * (seconds + 5.0)) for seconds in np.arange(5.0, 7.0, 0.25)]
+    for seconds, east in times:
+        stamp_ns = START_NS + round(seconds * SECOND_NS)
+        if role == "tf":
+            feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, straight_down(east))), fixed=False)
+        else:
+            feed.posed(decoded(pose_message(stamp_ns, straight_down(east))))
+    assert feed.newest_ns == START_NS + 6 * SECOND_NS + 3 * SECOND_NS // 4
+    assert np.allclose(feed.pose_at(START_NS + 6 * SECOND_NS), straight_down(110.0), atol=1e-9)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from crowdfence.sources import PoseGapError, PoseTrack
 from crowdfence.sources.pose_track import track_from_rows
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply, rotation_matrix
+from crowdfence.sources.stamps import stamp_faults
 
 SECOND = 1_000_000_000
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -140,6 +141,63 @@ def test_logged_rows_that_are_no_poses_are_left_out_and_reported():
     assert len(remarks) == 2
     assert remarks[0].startswith("2 of 6 pose rows are no poses") and "first at row 1" in remarks[0]
     assert remarks[1].startswith("1 of 6 pose rows are out of order")
+
+
+def flown(clock, rate_hz, seconds=60.0, phase_s=0.0):
+    """Stamps and true times of a drone that flies east at 10 m/s; `clock` is what it stamps at a time."""
+    times = np.arange(phase_s, seconds, 1 / rate_hz)
+    return [round(clock(time) * SECOND) for time in times], times
+
+
+def placed(clock, *, pose_hz, frame_hz):
+    """How many frames get a pose, by how many metres the worst is off, and what is said of the rows."""
+    stamps, times = flown(clock, pose_hz)
+    positions = np.column_stack([10.0 * times, np.zeros((len(times), 2))])
+    track, remarks = track_from_rows(stamps, positions, np.tile(IDENTITY, (len(times), 1)))
+    frame_stamps, frame_times = flown(clock, frame_hz, phase_s=0.013)
+    off_m = []
+    for stamp_ns, time, fault in zip(
+        frame_stamps, frame_times, stamp_faults(frame_stamps, 3600.0), strict=True
+    ):
+        try:
+            if fault is None:
+                off_m.append(abs(track.at(stamp_ns, 0.25)[0, 3] - 10.0 * time))
+        except PoseGapError:
+            continue
+    return len(off_m), max(off_m), remarks
+
+
+@pytest.mark.parametrize("back_s", [0.8, 3.3, 5.0, 20.0])
+@pytest.mark.parametrize(("pose_hz", "frame_hz"), [(50, 2), (10, 2), (30, 1)])
+def test_a_clock_that_is_set_back_moves_no_frame(back_s, pose_hz, frame_hz):
+    """Frames and rows of the same stamps were taken twice, and nothing says which belong together."""
+    count, off_m, remarks = placed(
+        lambda time: time if time < 31.7 else time - back_s, pose_hz=pose_hz, frame_hz=frame_hz
+    )
+    assert off_m < 1e-5
+    assert count >= (60.0 - 2 * back_s) * frame_hz - 4
+    assert any("twice" in remark for remark in remarks)
+
+
+def test_rows_that_come_again_as_they_were_change_nothing():
+    """A link that repeats, and one that delivers a batch late."""
+    stamps = [10, 20, 30, 10, 20, 30, 40, 50, 50, 60]
+    positions = np.column_stack([np.array(stamps, float), np.zeros((10, 2))])
+    track, remarks = track_from_rows(stamps, positions, [IDENTITY] * 10)
+    assert track.stamps_ns.tolist() == [10, 20, 30, 40, 50, 60]
+    assert not any("twice" in remark for remark in remarks)
+    late = [10, 60, 70, 20, 30, 40, 80]
+    track, remarks = track_from_rows(late, np.zeros((7, 3)), [IDENTITY] * 7)
+    assert track.stamps_ns.tolist() == [10, 20, 30, 40, 80]
+    assert not any("twice" in remark for remark in remarks)
+
+
+def test_stamps_of_a_damaged_log_take_no_other_rows_with_them():
+    """Two rows in a row with stamps from nowhere, around everything else."""
+    stamps = [SECOND * number for number in range(20, 30)]
+    stamps[5:5] = [SECOND, 100 * SECOND]
+    track, _ = track_from_rows(stamps, np.zeros((12, 3)), [IDENTITY] * 12)
+    assert track.stamps_ns.tolist() == [SECOND * number for number in range(20, 30)]
 
 
 def test_tracks_cannot_be_changed():

@@ -11,6 +11,8 @@ from crowdfence.sources.stamps import stamp_faults
 
 QUATERNION_LENGTH_TOLERANCE = 1e-2
 """How far from one a recorded quaternion's length may be: logs round to a few digits, but not to this."""
+_LONGEST_STEP_NS = 5_000_000_000
+"""From one row to the next of the same telling."""
 
 
 class PoseGapError(ValueError):
@@ -112,7 +114,9 @@ def track_from_rows(
     """A track from rows as they were logged, and one line for every kind of row that had to be left out.
 
     Left out are rows with values that are not finite, quaternions that are not unit length, and stamps that
-    repeat or go backwards. What that leaves open is a gap, which `PoseTrack.at` refuses to bridge.
+    repeat or go backwards. Where a whole stretch of time was told twice, as by a clock that was set back,
+    neither is taken, because frames of that time may be of either. What that leaves open is a gap, which
+    `PoseTrack.at` refuses to bridge.
     """
     positions = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
     quaternions = np.asarray(quaternions, dtype=np.float64).reshape(-1, 4)
@@ -133,7 +137,42 @@ def track_from_rows(
         )
     kept = [row for row, fault in zip(rows, faults, strict=True) if fault is None]
     stamps = np.array([int(stamps_ns[row]) for row in kept], dtype=np.int64)
+    poses = np.column_stack([positions, quaternions])
+    twice = np.zeros(len(kept), np.bool_)
+    for first_ns, last_ns in _told_again([(int(stamps_ns[row]), poses[row]) for row in rows], faults):
+        twice |= (stamps >= first_ns) & (stamps <= last_ns)
+    if twice.any():
+        remarks.append(
+            f"{int(twice.sum())} more are left out, from stamp {stamps[twice][0]} to {stamps[twice][-1]}: "
+            "that time was told twice, with other poses (was the clock set back?), and nobody knows which of "
+            "them frames belong to"
+        )
+        kept = [row for row, out in zip(kept, twice, strict=True) if not out]
+        stamps = stamps[~twice]
     return PoseTrack(stamps, positions[kept], quaternions[kept]), remarks
+
+
+def _told_again(
+    rows: Sequence[tuple[int, NDArray[np.float64]]], faults: Sequence[str | None]
+) -> list[tuple[int, int]]:
+    """First and last stamp of every stretch of rows (stamp, pose) that was refused in one piece, though it
+    runs on as a flight does. Rows that say again what was said before are none, nor is a single one, which
+    was overtaken on its way."""
+    known = {stamp_ns: pose for (stamp_ns, pose), fault in zip(rows, faults, strict=True) if fault is None}
+    stretches: list[list[int]] = []
+    runs_on = False
+    for (stamp_ns, pose), fault in zip(rows, faults, strict=True):
+        if fault is not None and stamp_ns in known and np.array_equal(pose, known[stamp_ns]):
+            continue
+        if fault is None:
+            runs_on = False
+            continue
+        if runs_on and 0 < stamp_ns - stretches[-1][-1] <= _LONGEST_STEP_NS:
+            stretches[-1].append(stamp_ns)
+        else:
+            stretches.append([stamp_ns])
+        runs_on = True
+    return [(stretch[0], stretch[-1]) for stretch in stretches if len(stretch) > 1]
 
 
 def _usable(positions: NDArray[np.float64], quaternions: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -24,6 +24,8 @@ PoseRole = Literal["camera_pose", "pose", "tf"]
 _KEPT_NS = 70_000_000_000
 """As long as a view may be late, and a little more."""
 _AROUND_NS = 2_500_000_000
+_OVERTAKEN_NS = 1_000_000_000
+"""Messages of one topic overtake each other by less."""
 
 
 class RosPoses:
@@ -144,6 +146,7 @@ class RosPoses:
 
 
 def _of_another_clock(stamp_ns: int, newest_ns: int) -> bool:
-    """Whether a pose is older than any that is kept: the newest was stamped ahead of its time, or the clock
-    was set back. It begins anew then, or one wrong stamp would end all poses."""
-    return stamp_ns < newest_ns - _KEPT_NS
+    """Whether a pose is so much older than the newest that it was not overtaken on its way: the newest was
+    stamped ahead of its time, or the clock was set back. All begins anew then: one wrong stamp would end all
+    poses, and views of now would get those that were told at their stamps before."""
+    return stamp_ns < newest_ns - _OVERTAKEN_NS
