@@ -152,6 +152,54 @@ def test_a_camera_that_shows_nothing_clears_no_ground(
         assert (dead.crowd_map.state(now_ns) == stopped.crowd_map.state(now_ns)).all()
 
 
+@pytest.mark.parametrize("made_by", ["recorded", "function"])
+def test_recorded_heatmaps_and_those_of_functions_clear_no_ground_beside_dead_pictures(
+    recorded: Path, terrain: Terrain, made_by: str
+) -> None:
+    """Whoever made them saw nothing in the picture. Heatmaps that show crowd are of another sensor: kept."""
+    recording = open_recording(recorded)
+    begun = sorted({frame.stamp_ns for frame in recording.frames_of("uav1")})[2]
+
+    def told(frame: Frame) -> NDArray[np.float32]:
+        """Nobody in dead pictures, but for those of uav3."""
+        values = np.full((6, 8), 0.4, np.float32)
+        values[2, 3] = 0.5 if frame.drone == "uav3" or frame.stamp_ns < begun else 0.49
+        return values
+
+    def dead(frame: Frame) -> Frame:
+        return replace(frame, pixels=replace(frame.pixels, image=lambda: covered(0)))
+
+    def heatmap_kept(frame: Frame) -> Frame:
+        return replace(frame, pixels=replace(frame.pixels, heatmap=lambda: told(frame)))
+
+    frames = [heatmap_kept(frame if frame.stamp_ns < begun else dead(frame)) for frame in recording.frames]
+    run = pipeline.run(
+        replace(recording, frames=tuple(frames)),
+        terrain,
+        RunConfig(),
+        detector=told if made_by == "function" else None,
+    )
+    late = {(frame.drone, frame.stamp_ns) for frame in frames if frame.stamp_ns >= begun}
+    assert {(one.drone, one.stamp_ns) for one in run.refused} == {one for one in late if one[0] != "uav3"}
+    reason = "its heatmap shows nobody, and the picture shows nothing but one tone (red 0, green 0, blue 0)"
+    assert all(reason in one.reason for one in run.refused) and len(run.refused) == 8
+
+
+def test_a_picture_that_cannot_be_read_takes_no_recorded_heatmap_with_it(
+    recorded: Path, terrain: Terrain
+) -> None:
+    def broken() -> bytes:
+        raise OSError("gone")
+
+    recording = open_recording(recorded)
+    nobody = np.zeros((6, 8), np.uint8)
+    frames = [
+        replace(frame, pixels=replace(frame.pixels, image=broken, heatmap=lambda: nobody))
+        for frame in recording.frames
+    ]
+    assert not pipeline.run(replace(recording, frames=tuple(frames)), terrain, RunConfig()).refused
+
+
 def covered(tone: int) -> bytes:
     file = io.BytesIO()
     Image.fromarray(np.full((24, 32, 3), tone, np.uint8)).save(file, "PNG")

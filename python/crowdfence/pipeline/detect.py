@@ -92,7 +92,43 @@ class HeatmapSource:
         return {"heatmaps": self.kind, **made}
 
 
-RECORDED = HeatmapSource("recorded", Frame.heatmap)
+_SHOWN = 0.5
+"""From here on a heatmap shows somebody."""
+
+
+def _unless_blind(heatmap_of: HeatmapFunction) -> HeatmapFunction:
+    """The function; FrameError where its heatmap shows nobody and the picture of the frame shows nothing:
+    whoever made it saw nothing. One that shows crowd is of another sensor than the picture, or errs safely.
+    """
+
+    def seeing(frame: Frame) -> Pixels:
+        heatmap = heatmap_of(frame)
+        if frame.pixels.image is not None and _shows_nobody(heatmap) and (reason := _blind(frame)):
+            raise FrameError(frame.drone, frame.stamp_ns, f"its heatmap shows nobody, and {reason}")
+        return heatmap
+
+    return seeing
+
+
+def _shows_nobody(heatmap: Pixels) -> bool:
+    """False for what is no heatmap: the core says what is wrong with it."""
+    values = np.asarray(heatmap)
+    if values.size == 0 or values.dtype.kind not in "uf":
+        return False
+    return bool(values.max() < (_SHOWN * 255 if values.dtype == np.uint8 else _SHOWN))
+
+
+def _blind(frame: Frame) -> str | None:
+    """Why its picture shows nothing; None too where it cannot be read, which says nothing of the heatmap."""
+    from crowdfence.detector.blank_picture import blank_reason
+
+    try:
+        return blank_reason(frame.image())
+    except FrameError:
+        return None
+
+
+RECORDED = HeatmapSource("recorded", _unless_blind(Frame.heatmap))
 
 
 def heatmap_source(
@@ -100,7 +136,8 @@ def heatmap_source(
 ) -> HeatmapSource:
     """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
     model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
-    is refused (`blank_picture`). Any other function is called with the frame.
+    is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
+    nobody is refused beside such a picture.
 
     ValueError when a terrain is needed and missing.
     """
@@ -109,7 +146,7 @@ def heatmap_source(
     from crowdfence.detector.detector import Detector
 
     if not isinstance(detector, Detector):
-        return HeatmapSource("function", _refusing(detector))
+        return HeatmapSource("function", _unless_blind(_refusing(detector)))
     watch = PictureWatch(detector.contract)
     if not detector.contract.uses_gsd or (terrain is None and not detector.contract.needs_gsd):
         heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
