@@ -10,7 +10,7 @@ import pytest
 from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
-from crowdfence import open_recording
+from crowdfence import Recording, open_recording
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.photographs.tags import read_tags
 from support.foreign_recordings import (
@@ -165,6 +165,37 @@ def test_intrinsics_by_focal_length_are_an_estimate_that_says_so(tmp_path: Path)
     found = open_recording(path, heights="sea", geoid_m=0.0)
     assert found.frames[0].camera.fx == pytest.approx(frame.camera.fx, rel=0.05)  # whole millimetres
     assert any("within about 5 %" in warning and "--calibration" in warning for warning in found.warnings)
+
+
+def calibrated(tmp_path: Path, flag: str, focal_mm35: float | None, *, shrunk: int = 1) -> Recording:
+    """One photograph of 320 x 240 pixels with DJI's calibration of a lens that distorts, of a picture that
+    was `shrunk` times as wide."""
+    focal = 300.0 * shrunk
+    dewarp = f'drone-dji:DewarpData="2026-01-01;{focal},{focal},5,-3,-0.2,0.1,0.001,-0.002,0.0" '
+    xmp = dji((10.0, -50.0, 0.0), dewarp + flag + 'drone-dji:RelativeAltitude="+40.0"')
+    folder = tmp_path / f"{flag[-3:-2]}-{focal_mm35}-{shrunk}"
+    folder.mkdir()
+    picture = np.random.default_rng(1).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    write_photograph(folder / "a.JPG", picture, 10**18, (46.5, 8.0, 1200.0), xmp, focal_mm35=focal_mm35)
+    return open_recording(folder)
+
+
+def test_a_photograph_that_the_drone_has_undistorted_is_not_undistorted_again(tmp_path: Path) -> None:
+    """DewarpFlag (DJI's manuals): 0 not dewarped, 1 dewarped."""
+    for flag in ("", 'drone-dji:DewarpFlag="0" '):
+        camera = calibrated(tmp_path, flag, None).frames[0].camera
+        assert camera.model == "brown_conrady" and camera.distortion[0] == -0.2
+    camera = calibrated(tmp_path, 'drone-dji:DewarpFlag="1" ', None).frames[0].camera
+    assert (camera.model, camera.fx, camera.cx, camera.cy) == ("pinhole", 300.0, 165.0, 117.0)
+
+
+def test_a_calibration_of_a_picture_of_another_size_is_not_used(tmp_path: Path) -> None:
+    """Programs that shrink photographs keep DewarpData, whose pixels are those of before."""
+    whole = calibrated(tmp_path, "", 32.0)  # 300 px before a diagonal of 400 are 32.4 mm
+    assert whole.frames[0].camera.fx == 300.0
+    shrunk = calibrated(tmp_path, "", 32.0, shrunk=3)
+    assert shrunk.frames[0].camera.fx == pytest.approx(32.0 / np.hypot(36.0, 24.0) * 400.0)
+    assert any("DewarpData is of another picture" in warning for warning in shrunk.warnings)
 
 
 def test_photographs_of_one_second_keep_their_order(tmp_path: Path) -> None:

@@ -21,7 +21,12 @@ from crowdfence.sources.geographic_track import (
     LocalTrack,
     local_track,
 )
-from crowdfence.sources.lens.focal_length import camera_from_35mm, camera_from_sensor, scaled_camera
+from crowdfence.sources.lens.focal_length import (
+    EstimatedCamera,
+    camera_from_35mm,
+    camera_from_sensor,
+    scaled_camera,
+)
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.pictures.files import is_file_or_lost
@@ -30,6 +35,8 @@ from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 SUFFIXES = (".jpg", ".jpeg")
+_MOST_APART = 0.25
+"""Of the focal lengths that a photograph is calibrated with and that EXIF tells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,27 +212,45 @@ def _camera(tags: PhotographTags, options: PhotographOptions) -> tuple[Camera, s
     width, height = tags.width, tags.height
     if options.calibration is not None:
         return scaled_camera(options.calibration, width, height), ""
-    if tags.dewarp:
-        camera = _dewarped(tags)
-        if camera is not None:
-            return camera, "intrinsics are the calibration in the photographs (DewarpData)"
+    camera = _by_dewarp_data(tags) if tags.dewarp else None
+    try:
+        estimate = _estimate(tags)
+    except ValueError:
+        if camera is None:
+            raise
+        estimate = None
+    if camera is not None and (estimate is None or _agree(camera, estimate.camera)):
+        return camera, "intrinsics are the calibration in the photographs (DewarpData)"
+    if estimate is None:
+        raise ValueError("nothing says how wide its camera sees: no focal length in EXIF; give --calibration")
+    if camera is None:
+        return estimate.camera, estimate.said
+    return estimate.camera, f"{estimate.said}; DewarpData is of another picture: {camera.fx:.0f} px"
+
+
+def _estimate(tags: PhotographTags) -> EstimatedCamera | None:
+    """By the focal length in EXIF; ValueError for one that no lens has."""
+    width, height = tags.width, tags.height
     if tags.focal_mm is not None and tags.model:
         estimate = camera_from_sensor(width, height, tags.focal_mm, tags.model)
         if estimate is not None:
-            return estimate.camera, estimate.said
-    if tags.focal_35mm:
-        estimate = camera_from_35mm(width, height, tags.focal_35mm, film=False)
-        return estimate.camera, estimate.said
-    raise ValueError("nothing says how wide its camera sees: no focal length in EXIF; give --calibration")
+            return estimate
+    return camera_from_35mm(width, height, tags.focal_35mm, film=False) if tags.focal_35mm else None
 
 
-def _dewarped(tags: PhotographTags) -> Camera | None:
+def _agree(calibrated: Camera, estimated: Camera) -> bool:
+    """Estimates are some percent off; a picture that was shrunk or cut afterwards is off by more."""
+    return abs(calibrated.fx / estimated.fx - 1.0) <= _MOST_APART
+
+
+def _by_dewarp_data(tags: PhotographTags) -> Camera | None:
     """DewarpData: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, with cx and cy counted from the middle. None where it does
     not hold together."""
     try:
         values = [float(value) for value in (tags.dewarp or "").rpartition(";")[2].split(",")]
         fx, fy, cx, cy, *distortion = values
         middle = (cx + tags.width / 2, cy + tags.height / 2)
-        return Camera.pinhole(tags.width, tags.height, fx, fy, *middle, distortion or None)
+        left = None if tags.dewarped else distortion or None
+        return Camera.pinhole(tags.width, tags.height, fx, fy, *middle, left)
     except ValueError:
         return None

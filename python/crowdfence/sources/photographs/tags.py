@@ -59,6 +59,8 @@ class PhotographTags:
     focal_35mm: float | None
     dewarp: str | None
     """DJI's own calibration: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, cx and cy from the middle."""
+    dewarped: bool
+    """Whether the drone has taken the distortion of that calibration out of the picture."""
     orientation: int
     """EXIF Orientation, 1 = as stored."""
 
@@ -99,6 +101,7 @@ def read_tags(path: Path) -> PhotographTags:
         focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
         focal_35mm=_number(more.get(ExifTags.Base.FocalLengthIn35mmFilm)),
         dewarp=xmp.get("drone-dji:DewarpData"),
+        dewarped=xmp.get("drone-dji:DewarpFlag") == "1",
         orientation=turned,
     )
 
