@@ -90,6 +90,32 @@ def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path)
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_a_mount_that_does_not_tell_its_yaw_from_north_looks_nowhere(tmp_path: Path, told: bool) -> None:
+    """`yaw_absolute` is a later extension: who sends no such field sends 0, and looks east all the same."""
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    data = bytearray()
+    for number in range(10):
+        boot_ms = 5000 + number * 100
+        for message in (
+            mavlink.MAVLink_global_position_int_message(
+                boot_ms, 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
+            ),
+            mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0),
+            mavlink.MAVLink_mount_orientation_message(boot_ms, 0.0, -45.0, 0.0, 90.0 if told else 0.0),
+        ):
+            data += struct.pack(">Q", 1_700_000_000_000_000 + number * 100_000) + message.pack(sender)
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(data)
+    log = read_tlog(path)
+    if told:
+        assert log.camera_ned is not None and not log.remarks
+        assert looks_towards_deg(log.camera_ned) == pytest.approx(90.0, abs=1e-3)
+    else:
+        assert log.camera_ned is None
+        assert any("yaw_absolute is 0 in all 10 MOUNT_ORIENTATION" in remark for remark in log.remarks)
+
+
 def test_a_px4_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> None:
     topics = {
         "vehicle_global_position": "double lat;double lon;float alt;",

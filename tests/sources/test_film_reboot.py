@@ -24,7 +24,7 @@ def position(boot_s: float, height_m: float) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_global_position_int_message(*place, 0, 0, 0, 0)
 
 
-def camera(boot_s: float, yaw_deg: float = 0.0) -> mavlink.MAVLink_message:
+def camera(boot_s: float, yaw_deg: float = 0.01) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_mount_orientation_message(round(boot_s * 1e3), 0.0, -90.0, 0.0, yaw_deg)
 
 

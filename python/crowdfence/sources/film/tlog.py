@@ -115,6 +115,12 @@ def _camera(boots: Sequence[Boot], body: Turns | None, remarks: list[str]) -> Tu
         )
         if math.isfinite(one.yaw_absolute)
     ]
+    if mount and not any(one.yaw_absolute for one in _all(boots, "MOUNT_ORIENTATION")):
+        # A later extension of the message: it is 0 where it was not sent, and NaN where it is not known.
+        remarks.append(
+            f"yaw_absolute is 0 in all {len(mount)} MOUNT_ORIENTATION: where the camera looked is not told"
+        )
+        return None
     return Turns.of([time_s for time_s, _ in mount], [turn for _, turn in mount])
 
 
