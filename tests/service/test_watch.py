@@ -24,6 +24,7 @@ from crowdfence.service.service import Service
 from crowdfence.service.store import FILE
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
+from crowdfence.sources.recording import Frame
 from crowdfence.zones import AltitudeBand
 from support.small_service import (
     CAMERA,
@@ -212,6 +213,43 @@ def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path)
         http.post(f"/api/v1/zones/{inside}/dismiss", json={"reason": "wrong"})
         watch.look()
         assert not active(service, "drone_in_zone")
+
+
+def test_a_drone_whose_pictures_show_nothing_still_is_where_its_pose_says(tmp_path: Path) -> None:
+    """A covered lens: its views are refused, and it flies into a zone all the same."""
+
+    def picture(tone: int) -> str:
+        texture = np.random.default_rng(1).integers(0, 256, (12, 16, 3), dtype=np.uint8)
+        file = io.BytesIO()
+        Image.fromarray(texture if tone < 0 else np.full_like(texture, tone)).save(file, format="PNG")
+        return base64.b64encode(file.getvalue()).decode()
+
+    def told(number: int, tone: int) -> bytes:
+        of_heatmap = ViewMessage.model_validate_json(message(view("uav1", number)))
+        as_picture = of_heatmap.model_copy(update={"heatmap": None, "image": picture(tone)})
+        return as_picture.model_dump_json().encode()
+
+    def nobody(frame: Frame) -> np.ndarray:
+        return np.zeros((3, 4), np.float32)
+
+    with running(tmp_path, detector=nobody) as service, asked(service) as http:
+        looking = Watch(service)
+        assert service.live is not None
+        service.live.give_view(told(0, -1))
+        service.live.finish()
+        east, north, _ = view("uav1", 40).world_from_camera[:3, 3]
+        corners = [[east + x, north + y] for x, y in ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))]
+        zone = http.post("/api/v1/zones", json={"polygon": corners, "reason": "stage"}).json()["id"]
+        looking.look()
+        assert not active(service, "drone_in_zone")
+        service.live.give_view(told(40, 0))
+        service.live.finish()
+        looking.look()
+        assert service.live.refused["uav1"] == 1
+        assert active(service, "drone_in_zone") == {("uav1", zone)}
+        # What it saw last is still what it saw last.
+        (drone,) = (one for one in http.get("/api/v1/drones").json()["drones"] if one["drone"] == "uav1")
+        assert drone["stamp_ns"] == str(view("uav1", 0).stamp_ns)
 
 
 def test_a_zone_bounded_above_the_ellipsoid_counts_at_every_height(tmp_path: Path) -> None:

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from crowdfence._core import CrowdMap, Observation, View, project
 from crowdfence.pipeline import FrameLoop, Step
 from crowdfence.sources.recording import RefusedFrame
@@ -22,6 +25,8 @@ class Arrival:
     stamp_ns: int
     content: Content | Future[Content]
     image: bytes | None = None
+    position: NDArray[np.float64] | None = None
+    """Of its camera, local metres [3]; None for an observation."""
 
     def arrived(self) -> Content:
         """Wait for it."""

@@ -7,6 +7,7 @@ from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence._core import Terrain, View
 from crowdfence.exports.picture.footprint import ground_footprint
@@ -41,6 +42,7 @@ class Fleet:
         self._max_range_m, self._stale_after_s = max_range_m, stale_after_s
         self._max_ahead_s = max_ahead_s
         self._tracks = {drone: Track(_REMEMBERED) for drone in drones}
+        self._places: dict[str, tuple[int, NDArray[np.float64]]] = {}
         self._footprints: dict[str, tuple[int, list[list[float]]]] = {}
         self._lock = Lock()
 
@@ -53,6 +55,24 @@ class Fleet:
         """A drone's camera was there. One that is older than the newest is left out of the trail."""
         with self._lock:
             self._tracks.setdefault(drone, Track(_REMEMBERED)).add(sighting)
+
+    def was_at(self, drone: str, stamp_ns: int, position: NDArray[np.float64]) -> None:
+        """A drone was there, in local metres [3], whether what it saw could be used or not."""
+        with self._lock:
+            newest_ns, _ = self._places.get(drone, (-1, position))
+            if stamp_ns > newest_ns:
+                self._places[drone] = stamp_ns, np.array(position, np.float64)
+
+    def places(self) -> dict[str, NDArray[np.float64]]:
+        """Where every drone was last, in local metres [3]; of companions, which project themselves, nobody
+        knows."""
+        with self._lock:
+            newest = dict(self._places)
+            seen = {drone: track.at() for drone, track in self._tracks.items()}
+        for drone, last in seen.items():
+            if last is not None and (drone not in newest or newest[drone][0] < last.stamp_ns):
+                newest[drone] = last.stamp_ns, last.world_from_camera[:3, 3]
+        return {drone: position for drone, (_, position) in newest.items()}
 
     def last(self, drone: str) -> Sighting | None:
         with self._lock:

@@ -455,6 +455,8 @@ class Live:
                 "view refused: %s", reason, extra={"drone": arrival.drone, "stamp_ns": arrival.stamp_ns}
             )
             self.refused[arrival.drone] += 1
+            if arrival.position is not None:
+                self._fleet.was_at(arrival.drone, arrival.stamp_ns, arrival.position)
             if not self._recovering:
                 self._alerts.raise_(
                     "refused_views",
@@ -487,10 +489,13 @@ class Live:
             return Arrival(record.seq, record.drone, record.stamp_ns, Observation.from_bytes(record.body))
         message = ViewMessage.model_validate_json(record.body)
         if message.heatmap is not None:
-            return Arrival(record.seq, record.drone, record.stamp_ns, message.view())
+            view = message.view()
+            place = view.world_from_camera[:3, 3]
+            return Arrival(record.seq, record.drone, record.stamp_ns, view, position=place)
         frame = message.frame()
-        detected = self.detecting.submit(frame, record.seq)
-        return Arrival(record.seq, record.drone, record.stamp_ns, detected, image=frame.encoded_image())
+        detected, place = self.detecting.submit(frame, record.seq), frame.world_from_camera[:3, 3]
+        image = frame.encoded_image()
+        return Arrival(record.seq, record.drone, record.stamp_ns, detected, image=image, position=place)
 
     def _show(self, arrival: Arrival, content: Content) -> None:
         if not isinstance(content, View):

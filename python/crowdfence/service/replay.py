@@ -80,6 +80,8 @@ class Replay:
 
     def _show(self, instant: Instant, views: list[View]) -> None:
         frames = {frame.drone: frame for frame in instant.frames}
+        for frame in instant.frames:  # the refused ones too
+            self._fleet.was_at(frame.drone, frame.stamp_ns, frame.world_from_camera[:3, 3])
         for view in views:
             frame = frames[view.drone]
             has_picture = frame.pixels.image is not None

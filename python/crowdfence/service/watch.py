@@ -12,6 +12,7 @@ import time
 from threading import Event, Thread
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import lost_crowd_warning
@@ -20,7 +21,6 @@ from crowdfence.service.alerts import AlertKind, Level
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
-from crowdfence.service.track import Sighting
 from crowdfence.zones import Zone
 
 _LOG = logging.getLogger(__name__)
@@ -147,18 +147,18 @@ class Watch:
         if moment is None:
             return
         closed = passable(moment.zones, moment.marks).closed
-        for drone in service.fleet.drones:
-            last = service.fleet.last(drone)
-            inside, near = ([], []) if last is None else self._around(last, closed)
+        places = service.fleet.places()
+        for drone in sorted({*service.fleet.drones, *places}):
+            inside, near = self._around(places[drone], closed) if drone in places else ([], [])
             self._of_zones(drone, inside, "drone_in_zone", "alarm", "is in zone")
             verb = f"is within {service.settings.near_m:g} m of zone"
             self._of_zones(drone, [] if inside else near, "drone_near_zone", "warning", verb)
 
-    def _around(self, last: Sighting, closed: tuple[Zone, ...]) -> tuple[list[str], list[str]]:
+    def _around(self, position: NDArray[np.float64], closed: tuple[Zone, ...]) -> tuple[list[str], list[str]]:
         """Zones that a drone is in, and those within reach of it, the nearest first."""
         import shapely
 
-        east, north, up = last.world_from_camera[:3, 3]
+        east, north, up = position
         place = shapely.Point(east, north)
         ground_m = float(self._service.raster.height_at(np.array([[east, north]]))[0])
         # Above a band above ground nothing is closed; where the ground is not known the comparison is false.
