@@ -67,6 +67,26 @@ def test_a_point_is_seen_where_opencv_sees_it(tmp_path: Path, kind: str) -> None
     assert np.allclose(camera.project(point)[0], pixel + 0.5, atol=1e-6)
 
 
+@pytest.mark.parametrize("fisheye", [0, 1])
+def test_a_fisheye_of_opencv_is_one(tmp_path: Path, fisheye: int) -> None:
+    """The calibration program of OpenCV says so in a line of its own; its four numbers fit both models."""
+    path, four = tmp_path / "camera.yml", np.array([-0.05, 0.01, 0.002, -0.001])
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 1280)
+    storage.write("image_height", 720)
+    storage.write("fisheye_model", fisheye)
+    storage.write("camera_matrix", K)
+    storage.write("distortion_coefficients", four.reshape(4, 1))
+    storage.release()
+    camera = read_calibration(path)
+    point = np.array([[0.8, -0.5, 1.0]])
+    if fisheye:
+        pixel = cv2.fisheye.projectPoints(point[None], np.zeros(3), np.zeros(3), K, four)[0].reshape(2)
+    else:
+        pixel = cv2.projectPoints(point, np.zeros(3), np.zeros(3), K, four)[0].reshape(2)
+    assert np.allclose(camera.project(point)[0], pixel + 0.5, atol=1e-6)
+
+
 def test_a_camchain_names_its_cameras(tmp_path: Path) -> None:
     path = tmp_path / "camchain.yaml"
     path.write_text(KALIBR)

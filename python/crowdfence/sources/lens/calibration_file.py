@@ -65,7 +65,8 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
     matrix = _matrix(content["camera_matrix"] if "camera_matrix" in content else content["Camera_Matrix"])
     width = int(content.get("image_width") or content["image_Width"])
     height = int(content.get("image_height") or content["image_Height"])
-    model = str(content.get("distortion_model", ""))
+    # OpenCV's own program: its four numbers would fit plumb_bob too.
+    model = str(content.get("distortion_model", "fisheye" if content.get("fisheye_model") else ""))
     names = ("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs")
     coefficients = next((_matrix(content[name]) for name in names if name in content), [])
     if len(matrix) != 9:
