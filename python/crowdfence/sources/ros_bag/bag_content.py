@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -108,6 +109,8 @@ class BagContent:
         if kind == FIX:
             if found.status.status > _NO_FIX:
                 place = (float(found.latitude), float(found.longitude), float(found.altitude))
+                if not all(map(math.isfinite, place)):
+                    raise ValueError(f"no position: {place}")
                 self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
         elif kind.endswith("GeoPointStamped"):
             at = found.position
