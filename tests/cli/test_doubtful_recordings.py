@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from PIL import Image
 
 from support.command_line import crowdfence
 from support.small_recordings import EPOCH_NS, write_hovering
@@ -109,6 +110,54 @@ def test_a_camera_in_a_house_of_the_map_sees_nothing_and_fell_through_no_hole(tm
     assert done.returncode == 1
     assert "no view saw the terrain" in done.stderr and "holes of the map" not in done.stderr
     assert "the camera is below the map's ground in 4 of 4 frames" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def doubtful(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording with pictures, heatmaps and labels, one of whose rows cannot be read, and a map whose datum
+    is not known."""
+    folder = write_hovering(tmp_path_factory.mktemp("doubtful") / "rec", {"uav1": FIRST})
+    (folder / "poses.csv").open("a").write("uav1,soon,0,0,40,0,1,0,0\n")
+    random = np.random.default_rng(5)
+    for inside in ("images", "truth/regions"):
+        (folder / inside).mkdir(parents=True)
+    for stamp_ns in FIRST:
+        picture = random.integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        Image.fromarray(picture).save(folder / "images" / f"uav1_{stamp_ns}.png")
+        labels = np.zeros((24, 32), np.uint8)
+        labels[8:16, 8:16] = 1
+        Image.fromarray(labels).save(folder / "truth" / "regions" / f"uav1_{stamp_ns}.png")
+    ground = folder.with_name("datum.tif")
+    profile = {"driver": "GTiff", "width": 100, "height": 100, "count": 1, "dtype": "float32"}
+    crs = "+proj=tmerc +lon_0=12 +x_0=4500000 +ellps=GRS80 +units=m"
+    corner = rasterio.transform.from_origin(4_594_996.0, 5_820_000.0, 1.0, 1.0)
+    with rasterio.open(ground, "w", **profile, crs=crs, transform=corner) as raster:
+        raster.write(np.zeros((100, 100), np.float32), 1)
+    return folder, ground
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize("command", ["run", "evaluate", "align", "detect"])
+def test_every_command_says_what_is_doubtful_about_recording_and_map(
+    doubtful: tuple[Path, Path], tmp_path: Path, command: str, as_json: bool
+) -> None:
+    recording, ground = doubtful
+    output = {"run": "out", "align": "offsets.json", "detect": "seen.mcap"}.get(command)
+    where = () if output is None else ("-o", tmp_path / output)
+    told = ("--json",) if as_json else ()
+    done = crowdfence(command, recording, "-t", ground, "--assume-local", *where, *told)
+    assert done.returncode == (3 if command == "align" else 0), done.stderr  # a hover tells nothing
+    said = json.loads(done.stdout)["warnings"] if as_json else done.stderr.splitlines()
+    for doubt in ("poses.csv: 1 rows cannot be read", "is taken as WGS84"):
+        assert [doubt in line for line in said].count(True) == 1, said
+
+
+def test_a_conversion_says_what_is_doubtful_too(doubtful: tuple[Path, Path], tmp_path: Path) -> None:
+    """Of what was lost on the way into the file nobody hears again."""
+    done = crowdfence("convert", doubtful[0], "-o", tmp_path / "copy.mcap")
+    assert done.returncode == 0 and "warning: poses.csv: 1 rows cannot be read" in done.stderr
+    done = crowdfence("convert", doubtful[0], "-o", tmp_path / "again.mcap", "--json")
+    assert len(json.loads(done.stdout)["warnings"]) == 1
 
 
 @pytest.mark.parametrize("command", ["inspect", "run"])

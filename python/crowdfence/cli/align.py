@@ -11,7 +11,7 @@ from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.option_sets import MapOptions, SourceOptions, map_options, takes
-from crowdfence.cli.wording import counted
+from crowdfence.cli.wording import counted, in_options
 
 if TYPE_CHECKING:
     from crowdfence.alignment import Alignment, DroneAlignment, Estimate
@@ -37,22 +37,26 @@ def align(
     """
     from crowdfence.alignment.estimate import align as estimate
     from crowdfence.alignment.estimate import step_count, told_in_json
-    from crowdfence.pipeline import open_terrain
+    from crowdfence.pipeline import read_map
     from crowdfence.sources.alignment_file import write_alignment
 
     if output.exists() and not force:
         raise FileExistsError(f"{output} exists; --force replaces it")
     with writable_file(output, reads=[*recording, context.params["terrain"]]):
         source = source_options.open_source(recording, context.params)
-        ground = open_terrain(source, context.params["terrain"], **map_options(context.params))
+        ground = read_map(source, context.params["terrain"], **map_options(context.params))
         with console.progress("reading", step_count(source, frames), "pictures") as advance:
-            found = estimate(source, ground, most_frames=frames, progress=advance)
+            found = estimate(source, ground.terrain, most_frames=frames, progress=advance)
         if found.told:
             write_alignment(output, found.offsets(), told_in_json(found))
+    warnings = [*source.warnings, *ground.doubts]
     if as_json:
-        console.print_json({"file": str(output) if found.told else None, **told_in_json(found)})
+        file = str(output) if found.told else None
+        console.print_json({"file": file, **told_in_json(found), "warnings": warnings})
     else:
         _report(found, output)
+        for reason in warnings:
+            console.warn(in_options(reason))
     if not found.told:
         console.fail("the pictures cannot tell what the poses are off; nothing was written")
         raise typer.Exit(GATE_NOT_MET)

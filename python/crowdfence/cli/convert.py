@@ -11,6 +11,7 @@ import typer
 from crowdfence.atomic_file import writable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.wording import in_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,8 +65,9 @@ def convert(
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
         lacking = None if results is None else _heatmaps_told(results, source)
+        doubts: tuple[str, ...] = ()
         if terrain is not None:
-            source = _on_map(source, terrain)
+            source, doubts = _on_map(source, terrain)
         with console.progress("converting", len(source.frames), "frames") as advance:
             conversion = write_mission(
                 source,
@@ -78,6 +80,7 @@ def convert(
             )
     if lacking is not None:
         console.warn(lacking)
+    warnings = [*source.warnings, *doubts]
     if as_json:
         console.print_json(
             {
@@ -88,6 +91,7 @@ def convert(
                 "refused": [str(refused) for refused in conversion.refused],
                 "omitted": conversion.omitted,
                 "map": conversion.map_inside,
+                "warnings": warnings,
             }
         )
         return
@@ -103,8 +107,8 @@ def convert(
             },
         )
     )
-    for reason in [*map(str, conversion.refused), *conversion.omitted]:
-        console.warn(reason)
+    for reason in [*warnings, *map(str, conversion.refused), *conversion.omitted]:
+        console.warn(in_options(reason))
 
 
 def _heatmaps_told(run: Path, recording: Recording) -> str | None:
@@ -139,12 +143,15 @@ def _map_told(inside: str | None, wanted: bool) -> str:
     return "none: give one with --terrain when you run" if wanted else "not in the file"
 
 
-def _on_map(source: Recording, terrain: Path) -> Recording:
-    """With heights that waited for the map."""
-    from crowdfence.pipeline import open_terrain
+def _on_map(source: Recording, terrain: Path) -> tuple[Recording, tuple[str, ...]]:
+    """With heights that waited for the map, and what is doubtful about that."""
+    from crowdfence.pipeline import read_map
     from crowdfence.sources.ground_contact import on_ground
 
-    return on_ground(source, open_terrain(source, terrain)) if source.ground_contacts else source
+    if not source.ground_contacts:
+        return source, ()
+    ground = read_map(source, terrain)
+    return on_ground(source, ground.terrain), ground.doubts
 
 
 def _require_place(output: Path, recordings: list[Path], force: bool) -> None:

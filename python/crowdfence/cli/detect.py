@@ -11,7 +11,7 @@ import typer
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
-from crowdfence.cli.wording import counted
+from crowdfence.cli.wording import counted, in_options
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
 
 if TYPE_CHECKING:
@@ -176,12 +176,13 @@ def _detect_recording(
 ) -> None:
     from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
-    from crowdfence.pipeline import heatmap_source, open_terrain
+    from crowdfence.pipeline import heatmap_source, read_map
     from crowdfence.sources.ground_contact import on_ground
 
     mapped = terrain is not None or recording.terrain is not None
     wanted = detector.contract.needs_gsd or (detector.contract.uses_gsd and mapped)
-    ground = open_terrain(recording, terrain, **map_options) if wanted else None
+    found = read_map(recording, terrain, **map_options) if wanted else None
+    ground = None if found is None else found.terrain
     if ground is not None:
         recording = on_ground(recording, ground)
     heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
@@ -196,7 +197,7 @@ def _detect_recording(
             progress=lambda *_: advance(),
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
-    warnings = heatmaps.warnings
+    warnings = [*recording.warnings, *(() if found is None else found.doubts), *heatmaps.warnings]
     if ground is None:
         warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
     if as_json:
@@ -227,6 +228,6 @@ def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: li
     shown = {"detector": f"{name} {version}" if version else name, **facts}
     console.stdout().print(console.facts(str(output), shown))
     for reason in reasons[:MOST_REASONS_SHOWN]:
-        console.warn(reason)
+        console.warn(in_options(reason))
     if len(reasons) > MOST_REASONS_SHOWN:
         console.warn(f"and {len(reasons) - MOST_REASONS_SHOWN} more; --json lists them all")

@@ -23,6 +23,7 @@ from crowdfence.cli.option_sets import (
 )
 from crowdfence.cli.options import OR, PAPER
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
+from crowdfence.cli.wording import in_options
 from crowdfence.config import (
     LinearPoolConfig,
     LogPoolConfig,
@@ -109,7 +110,7 @@ def evaluate(
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
-    from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, open_terrain
+    from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.sources.layers import CROWD, checked_layer
 
     layer = checked_layer(context.params["layer"])
@@ -122,7 +123,8 @@ def evaluate(
     chosen = choose_detector(
         source, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
     )
-    ground = open_terrain(source, told["terrain"], **map_options(told))
+    reading = read_map(source, told["terrain"], **map_options(told))
+    ground = reading.terrain
     heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
     cells = CellCounter()
     if measured_rates:
@@ -168,7 +170,7 @@ def evaluate(
         for number, row in enumerate(scores if sweep else [])
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
-    warnings = [*heatmaps.of_detectors, *doubts, *lost]
+    warnings = [*source.warnings, *reading.doubts, *heatmaps.of_detectors, *doubts, *lost]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     summary = {
         "detector": {**heatmaps.to_json(), **_rates(counts)},
@@ -189,7 +191,7 @@ def evaluate(
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
         for reason in [*warnings, *map(str, refused)]:
-            console.warn(reason)
+            console.warn(in_options(reason))
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
