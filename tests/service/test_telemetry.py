@@ -178,6 +178,42 @@ def test_the_pose_of_a_view_is_that_of_the_recorded_camera(tmp_path: Path) -> No
             assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1.0))) < 0.1
 
 
+def sent_by(component: int, message: Any, *, later_ms: int = 0) -> Any:
+    """As it comes from a component of the drone whose clock began so much later than the autopilot's."""
+    message._header.srcComponent = component
+    message.time_boot_ms = (message.time_boot_ms - later_ms) % 2**32
+    return message
+
+
+@pytest.mark.parametrize("later_ms", [0, 3_000, 59_000, -600_000, -1_760_000_000_000])
+def test_a_gimbal_and_a_companion_with_clocks_of_their_own(later_ms: int) -> None:
+    """The gimbal, component 154, is told by its own clock; so is the time of day of a companion computer,
+    191, whose attitude is that of its own board. Messages are 40 ms on their way."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    for number, row in enumerate(rows()):
+        now_ns = row.stamp_ns + 40_000_000
+        feed.heard(sent_by(154, gimbal(row), later_ms=later_ms), now_ns)
+        feed.heard(sent_by(191, system_time(row), later_ms=later_ms - 7_000), now_ns)
+        feed.heard(sent_by(191, attitude(rows()[-1]), later_ms=later_ms - 7_000), now_ns)
+        if number % 5 == 0:
+            feed.heard(sent_by(1, position(row)), now_ns)
+            feed.heard(sent_by(1, system_time(row)), now_ns)
+    for frame in frames()[1:]:
+        pose, true = feed.pose_at(frame.stamp_ns), frame.world_from_camera
+        assert np.linalg.norm(pose[:3, 3] - true[:3, 3]) < 0.1
+        assert np.degrees(Rotation.from_matrix(true[:3, :3].T @ pose[:3, :3]).magnitude()) < 0.1
+
+
+def test_only_the_autopilot_answers_for_its_time(tmp_path: Path) -> None:
+    """Every component that hears TIMESYNC answers with a clock of its own."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    row = rows()[0]
+    feed.heard(sent_by(1, position(row)), row.stamp_ns + 40_000_000)
+    for component, boot_ns in ((191, 5 * SECOND_NS), (1, boot_ms(row) * 1_000_000)):
+        feed.answered(row.stamp_ns, boot_ns, row.stamp_ns + 2_000_000, component)
+    assert feed.clock.offset_ns == pytest.approx(boot_stamp_ns(), abs=2_000_000)
+
+
 def test_what_each_row_is_off_by_itself_is_taken_out_of_its_neighbours() -> None:
     """Rows of half a metre's and half a degree's noise, as far as they have come when the view does."""
     dice = np.random.default_rng(4)

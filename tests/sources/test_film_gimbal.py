@@ -1,6 +1,7 @@
 """What a gimbal says of its yaw: from north, or from the drone's heading."""
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,69 @@ def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path)
     (tmp_path / "a.tlog").write_bytes(bytes(data))
     camera = read_tlog(tmp_path / "a.tlog").camera_ned
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
+
+
+def turning_flight(path: Path, gimbal_ms: Callable[[float], float], *, attitude_of_payload: bool) -> Path:
+    """20 s of a drone that looks along its heading, which turns by 30 degrees a second. Its gimbal is a
+    component of its own (154, on the same system), whose clock says `gimbal_ms`; messages take 40 ms."""
+    autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    payload = mavlink.MAVLink(None, srcSystem=1, srcComponent=154)
+    data = bytearray()
+    for number in range(200):
+        boot_s, yaw = 60.0 + number / 10, np.radians(30.0 * number / 10)
+        look = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+        told = [
+            (
+                autopilot,
+                mavlink.MAVLink_global_position_int_message(
+                    round(boot_s * 1e3), 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
+                ),
+            ),
+            (
+                payload,
+                mavlink.MAVLink_gimbal_device_attitude_status_message(
+                    0, 0, round(gimbal_ms(boot_s)) % 2**32, LOCK | EARTH, look, 0.0, 0.0, 0.0, 0
+                ),
+            ),
+            (
+                payload if attitude_of_payload else autopilot,
+                mavlink.MAVLink_attitude_message(round(boot_s * 1e3), 0.0, 0.0, float(yaw), 0.0, 0.0, 0.0),
+            ),
+        ]
+        arrived_us = 1_760_000_000_000_000 + number * 100_000 + 40_000
+        for sender, message in told:
+            data += struct.pack(">Q", arrived_us) + message.pack(sender)
+    path.write_bytes(bytes(data))
+    return path
+
+
+@pytest.mark.parametrize(
+    "gimbal_ms",
+    [
+        lambda boot_s: boot_s * 1e3,
+        lambda boot_s: boot_s * 1e3 - 3_000,
+        lambda boot_s: boot_s * 1e3 + 600_000,
+        lambda boot_s: 1.76e12 + boot_s * 1e3,
+        lambda boot_s: (boot_s - 55.0 if boot_s < 70.0 else boot_s - 69.0) * 1e3,
+    ],
+    ids=["the same", "started later", "started before", "time of day", "starts anew in flight"],
+)
+def test_a_gimbal_with_a_clock_of_its_own_turns_when_it_did(
+    tmp_path: Path, gimbal_ms: Callable[[float], float]
+) -> None:
+    log = read_tlog(turning_flight(tmp_path / "a.tlog", gimbal_ms, attitude_of_payload=False))
+    assert log.camera_ned is not None and len(log.time_s) > 190
+    for time_s, row in zip(log.time_s, log.camera_ned, strict=True):
+        off_deg = looks_towards_deg(row[None]) - 30.0 * time_s
+        assert abs((off_deg + 180.0) % 360.0 - 180.0) < 1.0
+    own_clock = gimbal_ms(60.0) != 60_000.0
+    assert any("component 154 counts time on a clock of its own" in one for one in log.remarks) is own_clock
+
+
+def test_attitudes_of_a_payload_are_not_those_of_the_drone(tmp_path: Path) -> None:
+    log = read_tlog(turning_flight(tmp_path / "a.tlog", lambda s: s * 1e3, attitude_of_payload=True))
+    assert log.body_ned is None
+    assert any("200 ATTITUDE of component 154 are left out" in remark for remark in log.remarks)
 
 
 @pytest.mark.parametrize("told", [True, False])

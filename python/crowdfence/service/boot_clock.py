@@ -62,4 +62,9 @@ class BootClock:
             return min(self._asked)[1]
         if self._told_ns is not None:
             return self._told_ns
+        return self.by_arrival_ns
+
+    @property
+    def by_arrival_ns(self) -> int | None:
+        """The same by when messages arrive alone, to compare clocks."""
         return min(self._arrived, default=None)

@@ -147,7 +147,7 @@ class MavlinkLink:
             telemetry = self._telemetry[drone]
             if message.get_type() == "TIMESYNC":
                 if message.tc1 > 0:
-                    telemetry.answered(message.ts1, message.tc1, now_ns)
+                    telemetry.answered(message.ts1, message.tc1, now_ns, message.get_srcComponent())
                 continue
             telemetry.heard(message, now_ns)
 

@@ -15,7 +15,8 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.service.boot_clock import BootClock
 from crowdfence.sources.camera_mount import CameraMount
-from crowdfence.sources.film.boots import Boot
+from crowdfence.sources.film.boots import PLACE, Boot
+from crowdfence.sources.film.component_clock import OF_GIMBALS, OWN_CLOCK_MS, at_autopilot_time
 from crowdfence.sources.film.tlog import KINDS, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
@@ -26,6 +27,8 @@ _KEPT_MS = 70_000
 _AROUND_MS = 2500
 """Messages this far from a view say where it was taken."""
 _MS_NS = 1_000_000
+_AUTOPILOTS = (0, 1)
+"""Components taken for it while nobody has told a position: unsaid, and MAV_COMP_ID_AUTOPILOT1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +59,21 @@ class Telemetry:
         self._messages: dict[str, deque[Any]] = {kind: deque() for kind in KINDS}
         self.changed = Condition()
         self.clock = BootClock()
+        self._autopilot: int | None = None
+        """The component that tells positions."""
+        self._others: dict[int, BootClock] = {}
+        """Clocks of gimbals that are components of their own."""
 
     def heard(self, message: Any, now_ns: int) -> None:
         """A decoded message of the drone's autopilot or gimbal, at this moment of the service's clock."""
         with self.changed:
-            kind = message.get_type()
+            kind, component = message.get_type(), message.get_srcComponent()
+            if kind == PLACE and self._autopilot is None:
+                self._autopilot = component
+            if not self._is_autopilot(component):
+                self._heard_of_another(message, kind, component, now_ns)
+                self.changed.notify_all()
+                return
             if kind == "SYSTEM_TIME":
                 self.clock.told(message.time_unix_usec * 1000, message.time_boot_ms)
             if kind == "HOME_POSITION":
@@ -68,12 +81,35 @@ class Telemetry:
                 while len(self._messages[kind]) > 1:
                     self._messages[kind].popleft()
             elif kind in self._messages:
-                self._keep(self._messages[kind], message, now_ns)
+                if self.clock.arrived(message.time_boot_ms, now_ns):
+                    for others in self._messages.values():
+                        others.clear()
+                self._keep(self._messages[kind], message)
             self.changed.notify_all()
 
-    def answered(self, sent_ns: int, boot_ns: int, now_ns: int) -> None:
-        """An answer to TIMESYNC."""
+    def _is_autopilot(self, component: int) -> bool:
+        return component in _AUTOPILOTS if self._autopilot is None else component == self._autopilot
+
+    def _heard_of_another(self, message: Any, kind: str, component: int, now_ns: int) -> None:
+        """Its clock is its own. Gimbals count, laid on the autopilot's by when both arrive."""
+        if kind not in OF_GIMBALS:
+            return
+        clock = self._others.setdefault(component, BootClock())
+        if clock.arrived(message.time_boot_ms, now_ns):
+            for one in OF_GIMBALS:
+                self._messages[one].clear()
+        theirs_ns, ours_ns = clock.by_arrival_ns, self.clock.by_arrival_ns
+        if theirs_ns is None or ours_ns is None:
+            return
+        shift_ms = (theirs_ns - ours_ns) / _MS_NS
+        laid = at_autopilot_time(message, shift_ms if abs(shift_ms) > OWN_CLOCK_MS else 0.0)
+        self._keep(self._messages[kind], laid)
+
+    def answered(self, sent_ns: int, boot_ns: int, now_ns: int, component: int) -> None:
+        """An answer of a component to TIMESYNC."""
         with self.changed:
+            if not self._is_autopilot(component):
+                return
             self.clock.answered(sent_ns, boot_ns, now_ns)
             self.changed.notify_all()
 
@@ -81,11 +117,8 @@ class Telemetry:
     def knows_home(self) -> bool:
         return bool(self._messages["HOME_POSITION"])
 
-    def _keep(self, kept: deque[Any], message: Any, now_ns: int) -> None:
+    def _keep(self, kept: deque[Any], message: Any) -> None:
         boot_ms = message.time_boot_ms
-        if self.clock.arrived(boot_ms, now_ns):
-            for others in self._messages.values():
-                others.clear()
         if kept and boot_ms <= kept[-1].time_boot_ms:
             return  # repeated, or overtaken on its way
         kept.append(message)

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from crowdfence.sources.film.component_clock import on_one_clock
+
 PLACE = "GLOBAL_POSITION_INT"
 
 _FALLS_MS = 1000
@@ -37,11 +39,13 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
     its boots that tell positions; time 0 is the first one."""
     found: list[Boot] = []
     began_s, ended_s = 0.0, -1.0
-    for run in _runs(messages):
+    component = next(one.get_srcComponent() for one in messages if one.get_type() == PLACE)
+    for told in _runs(messages, component):
+        if not any(one.get_type() == PLACE and one.get_srcComponent() == component for one in told):
+            continue
+        run = on_one_clock(told, component, remarks)
         of_kind = {kind: [one for one in run if one.get_type() == kind] for kind in kinds}
         places = of_kind[PLACE]
-        if not places:
-            continue
         if not found:
             began_s = places[0]._timestamp
         begin_s = places[0]._timestamp - began_s
@@ -63,9 +67,8 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
     return found
 
 
-def _runs(messages: Sequence[Any]) -> list[list[Any]]:
+def _runs(messages: Sequence[Any], component: int) -> list[list[Any]]:
     """The messages from one start to the next, by the clock of the component that tells positions."""
-    component = next(one.get_srcComponent() for one in messages if one.get_type() == PLACE)
     runs: list[list[Any]] = [[]]
     newest: Any = None
     for one in messages:
