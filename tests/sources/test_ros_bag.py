@@ -241,6 +241,22 @@ def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path)
     assert ours.height_m == pytest.approx(anchor.height_m, abs=0.01)
 
 
+def test_a_second_camera_of_a_drone_is_not_left_out_in_silence(tmp_path: Path) -> None:
+    """One camera is one drone: whoever wants both names them."""
+    down = picture_messages(DRONE, OPTICAL)
+    front = [
+        (topic.replace("/cam/", "/front/"), type_name, stamp, fields)
+        for topic, type_name, stamp, fields in down
+        if not topic.endswith("heatmap")
+    ]
+    found = open_recording(write_bag(tmp_path / "two", "mcap", [*down, *front, *camera_pose_messages()]))
+    (told,) = [warning for warning in found.warnings if "left out" in warning]
+    assert "/uav1/front/image_raw/compressed" in told and "--topics" in told
+    assert "/uav1/cam/image_raw/compressed" not in told
+    alone = open_recording(write_bag(tmp_path / "one", "mcap", [*down, *camera_pose_messages()]))
+    assert not any("left out" in warning for warning in alone.warnings)
+
+
 def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "flight", "sqlite3", camera_pose_messages(topic="/mavros/local_position/pose"))
     with pytest.raises(

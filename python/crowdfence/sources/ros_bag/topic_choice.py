@@ -92,6 +92,12 @@ def guessed_topics(topics: Mapping[str, BagTopic]) -> list[DroneTopics]:
     return [one for one in drones.values() if one.camera_pose or one.pose or one.tf or (one.fix and one.imu)]
 
 
+def other_cameras(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
+    """Camera topics that were not chosen, such as the second one of a drone."""
+    taken = {one.camera for one in chosen}
+    return [camera for camera in _cameras(topics) if camera not in taken]
+
+
 def topic_list(topics: Mapping[str, BagTopic]) -> str:
     """What is there, for a message."""
     rows = (f"{name} ({topic.type}, {topic.count})" for name, topic in sorted(topics.items()))
