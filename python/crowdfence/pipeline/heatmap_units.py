@@ -63,11 +63,15 @@ class HeatmapUnits:
     @property
     def warnings(self) -> list[str]:
         """One sentence for each drone whose heatmaps look like that, all of them."""
-        return [
-            _warning(drone, levels)
-            for drone, levels in sorted(self._drones.items())
+        return [sentence for _, sentence in self.suspects().values()]
+
+    def suspects(self) -> dict[str, tuple[int, str]]:
+        """How many heatmaps of a drone look like that, all of them, and that sentence."""
+        return {
+            drone: (levels.looked_at, _warning(drone, levels))
+            for drone, levels in sorted(dict(self._drones).items())
             if (levels.mask_of_one or levels.eight_of_sixteen_bits) and levels.together >= _LEAST_SHARE
-        ]
+        }
 
 
 def _warning(drone: str, levels: _Levels) -> str:

@@ -506,6 +506,7 @@ class Live:
                 arrival.stamp_ns, content.camera, content.world_from_camera, arrival.image is not None, True
             ),
         )
+        self._mission.heatmap_units.look(content)
         if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
             return
         self._media.keep("heatmap", arrival.drone, arrival.stamp_ns, heatmap_png(content.heatmap))

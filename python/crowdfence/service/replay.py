@@ -83,6 +83,7 @@ class Replay:
         for frame in instant.frames:  # the refused ones too
             self._fleet.was_at(frame.drone, frame.stamp_ns, frame.world_from_camera[:3, 3])
         for view in views:
+            self._mission.heatmap_units.look(view)
             frame = frames[view.drone]
             has_picture = frame.pixels.image is not None
             self._fleet.saw(
