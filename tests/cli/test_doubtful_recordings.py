@@ -1,6 +1,7 @@
 """Recordings that a command has reason to doubt: what it takes of them, and what it says."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,24 @@ def test_every_command_says_what_is_doubtful_about_recording_and_map(
     said = json.loads(done.stdout)["warnings"] if as_json else done.stderr.splitlines()
     for doubt in ("poses.csv: 1 rows cannot be read", "is taken as WGS84"):
         assert [doubt in line for line in said].count(True) == 1, said
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate"])
+def test_masks_of_zero_and_one_are_doubted_by_whoever_reads_them(
+    doubtful: tuple[Path, Path], tmp_path: Path, command: str
+) -> None:
+    masks = tmp_path / "rec"
+    shutil.copytree(doubtful[0], masks)
+    for heatmap in (masks / "heatmaps").iterdir():
+        mask = np.zeros((6, 8), np.uint8)
+        mask[2:4, 2:4] = 1
+        Image.fromarray(mask).save(heatmap)
+    where = ("-o", tmp_path / "out") if command == "run" else ()
+    common = ("-t", doubtful[1], "--assume-local", "--detector", "recorded", "--json")
+    done = crowdfence(command, masks, *common, *where)
+    assert done.returncode == 0, done.stderr
+    (said,) = [line for line in json.loads(done.stdout)["warnings"] if "look like masks" in line]
+    assert "multiply them by 255" in said
 
 
 def test_a_conversion_says_what_is_doubtful_too(doubtful: tuple[Path, Path], tmp_path: Path) -> None:
