@@ -214,6 +214,28 @@ def test_only_the_autopilot_answers_for_its_time(tmp_path: Path) -> None:
     assert feed.clock.offset_ns == pytest.approx(boot_stamp_ns(), abs=2_000_000)
 
 
+def test_two_drones_of_one_system_id_are_not_mixed(tmp_path: Path) -> None:
+    """Autopilots come as system 1. The second one is 200 m further up, and was started a moment later."""
+
+    def of_second(row: Row) -> list[Any]:
+        up = np.array([0.0, 0.0, 200.0])
+        other = replace(row, position=row.position + up, stamp_ns=row.stamp_ns + 7_000_000)
+        return [position(other), gimbal(other)]
+
+    now, port = Now(frames()[-1].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, http):
+        first, second = Vehicle(port), Vehicle(port)
+        first.say([position(rows()[0]), system_time(rows()[0])])
+        until(lambda: service.live.poses.feeds["uav1"].clock.offset_ns is not None)  # type: ignore[union-attr]
+        for row in rows():
+            first.say([position(row), gimbal(row)])
+            second.say(of_second(row))
+        for number in (0, 2, 4):
+            assert give(http, view(number)).status_code == 202
+            found = kept_pose(service, frames()[number].stamp_ns)
+            assert np.linalg.norm(found[:3, 3] - frames()[number].world_from_camera[:3, 3]) < 0.1
+
+
 def test_what_each_row_is_off_by_itself_is_taken_out_of_its_neighbours() -> None:
     """Rows of half a metre's and half a degree's noise, as far as they have come when the view does."""
     dice = np.random.default_rng(4)

@@ -28,6 +28,9 @@ _AUTOPILOT = 1
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
 _REQUEST_MESSAGE, _HOME_POSITION = 512, 242
 _ASK_EVERY_S = 1.0
+_HANDOVER_S = 3.0
+"""A second sender is heard once the first one has been silent for so long."""
+_MOST_DOUBLES = 100
 _LISTEN_S = 0.2
 _SIGNING_EPOCH_S = 1_420_070_400
 """2015, from which MAVLink counts the stamps of signatures."""
@@ -93,7 +96,10 @@ class MavlinkLink:
         self._telemetry = {name: telemetry for name, (_, telemetry) in drones.items()}
         self._systems = {name: system for name, (system, _) in drones.items()}
         self._senders: dict[int, Any] = {}
-        """Where the packets of a system came from."""
+        """Where the packets of a system's autopilot came from."""
+        self._heard: dict[tuple[int, int], tuple[Any, float]] = {}
+        """Who speaks for a component of a system, and when last, by a steady clock."""
+        self._doubles: set[tuple[int, int, Any]] = set()
         self._mavlink = common.MAVLink(None, srcSystem=_OUR_SYSTEM, srcComponent=_OUR_COMPONENT)
         self._mavlink.robust_parsing = True
         if key is not None:
@@ -141,15 +147,37 @@ class MavlinkLink:
             if message.get_type() == "BAD_DATA":
                 continue
             drone = self._drone_of(message)
-            if drone is None:
+            if drone is None or self._is_double(message, sender):
                 continue
-            self._senders[message.get_srcSystem()] = sender
-            telemetry = self._telemetry[drone]
+            telemetry, system = self._telemetry[drone], message.get_srcSystem()
+            # Of the autopilot, not of its gimbal; of anybody who is there before it.
+            if system not in self._senders or telemetry.is_autopilot(message.get_srcComponent()):
+                self._senders[system] = sender
             if message.get_type() == "TIMESYNC":
                 if message.tc1 > 0:
                     telemetry.answered(message.ts1, message.tc1, now_ns, message.get_srcComponent())
                 continue
             telemetry.heard(message, now_ns)
+
+    def _is_double(self, message: Any, sender: Any) -> bool:
+        """Whether somebody else speaks for this component: a second drone of the same system id, whose poses
+        would mix with those of the first, or a second way of the same one, not needed while the first works.
+        """
+        who, now_s = (message.get_srcSystem(), message.get_srcComponent()), time.monotonic()
+        known, heard_s = self._heard.get(who, (sender, now_s))
+        if known == sender or now_s - heard_s > _HANDOVER_S:
+            self._heard[who] = sender, now_s
+            return False
+        if (double := (*who, sender)) not in self._doubles and len(self._doubles) < _MOST_DOUBLES:
+            self._doubles.add(double)
+            _LOG.warning(
+                "system %d, component %d speaks from %s and from %s: only the first is heard while it does; "
+                "drones need system ids of their own",
+                *who,
+                known,
+                sender,
+            )
+        return True
 
     def _drone_of(self, message: Any) -> str | None:
         """By system id; the first autopilot that is heard becomes that of a drone without one."""

@@ -70,7 +70,7 @@ class Telemetry:
             kind, component = message.get_type(), message.get_srcComponent()
             if kind == PLACE and self._autopilot is None:
                 self._autopilot = component
-            if not self._is_autopilot(component):
+            if not self.is_autopilot(component):
                 self._heard_of_another(message, kind, component, now_ns)
                 self.changed.notify_all()
                 return
@@ -87,7 +87,8 @@ class Telemetry:
                 self._keep(self._messages[kind], message)
             self.changed.notify_all()
 
-    def _is_autopilot(self, component: int) -> bool:
+    def is_autopilot(self, component: int) -> bool:
+        """Whether a component of the drone is taken for its autopilot."""
         return component in _AUTOPILOTS if self._autopilot is None else component == self._autopilot
 
     def _heard_of_another(self, message: Any, kind: str, component: int, now_ns: int) -> None:
@@ -108,7 +109,7 @@ class Telemetry:
     def answered(self, sent_ns: int, boot_ns: int, now_ns: int, component: int) -> None:
         """An answer of a component to TIMESYNC."""
         with self.changed:
-            if not self._is_autopilot(component):
+            if not self.is_autopilot(component):
                 return
             self.clock.answered(sent_ns, boot_ns, now_ns)
             self.changed.notify_all()
