@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
-from crowdfence.sources.film.merged_rows import Turns
+from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
 
@@ -89,6 +89,29 @@ def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path)
     (tmp_path / "a.tlog").write_bytes(bytes(data))
     camera = read_tlog(tmp_path / "a.tlog").camera_ned
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
+
+
+def test_a_flight_over_the_date_line_stays_there() -> None:
+    """Fiji: 0.0001 degrees west of it and east of it; half way is on it and not on Greenwich's meridian."""
+    body = Turns.of(np.arange(0.0, 1.01, 0.1), [EAST] * 11)
+    log = merged(
+        {
+            "time_s": [0.0, 1.0],
+            "latitude": [-17.0, -17.0],
+            "longitude": [179.9999, -179.9999],
+            "sea": [50, 50],
+        },
+        {"sea": "sea"},
+        body,
+        body,
+        start_ns=None,
+        take_off=None,
+        remarks=[],
+    )
+    off_line = np.abs((log.longitude_deg % 360.0) - 180.0)
+    assert (
+        len(off_line) == 11 and off_line.max() <= 0.0001 + 1e-9 and np.abs(log.longitude_deg).max() <= 180.0
+    )
 
 
 def turning_flight(path: Path, gimbal_ms: Callable[[float], float], *, attitude_of_payload: bool) -> Path:

@@ -71,7 +71,10 @@ def merged(
     rows = rows[known]
     if not len(rows):
         raise ValueError("its positions and attitudes are of different times")
+    columns["longitude"] = np.unwrap(columns["longitude"], period=360.0)  # over the date line too
     sampled = {name: np.interp(rows, at, values) for name, values in columns.items()}
+    longitude = sampled["longitude"]
+    longitude[np.abs(longitude) > 180.0] -= 360.0 * np.sign(longitude[np.abs(longitude) > 180.0])
     return FlightLog(
         time_s=rows,
         start_ns=start_ns,
