@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +171,22 @@ def test_masks_of_zero_and_one_are_doubted_by_whoever_reads_them(
     assert done.returncode == 0, done.stderr
     (said,) = [line for line in json.loads(done.stdout)["warnings"] if "look like masks" in line]
     assert "multiply them by 255" in said
+
+
+def test_a_replay_says_what_is_doubtful_before_it_begins(doubtful: tuple[Path, Path], tmp_path: Path) -> None:
+    words = ["serve", doubtful[0], "-t", doubtful[1], "--assume-local", "--port", 0, "--json"]
+    with (tmp_path / "log").open("w") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "crowdfence", *map(str, words)], stdout=subprocess.PIPE, stderr=errors
+        )
+    try:
+        assert process.stdout is not None and process.stdout.readline()  # it serves
+    finally:
+        process.terminate()
+        process.communicate(timeout=60)
+    said = (tmp_path / "log").read_text()
+    for doubt in ("warning: poses.csv: 1 rows cannot be read", "is taken as WGS84"):
+        assert said.count(doubt) == 1, said
 
 
 def test_a_conversion_says_what_is_doubtful_too(doubtful: tuple[Path, Path], tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from crowdfence.cli.wording import in_options
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
-    from crowdfence.maps import MapReading
     from crowdfence.service.access import Access
     from crowdfence.service.inputs import Inputs
     from crowdfence.service.ros.link import RosLink
@@ -216,7 +215,7 @@ def _replayed(
 
     recording = source_options.open_source(chosen["recording"], chosen)
     ground = read_map(recording, chosen["terrain"], **map_options(chosen))
-    _warn_of(ground)
+    _warn_of(*recording.warnings, *ground.doubts)
     with replayed(
         recording,
         ground.terrain,
@@ -243,7 +242,7 @@ def _live(
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
     ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
-    _warn_of(ground)
+    _warn_of(*ground.doubts)
     inputs = _inputs(chosen)
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
     with live(
@@ -263,8 +262,8 @@ def _live(
         yield service
 
 
-def _warn_of(ground: MapReading) -> None:
-    for doubt in ground.doubts:
+def _warn_of(*doubts: str) -> None:
+    for doubt in doubts:
         console.warn(in_options(doubt))
 
 
