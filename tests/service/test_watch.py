@@ -376,6 +376,30 @@ def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tm
         assert not active(service, "lost_crowd")
 
 
+def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: Path) -> None:
+    """Two metres from one view to the next, and the picture of before."""
+
+    def given(service: Service, numbers: range, seed: int | None) -> set[tuple[str | None, str | None]]:
+        assert service.live is not None
+        for number in numbers:
+            one = view("uav1", number)
+            if seed is not None:
+                frozen = np.random.default_rng(seed).uniform(0.0, 0.4, (12, 16)).astype(np.float32)
+                one = View(one.drone, one.stamp_ns, CAMERA, one.world_from_camera, frozen)
+            service.live.give_view(message(one))
+        service.live.finish()
+        Watch(service).look()
+        return active(service, "detector_stale")
+
+    with running(tmp_path) as service:
+        assert not given(service, range(0, 20, 5), None)
+        assert not given(service, range(20, 35, 5), 1)
+        assert given(service, range(35, 40, 5), 1) == {("uav1", None)}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "detector_stale"]
+        assert alert.level == "alarm" and "its video stands still" in alert.text
+        assert not given(service, range(40, 45, 5), None)
+
+
 def test_masks_of_zero_and_one_in_eight_bits_are_an_alarm(tmp_path: Path) -> None:
     """A crowd of 1/255 looks like free ground: a whole flight would close nothing."""
 

@@ -21,6 +21,7 @@ from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
+from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
@@ -66,8 +67,8 @@ class Run:
     voxel_size_why: str = ""
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
-    """What is doubtful about the map and what was taken from it, and about the units of heatmaps, one
-    sentence each."""
+    """What is doubtful about the map and what was taken from it, about the units of heatmaps, and of videos
+    that stood still, one sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -153,10 +154,11 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    units = HeatmapUnits()
+    units, video = HeatmapUnits(), StillVideo()
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         for view in found.views:
             units.look(view)
+            video.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
@@ -189,7 +191,7 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
-        doubts=(*map_doubts, *doubts, *filter(None, (coarse, under)), *units.warnings),
+        doubts=(*map_doubts, *doubts, *filter(None, (coarse, under)), *units.warnings, *video.warnings),
         voxel_size_why=voxel_size_why,
     )
 

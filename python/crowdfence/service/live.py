@@ -507,6 +507,7 @@ class Live:
             ),
         )
         self._mission.heatmap_units.look(content)
+        self._mission.still_video.look(content)
         if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
             return
         self._media.keep("heatmap", arrival.drone, arrival.stamp_ns, heatmap_png(content.heatmap))

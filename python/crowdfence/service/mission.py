@@ -16,6 +16,7 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
+from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
 from crowdfence.service.operator_zones import OperatorZones
@@ -73,6 +74,7 @@ class Mission:
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
         self.heatmap_units = HeatmapUnits()
+        self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
         self.operator_zones = self._no_operator_zones()
         self.newest: Moment | None = None

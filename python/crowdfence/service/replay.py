@@ -84,6 +84,7 @@ class Replay:
             self._fleet.was_at(frame.drone, frame.stamp_ns, frame.world_from_camera[:3, 3])
         for view in views:
             self._mission.heatmap_units.look(view)
+            self._mission.still_video.look(view)
             frame = frames[view.drone]
             has_picture = frame.pixels.image is not None
             self._fleet.saw(

@@ -137,6 +137,8 @@ class Watch:
         stale = oldest_s is not None and oldest_s > _DETECTOR_STALE_S
         text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
         self._set(stale, "detector_stale", "alarm", text)
+        for drone, still in self._service.mission.still_video.standing().items():
+            self._set(still is not None, "detector_stale", "alarm", still or "", drone=drone)
 
     def _lost_crowd(self) -> None:
         """Of drones that gave nothing since the start nobody knows: what was raised before stays."""
