@@ -317,3 +317,46 @@ def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:
         zones = engine.step(stamp_ns)
         assert [zone.id for zone in zones.closed] == ["Z1", "ABC1234"]
         assert len(zones) == 1 and zones.area_m2 == 4.0  # crowd alone
+
+
+def in_system(name: Any, corners: Any = SQUARE) -> dict[str, Any]:
+    """A GeoJSON of before RFC 7946, as GIS programs still write it."""
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
+    crs = {"type": "name", "properties": {"name": name}}
+    return {"type": "FeatureCollection", "crs": crs, "features": [feature]}
+
+
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4326"])
+def test_degrees_of_wgs84_by_any_name_are_taken_as_they_are(tmp_path: Path, name: str) -> None:
+    (plain,) = opened(tmp_path, {"type": "Polygon", "coordinates": [SQUARE]})
+    (named,) = opened(tmp_path, in_system(name))
+    assert named.polygon.equals(plain.polygon)
+
+
+def test_degrees_of_another_datum_are_not_those_of_wgs84(tmp_path: Path) -> None:
+    """A zone round 52.5 N, 13.4 E of WGS 84, in the degrees of DHDN. By the shift, turns and scale of
+    EPSG:1777 (598.1, 73.7, 418.2 m; 0.202, 0.045, -2.455"; 6.7 ppm) taken backwards, that place lies at
+    52.50140 N, 13.40174 E there: 195 m away."""
+    anchor = Georeference(52.5, 13.4, 0.0)
+    ring = np.array(SQUARE) - np.mean(SQUARE[:4], axis=0) + np.array([13.40174, 52.50140])
+    for content in (
+        in_system("urn:ogc:def:crs:EPSG::4314", ring.tolist()),
+        {"type": "Polygon", "coordinates": [ring.tolist()], "crs": in_system("EPSG:4314")["crs"]},
+    ):
+        (zone,) = opened(tmp_path, content, anchor)
+        middle = zone.polygon.centroid
+        assert np.hypot(middle.x, middle.y) < 5.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("EPSG:25832", "coordinates are in 'ETRS89 / UTM zone 32N', not in degrees; write it in WGS 84"),
+        ("EPSG:nothing", "reference system 'EPSG:nothing' is none that PROJ knows"),
+        (None, "reference system is not named"),
+    ],
+)
+def test_coordinates_that_are_no_degrees_are_refused(tmp_path: Path, name: Any, message: str) -> None:
+    with pytest.raises(StaticZoneError) as refused:
+        opened(tmp_path, in_system(name))
+    assert message in str(refused.value)

@@ -1,15 +1,29 @@
-"""Polygons of any GeoJSON (RFC 7946), from the ground up without end; those of our files with their band."""
+"""Polygons of any GeoJSON (RFC 7946), from the ground up without end; those of our files with their band.
+
+Files from before RFC 7946, and many that GIS programs write today, name their reference system in "crs".
+Degrees of another datum lie up to hundreds of metres from those of WGS 84, and are converted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence.datum import datum_doubt, wgs84_from
 from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, ring_of
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
+
+_CURE = "write it in WGS 84 (ogr2ogr -t_srs EPSG:4326)"
 
 
 def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
-    """ValueError or KeyError where something is missing."""
+    """ValueError or KeyError where something is missing, and where places cannot be brought to WGS 84."""
     if document.get("crs", {}) is None:
         raise ValueError("its coordinates are local metres, not longitude and latitude")
     if document["type"] == "FeatureCollection":
@@ -22,6 +36,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
         properties = feature.get("properties") or {}
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
         polygons: list[Any] = []
+        crs = _stated_crs(document, feature, feature["geometry"])
         for geometry in _geometries(feature["geometry"]):
             kind = geometry and geometry["type"]
             if kind not in ("Polygon", "MultiPolygon"):
@@ -36,7 +51,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
             properties.get("datum", "AGL"),
         )
         for rings in polygons:
-            yield GivenZone(name, [ring_of(ring) for ring in rings], band)
+            yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band)
 
 
 def _geometries(geometry: Any) -> list[Any]:
@@ -44,3 +59,37 @@ def _geometries(geometry: Any) -> list[Any]:
     if not geometry or geometry["type"] != "GeometryCollection":
         return [geometry]
     return [one for part in geometry["geometries"] for one in _geometries(part)]
+
+
+def _stated_crs(*holders: Mapping[str, Any] | None) -> str | None:
+    """The name of the reference system that the innermost of them states; None: WGS 84, nothing is said."""
+    crs = next((holder["crs"] for holder in reversed(holders) if holder and holder.get("crs")), None)
+    if crs is None:
+        return None
+    name = (crs.get("properties") or {}).get("name")
+    if not isinstance(name, str):
+        raise ValueError(f"its reference system is not named: {str(crs)[:80]}; {_CURE}")
+    return name
+
+
+def _in_wgs84(ring: NDArray[np.float64], crs: str | None) -> NDArray[np.float64]:
+    """Longitude and latitude [C, 2] of corners in a reference system."""
+    if crs is None or not len(ring):
+        return ring
+    return np.column_stack(_from_crs(crs).transform(*ring.T)[:2])
+
+
+@lru_cache(maxsize=8)
+def _from_crs(name: str) -> Transformer:
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        crs = CRS.from_user_input(name)
+    except CRSError as error:
+        raise ValueError(f"its reference system {name!r} is none that PROJ knows; {_CURE}") from error
+    if not crs.is_geographic:
+        raise ValueError(f"its coordinates are in {crs.name!r}, not in degrees; {_CURE}")
+    if doubt := datum_doubt(crs):
+        raise ValueError(doubt)
+    return wgs84_from(crs)
