@@ -96,6 +96,18 @@ def test_limits_above_different_data_close_everything(tmp_path: Path) -> None:
     assert sea.band == AltitudeBand(0.0, 900.0, "AMSL")
 
 
+def test_a_limit_that_is_missing_leaves_no_air_below_or_above(tmp_path: Path) -> None:
+    """Land lies down to 440 m below the sea, and the sea itself down to 107 m below the ellipsoid."""
+    amsl = {"lowerVerticalReference": "AMSL", "upperVerticalReference": "AMSL"}
+    (down,) = opened(tmp_path, ed269(lowerLimit=None, upperLimit=900, **amsl))
+    assert down.band == AltitudeBand(-500.0, 900.0, "AMSL")
+    layer = {"lower": 30, "lowerReference": "WGS84", "upperReference": "WGS84"}
+    (up,) = opened(tmp_path, ed318({"type": "Polygon", "coordinates": [SQUARE], "layer": layer}))
+    assert up.band == AltitudeBand(30.0, 99_999.0, "WGS84")
+    (named,) = opened(tmp_path, {**in_system("EPSG:4326")["features"][0], "properties": {"datum": "WGS84"}})
+    assert named.band == AltitudeBand(-500.0, 99_999.0, "WGS84")
+
+
 def test_layers_and_circles_of_ed318(tmp_path: Path) -> None:
     layer = {"upper": 150, "upperReference": "AGL", "lower": 50, "lowerReference": "AGL", "uom": "m"}
     circle = {

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
 from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
+from crowdfence.zones.altitude_band import LOWEST_GROUND_M
 from crowdfence.zones.rules import Restriction
 from crowdfence.zones.zone_id import zone_id
 
@@ -177,19 +178,24 @@ def _local(corners: NDArray[np.float64], georeference: Georeference) -> NDArray[
     return georeference.local_from_geodetic(corners[:, 1], corners[:, 0], height_m)[:, :2]
 
 
-def metres(value: float | str | None, unit: str | None, missing: float) -> float:
-    """A limit in metres from text or a number in "m", "M", "ft", "FT"; `missing` where there is none.
-    ValueError for any other unit."""
+def metres(value: float | str | None, unit: str | None) -> float | None:
+    """A limit in metres from text or a number in "m", "M", "ft", "FT"; None where there is none. ValueError
+    for any other unit."""
     if value is None:
-        return missing
+        return None
     if unit not in _METRES_PER:
         raise ValueError(f"a length in {unit!r}; what is read is {', '.join(map(repr, _METRES_PER))}")
     return float(value) * _METRES_PER[unit]
 
 
-def band_between(lower_m: float, upper_m: float, lower_datum: str, upper_datum: str) -> AltitudeBand:
-    """Of two limits. Above two different data it is closed from the ground up without end: what lies between
-    them cannot be told here."""
+def band_between(
+    lower_m: float | None, upper_m: float | None, lower_datum: str, upper_datum: str
+) -> AltitudeBand:
+    """Of two limits; where one is missing it is closed from the ground, or without end. Above two different
+    data it is both: what lies between them cannot be told here."""
     if lower_datum != upper_datum or lower_datum not in ("AGL", "AMSL", "WGS84"):
         return AltitudeBand(0.0, NO_CEILING_M, "AGL")
+    if lower_m is None:
+        lower_m = 0.0 if lower_datum == "AGL" else LOWEST_GROUND_M
+    upper_m = NO_CEILING_M if upper_m is None else upper_m
     return AltitudeBand(lower_m, upper_m, lower_datum)  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.datum import datum_doubt, wgs84_from
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_between, metres, ring_of
 
 if TYPE_CHECKING:
     from pyproj import Transformer
@@ -45,8 +45,8 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
             shapes = geometry["coordinates"]
             polygons += [shapes] if kind == "Polygon" else shapes
         band = band_between(
-            float(properties.get("lower_m", 0.0)),
-            float(properties.get("upper_m", NO_CEILING_M)),
+            metres(properties.get("lower_m"), "m"),
+            metres(properties.get("upper_m"), "m"),
             properties.get("datum", "AGL"),
             properties.get("datum", "AGL"),
         )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, band_between, metres, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_between, metres, ring_of
 
 OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 """What does not keep anybody out by itself."""
@@ -50,8 +50,8 @@ def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
     layer = geometry.get("layer", {})
     unit = layer.get("uom", "m")
     band = band_between(
-        metres(layer.get("lower"), unit, 0.0),
-        metres(layer.get("upper"), unit, NO_CEILING_M),
+        metres(layer.get("lower"), unit),
+        metres(layer.get("upper"), unit),
         layer.get("lowerReference", "AGL"),
         layer.get("upperReference", "AGL"),
     )
@@ -78,15 +78,15 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
         for geometry in zone["geometry"]:
             unit = geometry["uomDimensions"]
             band = band_between(
-                metres(geometry.get("lowerLimit"), unit, 0.0),
-                metres(geometry.get("upperLimit"), unit, NO_CEILING_M),
+                metres(geometry.get("lowerLimit"), unit),
+                metres(geometry.get("upperLimit"), unit),
                 geometry["lowerVerticalReference"],
                 geometry["upperVerticalReference"],
             )
             projection = geometry["horizontalProjection"]
             if projection["type"] == "Circle":
                 longitude, latitude = projection["center"][:2]
-                radius_m = metres(projection["radius"], unit, 0.0)
+                radius_m = metres(projection["radius"], unit) or 0.0
                 yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
             else:
                 for ring in projection["coordinates"] or [[]]:

@@ -8,6 +8,9 @@ from typing import Literal
 
 Datum = Literal["AGL", "AMSL", "WGS84"]
 """Above the ground below, above mean sea level (a geoid), above the ellipsoid of WGS 84."""
+LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
+"""No ground on Earth is lower or higher, above the sea or the ellipsoid: the shore of the Dead Sea lies at
+-440 m, Everest at 8849 m, and the sea from -107 to 86 m above the ellipsoid."""
 
 
 @dataclass(frozen=True, slots=True)

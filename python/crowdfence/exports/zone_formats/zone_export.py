@@ -12,15 +12,12 @@ from crowdfence.exports.geographic_outline import ellipsoidal_heights, geographi
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.georeference import Georeference
 from crowdfence.zones import AltitudeBand, Zone
-from crowdfence.zones.altitude_band import Datum
+from crowdfence.zones.altitude_band import HIGHEST_GROUND_M, LOWEST_GROUND_M, Datum
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 SOFTWARE = "crowdfence"
-LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
-"""No ground on Earth is lower or higher, above the sea or the ellipsoid: the shore of the Dead Sea lies at
--440 m, Everest at 8849 m, and the sea from -107 to 86 m above the ellipsoid."""
 
 
 class NoGeoreference(ValueError):
