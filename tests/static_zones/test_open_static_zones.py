@@ -162,6 +162,16 @@ def test_polygons_of_a_kml(tmp_path: Path) -> None:
     assert read.left_out == ("Pilot: no polygon, closes no ground",)
 
 
+def test_files_that_a_kml_links_to_are_told(tmp_path: Path) -> None:
+    link = "<NetworkLink><name>Town</name><Link><href>town.kml</href></Link></NetworkLink></Document>"
+    path = tmp_path / "zones.kml"
+    text = KML.format(corners=" ".join(f"{x},{y},500" for x, y in SQUARE))
+    path.write_text(text.replace("</Document>", link))
+    read = open_static_zones(path, ANCHOR)
+    assert [zone.id for zone in read.zones] == ["Flights"]
+    assert read.left_out[1:] == ("Town: links to another file, which is not read; give that too",)
+
+
 def test_a_zone_across_the_antimeridian_is_one(tmp_path: Path) -> None:
     anchor = Georeference(-17.0, -179.9999, 0.0)
     ring = [[179.999, -17.0], [-179.999, -17.0], [-179.999, -16.999], [179.999, -16.999], [179.999, -17.0]]

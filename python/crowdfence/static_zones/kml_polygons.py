@@ -14,7 +14,7 @@ from crowdfence.zones import AltitudeBand
 
 
 def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
-    """ValueError for what is no KML, or a polygon without corners."""
+    """ValueError for what is no KML, or a polygon without corners. Other files that it names are not read."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise ValueError("it declares entities, which no KML needs")
     try:
@@ -24,9 +24,12 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
     if _tag(root) != "kml":
         raise ValueError(f"it is no KML: it begins with {_tag(root)!r}")
     for place in root.iter():
-        if _tag(place) != "Placemark":
+        if _tag(place) not in ("Placemark", "NetworkLink"):
             continue
         name = next((child.text or "" for child in place if _tag(child) == "name"), "")
+        if _tag(place) == "NetworkLink":
+            left_out.append(f"{name}: links to another file, which is not read; give that too")
+            continue
         polygons = [element for element in place.iter() if _tag(element) == "Polygon"]
         if not polygons:
             left_out.append(f"{name}: no polygon, closes no ground")
