@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from crowdfence import VoxelState
 from crowdfence.exports.state_raster import StateRaster
-from crowdfence.planner import NoRoute, safe_route
+from crowdfence.planner import ClearAir, NoRoute, safe_route
 from crowdfence.planner.seen_ground import metres_by_state, not_known_empty
+from crowdfence.zones import ZoneSet
 
 # Cells of 2 m from (10, -4) to (16, 0): never seen, empty, empty; below them hidden, not cleared, stale.
 GROUND = StateRaster(np.array([[0, 2, 2], [1, 5, 3]], dtype=np.uint8), Affine(2, 0, 10, 0, -2, 0))
@@ -74,3 +75,10 @@ def test_ground_that_was_not_seen_empty_closes_like_a_zone() -> None:
     assert safe_route((13, -1), (15, -1), [zone]).length_m == 2.0
     with pytest.raises(NoRoute, match="in zone UNSEEN"):
         safe_route((13, -1), (15, -3), [zone])
+
+
+def test_ground_that_was_not_seen_empty_is_closed_at_every_height() -> None:
+    """The raster knows no heights."""
+    zone = not_known_empty(GROUND, shapely.box(0, -20, 40, 20))
+    air = ClearAir(ZoneSet((), 0.5, 0.0, 0, 0.0, unseen=(zone,)))
+    assert air.is_clear([(20, 0, 900.0), (20, 0, -50.0), (14, -1, 0.0)], 0).tolist() == [False, False, True]

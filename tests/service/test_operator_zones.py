@@ -96,6 +96,18 @@ def test_drawn_zones_are_there_until_they_are_taken_back() -> None:
     assert mine.do(action("add", "", rings=SQUARE), zone_set()) != name
 
 
+def test_ground_beyond_the_map_that_is_drawn_has_no_known_height() -> None:
+    """A hill beside the map may be higher than all of it: absolute heights close it at every one."""
+    low_m, high_m = plain().bounds[:, 2]
+    (west, *_), (east, *_) = plain().bounds
+    mine = operators()
+    for x, known in ((west + 1.0, True), (east - 2.0, False)):
+        ring = [[x, 0.0], [x + 4.0, 0.0], [x + 4.0, 4.0], [x, 4.0], [x, 0.0]]
+        mine.do(action("add", "", rings=[[ring]]), zone_set())
+        zone = mine.applied_to(zone_set(), START_NS)[0].closed[-1]
+        assert (zone.lower_m, zone.upper_m, zone.ground_is_known) == (low_m, high_m, known)
+
+
 @pytest.mark.parametrize(
     ("what", "zone", "words"),
     [

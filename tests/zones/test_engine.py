@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from crowdfence import Camera, CrowdMap, Evidence, Observation, Or, Paper, Rates, Terrain, View
 from crowdfence.config import EvidenceConfig, ZoneConfig
+from crowdfence.planner import ClearAir
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone, ZoneEngine, ZoneSet, find_zones
 from crowdfence.zones.tracker import column_places
@@ -550,6 +551,18 @@ def test_a_hole_of_the_map_is_not_known_to_be_empty_whatever_lies_around() -> No
     )
     assert never.unseen[0].polygon.equals(shapely.box(0, 0, 7, 7) - shapely.box(0, 5, 1, 6))
     assert cleared.unseen[0].polygon.equals(hole) and cleared.unseen[0].area_m2 == 2.0
+
+
+def test_nobody_knows_how_high_the_ground_lies_in_a_hole_of_the_map() -> None:
+    """It may have been cut out around a tower, or be water: unseen ground with a hole has no known height."""
+    places = [(i, j, 0) for i in range(7) for j in range(7)]
+    rules = ZoneConfig(threshold=0.5, close_unseen=True).rules(0.5)
+    for missing, known in ([], True), ([(0, 5)], True), ([(3, 3)], False):
+        ground = [place for place in places if place[:2] not in missing]
+        zones = ZoneEngine(crowd_map_of(ground, np.full(len(ground), np.nan)), rules).step(0)
+        assert zones.unseen[0].ground_is_known == known
+        above = ClearAir(zones).is_clear([(3.5, 3.5, 500.0)], 0)
+        assert above.tolist() == [known]
 
 
 def test_a_buffer_beyond_the_map_leaves_nobody_the_heights_of_all_its_ground() -> None:

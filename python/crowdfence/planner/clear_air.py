@@ -452,7 +452,7 @@ def _distance_m(
 
 def _heights(zone: Zone) -> tuple[float, float]:
     """Local heights between which a zone is closed."""
-    if zone.kind == "static" or zone.band.datum != "AGL" or zone.leaves_map:
+    if zone.kind == "static" or zone.band.datum != "AGL" or not zone.ground_is_known:
         return -np.inf, np.inf
     # What closes from the ground closes what is below the ground too: nobody knows it that well.
     lower_m = -np.inf if zone.band.lower_m <= 0.0 else zone.lower_m + zone.band.lower_m

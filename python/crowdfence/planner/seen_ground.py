@@ -13,7 +13,6 @@ from crowdfence.exports.state_raster import StateRaster
 from crowdfence.surface_grid import LEAST_TO_MOST_URGENT
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
-from crowdfence.zones.closed_ground import NEVER_NS
 from crowdfence.zones.engine import UNSEEN_ID
 
 if TYPE_CHECKING:
@@ -54,21 +53,7 @@ def not_known_empty(ground: StateRaster, within: Polygon | MultiPolygon) -> Zone
         for outline, _ in shapes(empty.astype(np.uint8), empty, transform=ground.local_from_cells)
     ]
     closed = shapely.difference(within, shapely.union_all(seen_empty))
-    return Zone(
-        id=UNSEEN_ID,
-        polygon=closed,
-        cell_count=int(np.count_nonzero(~empty)),
-        area_m2=float(closed.area),
-        probability_max=float("nan"),
-        probability_mean=float("nan"),
-        lower_m=0.0,
-        upper_m=0.0,
-        last_seen_ns=NEVER_NS,
-        oldest_look_ns=NEVER_NS,
-        seen_by=(),
-        kind="unseen",
-        reason="never_cleared",
-    )
+    return Zone.of_no_look(UNSEEN_ID, closed, "unseen", "never_cleared")
 
 
 def _placed(affine: Affine, places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from crowdfence._core import Terrain
@@ -16,6 +17,7 @@ from crowdfence.config import ZoneConfig
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.zone_json import Marks
 from crowdfence.zones import AltitudeBand, Zone, ZoneSet
+from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.history import polygon_of, zone_of_record, zone_record
 from crowdfence.zones.rules import Restriction
 from crowdfence.zones.zone_id import zone_id
@@ -27,7 +29,6 @@ Action = Literal["add", "lock", "unlock", "dismiss"]
 
 MOST_CORNERS = 2000
 FARTHEST_M = 1e6
-NEVER_NS = -1
 FLICKERS_M = 2.0
 """How far crowd may reach beyond the ground that was dismissed. What was taken for crowd by mistake stands
 still, and its outline flickers by a voxel and by what poses are off; who walks there is beyond in seconds."""
@@ -78,6 +79,10 @@ class OperatorZones:
         self._added: dict[str, tuple[Zone, OperatorAction]] = {}
         self._locked: dict[str, _Lock] = {}
         self._dismissed: dict[str, _Dismissal] = {}
+
+    @cached_property
+    def _ground(self) -> GroundHeights:
+        return GroundHeights(self._terrain)
 
     def check(self, action: OperatorAction, zones: ZoneSet) -> None:
         """RefusedAction for what `do` would not do with the published `zones`."""
@@ -221,24 +226,17 @@ class OperatorZones:
 
     def _zone_of(self, action: OperatorAction, name: str) -> Zone:
         polygon = drawn_polygon(action.rings or [])
-        low, high = self._terrain.bounds[:, 2]
-        return Zone(
-            id=name,
-            polygon=polygon,
-            cell_count=0,
-            area_m2=0.0,
-            probability_max=float("nan"),
-            probability_mean=float("nan"),
-            lower_m=float(low),
-            upper_m=float(high),
-            last_seen_ns=NEVER_NS,
-            oldest_look_ns=NEVER_NS,
-            seen_by=(),
-            kind="static",
+        low_m, high_m = self._terrain.bounds[:, 2].tolist()
+        return Zone.of_no_look(
+            name,
+            polygon,
+            "static",
+            "given",
+            ground_m=(low_m, high_m),
+            leaves_map=not self._ground.hold(polygon),
             restriction=action.restriction,
             band=AltitudeBand(self._rules.lower_m, self._rules.upper_m, "AGL"),
             created_ns=action.stamp_ns,
-            reason="given",
         )
 
 

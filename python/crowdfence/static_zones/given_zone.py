@@ -36,7 +36,6 @@ _FAR_DEG = 20.0
 """No mission comes to a zone so far away."""
 _MAX_REACH_DEG = 60.0
 """The local plane holds what is nearer than a quarter of the Earth's circumference."""
-_NEVER_NS = -1
 _OURS = "ZUO"
 """Ids of crowds, of unseen ground and of what operators close begin so."""
 
@@ -79,28 +78,10 @@ def local_zones(
             continue
         name = _free_id(one.name, taken, numbers)
         taken.add(name)
-        zones.append(_zone(name, polygon, one))
+        zones.append(
+            Zone.of_no_look(name, polygon, "static", "given", restriction=one.restriction, band=one.band)
+        )
     return zones
-
-
-def _zone(name: str, polygon: Polygon, given: GivenZone) -> Zone:
-    return Zone(
-        id=name,
-        polygon=polygon,
-        cell_count=0,
-        area_m2=float(polygon.area),
-        probability_max=float("nan"),
-        probability_mean=float("nan"),
-        lower_m=0.0,
-        upper_m=0.0,
-        last_seen_ns=_NEVER_NS,
-        oldest_look_ns=_NEVER_NS,
-        seen_by=(),
-        kind="static",
-        restriction=given.restriction,
-        band=given.band,
-        reason="given",
-    )
 
 
 def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMap
 from crowdfence.zones.belief import ColumnBelief, column_belief, forgets_to_unknown
 from crowdfence.zones.tracker import column_keys
-
-NEVER_NS = -1
+from crowdfence.zones.zone import NEVER_NS
 
 
 class ClosedGround:

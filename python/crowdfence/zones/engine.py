@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
 from crowdfence.zones.belief import ColumnBelief, forgotten_ns, require_above_prior
-from crowdfence.zones.closed_ground import NEVER_NS, ClosedGround
+from crowdfence.zones.closed_ground import ClosedGround
 from crowdfence.zones.evidence import DroneEvidence, joined, looks_at, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
@@ -251,23 +251,15 @@ class ZoneEngine:
             return ()
         runs = Runs.of(column_places(keys))
         (outline,) = outlines(runs, np.zeros(len(runs), dtype=np.int64), terrain)
-        lowest_m, highest_m = (float(height) for height in terrain.bounds[:, 2])
-        zone = Zone(
-            id=UNSEEN_ID,
-            polygon=outline,
-            cell_count=len(keys),
-            area_m2=len(keys) * terrain.voxel_size_m**2,
-            probability_max=float("nan"),
-            probability_mean=float("nan"),
-            lower_m=lowest_m,
-            upper_m=highest_m,
-            last_seen_ns=NEVER_NS,
-            oldest_look_ns=NEVER_NS,
-            seen_by=(),
-            kind="unseen",
+        zone = Zone.of_no_look(
+            UNSEEN_ID,
+            outline,
+            "unseen",
+            "never_cleared",
+            ground_m=(float(terrain.bounds[0, 2]), float(terrain.bounds[1, 2])),
+            leaves_map=self._standing.has_holes,
             restriction=rules.restriction,
             band=rules.band,
-            reason="never_cleared",
         )
         return (zone,)
 

@@ -25,6 +25,11 @@ class StandingPlaces:
         """Keys of the columns [C], sorted."""
         self._holes = column_keys(hole_columns(column_places(self.columns)))
 
+    @property
+    def has_holes(self) -> bool:
+        """Whether the map lacks columns inside of itself, of which nobody knows how high the ground lies."""
+        return len(self._holes) > 0
+
     def unknown(
         self,
         crowd_map: CrowdMap,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, overload
@@ -13,6 +14,9 @@ from crowdfence.zones.tracker import ZoneEvent
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
+
+NEVER_NS = -1
+"""Stamp of a look that there was not."""
 
 ZoneKind = Literal["crowd", "unseen", "static"]
 """Crowd; ground that is not known to be empty; a zone that somebody else drew."""
@@ -41,7 +45,8 @@ class Zone:
     MultiPolygon; ground enclosed by crowd, but below the threshold, is a hole."""
     cell_count: int
     area_m2: float
-    """Of the columns that hold crowd; `polygon.area` is what is closed."""
+    """Of the columns that hold crowd; `polygon.area` is what is closed. Zones that no look at crowd made have
+    no such columns, and the area of all that they close."""
     probability_max: float
     probability_mean: float
     lower_m: float
@@ -79,6 +84,42 @@ class Zone:
     leaves_map: bool = False
     """Whether it closes ground that the map lacks, beyond its rim or in a hole, of which `lower_m` and
     `upper_m` say nothing."""
+
+    @classmethod
+    def of_no_look(
+        cls,
+        id: str,
+        polygon: Polygon | MultiPolygon,
+        kind: ZoneKind,
+        reason: Reason,
+        *,
+        ground_m: tuple[float, float] = (0.0, 0.0),
+        leaves_map: bool = False,
+        restriction: Restriction = "prohibited",
+        band: AltitudeBand = DEFAULT_BAND,
+        created_ns: int | None = None,
+    ) -> Zone:
+        """A zone that no look at crowd made, which knows no probability. `ground_m`: its lowest and highest
+        ground, equal where nobody knows them."""
+        return cls(
+            id=id,
+            polygon=polygon,
+            cell_count=0,
+            area_m2=float(polygon.area),
+            probability_max=math.nan,
+            probability_mean=math.nan,
+            lower_m=ground_m[0],
+            upper_m=ground_m[1],
+            last_seen_ns=NEVER_NS,
+            oldest_look_ns=NEVER_NS,
+            seen_by=(),
+            kind=kind,
+            restriction=restriction,
+            band=band,
+            created_ns=created_ns,
+            reason=reason,
+            leaves_map=leaves_map,
+        )
 
     @property
     def ground_is_known(self) -> bool:
