@@ -284,6 +284,30 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
 
 
+def test_a_recording_of_nobody_has_no_mean_iou(tmp_path: Path) -> None:
+    """A detector that marks nothing where nobody is: 0 / 0 at every instant, which is no number and no NaN,
+    that many readers of JSON refuse."""
+    for folder in ("heatmaps", "truth/regions"):
+        (tmp_path / folder).mkdir(parents=True)
+        Image.fromarray(np.zeros((10, 10), np.uint8)).save(tmp_path / folder / f"uav1_{EPOCH_NS}.png")
+    row = f"uav1,{EPOCH_NS},10,10,9.5,0,1,0,0"  # half a turn about east: down
+    (tmp_path / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{row}\n")
+    camera = {"width": 10, "height": 10, "fx": 10, "fy": 10, "cx": 5, "cy": 5}
+    (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"uav1": camera}}))
+    mesh = tmp_path / "plain.obj"
+    mesh.write_text("v 0 0 -0.5\nv 20 0 -0.5\nv 20 20 -0.5\nv 0 20 -0.5\nf 1 2 3\nf 1 3 4\n")
+    asked = (tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, "-m", "or", "--min-iou", 0.5, "--json")
+    done = crowdfence("evaluate", *asked)
+    assert done.returncode == 3 and "no crowd was in view, so there is no mean IoU for" in done.stderr
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    (score,) = json.loads(done.stdout, parse_constant=refuse)["scores"]
+    assert score["mean_iou"] is score["std_iou"] is score["best_mean_iou"] is None
+    assert score["per_frame"] == [None]
+
+
 def write_crowd_over_plain(folder: Path, hole: set[tuple[int, int]]) -> Path:
     """A drone 30 m above the middle of a plain of 40 x 40 voxels of 1 m sees 30 x 30 of them, a pixel each,
     and 12 x 12 m of crowd in the middle. In the map the columns `hole` are missing. An OctoMap does not say

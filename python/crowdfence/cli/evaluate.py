@@ -207,7 +207,9 @@ def evaluate(
         for reason in [*warnings, *map(str, refused)]:
             console.warn(in_options(reason))
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
-        console.fail(f"a mean IoU is below --min-iou {min_iou:g}")
+        unknown = any(_known(row.iou.mean) is None for row in scores)
+        why = "no crowd was in view, so there is no mean IoU for" if unknown else "a mean IoU is below"
+        console.fail(f"{why} --min-iou {min_iou:g}")
         raise typer.Exit(GATE_NOT_MET)
 
 
@@ -257,7 +259,7 @@ def _rates(counts: Confusion) -> dict[str, Any]:
         "false_positive_rate": counts.false_positive_rate(),
     }
     return {
-        name: {part: None if value != value else value for part, value in estimate._asdict().items()}
+        name: {part: _known(value) for part, value in estimate._asdict().items()}
         for name, estimate in estimates.items()
     }
 
@@ -267,16 +269,21 @@ def _as_json(row: Score) -> dict[str, Any]:
     return {
         "config": row.config.to_json(),
         "threshold": row.threshold,
-        "mean_iou": row.iou.mean,
-        "std_iou": row.iou.std,
+        "mean_iou": _known(row.iou.mean),
+        "std_iou": _known(row.iou.std),
         "best_knob": _knob(row.config),
         "best_threshold": best,
-        "best_mean_iou": best_iou.mean,
+        "best_mean_iou": _known(best_iou.mean),
         "safety": None if row.safety is None else _safety_json(row.safety),
         **({} if row.measures is None else {"measures": row.measures.to_json()}),
         **({} if row.layer is None else {"measures": row.layer.to_json()}),
-        "per_frame": [None if iou != iou else iou for iou in row.iou.per_frame.tolist()],
+        "per_frame": [_known(iou) for iou in row.iou.per_frame.tolist()],
     }
+
+
+def _known(value: float) -> float | None:
+    """NaN is no JSON."""
+    return None if value != value else value
 
 
 def _knobs_json(scores: list[Score], knobs: list[list[Turned]]) -> dict[str, Any]:
@@ -284,8 +291,7 @@ def _knobs_json(scores: list[Score], knobs: list[list[Turned]]) -> dict[str, Any
     if not knobs:
         return {}
     worth = [
-        {one.knob: [[value, None if iou != iou else iou] for value, iou in one.values] for one in ones}
-        for ones in knobs
+        {one.knob: [[value, _known(iou)] for value, iou in one.values] for one in ones} for ones in knobs
     ]
     rows = zip(scores, worth, strict=True)
     return {"knobs": [{"method": _label(row.config), "best_mean_iou": one} for row, one in rows]}
@@ -306,11 +312,8 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
     }
     return {
         "buffers_m": list(BUFFERS_M),
-        **{
-            name: [None if share != share else share for share in shares.tolist()]
-            for name, shares in per_buffer.items()
-        },
-        "on_empty": None if safety.people == 0 else safety.share_on_empty,
+        **{name: [_known(share) for share in shares.tolist()] for name, shares in per_buffer.items()},
+        "on_empty": _known(safety.share_on_empty),
         "people": safety.people,
         "people_in_range": safety.people_in_range,
     }

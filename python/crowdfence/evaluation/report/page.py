@@ -51,7 +51,7 @@ def write_report(
     """
     with whole_folder(folder, contents=CONTENTS, force=True) as beside:
         write_plots(beside, names, scores)
-        (beside / "scores.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+        (beside / "scores.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
         (beside / "index.html").write_text(_page(name, against, names, scores, knobs), encoding="utf-8")
 
 
@@ -164,7 +164,7 @@ def _people(names: list[str], scores: list[Score]) -> Rows:
     for name, row in zip(names, scores, strict=True):
         assert row.safety is not None
         shares = [*row.safety.share_in_zone, row.safety.share_in_zone_in_range[at], row.safety.share_on_empty]
-        rows.append([name, *map(_percent, shares), f"{row.safety.blocked_per_own[at]:.2f} x"])
+        rows.append([name, *map(_percent, shares), _number(row.safety.blocked_per_own[at], "{:.2f} x")])
     return rows
 
 
