@@ -317,10 +317,13 @@ def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:
         open_static_zones(tmp_path / "zones", None)
 
 
-def test_a_zone_on_high_ground_is_written_where_it_was_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("north_deg", "moved_m"), [(0.05, 0.9), (0.2, 3.6)])
+def test_a_zone_on_high_ground_is_written_where_it_was_read(
+    tmp_path: Path, north_deg: float, moved_m: float
+) -> None:
     """5.6 km from the anchor and 1000 m above it, verticals have moved 0.9 m from where the local plane has
-    them."""
-    corners = np.array(SQUARE) + np.array([0.0, 0.05])
+    them; at 22.2 km 3.6 m, because the ellipsoid has fallen away from the plane by 39 m there."""
+    corners = np.array(SQUARE) + np.array([0.0, north_deg])
     zones = opened(tmp_path, {"type": "Polygon", "coordinates": [corners.tolist()]})
     west, south, east, north = np.round(zones[0].polygon.bounds).astype(int)
     places = np.mgrid[west - 2 : east + 2, south - 2 : north + 2].reshape(2, -1).T
@@ -329,7 +332,7 @@ def test_a_zone_on_high_ground_is_written_where_it_was_read(tmp_path: Path) -> N
     assert (zone.lower_m, zone.upper_m) == (1000.0, 1001.0)
     written = geographic_outline(zone, ANCHOR)
     assert written.covers(shapely.Polygon(corners))
-    assert written.buffer(-2.0 / DEGREE_NORTH_M).within(shapely.Polygon(corners))
+    assert written.buffer(-2.2 * moved_m / DEGREE_NORTH_M).within(shapely.Polygon(corners))
 
 
 def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:

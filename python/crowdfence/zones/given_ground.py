@@ -35,6 +35,8 @@ def _placed(zone: Zone, heights: GroundHeights) -> Zone:
         return zone
     west, south, east, north = zone.polygon.bounds
     reach_m = float(np.hypot(max(abs(west), abs(east)), max(abs(south), abs(north))))
-    lean_m = reach_m * max(map(abs, ground_m)) / SMALLEST_EARTH_RADIUS_M
+    # Above the height of the anchor: the ellipsoid falls away from the local plane.
+    above_m = max(map(abs, ground_m)) + reach_m**2 / (2.0 * SMALLEST_EARTH_RADIUS_M)
+    lean_m = reach_m * above_m / SMALLEST_EARTH_RADIUS_M
     outline = shapely.buffer(zone.polygon, lean_m, join_style="mitre", mitre_limit=2.0)
     return replace(zone, polygon=outline, lower_m=ground_m[0], upper_m=ground_m[1])
