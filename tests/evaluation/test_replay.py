@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig
+from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.replay import Scores, score
 from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
@@ -41,6 +41,13 @@ def test_people_are_counted_once_and_larger_buffers_hold_more_of_them(scores: Sc
     # Without a detector nothing says in which range it was tested: any look counts.
     ((everybody, in_range),) = people
     assert everybody == in_range > 100
+
+
+def test_nobody_in_a_region_too_small_for_a_zone_counts_as_in_one() -> None:
+    recording = open_recording(DEMO)
+    config = RunConfig(EvidenceConfig(), zones=ZoneConfig(min_area_m2=50.0))
+    with pytest.raises(ValueError, match=r"min_area_m2 is 50: .* leave it at 0"):
+        score(recording, open_terrain(recording), [RunConfig(EvidenceConfig()), config], truth="world")
 
 
 def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scores) -> None:

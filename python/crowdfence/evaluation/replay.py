@@ -130,7 +130,8 @@ def score(
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
-    the detector's contract. ValueError when they do not, or when the recording does not hold that truth.
+    the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, for a
+    least area of zones, or when the recording does not hold that truth.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted.
     """
@@ -140,6 +141,12 @@ def score(
     first, alike = configs[0], [*configs, *swept]
     if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in alike):
         raise ValueError("configurations that are scored together must project and group views alike")
+    for config in alike:
+        if config.zones.min_area_m2 > 0.0:
+            raise ValueError(
+                f"min_area_m2 is {config.zones.min_area_m2:g}: people in zones are counted by columns, in "
+                "regions of any size, and whom that leaves out would count as closed; leave it at 0"
+            )
     recording = on_ground(recording, terrain)
     crowds = _truth(truth, recording, terrain, first)
     check_clocks(recording)
