@@ -335,6 +335,19 @@ def test_a_zone_on_high_ground_is_written_where_it_was_read(
     assert written.buffer(-2.2 * moved_m / DEGREE_NORTH_M).within(shapely.Polygon(corners))
 
 
+@pytest.mark.parametrize("north_deg", [0.0, 0.2, 1.0, 3.0, 19.9])
+def test_a_zone_of_unknown_ground_is_written_where_it_was_read_however_far_away(
+    tmp_path: Path, north_deg: float
+) -> None:
+    """As most of a national file lies. What was read at the ellipsoid and written at the local plane, 8.7 km
+    above it at 3 degrees, was 456 m off."""
+    corners = np.array(SQUARE) + np.array([0.0, north_deg])
+    (zone,) = opened(tmp_path, {"type": "Polygon", "coordinates": [corners.tolist()]})
+    written = geographic_outline(zone, ANCHOR)
+    assert written.covers(shapely.Polygon(corners))
+    assert written.within(shapely.Polygon(corners).buffer(0.005 / DEGREE_NORTH_M))
+
+
 def test_they_stay_closed_beside_ours(tmp_path: Path) -> None:
     static = opened(tmp_path, ed269())
     engine = ZoneEngine(flat_crowd_map(np.ones((2, 2))), ZoneConfig(threshold=0.5).rules(0.5), static)

@@ -9,6 +9,9 @@ writing takes away, so that no part of a crowd cell is ever cut off:
 - the height at which the outline is placed, half way up the zone's ground: local verticals are parallel, real
   ones are not, so ground dz above or below moves by dz * distance from the anchor / 6357 km. This one is
   added to the margin (1 mm for 10 m at 640 m).
+
+Zones of others whose ground nobody knows stand at the anchor's height above the ellipsoid, as they were laid
+out (`static_zones`), however far away they lie: 100 km from the anchor the local plane is 785 m above that.
 """
 
 from __future__ import annotations
@@ -36,6 +39,9 @@ _LARGEST_EARTH_RADIUS_M = 6.42e6
 _ANY_CORNER = 1e3
 _DEGREE_M = 111_700.0
 """The longest there is, of latitude at the poles."""
+_SMALL_M = 1e-4
+"""Of height, which moves nothing within 60 degrees by more than 0.2 mm."""
+_MOST_STEPS = 60
 
 
 def ellipsoidal_heights(zone: Zone, georeference: Georeference) -> tuple[float, float]:
@@ -54,6 +60,20 @@ def ellipsoidal_heights(zone: Zone, georeference: Georeference) -> tuple[float, 
 
 def _at_height(corners: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
     return np.column_stack([corners, np.full(len(corners), height_m)])
+
+
+def _on_ground(corners: NDArray[np.float64], zone: Zone, georeference: Georeference) -> NDArray[np.float64]:
+    """Where corners [C, 2] stand, local metres [C, 3]."""
+    places = _at_height(corners, (zone.lower_m + zone.upper_m) / 2)
+    if zone.lower_m < zone.upper_m:
+        return places
+    # A step leaves 1 - cos(angle between the verticals) of the error: half of it at most, 60 degrees away.
+    for _ in range(_MOST_STEPS):
+        above_m = georeference.geodetic_from_local(places)[2] - georeference.height_m
+        places[:, 2] -= above_m
+        if np.abs(above_m).max() < _SMALL_M:
+            break
+    return places
 
 
 def geographic_outline(
@@ -77,10 +97,9 @@ def geographic_outline(
     grown = shapely.buffer(zone.polygon, margin_m, join_style="mitre", mitre_limit=limit)
     if max_edge_m is not None:
         grown = shapely.segmentize(grown, max_edge_m)
-    middle_m = (zone.lower_m + zone.upper_m) / 2
 
     def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-        latitude, longitude, _ = georeference.geodetic_from_local(_at_height(corners, middle_m))
+        latitude, longitude, _ = georeference.geodetic_from_local(_on_ground(corners, zone, georeference))
         if np.abs(latitude).max() > MAX_LATITUDE_DEG:
             raise ValueError(
                 f"zone {zone.id} reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are "

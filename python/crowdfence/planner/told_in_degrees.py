@@ -31,11 +31,15 @@ def at_one_height(zones: Sequence[Zone]) -> tuple[float, tuple[Zone, ...]]:
     if not zones:
         return 0.0, ()
     lowest_m, highest_m = min(zone.lower_m for zone in zones), max(zone.upper_m for zone in zones)
-    west, south, east, north = shapely.total_bounds([zone.polygon for zone in zones])
-    reach_m = float(np.hypot(max(abs(west), abs(east)), max(abs(south), abs(north))))
+    outlines = np.array([zone.polygon for zone in zones], dtype=object)
+    west, south, east, north = np.abs(shapely.bounds(outlines)).T
+    reach_m = np.hypot(np.maximum(west, east), np.maximum(south, north))
+    # Where nobody knows the ground, the outline stands at the height of the anchor, below the local plane.
+    is_known = np.array([zone.lower_m < zone.upper_m for zone in zones])
+    below_m = np.where(is_known, 0.0, reach_m**2 / (2.0 * SMALLEST_EARTH_RADIUS_M))
     # Half of it for the height of the way, half for that of each zone.
-    margin_m = 2.0 * MARGIN_M + reach_m * (highest_m - lowest_m) / SMALLEST_EARTH_RADIUS_M
-    grown = shapely.buffer([zone.polygon for zone in zones], margin_m, join_style="mitre", mitre_limit=2.0)
+    margin_m = 2.0 * MARGIN_M + reach_m * (highest_m - lowest_m + below_m) / SMALLEST_EARTH_RADIUS_M
+    grown = shapely.buffer(outlines, margin_m, join_style="mitre", mitre_limit=2.0)
     return (lowest_m + highest_m) / 2, tuple(
         replace(zone, polygon=polygon) for zone, polygon in zip(zones, grown, strict=True)
     )
