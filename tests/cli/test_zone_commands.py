@@ -498,5 +498,13 @@ def test_crowd_too_small_for_a_zone_is_told(tmp_path: Path) -> None:
     told.write(tmp_path / "zone_history.jsonl")
     done = CliRunner().invoke(app, ["export", str(tmp_path), "-f", "kml", "-o", str(tmp_path / "zones.kml")])
     assert "4 m2 of crowd are in no zone: below min_area_m2" in done.stderr
-    summary = {"dropped_regions": 1, "dropped_area_m2": 4.0, "min_area_m2": 10.0}
-    assert _left_out(summary) == ", of it 4 m2 in 1 region below 10 m2 that no zone covers"
+    summary = {"dropped_regions": 1, "dropped_area_m2": 4.0, "min_area_m2": 10.0, "unseen_closed_m2": 0.0}
+    assert _left_out(summary) == ", of it 4 m2 in 1 region below 10 m2: in no zone"
+    # Where unseen ground is closed, it closes this too.
+    closed = replace(drawn, unseen=(replace(drawn[0], id="UNSEEN", kind="unseen"),))
+    ZoneHistory([START_NS], [closed], told.georeference, told.description).write(
+        tmp_path / "zone_history.jsonl"
+    )
+    done = CliRunner().invoke(app, ["export", str(tmp_path), "-f", "csv", "-o", str(tmp_path / "zones.csv")])
+    assert done.exit_code == 0 and "no zone" not in done.stderr
+    assert "not known to be empty" in _left_out({**summary, "unseen_closed_m2": 140.0})

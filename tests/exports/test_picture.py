@@ -11,6 +11,7 @@ from crowdfence import Camera, Georeference, Terrain, View, VoxelState
 from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture import DroneTrack, ground_footprint, interesting_extent, write_picture
+from crowdfence.exports.picture.legend import draw_legend
 from crowdfence.exports.picture.relief import OFF_MAP, Extent, shaded_ground
 from crowdfence.exports.picture.scale_bar import emptiest_corner, scale_length_m
 from crowdfence.surface_grid import SurfaceGrid
@@ -129,6 +130,19 @@ def test_unusual_maps_make_pictures_too(tmp_path: Path, probability: NDArray[np.
     write_picture(path, grid, crowd_zones(probability), DESCRIPTION, width_px=900)
     with Image.open(path) as picture:
         assert picture.width == 900
+
+
+def test_crowd_that_is_too_small_for_a_zone_is_told_beside_the_picture_also_where_there_is_no_zone() -> None:
+    from matplotlib.figure import Figure
+
+    probability = seen_square()
+    for min_area_m2, told in ((50.0, False), (500.0, True)):  # one crowd, of 100 m2
+        zones = find_zones(flat_crowd_map(probability), 0, threshold=0.5, min_area_m2=min_area_m2)
+        axes = Figure(figsize=(4, 12), dpi=100).add_axes((0, 0, 1, 1))
+        draw_legend(axes, crowd_grid(probability), zones, DESCRIPTION, [], None)
+        texts = [text.get_text() for text in axes.texts]
+        assert ("not drawn: 1 below 500 m², 100 m²" in texts) == told
+        assert ("none; that does not mean free" in texts) == told
 
 
 def test_the_crop_keeps_every_crowd_cell_and_track() -> None:

@@ -289,6 +289,23 @@ def test_small_regions_are_counted_and_a_zone_ends_at_half_the_area() -> None:
     assert told(gone) == [("expired", "Z1")] and gone.dropped_area_m2 == 1.0
 
 
+def test_ground_in_several_zones_is_closed_once() -> None:
+    """Two columns with one between them, and 2 m around each: 1 + 4 * 2 + pi 2^2 m2, in part the same."""
+    assert ZoneSet((), 0.5, 0.0, 0, 0.0).closed_m2 == 0.0
+    zones = DrawnZones((9, 7), buffer_m=2.0).drawn("""
+        .........
+        .........
+        .........
+        ...#.#...
+        .........
+        .........
+        .........""")
+    one, other = (shapely.box(x, 3, x + 1, 4).buffer(2.0, 64) for x in (3, 5))
+    assert len(zones) == 2
+    assert zones.closed_m2 == pytest.approx((one | other).area, rel=0.03)
+    assert zones.closed_m2 < 0.8 * sum(zone.polygon.area for zone in zones)
+
+
 def test_holes_are_filled_up_to_an_area() -> None:
     ring = np.ones((5, 4))
     ring[1:4, 1] = 0.0

@@ -155,6 +155,7 @@ def export(
         "zones": len(zones_at.closed),
         "crowd_zones": len(zones_at),
         "dropped_area_m2": zones_at.dropped_area_m2,
+        "dropped_is_closed": bool(zones_at.unseen),
         "left_out": left_out,
     }
     _report(report, as_json)
@@ -263,7 +264,7 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         out.print(
             f"a fence of {counted(report['fence_items'], 'item')} closes {over_m2:.0f} m2 more than the zones"
         )
-    if report["dropped_area_m2"]:
+    if report["dropped_area_m2"] and not report["dropped_is_closed"]:
         console.warn(
             f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"
         )

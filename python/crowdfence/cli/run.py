@@ -191,9 +191,12 @@ def _left_out(summary: dict[str, Any]) -> str:
     regions = summary["dropped_regions"]
     if not regions:
         return ""
+    covered = (
+        "closed as ground that is not known to be empty" if summary["unseen_closed_m2"] else "in no zone"
+    )
     return (
         f", of it {summary['dropped_area_m2']:.0f} m2 in {counted(regions, 'region')} below "
-        f"{summary['min_area_m2']:g} m2 that no zone covers"
+        f"{summary['min_area_m2']:g} m2: {covered}"
     )
 
 

@@ -156,7 +156,7 @@ class Mission:
         return {
             "seen_m2": self.loop.crowd_map.seen_count * self.terrain.voxel_size_m**2,
             "crowd_m2": found.area_m2 + found.dropped_area_m2,
-            "closed_m2": closed_area_m2(zones),
+            "closed_m2": zones.closed_m2,
             "zones": len(zones.closed),
         }
 
@@ -243,10 +243,3 @@ class Mission:
 
 def _records(zones: Sequence[Zone]) -> list[str]:
     return [json.dumps(zone_record(zone)) for zone in zones]
-
-
-def closed_area_m2(zones: ZoneSet) -> float:
-    """Of everything that is closed, ground in several zones once."""
-    import shapely
-
-    return float(shapely.union_all([zone.polygon for zone in zones.closed]).area) if zones.closed else 0.0

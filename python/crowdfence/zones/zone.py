@@ -169,6 +169,13 @@ class ZoneSet(Sequence[Zone]):
         return (*self.zones, *self.unseen, *self.static)
 
     @property
+    def closed_m2(self) -> float:
+        """Of everything that is closed, ground in several zones once."""
+        import shapely
+
+        return float(shapely.union_all([zone.polygon for zone in self.closed]).area)
+
+    @property
     def area_m2(self) -> float:
         """Of the crowd in the zones."""
         return sum(zone.area_m2 for zone in self.zones)

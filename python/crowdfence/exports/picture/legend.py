@@ -171,6 +171,7 @@ def _zones(column: _Column, zones: ZoneSet, description: MapDescription) -> None
     column.heading(f"Zones ({len(zones)})")
     if len(zones) == 0:
         column.row("none; that does not mean free", color=_FAINT)
+        _not_drawn(column, zones)
         return
     shown = zones[: max(1, min(MOST_LABELS, column.rows_left - 5))]
     _zone_row(column, ("", "area", "max. P", "last seen"), color=_FAINT, fontsize=9.5)
@@ -180,6 +181,10 @@ def _zones(column: _Column, zones: ZoneSet, description: MapDescription) -> None
     if len(zones) > len(shown):
         rest_m2 = sum(zone.area_m2 for zone in zones[len(shown) :])
         column.row(f"and {len(zones) - len(shown)} smaller ones, {_area(rest_m2)}", color=_FAINT)
+    _not_drawn(column, zones)
+
+
+def _not_drawn(column: _Column, zones: ZoneSet) -> None:
     if zones.dropped_count:
         dropped = f"{zones.dropped_count} below {_area(zones.min_area_m2)}, {_area(zones.dropped_area_m2)}"
         column.row(f"not drawn: {dropped}", color=_FAINT)

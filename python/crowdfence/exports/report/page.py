@@ -55,10 +55,9 @@ def report_page(
 
 
 def _cards(summary: Mapping[str, Any], zones: ZoneSet, frames: int, refused: Sequence[str]) -> str:
-    closed_m2 = sum(zone.polygon.area for zone in zones.closed)
     cards = (
         (f"{len(zones.closed)}", "closed zone" if len(zones.closed) == 1 else "closed zones", "closed"),
-        (f"{closed_m2:,.0f} m²", "closed ground", "closed"),
+        (f"{zones.closed_m2:,.0f} m²", "closed ground", "closed"),
         (f"{summary['area_m2']['empty']:,.0f} m²", "known to be empty", "empty"),
         (f"{frames:,}", f"pictures used, {len(refused)} refused", ""),
         (f"{len(summary['warnings'])}", "warnings", "warned" if summary["warnings"] else ""),
@@ -120,9 +119,12 @@ def _left_out(summary: Mapping[str, Any]) -> str:
     if not regions:
         return ""
     where = "1 region" if regions == 1 else f"{regions} regions"
+    covered = (
+        "closed as ground that is not known to be empty" if summary["unseen_closed_m2"] else "in no zone"
+    )
     return (
         f'<p class="note">{summary["dropped_area_m2"]:.0f} m² of crowd lie in {where} smaller than '
-        f"{summary['min_area_m2']:g} m², which no zone covers.</p>"
+        f"{summary['min_area_m2']:g} m²: {covered}.</p>"
     )
 
 
