@@ -83,6 +83,18 @@ def test_fit_ground_below_something_is_no_site():
     assert find_sites(crowd_map_of(both, probability), 0, threshold=0.5) == ()
 
 
+def test_what_is_seen_below_a_roof_makes_it_neither_newer_nor_fitter():
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(12), np.arange(12), indexing="ij"))
+    ground = np.stack([i, j, np.zeros_like(i)], axis=1)
+    both = np.concatenate([ground, ground + np.array([0, 0, 6])])
+    probability, seen = np.repeat([0.9, 0.6], 144), np.repeat([100 * S, 0], 144)
+    crowd_map = crowd_map_of(both, probability, seen)
+    assert find_sites(crowd_map, 100 * S, threshold=0.5) == ()  # nobody saw the roof for 100 s
+    (site,) = find_sites(crowd_map, 100 * S, threshold=0.5, stale_after_s=120.0)
+    assert site.probability_min == site.probability_mean == pytest.approx(0.6)
+    assert site.last_seen_ns == site.oldest_look_ns == 0
+
+
 def test_no_site_touches_a_closed_zone():
     closed = zone(shapely.box(5.9, -5.0, 7.0, 30.0))
     found = find_sites(flat_crowd_map(meadow((20, 12))), 0, threshold=0.5, closed=[closed])

@@ -102,10 +102,13 @@ def _fit(landing_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: 
     terrain = landing_map.terrain
     found = landing_map.crowd_columns(stamp_ns, threshold=threshold)
     top_ids = terrain.voxel_ids(np.column_stack([found.indices, found.top_index]))
-    fits = np.isin(top_ids, found.voxel_ids) & (stamp_ns - found.last_seen_ns <= stale_after_s * 1e9)
+    # Of the top alone: what a drone saw below it lately makes it neither newer nor fitter.
+    last_seen_ns = landing_map.last_seen_ns(top_ids)
+    fits = np.isin(top_ids, found.voxel_ids) & (stamp_ns - last_seen_ns <= stale_after_s * 1e9)
     indices, top_ids = found.indices[fits], top_ids[fits]
     slope, height = _slope_and_height(terrain, indices)
-    columns = _Columns(indices, found.probability[fits], found.last_seen_ns[fits], slope, height, top_ids)
+    probability = landing_map.probability(stamp_ns, top_ids)
+    columns = _Columns(indices, probability, last_seen_ns[fits], slope, height, top_ids)
     return _some(columns, slope <= MAX_SLOPE_DEG)
 
 
