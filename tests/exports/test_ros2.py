@@ -214,6 +214,9 @@ def test_zones_of_others_have_no_band_and_unseen_ground_no_probability() -> None
     ]
     labels = [marker["text"] for marker in markers[1:] if "text" in marker]
     assert labels == ["UNSEEN (unseen)\n4 m2", "S1 (static)\n4 m2"]
+    # Nor has one whose ground the map lacks in part.
+    beyond = ZoneSet((drawn_zone(outline, leaves_map=True),), 0.5, 0.0, 0, 0.0)
+    assert "crowd band" not in [marker["ns"] for marker in zone_markers(beyond, 0, None)["markers"][1:]]
 
 
 def test_the_local_frame_lies_where_its_anchor_is() -> None:

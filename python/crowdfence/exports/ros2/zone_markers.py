@@ -106,7 +106,7 @@ def label(zone: Zone) -> str:
 
 def band_heights(zone: Zone) -> tuple[float, float] | None:
     """Local heights from which to which it is closed; None where the ground below it is not known."""
-    if zone.kind == "static" or zone.band.datum != "AGL":
+    if zone.kind == "static" or zone.band.datum != "AGL" or not zone.ground_is_known:
         return None
     return zone.lower_m + zone.band.lower_m, zone.upper_m + zone.band.upper_m
 
