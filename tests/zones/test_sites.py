@@ -139,3 +139,13 @@ def test_sites_as_geojson_lie_inside_what_they_were_locally():
     back = anchor.local_from_geodetic(corners[:, 1], corners[:, 0], height_m)[:, :2]
     assert shapely.covers(sites[0].polygon, shapely.MultiPoint(back))
     assert feature["properties"]["centre"]["latitude_deg"] == pytest.approx(46.5, abs=1e-3)
+
+
+def test_a_site_across_the_antimeridian_is_cut_there():
+    """As zones are: a ring from 180 to -180 would be a strip around the Earth, all of it fit for landing."""
+    sites = find_sites(flat_crowd_map(meadow((12, 12), 0.9), origin=(-6.0, -6.0, 0.0)), 0, threshold=0.5)
+    description = MapDescription(0, 0.5, "evidence", layer="landing-site", mission="m")
+    (feature,) = json.loads(sites_geojson(sites, description, Georeference(-16.8, 180.0, 0.0)))["features"]
+    written = shapely.geometry.shape(feature["geometry"])
+    assert len(written.geoms) == 2 and written.is_valid
+    assert written.area < (15.0 / 106_000.0) ** 2  # a degree of longitude is 106.6 km there

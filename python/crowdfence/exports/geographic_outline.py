@@ -16,7 +16,7 @@ out (`static_zones`), however far away they lie: 100 km from the anchor the loca
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -98,22 +98,39 @@ def geographic_outline(
     if max_edge_m is not None:
         grown = shapely.segmentize(grown, max_edge_m)
 
+    def on_ground(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _on_ground(corners, zone, georeference)
+
+    rounded = in_degrees(grown, on_ground, georeference, decimals, f"zone {zone.id}")
+    if not rounded.is_valid:
+        raise ValueError(f"zone {zone.id} is too fine for {decimals} decimals of a degree; use larger voxels")
+    return rounded
+
+
+def in_degrees(
+    outline: Polygon | MultiPolygon,
+    on_ground: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    georeference: Georeference,
+    decimals: int,
+    what: str,
+) -> Polygon | MultiPolygon:
+    """An outline in longitude and latitude, rounded, and cut at the antimeridian. `on_ground` takes corners
+    [C, 2] to local metres [C, 3]; ValueError that says `what` reaches a pole."""
+    import shapely
+
     def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-        latitude, longitude, _ = georeference.geodetic_from_local(_on_ground(corners, zone, georeference))
+        latitude, longitude, _ = georeference.geodetic_from_local(on_ground(corners))
         if np.abs(latitude).max() > MAX_LATITUDE_DEG:
             raise ValueError(
-                f"zone {zone.id} reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are "
+                f"{what} reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are "
                 f"written up to {MAX_LATITUDE_DEG} degrees, because longitude loses its meaning at the poles"
             )
         # One branch of longitude around the anchor, so that no ring jumps across the antimeridian.
         offset = (longitude - georeference.longitude_deg + 180.0) % 360.0 - 180.0
         return np.column_stack([georeference.longitude_deg + offset, latitude])
 
-    unwrapped = shapely.transform(grown, longitude_latitude)
-    rounded = shapely.transform(_cut_at_antimeridian(unwrapped), lambda degrees: degrees.round(decimals))
-    if not rounded.is_valid:
-        raise ValueError(f"zone {zone.id} is too fine for {decimals} decimals of a degree; use larger voxels")
-    return rounded
+    unwrapped = shapely.transform(outline, longitude_latitude)
+    return shapely.transform(_cut_at_antimeridian(unwrapped), lambda degrees: degrees.round(decimals))
 
 
 def _longest_edge_m(outline: Polygon | MultiPolygon) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import write_bytes
-from crowdfence.exports.geographic_outline import MAX_EDGE_M, MAX_LATITUDE_DEG, geojson_geometry
+from crowdfence.exports.geographic_outline import MAX_EDGE_M, geojson_geometry, in_degrees
 from crowdfence.exports.geojson import LOCAL_FRAME
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
@@ -126,11 +126,8 @@ def _outline(site: LandingSite, georeference: Georeference | None) -> Polygon | 
     if georeference is None:
         return inside
 
-    def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-        local = np.column_stack([corners, np.full(len(corners), site.centre[2])])
-        latitude, longitude, _ = georeference.geodetic_from_local(local)
-        if np.abs(latitude).max() > MAX_LATITUDE_DEG:
-            raise ValueError(f"site {site.id} lies closer to a pole than sites are written")
-        return np.column_stack([longitude, latitude]).round(DECIMALS)
+    def on_ground(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack([corners, np.full(len(corners), site.centre[2])])
 
-    return shapely.transform(shapely.segmentize(inside, MAX_EDGE_M), longitude_latitude)
+    dense = shapely.segmentize(inside, MAX_EDGE_M)
+    return in_degrees(dense, on_ground, georeference, DECIMALS, f"site {site.id}")
