@@ -289,6 +289,24 @@ def test_small_regions_are_counted_and_a_zone_ends_at_half_the_area() -> None:
     assert told(gone) == [("expired", "Z1")] and gone.dropped_area_m2 == 1.0
 
 
+def test_a_crowd_that_walks_stays_a_zone_down_to_half_of_the_least_area() -> None:
+    """As one that stands does: it walks 4 m between two looks, closer together than before, and shares no
+    ground with its zone. 4 m further on its zone has ended, and what appears there is a small region."""
+    zones = DrawnZones((14, 2), min_area_m2=4.0)
+    steps = [
+        zones.drawn(picture)
+        for picture in (
+            "##............\n##............",
+            ".....##.......\n..............",
+            ".....#........\n..............",
+            ".........##...\n..............",
+        )
+    ]
+    assert [ids(step) for step in steps] == [["Z1"], ["Z1"], [], []]
+    assert [step.dropped_area_m2 for step in steps] == [0.0, 0.0, 1.0, 2.0]
+    assert told(steps[1]) == [("updated", "Z1")]
+
+
 def test_ground_in_several_zones_is_closed_once() -> None:
     """Two columns with one between them, and 2 m around each: 1 + 4 * 2 + pi 2^2 m2, in part the same."""
     assert ZoneSet((), 0.5, 0.0, 0, 0.0).closed_m2 == 0.0

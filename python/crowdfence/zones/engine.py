@@ -163,11 +163,14 @@ class ZoneEngine:
         region that continues a zone need only be half as large."""
         least = self.rules.min_area_m2 / self._crowd_map.terrain.voxel_size_m**2
         size = np.bincount(region[region >= 0])
-        alive = [track.columns for track in self._crowd.alive]
-        continues = np.zeros(len(size), dtype=np.bool_)
-        if least > 0.0 and alive:
-            continues[region[(region >= 0) & are_among(keys, np.concatenate(alive))]] = True
-        kept = (size >= least) | (continues & (size >= least / 2))
+        kept = size >= least
+        half = size >= least / 2
+        if (half & ~kept).any():
+            order, first = by_region(region, len(size))
+            columns = np.split(keys[order], first[1:])
+            large = np.flatnonzero(half)
+            continuing = self._crowd.continuing([columns[number] for number in large])
+            kept[large[continuing]] = True
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         return np.where(region >= 0, number[region], -1) if len(size) else region, size[~kept].tolist()
 
@@ -277,6 +280,10 @@ class _Followed:
     @property
     def alive(self) -> tuple[Track, ...]:
         return self._tracker.alive
+
+    def continuing(self, regions: Sequence[NDArray[np.int64]]) -> list[int]:
+        """Which of the regions (sorted keys) continue a zone that is alive."""
+        return self._tracker.continuing(regions)
 
     def arrays(self) -> dict[str, NDArray[np.int64]]:
         """The columns of the zones that are alive, one after the other, and how many each has."""

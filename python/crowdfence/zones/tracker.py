@@ -108,6 +108,10 @@ class ZoneTracker:
         self.alive = tuple(sorted(now, key=lambda track: track.number))
         return now, events
 
+    def continuing(self, regions: Sequence[NDArray[np.int64]]) -> list[int]:
+        """Positions of the regions that continue a zone that is alive, sorted."""
+        return sorted({region for shares in self._shared(regions).values() for region in shares})
+
     def _new(self, columns: NDArray[np.int64], stamp_ns: int) -> Track:
         alive = {track.id for track in self.alive}
         while True:  # once only, until every id has been used
