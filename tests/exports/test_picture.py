@@ -1,9 +1,12 @@
 """The picture, decoded again: its size and, coarsely, which colours are where."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -15,7 +18,7 @@ from crowdfence.exports.picture.legend import draw_legend
 from crowdfence.exports.picture.relief import OFF_MAP, Extent, shaded_ground
 from crowdfence.exports.picture.scale_bar import emptiest_corner, scale_length_m
 from crowdfence.surface_grid import SurfaceGrid
-from crowdfence.zones import ZoneSet, find_zones
+from crowdfence.zones import Zone, ZoneSet, find_zones
 from support.small_crowd_maps import flat_crowd_map
 from support.small_grids import flat_grid
 
@@ -132,9 +135,23 @@ def test_unusual_maps_make_pictures_too(tmp_path: Path, probability: NDArray[np.
         assert picture.width == 900
 
 
-def test_crowd_that_is_too_small_for_a_zone_is_told_beside_the_picture_also_where_there_is_no_zone() -> None:
-    from matplotlib.figure import Figure
+def test_zones_of_others_are_drawn_and_named(tmp_path: Path) -> None:
+    """A line over empty ground, far from all crowd; most of the zone lies beyond the picture."""
+    given = Zone.of_no_look("HOSP", shapely.box(50, 50, 5_000, 70), "static", "given")
+    zones = replace(crowd_zones(seen_square()), static=(given,))
+    pictures = []
+    for number, one in enumerate((crowd_zones(seen_square()), zones)):
+        write_picture(tmp_path / f"{number}.png", crowd_grid(seen_square()), one, DESCRIPTION)
+        with Image.open(tmp_path / f"{number}.png") as picture:
+            pictures.append(np.asarray(picture.convert("RGB")).astype(int))
+    changed = np.abs(pictures[1] - pictures[0]).max(axis=-1)[:, :1100] > 30
+    assert changed.any(axis=0).sum() > 300 and changed.sum() < 0.1 * changed.size
+    axes = Figure(figsize=(4, 12), dpi=100).add_axes((0, 0, 1, 1))
+    draw_legend(axes, crowd_grid(seen_square()), zones, DESCRIPTION, [], None)
+    assert "1 zone of others" in [text.get_text() for text in axes.texts]
 
+
+def test_crowd_that_is_too_small_for_a_zone_is_told_beside_the_picture_also_where_there_is_no_zone() -> None:
     probability = seen_square()
     for min_area_m2, told in ((50.0, False), (500.0, True)):  # one crowd, of 100 m2
         zones = find_zones(flat_crowd_map(probability), 0, threshold=0.5, min_area_m2=min_area_m2)

@@ -11,7 +11,7 @@ from crowdfence.exports.colours import STATE_COLOURS, probability_colours
 from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
-from crowdfence.exports.picture.line_style import INK, MOST_LABELS, drone_line
+from crowdfence.exports.picture.line_style import INK, MOST_LABELS, OTHERS_STYLE, ZONE_LINE, drone_line
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.surface_grid import SurfaceGrid
@@ -104,6 +104,9 @@ def draw_legend(
         _line(column, f"contour lines every {contour_step_m:g} m", color=INK, linewidth=0.8, alpha=0.5)
     if tracks:
         _drones(column, tracks)
+    if zones.static:
+        others = "1 zone of others" if len(zones.static) == 1 else f"{len(zones.static)} zones of others"
+        _line(column, others, color=ZONE_LINE, linewidth=1.2, linestyle=OTHERS_STYLE)
     _zones(column, zones, description)
 
 

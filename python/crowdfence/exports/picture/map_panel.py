@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.labels import write_labels
-from crowdfence.exports.picture.line_style import INK, ZONE_LINE, drone_line
+from crowdfence.exports.picture.line_style import INK, OTHERS_STYLE, ZONE_LINE, drone_line
 from crowdfence.exports.picture.relief import Extent, ShadedGround
 from crowdfence.exports.picture.scale_bar import draw_scale_bar, emptiest_corner
 from crowdfence.zones import Zone, ZoneSet
@@ -35,7 +35,9 @@ def draw_map(
     for number, track in enumerate(tracks):
         _draw_footprint(axes, track, drone_line(number))
     for zone in zones:
-        _draw_outline(axes, zone)
+        _draw_outline(axes, zone, "-")
+    for zone in zones.static:
+        _draw_outline(axes, zone, OTHERS_STYLE)
     for number, track in enumerate(tracks):
         _draw_track(axes, track, drone_line(number))
     scale = draw_scale_bar(axes, extent, emptiest_corner(extent, _what_matters(zones, tracks)))
@@ -92,9 +94,9 @@ def _draw_footprint(axes: Axes, track: DroneTrack, colour: str) -> None:
     axes.plot(x, y, color=colour, linewidth=1.3, linestyle=(0, (5, 3)), zorder=3, path_effects=_halo(2.6))
 
 
-def _draw_outline(axes: Axes, zone: Zone) -> None:
+def _draw_outline(axes: Axes, zone: Zone, style: str) -> None:
     for ring in _rings(zone):
-        axes.plot(*ring.T, color=ZONE_LINE, linewidth=1.2, zorder=4, path_effects=_halo(2.8))
+        axes.plot(*ring.T, style, color=ZONE_LINE, linewidth=1.2, zorder=4, path_effects=_halo(2.8))
 
 
 def _what_matters(zones: ZoneSet, tracks: Sequence[DroneTrack]) -> NDArray[np.float64]:
