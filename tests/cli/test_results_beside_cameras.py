@@ -146,3 +146,19 @@ def test_a_run_without_its_map_shows_zones_alone(run: Path, tmp_path: Path) -> N
     (run / "crowd_map.crowdmap").unlink()
     told = json.loads(invoked("export", run, "-f", "mcap", "-o", alone, "--json")[1])
     assert set(told["messages"]) == {"/crowdfence/zones", "/tf_static"}
+
+
+def test_what_the_messages_leave_out_is_told(run: Path, tmp_path: Path) -> None:
+    """Zones of others that close no ground, and ground that lies beyond the grids."""
+    square = np.array([[8.0, 46.5], [8.001, 46.5], [8.001, 46.501], [8.0, 46.501], [8.0, 46.5]])
+    shapes = [
+        {"type": "Point", "coordinates": [8.0, 46.5]},
+        {"type": "Polygon", "coordinates": [square.tolist()]},
+    ]
+    others = tmp_path / "others.geojson"
+    others.write_text(json.dumps({"type": "GeometryCollection", "geometries": shapes}))
+    words = ["export", str(run), "-f", "mcap", "-o", str(tmp_path / "m.mcap"), "--static-zones", str(others)]
+    done = CliRunner().invoke(app, words)
+    told = " ".join(done.stderr.split())
+    assert done.exit_code == 0 and "not all of S1 lies within it" in told
+    assert "others.geojson: feature 1: a Point closes no ground" in told

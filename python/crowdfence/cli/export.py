@@ -189,6 +189,8 @@ def _write_raster(
 
 def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str, Any]) -> None:
     """Of all instants, whichever is asked for."""
+    from crowdfence.exports.closed_cells import reach_beyond
+    from crowdfence.exports.raster_placement import RasterPlacement
     from crowdfence.exports.ros2 import write_results_mcap
     from crowdfence.result_folder import open_grid
 
@@ -196,6 +198,10 @@ def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str,
     report["messages"] = write_results_mcap(output, history, grid)
     if grid is None:
         console.warn(f"{run} holds no terrain.bt and crowd_map.crowdmap: the file shows zones alone")
+        return
+    placed = RasterPlacement.of(grid, None).transform
+    beyond = [reach_beyond(zones.closed, grid.shape[::-1], placed) for zones in history.sets]
+    report["beyond_raster"] = list(dict.fromkeys(name for names in beyond for name in names))
 
 
 def _geojson(history: ZoneHistory, stamp_ns: int) -> str:
@@ -254,11 +260,11 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
     if "messages" in report:
         count, topics = sum(report["messages"].values()), len(report["messages"])
         out.print(f"{count} messages on {topics} topics in {report['file']}", soft_wrap=True)
-        return
-    out.print(
-        f"{counted(report['zones'], 'zone')} of {iso_utc(report['stamp_ns'])} in {report['file']}",
-        soft_wrap=True,
-    )
+    else:
+        out.print(
+            f"{counted(report['zones'], 'zone')} of {iso_utc(report['stamp_ns'])} in {report['file']}",
+            soft_wrap=True,
+        )
     if "fence_items" in report:
         over_m2 = report["over_coverage_m2"]
         out.print(
