@@ -39,13 +39,16 @@ class GroundHeights:
         if not shapely.box(west, south, east, north).buffer(ROUNDING_M, join_style="mitre").covers(outline):
             return False
         first, last = self._corner_columns(outline, ROUNDING_M)
-        inside = self._between(first, last)
-        if len(inside) == np.prod(last - first + 1):
+        begin, count = self._rows_between(first, last)
+        width = int(last[1] - first[1]) + 1
+        gaps = np.flatnonzero(count < width)
+        if not len(gaps):
             return True
-        missing = np.ones(last - first + 1, dtype=np.bool_)
-        present = column_places(self._keys[inside]) - first
-        missing[present[:, 0], present[:, 1]] = False
-        runs = Runs.of(np.argwhere(missing) + first)
+        missing = np.ones((len(gaps), width), dtype=np.bool_)
+        present = column_places(self._keys[_ranges(begin[gaps], count[gaps])])
+        missing[np.repeat(np.arange(len(gaps)), count[gaps]), present[:, 1] - first[1]] = False
+        row, column = np.nonzero(missing)
+        runs = Runs.of(np.stack([first[0] + gaps[row], first[1] + column], axis=1))
         size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
         low = np.stack([runs.i, runs.south], axis=1) * size_m + origin[:2] + ROUNDING_M
         high = np.stack([runs.i + 1, runs.north], axis=1) * size_m + origin[:2] - ROUNDING_M
@@ -75,11 +78,21 @@ class GroundHeights:
 
     def _between(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
         """Positions of the columns from one corner to the other."""
+        return _ranges(*self._rows_between(first, last))
+
+    def _rows_between(
+        self, first: NDArray[np.int64], last: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The same row by row: where each begins, and how many columns it has."""
         rows = np.arange(first[0], last[0] + 1)
         west_end, east_end = (
             column_keys(np.stack([rows, np.full(len(rows), j)], axis=1)) for j in (first[1], last[1])
         )
         begin = np.searchsorted(self._keys, west_end, "left")
-        count = np.searchsorted(self._keys, east_end, "right") - begin
-        before = np.cumsum(count) - count
-        return np.repeat(begin - before, count) + np.arange(count.sum())
+        return begin, np.searchsorted(self._keys, east_end, "right") - begin
+
+
+def _ranges(begin: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.int64]:
+    """So many numbers from each begin on, one after the other."""
+    before = np.cumsum(count) - count
+    return np.repeat(begin - before, count) + np.arange(count.sum())

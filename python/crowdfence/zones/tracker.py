@@ -28,7 +28,7 @@ class ZoneEvent:
     stamp_ns: int
     kind: EventKind
     """created: crowd where there was none; updated: other ground is closed; merged: it went into `other`;
-    split: it came out of `other`; expired: no crowd is left of it."""
+    split: it came out of `other`; expired: no crowd is left of it, or too little for a zone."""
     id: str
     other: str | None = None
 
