@@ -6,15 +6,14 @@ from pathlib import Path
 import shapely
 
 from crowdfence.service.settings import ServiceSettings
-from crowdfence.static_zones.given_zone import GivenZone, _zone
-from crowdfence.zones import AltitudeBand, Zone
+from crowdfence.zones import Zone
 from support.small_service import CONFIG, SIDE_M, START_NS, asked, message, running, settle, views
 
 CLOSED_UNSEEN = replace(CONFIG, zones=replace(CONFIG.zones, close_unseen=True))
 
 
 def hospital(name: str = "HOSP") -> Zone:
-    return _zone(name, shapely.box(1, 1, 9, 9), GivenZone(name, [], AltitudeBand(0, 120, "AGL")))
+    return Zone.of_no_look(name, shapely.box(1, 1, 9, 9), "static", "given")
 
 
 def fly(service, first: int, last: int) -> None:
