@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import socket
 import ssl
@@ -84,12 +85,22 @@ def _check_pair(certificate: Path, key: Path) -> None:
 
 
 def listen(config: uvicorn.Config) -> socket.socket:
-    """A socket on which whoever reads the address may connect at once. OSError where it cannot."""
-    listening = config.bind_socket()
+    """A socket on which whoever reads the address may connect at once. OSError that names the address where
+    it cannot: uvicorn's own binding ends the process instead, with the exit code of a gate."""
+    listening = socket.socket(socket.AF_INET6 if ":" in config.host else socket.AF_INET)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     # Connections inherit it. An answer's head and body are written apart: without it the body waits until
     # the other side acknowledges the head, 40 ms. asyncio sets it only on sockets that name their protocol.
     listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    listening.listen(config.backlog)
+    try:
+        listening.bind((config.host, config.port))
+        listening.listen(config.backlog)
+    except OSError as error:
+        listening.close()
+        what = "--port takes another, 0 any that is free" if error.errno == errno.EADDRINUSE else "see --host"
+        raise OSError(
+            error.errno, f"cannot listen on {config.host}:{config.port}: {error.strerror}; {what}"
+        ) from error
     return listening
 
 
