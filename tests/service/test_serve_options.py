@@ -1,5 +1,6 @@
 """`crowdfence serve` takes what `crowdfence run` takes, and does the same with it."""
 
+import socket
 from pathlib import Path
 from time import sleep
 
@@ -11,8 +12,8 @@ from crowdfence.cli.app import app
 from crowdfence.service import server
 from crowdfence.service.service import Service
 from crowdfence.sources.convert import convert
-from support.command_line import commands
-from support.served import write_level_ground
+from support.command_line import commands, crowdfence
+from support.served import ORIGIN, write_level_ground
 from support.small_recordings import Flight, flight, write_folder
 
 
@@ -64,3 +65,41 @@ def test_what_a_recording_cannot_use_is_refused_as_by_run(tmp_path: Path, how: l
     served = CliRunner().invoke(app, ["serve", *words]).exception
     ran = CliRunner().invoke(app, ["run", *words, "-o", str(tmp_path / "out")]).exception
     assert isinstance(served, ValueError) and str(served) == str(ran)
+
+
+def test_what_is_doubtful_of_a_recording_is_told_as_by_run(
+    tmp_path: Path, replayed: list[tuple[set[str], list[int]]]
+) -> None:
+    """One row of the poses is no number, and nothing tells the camera of a frame long after the last."""
+    folder = write_folder(tmp_path / "flight", flight())
+    rows = (folder / "poses.csv").read_text().splitlines()
+    (folder / "poses.csv").write_text("\n".join([*rows, "uav1,x,0,0,0,1,0,0,0"]) + "\n")
+    heatmap = next((folder / "heatmaps").glob("uav1_*"))
+    late = int(heatmap.stem.split("_")[1]) + 60_000_000_000
+    heatmap.with_name(f"uav1_{late}{heatmap.suffix}").write_bytes(heatmap.read_bytes())
+    words = [str(folder), "--terrain", str(write_level_ground(tmp_path / "g.tif")), "--max-range-m", "800"]
+    words += ["--voxel-size-m", "4"]
+    ran = CliRunner().invoke(app, ["run", *words, "-o", str(tmp_path / "out")], catch_exceptions=False)
+    served = CliRunner().invoke(app, ["serve", *words, "--replay-speed", "inf"], catch_exceptions=False)
+    assert ran.exit_code == served.exit_code == 0
+    for said in ("poses.csv: 1 rows cannot be read", f"uav1 at {late}: no pose"):
+        assert said in ran.stderr and said in served.stderr
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    """And no gate that was not met, which is what exit code 3 says."""
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        ground = write_level_ground(tmp_path / "g.tif")
+        done = crowdfence(
+            *("serve", "--terrain", ground, "--origin", ORIGIN, "--voxel-size-m", 2),
+            *("--data", tmp_path / "data", "--port", port),
+        )
+    errors = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
+    assert done.returncode == 1
+    assert errors == [
+        f"error: cannot listen on 127.0.0.1:{port}: Address already in use; --port takes another, 0 any that "
+        "is free"
+    ]

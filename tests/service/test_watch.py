@@ -22,7 +22,7 @@ from crowdfence.service.clock import Clock
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE
-from crowdfence.service.view_message import HeatmapMessage, ViewMessage
+from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
 from crowdfence.sources.recording import Frame
 from crowdfence.zones import AltitudeBand
@@ -398,37 +398,6 @@ def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: P
         (alert,) = [one for one in service.alerts.all() if one.kind == "detector_stale"]
         assert alert.level == "alarm" and "its video stands still" in alert.text
         assert not given(service, range(40, 45, 5), None)
-
-
-def test_masks_of_zero_and_one_in_eight_bits_are_an_alarm(tmp_path: Path) -> None:
-    """A crowd of 1/255 looks like free ground: a whole flight would close nothing."""
-
-    def masked(number: int, level: int) -> bytes:
-        mask = np.zeros((12, 16), np.uint8)
-        mask[5:7, 7:9] = level
-        one = replace_heatmap(view("uav1", number), mask)
-        return one.model_dump_json().encode()
-
-    def replace_heatmap(one: View, mask: np.ndarray) -> ViewMessage:
-        told = ViewMessage.model_validate_json(message(one))
-        return told.model_copy(update={"heatmap": HeatmapMessage.of(mask)})
-
-    def given(service: Service, numbers: range, level: int) -> set[tuple[str | None, str | None]]:
-        assert service.live is not None
-        for number in numbers:
-            service.live.give_view(masked(number, level))
-        service.live.finish()
-        Watch(service).look()
-        return active(service, "lost_crowd")
-
-    with running(tmp_path) as service:
-        assert not given(service, range(49), 1)
-        assert given(service, range(49, 50), 1) == {("uav1", None)}
-        (alert,) = [one for one in service.alerts.all() if one.kind == "lost_crowd"]
-        assert "50 heatmaps look like masks of 0 and 1" in alert.text and "multiply them by 255" in alert.text
-    with running(tmp_path) as service:  # what was raised before stays until it is known better
-        assert given(service, range(50, 52), 1) == {("uav1", None)}
-        assert not given(service, range(52, 53), 200)
 
 
 def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(

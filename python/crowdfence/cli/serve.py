@@ -212,10 +212,14 @@ def _replayed(
 ) -> Iterator[Service]:
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.service.opening import replayed
+    from crowdfence.sources.ground_contact import on_ground
 
     recording = source_options.open_source(chosen["recording"], chosen)
     ground = read_map(recording, chosen["terrain"], **map_options(chosen))
-    _warn_of(*recording.warnings, *ground.doubts)
+    recording = on_ground(recording, ground.terrain)
+    if recording.frames:  # else they are the error
+        _warn_of(*recording.warnings, *map(str, recording.refused))
+    _warn_of(*ground.doubts)
     with replayed(
         recording,
         ground.terrain,

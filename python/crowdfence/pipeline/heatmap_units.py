@@ -63,15 +63,14 @@ class HeatmapUnits:
     @property
     def warnings(self) -> list[str]:
         """One sentence for each drone whose heatmaps look like that, all of them."""
-        return [sentence for _, sentence in self.suspects().values()]
+        warnings = (self.warning(drone) for drone in sorted(self._drones))
+        return [warning for warning in warnings if warning is not None]
 
-    def suspects(self) -> dict[str, tuple[int, str]]:
-        """How many heatmaps of a drone look like that, all of them, and that sentence."""
-        return {
-            drone: (levels.looked_at, _warning(drone, levels))
-            for drone, levels in sorted(dict(self._drones).items())
-            if (levels.mask_of_one or levels.eight_of_sixteen_bits) and levels.together >= _LEAST_SHARE
-        }
+    def warning(self, drone: str) -> str | None:
+        """The sentence for one drone; None where its heatmaps are not doubted."""
+        levels = self._drones.get(drone, _Levels())
+        doubted = levels.mask_of_one or levels.eight_of_sixteen_bits
+        return _warning(drone, levels) if doubted and levels.together >= _LEAST_SHARE else None
 
 
 def _warning(drone: str, levels: _Levels) -> str:

@@ -21,6 +21,7 @@ from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
+from crowdfence.pipeline.no_frame import no_frame_line
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
@@ -168,7 +169,7 @@ def run(
         if on_step is not None:
             on_step(instant, last)
     if last is None or looked == 0:
-        raise ValueError(f"no frame of {recording.name} can be used{_reasons(recording, refused)}")
+        raise ValueError(no_frame_line(recording, refused))
     if last.seen_count == 0:
         why = under or "do map and poses share one frame?"
         raise ValueError(f"no view saw the terrain within max_range_m = {max_range_m:g} m: {why}")
@@ -226,10 +227,3 @@ def frame_row(step: Step, terrain: Terrain) -> FrameRow:
         zones_area_m2=step.zones.area_m2,
         **lost,
     )
-
-
-def _reasons(recording: Recording, refused: list[RefusedFrame]) -> str:
-    """What the reader met, then the first frame that was refused: the one is often why the other was."""
-    first = "".join(f": {sentence}" for sentence in recording.warnings[:1])
-    more = f" (and {len(recording.warnings) - 1} more warnings)" if len(recording.warnings) > 1 else ""
-    return first + more + (f"; the first of {len(refused)} refusals: {refused[0]}" if refused else "")

@@ -21,6 +21,7 @@ AlertKind = Literal[
     "detector_stale",
     "pose_gap",
     "lost_crowd",
+    "heatmap_units",
     "clock",
     "disk",
     "refused_views",

@@ -32,6 +32,7 @@ from crowdfence.service.detecting import Detecting
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.gate import Gate, Refused
 from crowdfence.service.gathering import Gathering
+from crowdfence.service.heatmap_doubts import HeatmapDoubts
 from crowdfence.service.journal import Journal, Record, RecordKind
 from crowdfence.service.latency import Latency
 from crowdfence.service.media import Media, heatmap_png
@@ -79,6 +80,7 @@ class Live:
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
         self._alerts, self._clock, self._settings = alerts, clock, settings
+        self._doubts = HeatmapDoubts(alerts)
         self._gathering = self._no_gathering()
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
         self._gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
@@ -426,6 +428,8 @@ class Live:
         for arrival, content in zip(group, contents, strict=True):
             if arrival.drone in step.drones and not self._recovering:
                 self._alerts.clear("refused_views", self._clock.now_ns(), drone=arrival.drone)
+                if isinstance(content, View):
+                    self._doubts.look(content, self._clock.now_ns())
             self._show(arrival, content)
         self._mission.stepped(step)
 
@@ -506,7 +510,6 @@ class Live:
                 arrival.stamp_ns, content.camera, content.world_from_camera, arrival.image is not None, True
             ),
         )
-        self._mission.heatmap_units.look(content)
         self._mission.still_video.look(content)
         if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
             return

@@ -15,7 +15,6 @@ from crowdfence.config import RunConfig
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
-from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
@@ -73,7 +72,6 @@ class Mission:
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
-        self.heatmap_units = HeatmapUnits()
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
         self.operator_zones = self._no_operator_zones()

@@ -17,6 +17,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
+from crowdfence.pipeline.no_frame import no_frame_line
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.service.access import Access
 from crowdfence.service.alerts import Alerts
@@ -55,6 +56,8 @@ def replayed(
     for `pipeline.run`."""
     settings = settings or ServiceSettings()
     recording = on_ground(recording, terrain)
+    if not recording.frames:
+        raise ValueError(no_frame_line(recording, recording.refused))
     check_clocks(recording)
     check_overlap(recording, terrain, config.projection.max_range_m)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
@@ -83,6 +86,7 @@ def replayed(
                 service.fleet,
                 service.media,
                 clock,
+                service.alerts,
                 speed=speed,
                 on_end=lambda: service.set_mode("finished"),
             )

@@ -10,12 +10,14 @@ from threading import Event, Thread
 
 from crowdfence._core import View
 from crowdfence.errors import FrameError
+from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
+from crowdfence.service.heatmap_doubts import HeatmapDoubts
 from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
 from crowdfence.service.track import Sighting
-from crowdfence.sources.recording import Instant, Recording
+from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 
 _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
@@ -31,6 +33,7 @@ class Replay:
         fleet: Fleet,
         media: Media,
         clock: Clock,
+        alerts: Alerts,
         *,
         speed: float,
         on_end: Callable[[], None],
@@ -40,6 +43,7 @@ class Replay:
             raise ValueError(f"replay speed is {speed:g}; it must be above 0")
         self._recording, self._mission, self._fleet, self._media = recording, mission, fleet, media
         self._clock, self._speed, self._on_end = clock, speed, on_end
+        self._alerts, self._doubts = alerts, HeatmapDoubts(alerts)
         self._stopped = Event()
         self.failure: BaseException | None = None
         self._thread = Thread(target=self._play, name="replay", daemon=True)
@@ -62,6 +66,7 @@ class Replay:
 
     def _play_all(self) -> None:
         recording, mission = self._recording, self._mission
+        self._tell_refused()
         first_ns, started_s = None, time.monotonic()
         instants = recording.instants(mission.config.grouping.tolerance_ms)
         for instant, found in mission.heatmaps.detected(instants, len(recording.drones)):
@@ -72,19 +77,34 @@ class Replay:
             with mission.lock:
                 step = mission.loop.step(found.views, instant.stamp_ns, found.refused)
                 self._clock.saw(instant.stamp_ns)
+                for refused in found.refused:
+                    text = f"a view of {refused.drone} could not be used: {refused.reason}"
+                    self._refuse(refused.drone, text, instant.stamp_ns)
                 self._show(instant, found.views)
                 mission.stepped(step)
             mission.keep_belief()
             if self._stopped.is_set():
                 return
 
+    def _tell_refused(self) -> None:
+        """Frames that the reader could not use are in no instant."""
+        of_drones: dict[str, list[RefusedFrame]] = {}
+        for refused in self._recording.refused:
+            of_drones.setdefault(refused.drone, []).append(refused)
+        for drone, some in of_drones.items():
+            text = f"{len(some)} frames of {drone} cannot be used, the first: {some[0]}"
+            self._refuse(drone, text, self._recording.frames[0].stamp_ns)
+
+    def _refuse(self, drone: str, text: str, now_ns: int) -> None:
+        self._alerts.raise_("refused_views", "warning", text, now_ns, drone=drone, is_new=True)
+
     def _show(self, instant: Instant, views: list[View]) -> None:
         frames = {frame.drone: frame for frame in instant.frames}
         for frame in instant.frames:  # the refused ones too
             self._fleet.was_at(frame.drone, frame.stamp_ns, frame.world_from_camera[:3, 3])
         for view in views:
-            self._mission.heatmap_units.look(view)
             self._mission.still_video.look(view)
+            self._doubts.look(view, instant.stamp_ns)
             frame = frames[view.drone]
             has_picture = frame.pixels.image is not None
             self._fleet.saw(

@@ -29,8 +29,6 @@ _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
 _LEAST_FREE_BYTES = 200_000_000
 _DETECTOR_STALE_S = 10.0
-_SUSPECT_HEATMAPS = 50
-"""So many in the wrong units are an alarm; fewer may be those of a quiet place."""
 
 
 class Watch:
@@ -142,13 +140,8 @@ class Watch:
 
     def _lost_crowd(self) -> None:
         """Of drones that gave nothing since the start nobody knows: what was raised before stays."""
-        mission = self._service.mission
-        suspects = mission.heatmap_units.suspects()
-        for drone, mass in mission.recent_crowd.masses().items():
-            heatmaps, said = suspects.get(drone, (0, ""))
-            text = said if heatmaps >= _SUSPECT_HEATMAPS else lost_crowd_warning(drone, mass)
-            if text is None and said:
-                continue  # too few to tell, so that nothing is over
+        for drone, mass in self._service.mission.recent_crowd.masses().items():
+            text = lost_crowd_warning(drone, mass)
             self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone)
 
     def _drones_and_zones(self) -> None:

@@ -1,0 +1,121 @@
+"""What a run would warn of, the service tells too: frames without a pose, heatmaps in the wrong units."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdfence import View
+from crowdfence.service.alerts import Alert
+from crowdfence.service.opening import replayed
+from crowdfence.service.service import Service
+from crowdfence.sources.recording import RefusedFrame
+from support.small_service import (
+    CONFIG,
+    SETTINGS,
+    asked,
+    heatmap,
+    message,
+    plain,
+    recording,
+    running,
+    settle,
+    views,
+)
+
+
+def alerts(service: Service, kind: str) -> list[Alert]:
+    """The oldest first."""
+    return [one for one in service.alerts.all() if one.kind == kind][::-1]
+
+
+def wait_for_end(service: Service) -> None:
+    for _ in range(2000):
+        if service.mode == "finished":
+            return
+        time.sleep(0.01)
+    raise TimeoutError("the replay did not end")
+
+
+def as_mask(one: View) -> View:
+    """Crowd as 1 of 255, which was meant as sure."""
+    marked = np.where(one.heatmap > 0.5, np.float32(1 / 255), np.float32(0))
+    return View(one.drone, one.stamp_ns, one.camera, one.world_from_camera, marked)
+
+
+def test_a_replay_tells_which_frames_have_no_pose() -> None:
+    flown = recording(views())
+    lost = tuple(RefusedFrame("uav4", flown.frames[0].stamp_ns + k, "the log has a gap") for k in range(3))
+    with replayed(
+        replace(flown, refused=lost), plain(), CONFIG, speed=float("inf"), settings=SETTINGS
+    ) as service:
+        wait_for_end(service)
+        (told,) = alerts(service, "refused_views")
+        assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav4", None)
+        assert told.text.startswith("3 frames of uav4 cannot be used, the first: ")
+        assert told.text.endswith("the log has a gap")
+
+
+def test_a_replay_tells_which_frames_could_not_be_used_on_the_way() -> None:
+    flown = recording(views())
+    halved = [
+        replace(one, pixels=replace(one.pixels, heatmap=lambda: np.zeros((7, 5), np.float32)))
+        if one.drone == "uav2"
+        else one
+        for one in flown.frames
+    ]
+    with replayed(
+        replace(flown, frames=tuple(halved)), plain(), CONFIG, speed=float("inf"), settings=SETTINGS
+    ) as service:
+        wait_for_end(service)
+        (told,) = alerts(service, "refused_views")
+        assert told.drone == "uav2" and "a view of uav2 could not be used: " in told.text
+
+
+def test_a_recording_without_a_usable_frame_is_no_empty_mission() -> None:
+    flown = recording(views())
+    lost = RefusedFrame("uav1", flown.frames[0].stamp_ns, "the log has a gap")
+    empty = replace(flown, frames=(), refused=(lost,))
+    with (
+        pytest.raises(ValueError, match=r"no frame of plain can be used; the first of 1 refusals: uav1 at"),
+        replayed(empty, plain(), CONFIG, settings=SETTINGS),
+    ):
+        pass
+
+
+def test_masks_of_one_raise_an_alarm_in_a_replay() -> None:
+    masks = [as_mask(one) if one.drone != "uav3" else one for one in views()]
+    with replayed(recording(masks), plain(), CONFIG, speed=float("inf"), settings=SETTINGS) as service:
+        wait_for_end(service)
+        told = alerts(service, "heatmap_units")
+        # The third drone's crowds are told in the right units.
+        assert {(one.level, one.drone) for one in told} == {("alarm", "uav1"), ("alarm", "uav2")}
+        assert all("look like masks of 0 and 1" in one.text for one in told)
+
+
+def test_masks_of_one_raise_an_alarm_live_until_a_heatmap_is_none(tmp_path: Path) -> None:
+    flown = [one for one in views(16) if one.drone == "uav1"]
+    with running(tmp_path / "data") as service, asked(service) as http:
+
+        def give(one: View) -> None:
+            assert http.post("/api/v1/views", content=message(one)).status_code == 202
+
+        for one in flown[:9]:
+            give(as_mask(one))
+        settle(service)
+        assert not alerts(service, "heatmap_units"), "nine prove nothing"
+        for one in flown[9:15]:
+            give(as_mask(one))
+        settle(service)
+        (told,) = alerts(service, "heatmap_units")
+        assert (told.drone, told.cleared_ns) == ("uav1", None)
+        last = flown[15]
+        right = np.maximum(heatmap("uav1", 0.0), np.float32(0.5))
+        give(View(last.drone, last.stamp_ns, last.camera, last.world_from_camera, right))
+        settle(service)
+        assert service.live is not None
+        service.live.finish()
+        (told,) = alerts(service, "heatmap_units")
+        assert told.cleared_ns is not None
