@@ -197,6 +197,43 @@ def test_a_conversion_says_what_is_doubtful_too(doubtful: tuple[Path, Path], tmp
     assert len(json.loads(done.stdout)["warnings"]) == 1
 
 
+def turned_up(recording: Path, drone: str) -> Path:
+    """The camera of a drone looks straight up, as where 90 was taken for straight down."""
+    poses = recording / "poses.csv"
+    rows = [
+        row.replace(",0,1,0,0", ",1,0,0,0") if row.startswith(f"{drone},") else row
+        for row in poses.read_text().splitlines()
+    ]
+    poses.write_text("\n".join(rows) + "\n")
+    return recording
+
+
+def test_cameras_that_look_at_the_sky_are_told_as_such(plain: Path, tmp_path: Path) -> None:
+    flown = turned_up(write_hovering(tmp_path / "rec", {"uav1": FIRST}), "uav1")
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        "error: no view saw the terrain within --max-range-m 300 m: the camera looks above the horizon in 4 "
+        "of 4 views; straight down is a pitch of -90 degrees"
+    )
+
+
+def test_a_drone_that_saw_no_ground_is_told_though_another_saw_some(plain: Path, tmp_path: Path) -> None:
+    """Nothing of it is refused, and it shows no crowd that could be missed. The third has a pose only."""
+    flown = turned_up(write_hovering(tmp_path / "rec", {"uav1": FIRST, "uav2": FIRST}), "uav2")
+    with (flown / "poses.csv").open("a") as poses:
+        poses.write(f"uav3,{FIRST[0]},0,0,40,0,1,0,0\n")
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert [one for one in told if one.startswith("uav1")] == []
+    assert (
+        "uav2: none of its 4 views shows ground of the map within 300 m: the camera looks above the horizon "
+        "in 4 of 4 views; straight down is a pitch of -90 degrees" in told
+    )
+    assert "uav3: no frame of it was used" in told
+
+
 @pytest.mark.parametrize("command", ["inspect", "run"])
 def test_ten_bytes_of_a_recording_are_one_line(plain: Path, tmp_path: Path, command: str) -> None:
     cut = tmp_path / "flight.mcap"

@@ -15,6 +15,7 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
 from crowdfence.maps.voxel_size import coarse_voxels_warning
+from crowdfence.pipeline.blind_drones import BlindDrones
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
@@ -68,8 +69,8 @@ class Run:
     voxel_size_why: str = ""
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
-    """What is doubtful about the map and what was taken from it, about the units of heatmaps, and of videos
-    that stood still, one sentence each."""
+    """What is doubtful about the map and what was taken from it, about the units of heatmaps, about drones that
+    saw nothing of the map and about videos that stood still, one sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -155,12 +156,13 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    units, video = HeatmapUnits(), StillVideo()
+    units, blind, video = HeatmapUnits(), BlindDrones(), StillVideo()
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         for view in found.views:
             units.look(view)
             video.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
+        blind.look(found.views, last.update.observations)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)
@@ -171,7 +173,7 @@ def run(
     if last is None or looked == 0:
         raise ValueError(no_frame_line(recording, refused))
     if last.seen_count == 0:
-        why = under or "do map and poses share one frame?"
+        why = under or blind.upward_line() or "do map and poses share one frame?"
         raise ValueError(f"no view saw the terrain within max_range_m = {max_range_m:g} m: {why}")
     stamps_ns = [row.stamp_ns for row in rows]
     georeference = recording.georeference or terrain.georeference
@@ -192,7 +194,14 @@ def run(
         last_views=last_views,
         holes=holes,
         crowd_mass={drone: loop.crowd_mass.get(drone, CrowdMass()) for drone in recording.drones},
-        doubts=(*map_doubts, *doubts, *filter(None, (coarse, under)), *units.warnings, *video.warnings),
+        doubts=(
+            *map_doubts,
+            *doubts,
+            *filter(None, (coarse, under)),
+            *units.warnings,
+            *blind.warnings(recording.drones, max_range_m),
+            *video.warnings,
+        ),
         voxel_size_why=voxel_size_why,
     )
 
