@@ -82,7 +82,7 @@ def open_recording(
         recording = _in_time(_open_one(Path(path), limits, options), limits)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
-    recording = _steadied(recording, pose_noise)
+    recording = _with_lens_doubts(_steadied(recording, pose_noise))
     if ground_start:
         recording = _from_the_ground(recording)
     return recording if alignment is None else _aligned(recording, alignment)
@@ -174,6 +174,16 @@ def _in_time(recording: Recording, limits: Limits) -> Recording:
         warnings=(*recording.warnings, *(text for text in said if text is not None)),
         longest_gap_s=max(limits.max_jump_s, gap_s),
     )
+
+
+def _with_lens_doubts(recording: Recording) -> Recording:
+    """With a warning for each drone with a camera that no usual one is."""
+    from crowdfence.sources.lens.doubtful import lens_doubt
+
+    cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
+    doubts = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
+    said = tuple(f"{drone}: {doubt}" for drone, doubt in sorted(doubts.items()))
+    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
 
 
 def _open_film(
