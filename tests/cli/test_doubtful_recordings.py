@@ -234,6 +234,22 @@ def test_a_drone_that_saw_no_ground_is_told_though_another_saw_some(plain: Path,
     assert "uav3: no frame of it was used" in told
 
 
+@pytest.mark.parametrize("command", ["inspect", "run", "convert"])
+def test_every_command_that_reads_a_recording_tells_its_warnings(
+    plain: Path, tmp_path: Path, command: str
+) -> None:
+    """A mission file holds no word of the rows that could not be read: who converts must hear of them."""
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
+    with (flown / "poses.csv").open("a") as poses:
+        poses.write("uav1,x,0,0,40,0,1,0,0\n")
+    options = {"run": ("-o", tmp_path / "out"), "convert": ("-o", tmp_path / "flight.mcap")}.get(command, ())
+    local = () if command == "convert" else ("--assume-local",)
+    done = crowdfence(command, flown, "-t", plain, *local, *options)
+    assert done.returncode == 0, done.stderr
+    said = "poses.csv: 1 rows cannot be read, first: line 6: stamp_ns is 'x', expected a whole number"
+    assert f"warning: {said}" in done.stderr.splitlines()
+
+
 @pytest.mark.parametrize("command", ["inspect", "run"])
 def test_ten_bytes_of_a_recording_are_one_line(plain: Path, tmp_path: Path, command: str) -> None:
     cut = tmp_path / "flight.mcap"

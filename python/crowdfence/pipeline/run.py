@@ -69,8 +69,8 @@ class Run:
     voxel_size_why: str = ""
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
-    """What is doubtful about the map and what was taken from it, about the units of heatmaps, about drones that
-    saw nothing of the map and about videos that stood still, one sentence each."""
+    """What is doubtful about the map and what was taken from it, about the units of heatmaps, about drones
+    that saw nothing of the map and about videos that stood still, one sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
