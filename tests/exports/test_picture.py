@@ -187,6 +187,20 @@ def test_a_footprint_of_a_camera_that_looks_down() -> None:
     assert ground_footprint(View("uav1", 0, camera, pose, view.heatmap), terrain, 100.0).shape == (0, 2)
 
 
+def test_a_footprint_of_a_lens_whose_model_ends_before_the_picture() -> None:
+    """Such a camera is used, its blind pixels as unseen: drawing it must not fail either."""
+    terrain = Terrain.from_height_map(np.zeros((100, 100)), 1.0, origin=(-50.0, -50.0, 0.0))
+    # r (1 - 0.4 r^2) rises up to r = 1 / sqrt(1.2) = 0.913: beyond 0.609 x 300 = 183 pixels off the middle
+    # there is no ray, and from 20 m up the last one meets the ground 18.3 m from below the camera.
+    camera = Camera.pinhole(640, 480, 300.0, 300.0, 320.0, 240.0, [-0.4, 0.0, 0.0, 0.0])
+    assert camera.blind_pixel_count() > 640 * 480 / 2
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = (10.0, 5.0, 20.0)
+    outline = ground_footprint(View("uav1", 0, camera, pose, np.zeros((48, 64), np.float32)), terrain, 100.0)
+    radius_m = np.linalg.norm(outline - (10.0, 5.0), axis=1)
+    assert len(outline) > 20 and 16.0 < radius_m.max() < 18.3
+
+
 def test_scale_bar_length_and_place() -> None:
     assert [scale_length_m(width) for width in (10.0, 100.0, 249.0, 250.0, 6000.0)] == [2, 20, 20, 50, 1000]
     extent = Extent(0.0, 0.0, 100.0, 80.0)

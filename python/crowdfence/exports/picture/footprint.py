@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence._core import ViewError
+
 if TYPE_CHECKING:
-    from crowdfence._core import Terrain, View
+    from crowdfence._core import Camera, Terrain, View
 
 _COLUMNS, _ROWS = 64, 96
 _SMOOTHED_COLUMNS = 9
@@ -25,12 +27,28 @@ def ground_footprint(view: View, terrain: Terrain, max_range_m: float) -> NDArra
     u = np.linspace(0.5, camera.width - 0.5, _COLUMNS)
     v = np.linspace(camera.height - 0.5, 0.5, _ROWS)  # from the bottom of the picture upwards
     pixels = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    directions = camera.unproject(pixels) @ pose[:3, :3].T
-    _, distances_m = terrain.raycast(np.tile(pose[:3, 3], (len(pixels), 1)), directions, max_range_m)
+    rays = _rays(camera, pixels)
+    has_ray = np.isfinite(rays).all(axis=1)
+    directions = np.where(has_ray[:, None], rays, 0.0) @ pose[:3, :3].T
+    distances_m = np.full(len(pixels), np.inf)
+    origins = np.tile(pose[:3, 3], (int(has_ray.sum()), 1))
+    _, distances_m[has_ray] = terrain.raycast(origins, directions[has_ray], max_range_m)
     hit = np.isfinite(distances_m)
     offsets = directions[:, :2] * np.where(hit, distances_m, 0.0)[:, None]
     outline = outline_of_hits(offsets.reshape(_COLUMNS, _ROWS, 2), hit.reshape(_COLUMNS, _ROWS))
     return np.asarray(pose[:2, 3] + outline)
+
+
+def _rays(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit rays [N, 3] in camera axes, NaN at pixels where the distortion cannot be inverted. Those lie
+    together, in the corners, so that few halves have to be asked again."""
+    try:
+        return camera.unproject(pixels)
+    except ViewError:
+        if len(pixels) == 1:
+            return np.full((1, 3), np.nan)
+        middle = len(pixels) // 2
+        return np.concatenate([_rays(camera, pixels[:middle]), _rays(camera, pixels[middle:])])
 
 
 def outline_of_hits(offsets: NDArray[np.float64], hit: NDArray[np.bool_]) -> NDArray[np.float64]:
