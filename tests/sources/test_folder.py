@@ -361,3 +361,20 @@ def test_airsim_options_belong_to_airsim(recorded, tmp_path):
         open_recording(recorded, crowd_colors=[(1, 2, 3)])
     with pytest.raises(TypeError, match="colour"):
         open_recording(write_airsim(tmp_path / "airsim", flight()), colour=1)
+
+
+@pytest.mark.parametrize(
+    ("header", "encoding", "said"),
+    [
+        ("drone;stamp_ns;x;y;z;qw;qx;qy;qz", "utf-8", "Save it with commas instead of semicolons"),
+        ("drone\tstamp_ns\tx\ty\tz\tqw\tqx\tqy\tqz", "utf-8", "Save it with commas instead of tabs"),
+        ("drone,stamp_ns,x,y,z,qw,qx,qy,qz", "utf-16", "Save it as UTF-8"),
+        # Which of the two is east, nobody knows.
+        ("drone,stamp_ns,x,y,z,qw,qx,qy,qz,x", "utf-8", "has 2 columns 'x'; name one of them so"),
+    ],
+)
+def test_tables_of_another_form_say_what_to_do(recorded, header, encoding, said):
+    (recorded / "poses.csv").write_bytes((header + "\n").encode(encoding))
+    with pytest.raises(ValueError, match="poses.csv") as refused:
+        open_recording(recorded)
+    assert said in str(refused.value)

@@ -398,3 +398,11 @@ def test_coordinates_that_are_no_degrees_are_refused(tmp_path: Path, name: Any, 
     with pytest.raises(StaticZoneError) as refused:
         opened(tmp_path, in_system(name))
     assert message in str(refused.value)
+
+
+@pytest.mark.parametrize("data", [b"drone,stamp_ns,x,y,z\n", b"II*\x00\xbb\xff", b"PK\x03\x04 a .kmz"])
+def test_a_file_of_something_else_is_told_as_such(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "zones.kml"
+    path.write_bytes(data)
+    with pytest.raises(StaticZoneError, match=r"zones\.kml: it is neither KML nor JSON \(ED-318"):
+        open_static_zones(path, ANCHOR)

@@ -37,7 +37,7 @@ def open_static_zones(
         if data.removeprefix(BOM_UTF8).lstrip().startswith(b"<"):
             given = list(kml_zones(data, left_out))
         else:
-            document = json.loads(data)
+            document = _document(data)
             given = list(_reader(document)(document, left_out))
         zones = local_zones(given, georeference, set() if taken is None else taken, left_out)
     except RecursionError as error:
@@ -48,6 +48,13 @@ def open_static_zones(
     if not zones and not left_out:
         left_out.append("it holds no zone")
     return StaticZones(tuple(zones), tuple(left_out))
+
+
+def _document(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except ValueError as error:
+        raise ValueError(f"it is neither KML nor JSON (ED-318, ED-269, GeoJSON): {error}") from error
 
 
 def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:
