@@ -36,9 +36,9 @@ function Camera({ drone }: { drone: Drone }) {
   return (
     <button class={`camera ${chosen ? "chosen" : ""} ${drone.status}`} onClick={() => select({ kind: "drone", id: drone.drone })}>
       <CameraPicture drone={drone} heat={0.75} />
-      <span class="camera-name">
+      <span class="camera-name" title={drone.drone}>
         <i style={{ background: colour }} />
-        {drone.drone}
+        <b>{drone.drone}</b>
         <small>{drone.status === "ok" ? "" : ago(drone.stamp_ms, now)}</small>
       </span>
     </button>

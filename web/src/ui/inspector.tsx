@@ -208,11 +208,11 @@ function Evidence({ zone, now }: { zone: Zone; now: number }) {
           {zone.evidence.map((look) => (
             <tr key={look.drone}>
               <th>
-                <button class="link" onClick={() => select({ kind: "drone", id: look.drone })}>
+                <button class="link" title={look.drone} onClick={() => select({ kind: "drone", id: look.drone })}>
                   <svg width="9" height="9" viewBox="0 0 9 9" aria-hidden="true">
                     <circle cx="4.500" cy="4.500" r="4" fill={css(droneColour(PALETTES[theme], scene?.drones ?? [], look.drone))} />
                   </svg>
-                  {look.drone}
+                  <span>{look.drone}</span>
                 </button>
               </th>
               <td>{ago(look.last_look_ms, now)}</td>
