@@ -28,7 +28,7 @@ def ground_footprint(view: View, terrain: Terrain, max_range_m: float) -> NDArra
     v = np.linspace(camera.height - 0.5, 0.5, _ROWS)  # from the bottom of the picture upwards
     pixels = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     rays = _rays(camera, pixels)
-    has_ray = np.isfinite(rays).all(axis=1)
+    has_ray = np.asarray(np.isfinite(rays).all(axis=1))
     directions = np.where(has_ray[:, None], rays, 0.0) @ pose[:3, :3].T
     distances_m = np.full(len(pixels), np.inf)
     origins = np.tile(pose[:3, 3], (int(has_ray.sum()), 1))
