@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from crowdfence.atomic_file import writable_file, writable_folder, write_bytes
+from crowdfence.atomic_file import atomic_path, writable_file, writable_folder, write_bytes
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
 
@@ -191,3 +191,17 @@ def test_what_is_read_is_not_written(tmp_path: Path) -> None:
             raise AssertionError
     with writable_file(tmp_path / "other.kml", reads=[tmp_path / "history.jsonl"]):
         pass
+
+
+def test_a_disk_that_is_full_on_the_way_names_the_file(tmp_path: Path) -> None:
+    """The system's own error of a write says neither which file nor what became of the one before."""
+    target = tmp_path / "flight.mcap"
+    target.write_bytes(b"before")
+    with pytest.raises(OSError) as refused, atomic_path(target) as temporary:
+        temporary.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert refused.value.errno == errno.ENOSPC
+    assert refused.value.strerror == (
+        f"cannot write {target}: No space left on device; nothing there was changed"
+    )
+    assert everything_below(tmp_path) == ["flight.mcap"] and target.read_bytes() == b"before"

@@ -10,6 +10,8 @@ from pathlib import Path
 
 _PROOF_BYTES = 4096
 """One block of common file systems, so that a full disk is noticed."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Of these only writing can fail."""
 
 
 @contextmanager
@@ -30,8 +32,11 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
         yield temporary
         _flush_to_disk(temporary)
         os.replace(temporary, target)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno in NO_ROOM:  # a write does not say which file it was
+            what = f"cannot write {target}: {os.strerror(error.errno)}; nothing there was changed"
+            raise OSError(error.errno, what) from error
         raise
 
 

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
-from crowdfence.atomic_file import writable_folder
+from crowdfence.atomic_file import NO_ROOM, writable_folder
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -153,4 +153,6 @@ def _of_target(error: OSError, beside: Path, target: Path) -> OSError:
     """The same error, telling the user's folder and not the one beside it."""
     if error.errno is None:
         return type(error)(str(error).replace(str(beside), str(target)))
-    return OSError(error.errno, f"cannot write {target}: {error.strerror}; nothing there was changed")
+    # Of a file that found no room, the message names its place beside the folder.
+    why = os.strerror(error.errno) if error.errno in NO_ROOM else error.strerror
+    return OSError(error.errno, f"cannot write {target}: {why}; nothing there was changed")

@@ -267,3 +267,17 @@ def test_an_offset_with_its_unit_is_one_line(plain: Path, tmp_path: Path) -> Non
     done = crowdfence("run", flown, "-t", plain, *options)
     assert done.returncode == 1
     assert done.stderr.strip() == f"error: {plain}: height_offset_m is '48 m'; it must be a number"
+
+
+def test_a_mission_file_that_finds_no_room_is_named(plain: Path, tmp_path: Path) -> None:
+    """Files of this process may have 8 KiB: room for the proof that the folder can be written, not for the
+    map of 25 KiB."""
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
+    target = tmp_path / "flight.mcap"
+    words = [sys.executable, "-m", "crowdfence", "convert", flown, "-t", plain, "-o", target]
+    done = subprocess.run(
+        ["bash", "-c", 'ulimit -f 8; exec "$@"', "bash", *map(str, words)], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"error: cannot write {target}: File too large; nothing of it is left"
+    assert not target.exists()

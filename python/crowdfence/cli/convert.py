@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdfence.atomic_file import writable_file
+from crowdfence.atomic_file import NO_ROOM, writable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.wording import in_options
@@ -69,15 +69,22 @@ def convert(
         if terrain is not None:
             source, doubts = _on_map(source, terrain)
         with console.progress("converting", len(source.frames), "frames") as advance:
-            conversion = write_mission(
-                source,
-                output,
-                beside=beside,
-                depth_images=depth_images or results is not None,
-                terrain=terrain,
-                map_inside=with_map,
-                progress=lambda done, total: advance(),
-            )
+            try:
+                conversion = write_mission(
+                    source,
+                    output,
+                    beside=beside,
+                    depth_images=depth_images or results is not None,
+                    terrain=terrain,
+                    map_inside=with_map,
+                    progress=lambda done, total: advance(),
+                )
+            except OSError as error:
+                if error.errno not in NO_ROOM:
+                    raise
+                # A write does not say which file it was.
+                what = f"cannot write {output}: {error.strerror}; nothing of it is left"
+                raise OSError(error.errno, what) from error
     if lacking is not None:
         console.warn(lacking)
     warnings = [*source.warnings, *doubts]
