@@ -281,3 +281,20 @@ def test_a_mission_file_that_finds_no_room_is_named(plain: Path, tmp_path: Path)
     assert done.returncode == 1
     assert done.stderr.strip() == f"error: cannot write {target}: File too large; nothing of it is left"
     assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--fps", 5), "is no film: --fps does not apply"),
+        (("--geoid-m", 48), "is no film or folder of photographs: --geoid-m does not apply"),
+        (("--clock-offset", 2), "is no film: --clock-offset does not apply"),
+    ],
+)
+def test_options_of_other_recordings_are_named_as_they_were_given(
+    plain: Path, tmp_path: Path, given: tuple[str, int], said: str
+) -> None:
+    flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", *given, "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"error: {flown} {said}"

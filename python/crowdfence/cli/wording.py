@@ -32,8 +32,18 @@ _RULES = [
 ]
 
 
+_READERS_OWN = {"clock_offset_s": "--clock-offset", "frames_per_s": "--fps"}
+_OF_ANOTHER_KIND = re.compile(r"\b([a-z_]+)(?= does not apply$| says something about a recording;)")
+
+
+def _option_of_reader(found: re.Match[str]) -> str:
+    name = found[1]
+    return _READERS_OWN.get(name, "--" + name.replace("_", "-"))
+
+
 def in_options(message: str) -> str:
     """A message with the options of the command line where the library names its arguments."""
+    message = _OF_ANOTHER_KIND.sub(_option_of_reader, message)
     for pattern, replacement in _RULES:
         message = pattern.sub(replacement, message)
     return message
