@@ -266,12 +266,17 @@ impl<'a> Canvas<'a> {
         low: DVec2,
         high: DVec2,
     ) -> (Range<usize>, Range<usize>) {
+        let (rows, columns) = pixels.around(low, high);
+        if rows.is_empty() || columns.is_empty() {
+            return (0..0, 0..0);
+        }
         let Some(middle) = camera.pixel_of_ideal(0.5 * (low + high)) else {
-            return (0..self.height, 0..self.width); // where the lens model ends
+            return (rows, columns); // where the lens model ends
         };
         let reach = pixels.reach(0.5 * (high - low));
-        let rows = centers_between(middle.y - reach.y, middle.y + reach.y, self.height);
-        (rows, centers_between(middle.x - reach.x, middle.x + reach.x, self.width))
+        let near_rows = centers_between(middle.y - reach.y, middle.y + reach.y, self.height);
+        let near_columns = centers_between(middle.x - reach.x, middle.x + reach.x, self.width);
+        (common(&rows, &near_rows), common(&columns, &near_columns))
     }
 
     /// Whether every pixel of a rectangle of the image, that of a pinhole, is painted on.
@@ -344,6 +349,13 @@ fn own(owners: &mut [u32], at: usize, owner: u32) {
     if let Some(pixel) = owners.get_mut(at) {
         *pixel = owner;
     }
+}
+
+/// What two ranges have in common.
+#[inline(always)]
+fn common(some: &Range<usize>, others: &Range<usize>) -> Range<usize> {
+    let start = some.start.max(others.start);
+    start..some.end.min(others.end).max(start)
 }
 
 /// Columns in a row, at least one, cut at the words that hold their bits, each part with its word.
