@@ -1,6 +1,5 @@
 """What a run would warn of, the service tells too: frames without a pose, heatmaps in the wrong units."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,20 +22,13 @@ from support.small_service import (
     running,
     settle,
     views,
+    wait_for_end,
 )
 
 
 def alerts(service: Service, kind: str) -> list[Alert]:
     """The oldest first."""
     return [one for one in service.alerts.all() if one.kind == kind][::-1]
-
-
-def wait_for_end(service: Service) -> None:
-    for _ in range(2000):
-        if service.mode == "finished":
-            return
-        time.sleep(0.01)
-    raise TimeoutError("the replay did not end")
 
 
 def as_mask(one: View) -> View:

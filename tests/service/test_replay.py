@@ -1,7 +1,6 @@
 """A mission through the service is the mission of `crowdfence run`, to the bit."""
 
 import random
-import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from support.small_service import (
     running,
     settle,
     views,
+    wait_for_end,
 )
 
 
@@ -28,14 +28,6 @@ def lines(service: Service, stamps_ns: list[int]) -> list[dict[str, object]]:
     service.store.flush()
     moments = [service.mission.timeline.at(stamp_ns) for stamp_ns in stamps_ns]
     return [history_line(one.stamp_ns, one.zones, {}) for one in moments if one is not None]
-
-
-def wait_for_end(service: Service) -> None:
-    for _ in range(2000):
-        if service.mode == "finished":
-            return
-        time.sleep(0.01)
-    raise TimeoutError("the replay did not end")
 
 
 def test_a_replay_gives_the_map_and_the_zones_of_a_run() -> None:

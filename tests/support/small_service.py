@@ -1,5 +1,6 @@
 """A small fleet over a plain with two crowds, as views, as a recording, and in a running service."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -143,3 +144,11 @@ def as_client(http: TestClient) -> Client:
     http.base_url = "http://localhost/api/v1"
     client._http = http  # type: ignore[assignment]
     return client
+
+
+def wait_for_end(service: Service) -> None:
+    for _ in range(2000):
+        if service.mode == "finished":
+            return
+        time.sleep(0.01)
+    raise TimeoutError("the replay did not end")

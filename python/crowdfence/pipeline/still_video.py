@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import View
+from crowdfence.sources.rotation_angle import angle_between_deg
 
 FEWEST = 3
 """Views of a drone that are like the one before, although it moved, before it is said."""
@@ -80,8 +81,7 @@ class StillVideo:
 def _moved(before: NDArray[np.float64], after: NDArray[np.float64]) -> bool:
     if np.linalg.norm(after[:3, 3] - before[:3, 3]) > _MOVED_M:
         return True
-    chord = np.linalg.norm(after[:3, :3] - before[:3, :3]) / np.sqrt(8.0)
-    return bool(2.0 * np.degrees(np.arcsin(min(1.0, chord))) > _TURNED_DEG)
+    return angle_between_deg(after[:3, :3], before[:3, :3]) > _TURNED_DEG
 
 
 def _tells(heatmap: NDArray[np.float32]) -> bool:

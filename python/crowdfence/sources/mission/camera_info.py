@@ -7,9 +7,9 @@ import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crowdfence._core import Camera
+from crowdfence.sources.rotation_angle import angle_between_deg
 
 _HALF_PIXEL = 0.5
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
@@ -74,7 +74,7 @@ def rectified_camera(info: Any) -> Camera:
         if any(info.d):
             raise ValueError("the pictures are rectified, and P in camera_info, which says how, is empty")
         return camera_from_info(info)
-    turn_deg = _turn_deg(r.reshape(3, 3)) if r.any() else 0.0
+    turn_deg = angle_between_deg(r.reshape(3, 3), np.eye(3)) if r.any() else 0.0
     if turn_deg > _MOST_TURN_DEG:
         raise ValueError(
             f"the pictures are rectified and turned by {turn_deg:.2f} degrees against the camera (R in "
@@ -86,8 +86,3 @@ def rectified_camera(info: Any) -> Camera:
 def _require_whole(info: Any) -> None:
     if info.binning_x > 1 or info.binning_y > 1 or info.roi.width or info.roi.height:
         raise ValueError("binned or cut images (binning_x, binning_y, roi in camera_info) are not supported")
-
-
-def _turn_deg(rotation: NDArray[np.float64]) -> float:
-    """Of a rotation [3, 3]; the chord, not the cosine, which is flat where it matters."""
-    return float(np.degrees(2.0 * np.arcsin(min(1.0, np.linalg.norm(rotation - np.eye(3)) / np.sqrt(8.0)))))

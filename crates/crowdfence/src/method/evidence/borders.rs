@@ -38,18 +38,19 @@ impl Borders {
     /// How many are at most as large as a value.
     #[inline(always)]
     pub fn up_to(&self, value: f32) -> usize {
-        let mut count = self.before[self.step_of(value)] as usize;
-        while count < self.borders.len() && self.borders[count] <= value {
-            count += 1;
-        }
-        count
+        self.count_before(value, |border| border <= value)
     }
 
     /// How many are smaller than a value.
     #[inline(always)]
     pub fn below(&self, value: f32) -> usize {
+        self.count_before(value, |border| border < value)
+    }
+
+    #[inline(always)]
+    fn count_before(&self, value: f32, is_before: impl Fn(f32) -> bool) -> usize {
         let mut count = self.before[self.step_of(value)] as usize;
-        while count < self.borders.len() && self.borders[count] < value {
+        while count < self.borders.len() && is_before(self.borders[count]) {
             count += 1;
         }
         count
