@@ -132,6 +132,25 @@ def test_column_surface() -> None:
     np.testing.assert_allclose(surface_m, TERRACE_M[:, None].repeat(20, axis=1), atol=0.001)
 
 
+@pytest.mark.parametrize("is_bare", [False, True], ids=["mesh", "bare voxels"])
+def test_the_surface_of_a_slope_is_what_a_ray_from_above_meets(is_bare: bool) -> None:
+    """There a column has voxels below the one in which its surface lies, and these reach no higher."""
+    rise = 40.0 * np.tan(np.radians(40.0))
+    corners = np.array([[0, 0, 0], [40, 0, rise], [40, 40, rise], [0, 40, 0]], dtype=float)
+    terrain = Terrain.from_triangles(corners, np.array([[0, 1, 2], [0, 2, 3]]), 1.0)
+    if is_bare:
+        terrain = Terrain.from_indices(terrain.voxel_indices(np.arange(terrain.voxel_count)), 1.0)
+    surface_m = column_surface_m(terrain)
+    at = np.stack(np.meshgrid(*(np.arange(side) for side in surface_m.shape), indexing="ij"), -1)
+    (west, south, lowest), (_, _, highest) = terrain.bounds
+    above = np.empty((surface_m.size, 3))
+    above[:, :2] = at.reshape(-1, 2) + np.array([west + 0.5, south + 0.5])
+    above[:, 2] = highest + 10.0
+    down = np.tile([0.0, 0.0, -1.0], (len(above), 1))
+    _, distance_m = terrain.raycast(above, down, 1000.0)
+    np.testing.assert_allclose(surface_m.ravel(), above[:, 2] - distance_m - lowest, atol=1e-4)
+
+
 def test_the_highest_voxel_of_a_column_counts_and_gaps_are_holes() -> None:
     """Bare voxels without neighbours: their surface is taken to be half way up."""
     occupied = np.zeros((5, 1, 4), np.bool_)

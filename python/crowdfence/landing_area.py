@@ -17,7 +17,6 @@ from crowdfence.surface_grid import MAX_COLUMNS
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
 
-_VOXELS_PER_BLOCK = 1 << 18
 _CELLS_PER_STRIP = 1 << 17
 
 
@@ -30,7 +29,7 @@ def landing_prior(
 ) -> float:
     """Share of the terrain's columns that are suitable for landing, as a prior inside (0, 1).
 
-    The surface is that of the highest voxel of each column, so roofs and tree crowns count as surface: for
+    The surface is the highest one of each column, so roofs and tree crowns count as surface: for
     the ground alone, build the terrain from ground points. See `landing_suitable` for the criteria; the paper
     states neither limit, the defaults are ours. In bare voxels, as of an OctoMap, a single step on level
     ground reads as a slope of up to 13.4 degrees: for limits below that, widen the window.
@@ -115,27 +114,19 @@ def column_surface_m(terrain: Terrain) -> NDArray[np.float32]:
     """Height [X, Y] of the highest surface over the middle of each column, metres above the terrain's lowest
     face.
 
-    Cell (0, 0) is the column of the smallest grid indices in use; NaN is a column without a voxel. Voxels are
-    read in blocks. ValueError for a terrain without voxels or with more than `MAX_COLUMNS` columns.
+    Cell (0, 0) is the column of the smallest grid indices in use; NaN is a column without a voxel. ValueError
+    for a terrain without voxels or with more than `MAX_COLUMNS` columns.
     """
     if terrain.voxel_count == 0:
         raise ValueError("the terrain has no voxels")
-    corners = (terrain.bounds - np.asarray(terrain.origin)) / terrain.voxel_size_m
-    lowest, end = np.rint(corners).astype(np.int64)
-    shape = (int(end[0] - lowest[0]), int(end[1] - lowest[1]))
-    if shape[0] * shape[1] > MAX_COLUMNS:
+    low, high = terrain.bounds[:, :2] / terrain.voxel_size_m
+    east, north = (int(side) for side in np.rint(high - low))
+    if east * north > MAX_COLUMNS:
         raise ValueError(
-            f"the terrain spans {shape[0]} x {shape[1]} columns, more than {MAX_COLUMNS}; "
+            f"the terrain spans {east} x {north} columns, more than {MAX_COLUMNS}; "
             "cut it to the area of the flight or use larger voxels"
         )
-    height_m = np.full(shape[0] * shape[1], -np.inf, np.float32)
-    for start in range(0, terrain.voxel_count, _VOXELS_PER_BLOCK):
-        ids = np.arange(start, min(start + _VOXELS_PER_BLOCK, terrain.voxel_count))
-        i, j, _ = (terrain.voxel_indices(ids) - lowest).T
-        above_m = terrain.surface_heights(ids) - terrain.bounds[0, 2]
-        np.maximum.at(height_m, i * shape[1] + j, above_m.astype(np.float32))
-    height_m[np.isneginf(height_m)] = np.nan
-    return height_m.reshape(shape)
+    return terrain.surface_map()
 
 
 def _strips(shape: tuple[int, ...]) -> Iterator[slice]:

@@ -385,6 +385,13 @@ impl PyTerrain {
         rows(py, ends, 4)
     }
 
+    /// The terrain from above [X, Y] float32: height of the highest surface over the middle of every
+    /// column, metres above the lowest face, from the smallest grid indices in use on. NaN in a column
+    /// without a voxel. Costs the map, 0.03 s a million voxels.
+    fn surface_map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        rows(py, py.detach(|| self.terrain.surface_map()), self.terrain.extent_xy()[1])
+    }
+
     /// Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape.
     fn voxel_ids<'py>(
         &self,

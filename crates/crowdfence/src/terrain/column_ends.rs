@@ -1,4 +1,4 @@
-//! Where the columns of a terrain begin and end.
+//! Where the columns of a terrain begin and end, and how high their surface lies.
 
 use rayon::prelude::*;
 
@@ -42,6 +42,29 @@ impl Terrain {
             let (bottom, top) = (level(low + bits.trailing_zeros()), level(high + top_bits.ilog2()));
             columns.push(ColumnEnds { i, j, bottom, top });
         })
+    }
+
+    /// The terrain from above: how high the surface lies over the middle of every column of `extent_xy`, metres above
+    /// the lowest face, column j of row i at i * extent_xy[1] + j from the lowest indices in use on. NaN without a voxel.
+    pub fn surface_map(&self) -> Vec<f32> {
+        let [rows, columns, _] = self.extent.map(|side| side as usize);
+        let heights = self.by_column(|[i, j], bricks, number, heights: &mut Vec<(usize, f32)>| {
+            let Some(brick) = bricks.iter().rfind(|brick| brick.column(number) != 0) else { return };
+            let z = brick.column(number).ilog2();
+            let top = f64::from(brick.low + z) + self.plane(brick.voxel_id(number, z)).height();
+            let [row, column] = [i.abs_diff(self.base[0]), j.abs_diff(self.base[1])].map(|at| at as usize);
+            heights.push((row * columns + column, (top * self.voxel_size_m) as f32));
+        });
+        let mut map = vec![f32::NAN; rows * columns];
+        for (at, height) in heights {
+            map[at] = height;
+        }
+        map
+    }
+
+    /// Columns along x and along y from the lowest indices in use to the highest.
+    pub fn extent_xy(&self) -> [usize; 2] {
+        [self.extent[0] as usize, self.extent[1] as usize]
     }
 
     /// What `tell` adds for each column, which may hold nothing, by i, then j: it gets the column's grid indices, the
@@ -98,6 +121,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::terrain::{HeightMap, Surface};
 
     proptest! {
         #[test]
@@ -116,6 +140,41 @@ mod tests {
                 .map(|([i, j], heights)| ColumnEnds { i, j, bottom: heights[0], top: heights[heights.len() - 1] })
                 .collect();
             prop_assert_eq!(terrain.columns(), expected);
+        }
+    }
+
+    proptest! {
+        /// Looking straight down from high above shows the same surface.
+        #[test]
+        fn the_surface_from_above_is_what_rays_meet(
+            heights in prop::collection::vec(-3.0..9.0f32, 12 * 10),
+            roofs in prop::collection::btree_set((-2i32..10, -2i32..8, 12i32..16).prop_map(<[i32; 3]>::from), 0..30),
+            is_estimated in prop::bool::ANY,
+        ) {
+            let size = 0.5;
+            let closed = HeightMap::new(&heights, [12, 10], size).unwrap();
+            let ground = Terrain::from_height_map(&closed, size, DVec3::ZERO).unwrap();
+            let roofs: Vec<[i32; 3]> = roofs.into_iter().collect();
+            let terrain = if is_estimated {
+                let all: Vec<u32> = (0..ground.voxel_count() as u32).collect();
+                let bare = [ground.indices_of(&all), roofs].concat();
+                Terrain::from_indices(&bare, size, DVec3::new(7.0, -3.0, 40.0)).unwrap()
+            } else {
+                ground
+            };
+            let (low, high) = terrain.bounds();
+            let [rows, columns] = terrain.extent_xy();
+            let map = terrain.surface_map();
+            prop_assert_eq!(map.len(), rows * columns);
+            for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+                let over = DVec3::new(low.x + (row as f64 + 0.5) * size, low.y + (column as f64 + 0.5) * size, high.z + 9.0);
+                let met = terrain.raycast(Surface::Planes, over, DVec3::NEG_Z, f64::INFINITY);
+                let height = map[row * columns + column];
+                match met {
+                    None => prop_assert!(height.is_nan()),
+                    Some(hit) => prop_assert!((f64::from(height) - (over.z - hit.distance_m - low.z)).abs() < 1e-4),
+                }
+            }
         }
     }
 
