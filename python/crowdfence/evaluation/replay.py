@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -27,7 +28,13 @@ from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
 from crowdfence.truth.at_exposure import people_at
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
-from crowdfence.truth.over_time import CrowdsOfTheWorld, LayerOfTheWorld, ProjectedLabels, TruthOverTime
+from crowdfence.truth.over_time import (
+    CrowdsOfTheWorld,
+    LayerOfTheWorld,
+    ProjectedLabels,
+    TruthAhead,
+    TruthOverTime,
+)
 from crowdfence.zones.closed_ground import ClosedGround
 
 TruthKind = Literal["projected", "world"]
@@ -168,33 +175,35 @@ def score(
     watched_ns = -np.inf
     refused = list(recording.refused)
     instants = recording.instants(first.grouping.tolerance_ms)
-    for instant, found in heatmaps.detected(instants, drones):
-        # Views are projected once; the other maps take the observations.
-        update = judged[0].loop.integrate(found.views, instant.stamp_ns)
-        for one in [*judged[1:], *beside]:
-            one.loop.integrate_observed(update.observations, instant.stamp_ns)
-        for seen in update.observations:
-            highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
-        for one in judged if of_crowds else ():
-            one.hold(instant.stamp_ns)
-        crowd = crowds.at(instant)
-        for one in [*judged, *beside]:
-            one.compare(crowd, highest, instant.stamp_ns)
-        if watch is not None:
-            watch.saw(update.observations)
-            if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+    with ThreadPoolExecutor(1, thread_name_prefix="truth") as executor:
+        ahead = TruthAhead(crowds, executor)
+        for instant, found in heatmaps.detected(ahead.begun(instants), drones):
+            # Views are projected once; the other maps take the observations.
+            update = judged[0].loop.integrate(found.views, instant.stamp_ns)
+            for one in [*judged[1:], *beside]:
+                one.loop.integrate_observed(update.observations, instant.stamp_ns)
+            for seen in update.observations:
+                highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
+            for one in judged if of_crowds else ():
+                one.hold(instant.stamp_ns)
+            crowd = ahead.next()
+            for one in [*judged, *beside]:
+                one.compare(crowd, highest, instant.stamp_ns)
+            if watch is not None:
+                watch.saw(update.observations)
+                if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
+                    watched_ns = instant.stamp_ns
+                    in_view = watch.at(instant)
+                    for one in judged:
+                        one.watch(in_view, crowd, highest, instant.stamp_ns)
+            if not of_crowds and instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
                 watched_ns = instant.stamp_ns
-                in_view = watch.at(instant)
+                people = people_at(instant.frames[-1], recording).position if knows_people else None
                 for one in judged:
-                    one.watch(in_view, crowd, highest, instant.stamp_ns)
-        if not of_crowds and instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-            watched_ns = instant.stamp_ns
-            people = people_at(instant.frames[-1], recording).position if knows_people else None
-            for one in judged:
-                one.look_at_layer(crowd, people, instant.stamp_ns)
-        refused += found.refused
-        if on_instant is not None:
-            on_instant(instant, found)
+                    one.look_at_layer(crowd, people, instant.stamp_ns)
+            refused += found.refused
+            if on_instant is not None:
+                on_instant(instant, found)
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
     return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others)

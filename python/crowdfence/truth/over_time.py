@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor, Future
 from typing import Literal, Protocol
 
 import numpy as np
@@ -19,6 +22,30 @@ class TruthOverTime(Protocol):
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
         """Crowd voxels [V]. FrameError when the truth of the instant is damaged."""
+
+
+class TruthAhead:
+    """Truth that is worked out by another thread, an instant ahead of whoever asks for it."""
+
+    def __init__(self, truth: TruthOverTime, executor: Executor) -> None:
+        """Of an executor with one worker: truths are called with the instants in their order."""
+        self._truth, self._executor = truth, executor
+        self._begun: deque[Future[NDArray[np.bool_]]] = deque()
+
+    def begun(self, instants: Iterable[Instant]) -> Iterator[Instant]:
+        """The same instants; with each the truth of the next one is begun."""
+        held: Instant | None = None
+        for instant in instants:
+            self._begun.append(self._executor.submit(self._truth.at, instant))
+            if held is not None:
+                yield held
+            held = instant
+        if held is not None:
+            yield held
+
+    def next(self) -> NDArray[np.bool_]:
+        """Crowd voxels [V] of the first instant that was not asked for yet, or what its truth raised."""
+        return self._begun.popleft().result()
 
 
 class ProjectedLabels:
