@@ -396,8 +396,12 @@ def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: P
         assert not given(service, range(20, 35, 5), 1)
         assert given(service, range(35, 40, 5), 1) == {("uav1", None)}
         (alert,) = [one for one in service.alerts.all() if one.kind == "detector_stale"]
-        assert alert.level == "alarm" and "its video stands still" in alert.text
-        assert not given(service, range(40, 45, 5), None)
+        assert alert.level == "alarm" and "its video stands still, its views are refused" in alert.text
+        assert service.live is not None and service.live.refused["uav1"] == 3
+    with running(tmp_path) as service:
+        assert given(service, range(40, 45, 5), 1) == {("uav1", None)}, "a restart mends nothing"
+        assert service.live is not None and service.live.refused["uav1"] == 1
+        assert not given(service, range(45, 50, 5), None)
 
 
 def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(

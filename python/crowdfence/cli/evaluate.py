@@ -112,7 +112,6 @@ def evaluate(
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
-    from crowdfence.pipeline.still_video import StillVideo
     from crowdfence.sources.layers import CROWD, checked_layer
 
     layer = checked_layer(context.params["layer"])
@@ -148,7 +147,7 @@ def evaluate(
         for one in _methods(context.params, name, paper, alpha)
     ]
     configs = [options.run_config(context.params, one) for one in methods]
-    units, video = HeatmapUnits(), StillVideo()
+    units = HeatmapUnits()
     turned_ones = [(number, turn) for number, one in enumerate(methods) for turn in turns(one) if sweep]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
@@ -157,7 +156,6 @@ def evaluate(
                 cells.add(instant, found)
             for view in found.views:
                 units.look(view)
-                video.look(view)
             advance(len(instant.frames))
 
         scores, refused, crowd_mass, swept = score(
@@ -182,7 +180,6 @@ def evaluate(
         *heatmaps.of_detectors,
         *doubts,
         *units.warnings,
-        *video.warnings,
         *lost,
     ]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
 from crowdfence.pipeline.picture_watch import PictureWatch
+from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
@@ -49,16 +50,20 @@ class HeatmapSource:
     watch: PictureWatch = field(default_factory=PictureWatch)
     """What the pictures were like that a model was shown."""
 
-    def detected(self, instants: Iterable[Instant], drones: int) -> Iterator[tuple[Instant, InstantViews]]:
-        """The step: each instant with its views and refused frames, in order.
+    def detected(
+        self, instants: Iterable[Instant], drones: int, video: StillVideo | None = None
+    ) -> Iterator[tuple[Instant, InstantViews]]:
+        """The step: each instant with its views and refused frames, in order. `video` refuses the views of
+        videos that stand still; whoever asks how they stand gives it.
 
         An ONNX model looks at the drones of an instant side by side, one thread each, which share its
         session, and at the next instant while the caller works on this one. Of other functions nobody knows
         whether they may be called so.
         """
+        video = StillVideo() if video is None else video
         if self.model is None and not any(member.path for member in self.members):
             for instant in instants:
-                yield instant, instant.views(self.heatmap_of)
+                yield instant, video.moving(instant.views(self.heatmap_of))
             return
         begun: deque[tuple[Instant, Callable[[], InstantViews]]] = deque()
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
@@ -66,9 +71,9 @@ class HeatmapSource:
                 begun.append((instant, instant.views_begun(self.heatmap_of, executor)))
                 if len(begun) > 1:
                     earlier, views = begun.popleft()
-                    yield earlier, views()
+                    yield earlier, video.moving(views())
             for earlier, views in begun:
-                yield earlier, views()
+                yield earlier, video.moving(views())
 
     @property
     def of_detectors(self) -> list[str]:

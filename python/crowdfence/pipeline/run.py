@@ -23,7 +23,6 @@ from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.no_frame import no_frame_line
-from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
@@ -156,11 +155,10 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    units, blind, video = HeatmapUnits(), BlindDrones(), StillVideo()
+    units, blind = HeatmapUnits(), BlindDrones()
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         for view in found.views:
             units.look(view)
-            video.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         blind.look(found.views, last.update.observations)
         looked += len(last.drones)
@@ -200,7 +198,6 @@ def run(
             *filter(None, (coarse, under)),
             *units.warnings,
             *blind.warnings(recording.drones, max_range_m),
-            *video.warnings,
         ),
         voxel_size_why=voxel_size_why,
     )

@@ -404,7 +404,7 @@ class Live:
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
         try:
             # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
-            contents = [arrival.arrived() for arrival in group]
+            contents = [self._unless_still(arrival.arrived()) for arrival in group]
             with self._mission.lock:
                 self._step_with(group, contents, stamp_ns)
         except Exception as error:  # a mistake of ours
@@ -415,6 +415,11 @@ class Live:
         for then_s in acknowledged_s:
             if then_s is not None:
                 self.publishing.took(time.monotonic() - then_s)
+
+    def _unless_still(self, content: Content) -> Content:
+        if not isinstance(content, View):
+            return content
+        return self._mission.still_video.refusal_of(content) or content
 
     def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
@@ -510,7 +515,6 @@ class Live:
                 arrival.stamp_ns, content.camera, content.world_from_camera, arrival.image is not None, True
             ),
         )
-        self._mission.still_video.look(content)
         if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
             return
         self._media.keep("heatmap", arrival.drone, arrival.stamp_ns, heatmap_png(content.heatmap))

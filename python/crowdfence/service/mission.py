@@ -166,6 +166,7 @@ class Mission:
             "stamp_ns": 0 if newest is None else newest.stamp_ns,
             "found": history_line(0, self.found, {}),
             "operator_zones": self.operator_zones.to_json(),
+            "still_video": self.still_video.to_json(),
         }
         return packed(json.dumps(told).encode(), self.loop.crowd_map.to_bytes(), self.loop.to_bytes())
 
@@ -180,8 +181,11 @@ class Mission:
         found = replace(kept, static=self._static)
         operator_zones = self._no_operator_zones()
         operator_zones.restore(state["operator_zones"])
+        still_video = StillVideo()
+        still_video.restore(state.get("still_video", {}))  # builds of before did not keep it
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
+        self.still_video = still_video
         self._had_other_static = _records(kept.static) != _records(self._static)
         self._belief = None
         if state["number"]:

@@ -69,7 +69,8 @@ class Replay:
         self._tell_refused()
         first_ns, started_s = None, time.monotonic()
         instants = recording.instants(mission.config.grouping.tolerance_ms)
-        for instant, found in mission.heatmaps.detected(instants, len(recording.drones)):
+        drones = len(recording.drones)
+        for instant, found in mission.heatmaps.detected(instants, drones, mission.still_video):
             first_ns = instant.stamp_ns if first_ns is None else first_ns
             due_s = started_s + (instant.stamp_ns - first_ns) / _SECOND_NS / self._speed
             if self._stopped.wait(max(0.0, due_s - time.monotonic())):
@@ -103,7 +104,6 @@ class Replay:
         for frame in instant.frames:  # the refused ones too
             self._fleet.was_at(frame.drone, frame.stamp_ns, frame.world_from_camera[:3, 3])
         for view in views:
-            self._mission.still_video.look(view)
             self._doubts.look(view, instant.stamp_ns)
             frame = frames[view.drone]
             has_picture = frame.pixels.image is not None
