@@ -1151,6 +1151,12 @@ class CrowdMap:
 
         StampError for a stamp before the newest instant, CrowdfenceError for a parameter out of bounds.
         """
+    def empty_ids(
+        self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
+    ) -> NDArray[np.int64]:
+        """The voxels in state `EMPTY`, sorted ids [N] int64; arguments and errors as for `state`. Costs what was
+        seen, not the map.
+        """
     def knowledge(
         self,
         ids: ArrayLike,

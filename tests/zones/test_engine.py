@@ -16,7 +16,7 @@ from crowdfence.config import EvidenceConfig, ZoneConfig
 from crowdfence.planner import ClearAir
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone, ZoneEngine, ZoneSet, find_zones
-from crowdfence.zones.tracker import column_places
+from crowdfence.zones.tracker import column_keys
 from crowdfence.zones.unseen import StandingPlaces
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
 from support.small_zones import SECOND_NS, DrawnZones, drawing, ids, told
@@ -547,8 +547,8 @@ def test_what_the_map_calls_crowd_is_closed_by_a_zone_or_as_ground_that_is_not_k
     standing = StandingPlaces(terrain)
 
     def unknown(second: int, in_zones: NDArray[np.int64]) -> list[int]:
-        keys = standing.unknown(crowd_map, second * SECOND_NS, 0.08, 30.0, in_zones)
-        return list(column_places(keys)[:, 0])
+        runs = standing.unknown(crowd_map, second * SECOND_NS, 0.08, 30.0, in_zones, nowhere)
+        return np.repeat(runs.i, runs.length).tolist()
 
     nowhere, east = standing.columns[:0], standing.columns[4:]
     assert unknown(0, nowhere) == []
@@ -556,6 +556,48 @@ def test_what_the_map_calls_crowd_is_closed_by_a_zone_or_as_ground_that_is_not_k
     assert unknown(600, nowhere) == [0, 1, 2, 3, 4, 5]
     assert unknown(600, east) == [0, 1, 2, 3]
     assert unknown(600, standing.columns) == []
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_what_is_unknown_is_what_the_states_of_its_places_say(data: st.DataObject) -> None:
+    """Roofs over ground, holes, crowd on either, in a zone or not: column by column, place by place."""
+    coordinate = st.integers(-2, 4)
+    places = sorted(data.draw(st.sets(st.tuples(coordinate, coordinate, st.integers(0, 3)), min_size=1)))
+    value = st.sampled_from([np.nan, 0.0, 0.0, 1.0])
+    crowd_map = crowd_map_of(places, np.array([data.draw(value) for _ in places]))
+    columns = sorted({place[:2] for place in places})
+    in_zones, in_no_zone = (sorted(data.draw(st.sets(st.sampled_from(columns)))) for _ in range(2))
+
+    def keys(of: list[tuple[int, int]]) -> NDArray[np.int64]:
+        return column_keys(np.array(of, np.int64).reshape(-1, 2))
+
+    standing = StandingPlaces(crowd_map.terrain)
+    runs = standing.unknown(crowd_map, 0, 0.5, 30.0, keys(in_zones), keys(in_no_zone))
+
+    state = crowd_map.state(0, threshold=0.5)[crowd_map.terrain.voxel_ids(places)]
+    expected = set(in_no_zone)
+    for (i, j, k), one in zip(places, state, strict=True):
+        if (i, j, k + 1) in places:
+            continue  # nobody can stand there
+        if one == VoxelState.CROWD and (i, j) not in in_zones:
+            expected.add((i, j))
+        if one not in (VoxelState.CROWD, VoxelState.EMPTY):
+            expected.add((i, j))
+    ground = np.zeros((7, 7), np.bool_)
+    ground[tuple(np.array(columns).T + 2)] = True
+    expected |= {(i - 2, j - 2) for i, j in np.argwhere(ndimage.binary_fill_holes(ground) & ~ground)}
+
+    found = [
+        (i, j)
+        for i, south, north in zip(runs.i, runs.south, runs.north, strict=True)
+        for j in range(south, north)
+    ]
+    assert found == sorted(expected)
+    assert all(
+        (i, north) not in expected and (i, south - 1) not in expected
+        for i, south, north in zip(runs.i, runs.south, runs.north, strict=True)
+    ), "runs go on as far as the unknown does"
 
 
 @pytest.mark.parametrize("close_unseen", [False, True])

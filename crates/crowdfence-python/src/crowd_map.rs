@@ -330,6 +330,23 @@ impl PyCrowdMap {
         Ok(codes.into_pyarray(py))
     }
 
+    /// The voxels in state `EMPTY`, sorted ids [N] int64; arguments and errors as for `state`. Costs what was
+    /// seen, not the map.
+    #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]
+    fn empty_ids<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+        stale_after_s: f64,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.read(py, |map| {
+            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
+            map.empty_ids(stamp_ns, threshold, stale_after_s)
+        })?;
+        Ok(id_array(py, &ids))
+    }
+
     /// All that is known about the voxels `ids` [N] at a stamp not before the newest instant.
     ///
     /// Threshold and stale_after_s as for `state`; CrowdfenceError for an id that does not exist.

@@ -195,6 +195,15 @@ impl CrowdMap {
         }))
     }
 
+    /// The voxels that are [`VoxelState::Empty`] by the same rules, sorted. Costs what was seen, not the map.
+    pub fn empty_ids(&self, stamp_ns: i64, threshold: f64, stale_after_s: f64) -> Result<Vec<u32>> {
+        let now = self.moment(stamp_ns)?;
+        let rule = StateRule::new(threshold, stale_after_s)?;
+        Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
+            Reading::new(beliefs, &self.history, now).empty_ids(rule)
+        }))
+    }
+
     /// All that is known about some voxels; states as in [`CrowdMap::state`].
     pub fn knowledge(
         &self,

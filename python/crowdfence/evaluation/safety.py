@@ -181,7 +181,7 @@ def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
 
 def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
     """How many stand where every voxel of the crowd's ground that was seen is called empty."""
-    state = crowd_map.state(stamp_ns, threshold=threshold)[crowds.ground_ids]
+    state = crowd_map.knowledge(crowds.ground_ids, stamp_ns, threshold=threshold).state
     other = crowd_map.terrain.voxel_indices(crowds.ground_ids[state != VoxelState.EMPTY])
     return int(np.count_nonzero(~_is_among(crowds.people, other)))
 

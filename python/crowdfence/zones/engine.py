@@ -32,7 +32,7 @@ from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
 from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.simplify import simplified
-from crowdfence.zones.sorted_keys import are_among, united
+from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
 from crowdfence.zones.unseen import StandingPlaces
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
@@ -246,13 +246,11 @@ class ZoneEngine:
         if self._standing is None:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
-        keys = self._standing.unknown(
-            self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s, in_zones
+        runs = self._standing.unknown(
+            self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s, in_zones, in_no_zone
         )
-        keys = united(keys, in_no_zone)
-        if not len(keys):
+        if not len(runs):
             return ()
-        runs = Runs.of(column_places(keys))
         (outline,) = outlines(runs, np.zeros(len(runs), dtype=np.int64), terrain)
         zone = Zone.of_no_look(
             UNSEEN_ID,

@@ -44,6 +44,18 @@ class Runs:
         low, high = self.south.min(), self.north.max()
         return np.asarray(i * (high - low + 1) + (j - low))
 
+    def without(self, columns: NDArray[np.int64]) -> Runs:
+        """The runs of what is left when some of their own `columns` go: distinct (i, j) [C, 2], sorted."""
+        if not len(columns):
+            return self
+        gone, low, width = Runs.of(columns), self.south.min(), self.north.max() - self.south.min() + 1
+        begins = np.sort(np.append(self.key(self.i, self.south), self.key(gone.i, gone.north)), kind="stable")
+        ends = np.sort(np.append(self.key(self.i, self.north), self.key(gone.i, gone.south)), kind="stable")
+        # In this order the n-th begin and the n-th end are one run's, of no length where nothing is left.
+        left = begins != ends
+        i, south = np.divmod(begins[left], width)
+        return Runs(i, south + low, ends[left] - i * width + low)
+
     def holding(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
         """Position of the run that holds each column (i, j) [N], -1 = none; j as for `key`."""
         run = np.searchsorted(self.key(self.i, self.south), self.key(i, j), "right") - 1

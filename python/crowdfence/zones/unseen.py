@@ -1,5 +1,9 @@
 """Ground that is not known to be empty: never seen, hidden, stale, or what else a method does not clear, and
-holes of the map."""
+holes of the map.
+
+Nearly all of a large map may be unknown. So it is kept as runs of columns, and what is known is cut out of
+them: that costs what was seen, not the map.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap, Terrain
-from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.map_holes import hole_columns
+from crowdfence.zones.regions import Runs
 from crowdfence.zones.sorted_keys import are_among, united
 from crowdfence.zones.tracker import column_keys, column_places
+
+_NOWHERE = -1
 
 
 class StandingPlaces:
@@ -18,17 +24,19 @@ class StandingPlaces:
     terrain, see `Terrain.standing_places`."""
 
     def __init__(self, terrain: Terrain) -> None:
-        self._ids = terrain.standing_places()
-        keys = column_keys(terrain.voxel_indices(self._ids)[:, :2])
-        self._first = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1))
-        self.columns = keys[self._first]
+        ids = terrain.standing_places()
+        keys = column_keys(terrain.voxel_indices(ids)[:, :2])
+        begins = np.diff(keys, prepend=keys[:1] - 1) != 0
+        self.columns = keys[begins]
         """Keys of the columns [C], sorted."""
-        self._holes = column_keys(hole_columns(column_places(self.columns)))
-
-    @property
-    def has_holes(self) -> bool:
+        column = np.cumsum(begins, dtype=np.int32) - np.int32(1)
+        self._column_of = np.full(terrain.voxel_count, _NOWHERE, np.int32)
+        self._column_of[ids] = column
+        self._places = np.bincount(column, minlength=len(self.columns)).astype(np.int32)
+        holes = column_keys(hole_columns(column_places(self.columns)))
+        self._all = Runs.of(column_places(united(self.columns, holes)))
+        self.has_holes = len(holes) > 0
         """Whether the map lacks columns inside of itself, of which nobody knows how high the ground lies."""
-        return len(self._holes) > 0
 
     def unknown(
         self,
@@ -37,18 +45,22 @@ class StandingPlaces:
         threshold: float,
         stale_after_s: float,
         in_zones: NDArray[np.int64],
-    ) -> NDArray[np.int64]:
-        """Keys of the columns with a place that is neither empty nor crowd, or that is crowd while the column
-        is none of those `in_zones` (keys), and of those that the map lacks inside of itself, sorted. Whatever
-        state a method may invent is unknown here."""
-        if not len(self.columns):
-            return self.columns
-        state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
-        state = state[self._ids]
-        unknown = (state != VoxelState.EMPTY) & (state != VoxelState.CROWD)
-        is_unknown = np.logical_or.reduceat(unknown, self._first)
+        in_no_zone: NDArray[np.int64],
+    ) -> Runs:
+        """The columns with a place that is neither empty nor crowd, or that is crowd while the column is none
+        of those `in_zones` (sorted keys), those `in_no_zone` (the same), and those that the map lacks inside
+        of itself. Whatever state a method may invent is unknown here."""
+        empty_ids = crowd_map.empty_ids(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
+        empty = self._columns_under(empty_ids)
+        crowd = self._columns_under(crowd_map.crowd_ids(stamp_ns, threshold=threshold))
+        column, places = np.unique(np.append(empty, crowd), return_counts=True)
+        known = self.columns[column[places == self._places[column]]]
         # What the map calls crowd is no zone by that alone.
-        places = np.flatnonzero(state == VoxelState.CROWD)
-        crowd = np.searchsorted(self._first, places, "right") - 1
-        is_unknown[crowd[~are_among(self.columns[crowd], in_zones)]] = True
-        return united(self.columns[is_unknown], self._holes)
+        of_crowd = self.columns[np.unique(crowd)]
+        not_closed = united(of_crowd[~are_among(of_crowd, in_zones)], in_no_zone)
+        return self._all.without(column_places(known[~are_among(known, not_closed)]))
+
+    def _columns_under(self, ids: NDArray[np.int64]) -> NDArray[np.int32]:
+        """Position among `columns` of each of the voxels on which somebody can stand."""
+        column = self._column_of[ids]
+        return column[column != _NOWHERE]

@@ -171,6 +171,7 @@ mod tests {
     use crate::observation::{CrowdMass, Observation, SeenVoxels};
     use crate::opinion_pool::{OpinionPool, Rates, Unseen};
     use crate::temporal_blend::TemporalBlend;
+    use crate::crowd_map::VoxelState;
     use crate::terrain::Terrain;
 
     const SECOND: i64 = 1_000_000_000;
@@ -412,6 +413,28 @@ mod tests {
                 let values = map.probability_of(ids, 10 * SECOND).unwrap();
                 prop_assert_eq!(column.probability, values.into_iter().fold(0.0, f64::max));
                 prop_assert_eq!(column.crowd_count as usize, ids.len());
+            }
+        }
+
+        #[test]
+        fn the_empty_voxels_are_those_in_that_state(
+            deeds in deeds(), number in 0u8..3, threshold in 0.005..0.6, stale_after_s in 0.0..4.0, later in 0i64..5,
+        ) {
+            let mut map = square(method_of(number));
+            let mut stamp_ns: i64 = 1000 * SECOND;
+            for deed in deeds {
+                stamp_ns += (deed.after.abs() + 1) * SECOND / 10;
+                let all = 0..map.terrain.voxel_count() as u32;
+                let inside = |id: &u32| {
+                    let [i, j, _] = map.terrain.index(*id);
+                    (0..deed.side).contains(&(i - deed.corner.0)) && (0..deed.side).contains(&(j - deed.corner.1))
+                };
+                let means = all.clone().filter(inside).map(|id| (id, deed.mean)).collect();
+                look_at(&mut map, stamp_ns, 0, &means);
+                let asked_ns = stamp_ns + later * SECOND;
+                let states = map.state(asked_ns, threshold, stale_after_s).unwrap();
+                let expected: Vec<u32> = all.filter(|&id| states[id as usize] == VoxelState::Empty).collect();
+                prop_assert_eq!(map.empty_ids(asked_ns, threshold, stale_after_s).unwrap(), expected);
             }
         }
 

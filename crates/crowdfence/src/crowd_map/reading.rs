@@ -80,7 +80,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         let probability = self.faded(self.beliefs.pages.get(id as usize), slot);
         if probability >= rule.threshold {
             VoxelState::Crowd
-        } else if self.age_s(slot) <= rule.stale_after_s {
+        } else if self.is_fresh(slot, rule) {
             if self.beliefs.method.clears(probability) { VoxelState::Empty } else { VoxelState::NotCleared }
         } else if self.was_empty(id, rule) {
             VoxelState::Stale
@@ -114,6 +114,28 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         }
     }
 
+    /// The voxels that are empty, in the order of their ids. Costs what was seen, not the map.
+    pub fn empty_ids(&self, rule: StateRule) -> Vec<u32> {
+        let method = &self.beliefs.method;
+        let is_fresh: Vec<bool> =
+            (0..self.fading.len()).map(|slot| self.is_fresh(slot as u32, rule)).collect();
+        let pages: Vec<usize> = self.history.looks.written().map(|(number, _)| number).collect();
+        let empty_of = |&number: &usize| {
+            self.looks_of(number).filter_map(|(id, slot, belief)| {
+                let is_empty = is_fresh[slot as usize] && {
+                    let probability = self.faded(belief, slot);
+                    probability < rule.threshold && method.clears(probability)
+                };
+                is_empty.then_some(id)
+            })
+        };
+        pages.par_iter().with_min_len(PAGES_AT_ONCE).flat_map_iter(empty_of).collect()
+    }
+
+    fn is_fresh(&self, slot: u32, rule: StateRule) -> bool {
+        self.age_s(slot) <= rule.stale_after_s
+    }
+
     fn age_s(&self, slot: u32) -> f64 {
         seconds_between(self.history.instants.at(slot).stamp_ns, self.now.stamp_ns)
     }
@@ -143,12 +165,17 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
 
     /// The voxels of a page that somebody has seen, in the order of their ids, and their probabilities.
     fn of_page(&self, number: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+        self.looks_of(number).map(|(id, slot, belief)| (id, self.faded(belief, slot)))
+    }
+
+    /// The same voxels, each with the slot of its last look and its belief then.
+    fn looks_of(&self, number: usize) -> impl Iterator<Item = (u32, u32, M::Belief)> + '_ {
         let looks = self.history.looks.page(number).unwrap_or(&[]);
         let beliefs = self.beliefs.pages.page(number).unwrap_or(&[]);
         let first = (number * PAGE_LENGTH) as u32;
         looks.iter().zip(beliefs).zip(first..).filter_map(|((&code, &belief), id)| {
             match Look::from_code(code) {
-                Look::At(slot) => Some((id, self.faded(belief, slot))),
+                Look::At(slot) => Some((id, slot, belief)),
                 Look::Never | Look::Occluded => None,
             }
         })
