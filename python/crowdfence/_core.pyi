@@ -1154,8 +1154,9 @@ class CrowdMap:
     def empty_ids(
         self, stamp_ns: int, *, threshold: float | None = None, stale_after_s: float = 30.0
     ) -> NDArray[np.int64]:
-        """The voxels in state `EMPTY`, sorted ids [N] int64; arguments and errors as for `state`. Costs what was
-        seen, not the map.
+        """The voxels in state `EMPTY`, sorted ids [N] int64. Costs what was seen, not the map.
+
+        Arguments and errors as for `state`.
         """
     def knowledge(
         self,

@@ -330,8 +330,9 @@ impl PyCrowdMap {
         Ok(codes.into_pyarray(py))
     }
 
-    /// The voxels in state `EMPTY`, sorted ids [N] int64; arguments and errors as for `state`. Costs what was
-    /// seen, not the map.
+    /// The voxels in state `EMPTY`, sorted ids [N] int64. Costs what was seen, not the map.
+    ///
+    /// Arguments and errors as for `state`.
     #[pyo3(signature = (stamp_ns, *, threshold=None, stale_after_s=30.0))]
     fn empty_ids<'py>(
         &self,
