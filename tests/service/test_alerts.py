@@ -61,3 +61,24 @@ def test_an_alert_that_is_over_while_somebody_acknowledges_it_is_over(tmp_path: 
         assert (alert.acknowledged_by, alert.cleared_ns) == ("ann", 3)
     finally:
         store.close()
+
+
+def test_what_has_doubled_is_told_anew_and_what_grows_slowly_is_not(tmp_path: Path) -> None:
+    store = Store(tmp_path, durable=False)
+    try:
+        alerts = Alerts(store)
+
+        def told(measure: float) -> tuple[str, str]:
+            alert = alerts.raise_("lost_crowd", "alarm", f"lost {measure}", 1, drone="uav1", measure=measure)
+            return alert.id, alert.text
+
+        assert told(10.0) == ("A1", "lost 10.0")
+        assert told(19.0) == ("A1", "lost 10.0")
+        assert told(20.0) == ("A1", "lost 20.0"), "nobody acknowledged it yet: one alert, with what holds now"
+        alerts.acknowledge("A1", "ann", 2)
+        assert told(39.0) == ("A1", "lost 20.0")
+        assert told(40.0) == ("A2", "lost 40.0")
+        old, new = sorted(alerts.all(), key=lambda alert: alert.id)
+        assert (old.cleared_ns, new.cleared_ns, new.acknowledged_by) == (1, None, None)
+    finally:
+        store.close()

@@ -376,6 +376,49 @@ def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tm
         assert not active(service, "lost_crowd")
 
 
+def beside_the_map(number: int, columns: int) -> bytes:
+    """A view full of crowd, of whose 16 columns so many look past the eastern rim; 1.5 m of ground each."""
+    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_camera[:3, 3] = (48.0 + 1.5 * columns, 30.0, 18.0)
+    crowd = np.full((12, 16), 0.95, np.float32)
+    return message(View("uav1", START_NS + number * SECOND_NS // 5, CAMERA, world_from_camera, crowd))
+
+
+def test_lost_crowd_that_somebody_acknowledged_is_told_again_once_it_has_doubled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "_EVERY_S", 3600.0)  # it looks when the test does
+    flown = 0
+
+    def lose(service: Service, columns: int) -> list[tuple[str, str, bool]]:
+        """11 s of it, shares are of 10 s; the alarms that are not over: id, share, acknowledged."""
+        nonlocal flown
+        for number in range(flown, flown + 55):
+            service.live.give_view(beside_the_map(number, columns))
+        flown += 55
+        settle(service)
+        Watch(service).look()
+        return [
+            (one.id, one.text.split()[1], one.acknowledged_by is not None)
+            for one in service.alerts.all()
+            if one.kind == "lost_crowd" and one.cleared_ns is None
+        ]
+
+    with running(tmp_path) as service:
+        [(first, share, _)] = lose(service, 2)
+        assert share == "12.5%"  # 2 / 16
+        service.alerts.acknowledge(first, "ann", START_NS)
+        assert lose(service, 2) == [(first, "12.5%", True)]
+        assert lose(service, 3) == [(first, "12.5%", True)], "18.75 % is not twice as much"
+    with running(tmp_path) as service:
+        [(second, share, seen)] = lose(service, 5)
+        assert (second != first, share, seen) == (True, "31.2%", False)
+        assert service.alerts.named(first).cleared_ns is not None, "one alarm, not two, for one drone"
+        assert lose(service, 11) == [(second, "68.8%", False)], "nobody saw the smaller share yet"
+        service.alerts.acknowledge(second, "ann", START_NS)
+        assert lose(service, 12) == [(second, "68.8%", True)]
+
+
 def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: Path) -> None:
     """Two metres from one view to the next, and the picture of before."""
 
@@ -463,6 +506,13 @@ def test_a_disk_that_fills_up_is_an_alarm_before_it_is_full(
         looking.look()
         (alert,) = [one for one in service.alerts.all() if one.kind == "disk"]
         assert alert.level == "alarm" and "150 MB" in alert.text
+        service.alerts.acknowledge(alert.id, "ann", START_NS)
+        service.store_trouble = "database or disk is full"
+        looking.look()
+        full = service.alerts.active("disk")
+        assert full.acknowledged_by is None, "that views are refused is not what somebody acknowledged"
+        assert full.text == "nothing can be written, views are refused: database or disk is full"
+        service.store_trouble = None
         free = 10**12
         looking.look()
         assert not active(service, "disk")

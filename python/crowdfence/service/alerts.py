@@ -30,6 +30,8 @@ AlertKind = Literal[
 Level = Literal["info", "warning", "alarm"]
 
 _REMEMBERED = 1000
+_WORSE = 2.0
+"""Times what was told, from which on it is told anew."""
 _LOG = logging.getLogger(__name__)
 _LOG_LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "alarm": logging.ERROR}
 
@@ -48,6 +50,12 @@ class Alert:
     cleared_ns: int | None = None
     acknowledged_by: str | None = None
     acknowledged_ns: int | None = None
+    measure: float | None = None
+    """How bad it was when its text was written, for what can become worse; None says something else."""
+
+    def is_less_than(self, measure: float | None) -> bool:
+        """Whether what it says is no longer the half of it."""
+        return measure is not None and measure >= _WORSE * (self.measure or 0.0)
 
     @property
     def is_open(self) -> bool:
@@ -130,20 +138,29 @@ class Alerts:
         drone: str | None = None,
         zone: str | None = None,
         is_new: bool = False,
+        measure: float | None = None,
     ) -> Alert:
         """Raise it, or return the one that is active. `is_new`: it happened again, rather than still holds;
-        an active one that somebody acknowledged is over then, and a new one is raised."""
+        an active one that somebody acknowledged is over then, and a new one is raised. So it is where
+        `measure`, how bad it is, has doubled since it was told; whoever has not acknowledged it is told by
+        the same one."""
         over = None
         with self._lock:  # held until it is there: two threads that meet the same must not both raise it
             known = self._active(kind, drone, zone)
             if known is not None:
-                if not is_new or known.acknowledged_by is None:
+                is_worse = known.is_less_than(measure)
+                if not is_worse and (not is_new or known.acknowledged_by is None):
                     return known
-                over = self._keep(replace(known, cleared_ns=now_ns))
-            self._count += 1
-            while len(self._alerts) >= _REMEMBERED:
-                del self._alerts[self._least_needed()]
-            alert = self._keep(Alert(f"A{self._count}", kind, level, text, drone, zone, now_ns))
+                if known.acknowledged_by is not None or known.measure is None:
+                    over = self._keep(replace(known, cleared_ns=now_ns))
+            if known is not None and over is None:
+                alert = self._keep(replace(known, text=text, measure=measure))
+            else:
+                self._count += 1
+                while len(self._alerts) >= _REMEMBERED:
+                    del self._alerts[self._least_needed()]
+                named = f"A{self._count}"
+                alert = self._keep(Alert(named, kind, level, text, drone, zone, now_ns, measure=measure))
         _LOG.log(
             _LOG_LEVELS[level], text, extra={"alert": alert.id, "kind": kind, "drone": drone, "zone": zone}
         )

@@ -29,6 +29,10 @@ _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
 _LEAST_FREE_BYTES = 200_000_000
 _DETECTOR_STALE_S = 10.0
+_SMALL_SHARE = 0.05
+"""Of lost crowd: what is less counts as so much where it is told that the share has doubled."""
+_NO_ROOM = 1e9
+"""Of the disk, times less than it should have: nothing can be written any more."""
 
 
 class Watch:
@@ -142,7 +146,8 @@ class Watch:
         """Of drones that gave nothing since the start nobody knows: what was raised before stays."""
         for drone, mass in self._service.mission.recent_crowd.masses().items():
             text = lost_crowd_warning(drone, mass)
-            self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone)
+            share = max(mass.lost / mass.total if text else 0.0, _SMALL_SHARE)
+            self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone, measure=share)
 
     def _drones_and_zones(self) -> None:
         service, moment = self._service, self._service.mission.newest
@@ -193,19 +198,18 @@ class Watch:
         )
         if jump_s < -self._service.settings.max_ahead_s:
             text += ", which it does with this folder once that clock has passed its newest view"
-        self._set(jump_s != 0.0, "clock", "alarm", text)
+        self._set(jump_s != 0.0, "clock", "alarm", text, measure=abs(jump_s))
 
     def _disk(self) -> None:
         service = self._service
         if service.store_trouble is not None:
-            self._set(
-                True, "disk", "alarm", f"nothing can be written, views are refused: {service.store_trouble}"
-            )
+            text = f"nothing can be written, views are refused: {service.store_trouble}"
+            self._set(True, "disk", "alarm", text, measure=_NO_ROOM)
             return
         free = shutil.disk_usage(service.store.path.parent).free
-        self._set(
-            free < _LEAST_FREE_BYTES, "disk", "alarm", f"only {free / 1e6:.0f} MB are free for the journal"
-        )
+        text = f"only {free / 1e6:.0f} MB are free for the journal"
+        short = min(_LEAST_FREE_BYTES / max(free, 1), _NO_ROOM / 2)
+        self._set(free < _LEAST_FREE_BYTES, "disk", "alarm", text, measure=short)
 
     def _dismissals(self) -> None:
         """A dismissed zone comes back when its time is over, also when no view comes."""
@@ -220,11 +224,18 @@ class Watch:
                 mission.publish(max(now_ns, moment.stamp_ns))
 
     def _set(
-        self, wrong: bool, kind: AlertKind, level: Level, text: str, *, drone: str | None = None
+        self,
+        wrong: bool,
+        kind: AlertKind,
+        level: Level,
+        text: str,
+        *,
+        drone: str | None = None,
+        measure: float | None = None,
     ) -> None:
         alerts, now_ns = self._service.alerts, self._service.now_ns()
         if wrong:
-            alerts.raise_(kind, level, text, now_ns, drone=drone)
+            alerts.raise_(kind, level, text, now_ns, drone=drone, measure=measure)
         else:
             alerts.clear(kind, now_ns, drone=drone)
 
