@@ -69,6 +69,14 @@ describe("why a zone is closed", () => {
     expect(end).toBe("until looked at");
   });
 
+  it("is what they saw at the last look, once no view has come for a while", () => {
+    const seen = { ...zone, reason: "seen", why: "a drone saw crowd in it at this instant", last_seen_ms: 10_000 };
+    expect(closureOf(seen, 13_900)).toMatchObject({ reason: "crowd in view", why: seen.why });
+    expect(closureOf(seen, 22_000)).toMatchObject({ reason: "no look since", why: "a drone saw crowd in it 12 s ago" });
+    expect(closureOf(seen, 22_000).opens).toMatch(/Time alone does not open it/);
+    expect(closureOf({ ...seen, locked: true }, 22_000).end).toBe("until unlocked");
+  });
+
   it("is an operator's word before all", () => {
     expect(closureOf({ ...zone, locked: true }, 0).end).toBe("until unlocked");
     expect(closureOf({ ...zone, kind: "operator", reason: "given" }, 0).end).toBe("until dismissed");

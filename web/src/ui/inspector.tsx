@@ -83,7 +83,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
       </Head>
       <div class="why">
         <b>{zone.kind === "crowd" || zone.locked ? "Why still closed" : "Why closed"}</b>
-        <p data-test="why">{sentence(zone.why) || "The service gives no reason."}</p>
+        <p data-test="why">{sentence(closure.why) || "The service gives no reason."}</p>
         {closure.opens && <p class="opens">{closure.opens}</p>}
         {zone.operator && (
           <p class="opens">
@@ -137,7 +137,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
   );
 }
 
-function sentence(text: string | null): string {
+function sentence(text: string): string {
   if (!text) return "";
   return `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 }
