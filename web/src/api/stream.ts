@@ -6,6 +6,9 @@ const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 5_000;
 /** The service pings; a connection that is silent for longer is a dead one that nobody closed. */
 const SILENT_MS = 30_000;
+/** A machine that sleeps stops the page's clock, not the one on the wall: what it shows is older than it knows. */
+const ASLEEP_MS = 4_000;
+const AWAKE_EVERY_MS = 1_000;
 
 /** How long to wait before the nth attempt in a row, n from 0. */
 export function waitBefore(attempt: number): number {
@@ -25,9 +28,17 @@ export function openStream(listener: Listener): () => void {
   let silence: number | undefined;
   let ended = false;
 
+  const ahead = () => Date.now() - performance.now();
+  let before = ahead();
+  const awake = window.setInterval(() => {
+    const slept_ms = ahead() - before;
+    before = ahead();
+    if (slept_ms > ASLEEP_MS && socket?.readyState === WebSocket.OPEN) lost(socket);
+  }, AWAKE_EVERY_MS);
+
   const heard = () => {
     window.clearTimeout(silence);
-    silence = window.setTimeout(() => socket?.close(), SILENT_MS);
+    silence = window.setTimeout(() => socket && lost(socket), SILENT_MS);
   };
   const connect = () => {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -41,17 +52,23 @@ export function openStream(listener: Listener): () => void {
       heard();
       listener.onMessage(JSON.parse(event.data) as Message);
     };
-    socket.onclose = () => {
-      window.clearTimeout(silence);
-      if (ended) return;
-      listener.onConnection(false);
-      timer = window.setTimeout(connect, waitBefore(attempts++));
-    };
+    const opened = socket;
+    socket.onclose = () => lost(opened);
+  };
+  /** Not before the line itself is known to be dead: a machine that slept hears that late. */
+  const lost = (line: WebSocket) => {
+    line.onclose = line.onmessage = null;
+    line.close();
+    window.clearTimeout(silence);
+    if (ended) return;
+    listener.onConnection(false);
+    timer = window.setTimeout(connect, waitBefore(attempts++));
   };
   connect();
   return () => {
     ended = true;
     window.clearTimeout(timer);
+    window.clearInterval(awake);
     socket?.close();
   };
 }
