@@ -97,6 +97,17 @@ def test_beyond_its_edge_a_picture_is_transparent(photograph: Path) -> None:
     assert tuple(seen[84, 100]) == (*GREEN, 255)
 
 
+def test_a_browser_keeps_ground_and_map_of_this_service_only(http: TestClient) -> None:
+    # Another one at the same address may have other ground: it would be drawn below new zones for an hour.
+    run = http.get("/api/v1/scene").json()["run"]
+    for path in ("terrain", "base-map"):
+        kept = [
+            http.get(f"/api/v1/{path}{query}").headers["cache-control"]
+            for query in ("", "?run=0", f"?run={run}")
+        ]
+        assert kept == ["private, no-cache", "private, no-cache", "private, max-age=3600"]
+
+
 @pytest.mark.parametrize("query", ["west=5&east=1", "west=nan", "rows=0", "rows=99999"])
 def test_nonsense_is_refused_with_its_bound(http: TestClient, photograph: Path, query: str) -> None:
     service = http.app.state.service

@@ -120,6 +120,7 @@ class Service:
         span = mission.timeline.span_ns()
         return {
             "name": mission.name,
+            "run": mission.run,
             "mode": self.mode,
             "method": mission.loop.crowd_map.method.name,
             "threshold": mission.threshold,

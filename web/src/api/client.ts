@@ -49,7 +49,7 @@ async function bytes(url: string): Promise<ArrayBuffer> {
 export type At = string | null;
 
 export const scene = () => get<Scene>(address("/scene"));
-export const terrain = () => bytes(address("/terrain"));
+export const terrain = (run: string) => bytes(address("/terrain", { run }));
 export const belief = (at: At) => bytes(address("/belief", { at }));
 export const zones = (at: At) => get<Zones>(address("/zones", { at }));
 export const zoneHistory = (id: string, at: At) =>
@@ -71,9 +71,9 @@ export const pictureAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/picture`, { at });
 export const heatmapAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/heatmap`, { at });
-export const baseMapAddress = () => address("/base-map");
-export const baseMapPictureAddress = ([west, south, east, north]: readonly number[], rows: number, columns: number) =>
-  address("/base-map/picture", Object.fromEntries(Object.entries({ west, south, east, north, rows, columns }).map(([name, value]) => [name, String(value)])));
+export const baseMapAddress = (run: string) => address("/base-map", { run });
+export const baseMapPictureAddress = (run: string, [west, south, east, north]: readonly number[], rows: number, columns: number) =>
+  address("/base-map/picture", { run, ...Object.fromEntries(Object.entries({ west, south, east, north, rows, columns }).map(([name, value]) => [name, String(value)])) });
 export const exportAddress = (format: string, at: At, more: Record<string, string> = {}) =>
   address("/export", { format, at, ...more });
 

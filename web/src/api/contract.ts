@@ -23,6 +23,8 @@ export interface TerrainFrame {
 
 export interface Scene {
   name: string;
+  /** Of the process that answers: what stays the same may be kept as long as this does. */
+  run: string;
   mode: Mode;
   method: string;
   threshold: number;

@@ -39,11 +39,11 @@ export class BaseMap {
 
   /** Asks for what is not there yet; `floor_m` is where the block of ground stands. */
   ask(scene: Scene, bounds: Bounds, floor_m: number, theme: Theme, wanted: boolean): void {
-    const { base_map, anchor } = scene;
-    const key = `${base_map} ${theme} ${bounds}`;
+    const { base_map, anchor, run } = scene;
+    const key = `${run} ${base_map} ${theme} ${bounds}`;
     if (!wanted || !base_map || !anchor || key === this.asked) return;
     this.asked = key;
-    const drawn = base_map === "tiles" ? this.drawTiles(bounds, floor_m, anchor, theme) : this.drawPicture(bounds, floor_m, theme);
+    const drawn = base_map === "tiles" ? this.drawTiles(run, bounds, floor_m, anchor, theme) : this.drawPicture(run, bounds, floor_m, theme);
     drawn
       .then((attribution) => {
         if (key !== this.asked) return;
@@ -54,19 +54,19 @@ export class BaseMap {
       .catch((error) => console.error("The base map cannot be drawn:", error));
   }
 
-  private async drawTiles(bounds: Bounds, floor_m: number, anchor: Anchor, theme: Theme): Promise<string> {
+  private async drawTiles(run: string, bounds: Bounds, floor_m: number, anchor: Anchor, theme: Theme): Promise<string> {
     const { drawTiles } = await import("./base_tiles");
     const around = sheetBounds(bounds);
     const [wide, near] = [extentOf(around, anchor), extentOf(bounds, anchor)];
-    const { pictures, attribution } = await drawTiles(baseMapAddress(), [wide, near], theme);
+    const { pictures, attribution } = await drawTiles(baseMapAddress(run), [wide, near], theme);
     this.sheet = { mesh: sheetMesh(around, floor_m, (east, north) => shareAt(east, north, wide, anchor)), texture: pictures[0] };
     this.ground = { picture: pictures[1], from: cutOut(bounds, near, anchor, pictures[1].width, pictures[1].height) };
     return attribution;
   }
 
-  private async drawPicture(bounds: Bounds, floor_m: number, theme: Theme): Promise<string> {
+  private async drawPicture(run: string, bounds: Bounds, floor_m: number, theme: Theme): Promise<string> {
     const around = sheetBounds(bounds);
-    const [wide, near] = await Promise.all([this.pictureOf(around, theme), this.pictureOf(bounds, theme)]);
+    const [wide, near] = await Promise.all([this.pictureOf(run, around, theme), this.pictureOf(run, bounds, theme)]);
     if (!wide || !near) throw new Error("the service gives no picture");
     const share = (east: number, north: number): [number, number] => [(east - around[0]) / (around[2] - around[0]), (around[3] - north) / (around[3] - around[1])];
     this.sheet = { mesh: sheetMesh(around, floor_m, share), texture: wide };
@@ -74,10 +74,10 @@ export class BaseMap {
     return "";
   }
 
-  private async pictureOf(bounds: Bounds, theme: Theme): Promise<ImageBitmap | null> {
+  private async pictureOf(run: string, bounds: Bounds, theme: Theme): Promise<ImageBitmap | null> {
     const [width_m, height_m] = [bounds[2] - bounds[0], bounds[3] - bounds[1]];
     const pixel_m = Math.max(width_m, height_m) / PICTURE_PIXELS;
-    const picture = await image(baseMapPictureAddress(bounds, Math.max(Math.round(height_m / pixel_m), 1), Math.max(Math.round(width_m / pixel_m), 1)));
+    const picture = await image(baseMapPictureAddress(run, bounds, Math.max(Math.round(height_m / pixel_m), 1), Math.max(Math.round(width_m / pixel_m), 1)));
     if (!picture) return null;
     const canvas = new OffscreenCanvas(picture.width, picture.height);
     const context = canvas.getContext("2d")!;

@@ -1,7 +1,7 @@
 // What drives the page: the stream while it follows, questions with a stamp while it looks back.
 
 import * as api from "../api/client";
-import type { Alert, Drone, Message, Place, Step } from "../api/contract";
+import type { Alert, Drone, Message, Place, Scene, Step } from "../api/contract";
 import { openStream } from "../api/stream";
 import { parseBelief } from "../map/belief";
 import { Heights } from "../map/heights";
@@ -15,14 +15,17 @@ import { agedDrones, older_s } from "./time";
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
 const AGE_EVERY_MS = 500;
+const REFRESH_AGAIN_MS = 3000;
 /** A map that is less old is not drawn anew for its age: while views come, the next one is on its way. */
 const OLD_S = 2;
 
 let noticeNumber = 0;
 
+/** What is said again while it is still there stays once. */
 export function notify(text: string, level: "info" | "error" = "info"): void {
   const notice = { id: ++noticeNumber, level, text };
-  store.set({ notices: [...store.state.notices, notice].slice(-4) });
+  const others = store.state.notices.filter((one) => one.text !== text || one.level !== level);
+  store.set({ notices: [...others, notice].slice(-4) });
   window.setTimeout(
     () => store.set({ notices: store.state.notices.filter(({ id }) => id !== notice.id) }),
     level === "error" ? 9000 : 4500,
@@ -63,11 +66,26 @@ export async function start(): Promise<void> {
 
 async function load(): Promise<void> {
   const scene = await api.scene();
-  const [terrain, alerts, timeline] = await Promise.all([api.terrain(), api.alerts(), api.timeline()]);
+  takeScene(scene);
+  const [terrain, alerts, timeline] = await Promise.all([api.terrain(scene.run), api.alerts(), api.timeline()]);
   const heights = Heights.fromBytes(scene.terrain, terrain);
-  store.set({ scene, mode: scene.mode, heights, alerts, timeline });
+  store.set({ heights, alerts, timeline });
   document.title = `${scene.name} · crowdfence`;
 }
+
+let leaving = false;
+
+/** Another mission at the same address is begun anew: nothing of the one before may be taken for it. */
+function takeScene(scene: Scene): void {
+  const before = store.state.scene;
+  if (before && missionOf(before) !== missionOf(scene)) {
+    leaving = true;
+    history.replaceState(null, "", location.pathname + location.search);
+    location.reload();
+  } else store.set({ scene, mode: scene.mode });
+}
+
+const missionOf = ({ name, anchor, terrain, method }: Scene) => JSON.stringify([name, anchor, terrain, method]);
 
 // ---------------------------------------------------------------- the newest moment
 
@@ -78,6 +96,7 @@ let newestBelief: string | number | null = null;
 let beliefAsked = false;
 let beliefTimer: number | undefined;
 let wasConnected = false;
+let again: number | undefined;
 
 function onConnection(connected: boolean): void {
   store.set({ connected });
@@ -87,19 +106,22 @@ function onConnection(connected: boolean): void {
 }
 
 async function refresh(): Promise<void> {
+  window.clearTimeout(again);
   try {
     newestBelief = null;
     trails = new Map();
     await load();
   } catch (error) {
     notify(reasonOf(error), "error");
+    // Alerts and time line are those from before: they are asked for until they are there.
+    again = window.setTimeout(() => store.state.connected && void refresh(), REFRESH_AGAIN_MS);
   }
 }
 
 function onMessage(message: Message): void {
   switch (message.type) {
     case "hello":
-      store.set({ scene: message.scene, mode: message.scene.mode });
+      takeScene(message.scene);
       break;
     case "mode":
       store.set({ mode: message.mode });
@@ -354,9 +376,10 @@ function currentLink(): string {
 function keepAddress(): void {
   let timer: number | undefined;
   store.subscribe(() => {
-    if (timer !== undefined) return;
+    if (timer !== undefined || leaving) return;
     timer = window.setTimeout(() => {
       timer = undefined;
+      if (leaving) return;
       const link = currentLink();
       if (link !== location.hash) history.replaceState(null, "", link || location.pathname + location.search);
     }, 300);

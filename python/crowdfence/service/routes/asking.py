@@ -64,7 +64,22 @@ def at_ns(
 
 
 TheService = Annotated[Service, Depends(service_of)]
+
+
+def kept(
+    service: TheService,
+    run: Annotated[
+        str | None, Query(description="Of the scene: then a browser may keep the answer.", max_length=20)
+    ] = None,
+) -> dict[str, str]:
+    """Headers of what stays the same while the service runs. Another one at the same address may have another
+    ground."""
+    known = run == service.mission.run
+    return {"cache-control": "private, max-age=3600" if known else "private, no-cache"}
+
+
 Reader = Annotated[User, _who_may("read")]
 Giver = Annotated[User, _who_may("give")]
 Decider = Annotated[User, _who_may("decide")]
 AtNs = Annotated["int | None", Depends(at_ns)]
+Kept = Annotated["dict[str, str]", Depends(kept)]

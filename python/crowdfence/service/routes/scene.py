@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
-from crowdfence.service.routes.asking import ERRORS, AtNs, Reader, TheService
+from crowdfence.service.routes.asking import ERRORS, AtNs, Kept, Reader, TheService
 
 router = APIRouter(tags=["scene"], responses=ERRORS)
 _BYTES: dict[str, Any] = {"responses": {200: {"content": {"application/octet-stream": {}}}}}
@@ -19,11 +19,10 @@ def scene(service: TheService, user: Reader) -> dict[str, Any]:
 
 
 @router.get("/terrain", response_class=Response, **_BYTES)
-def terrain(service: TheService, user: Reader) -> Response:
+def terrain(service: TheService, user: Reader, kept: Kept) -> Response:
     """Heights of the highest ground: float32, little endian, north row first, NaN where the map has none."""
     heights = service.raster.heights_m.astype("<f4").tobytes()
-    headers = {"cache-control": "private, max-age=3600"}
-    return Response(heights, media_type="application/octet-stream", headers=headers)
+    return Response(heights, media_type="application/octet-stream", headers=kept)
 
 
 @router.get("/terrain/colour", response_class=Response, responses={404: {"description": "there is none"}})
