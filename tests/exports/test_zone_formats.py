@@ -350,6 +350,29 @@ def test_f3548_keeps_the_limits_of_time_and_corners() -> None:
     ]
 
 
+def test_f3548_closes_many_parts_each_by_itself() -> None:
+    # Cells that touch at corners, in the shape of a V: one zone of 300 squares, 1200 corners. A hull around
+    # all of them closes half of the rectangle, 75 times the zone.
+    vee = np.zeros((300, 151))
+    for column in range(300):
+        vee[column, abs(column - 150)] = 1.0
+    (zone,) = zones = DrawnZones((300, 151)).step(vee)
+    assert zone.polygon.area == 300.0 and len(shapely.get_parts(zone.polygon)) == 300
+    parts = read_by("f3548", exported(zones))
+    assert sum(len(part.exterior.coords) - 1 for part in parts) <= f3548_constants.CstrMaxVertices
+    closed = shapely.union_all(parts)
+    assert closed.covers(zone.polygon) and closed.area < 2 * zone.polygon.area
+
+
+def test_f3548_counts_no_corners_of_holes_which_it_closes() -> None:
+    walled = np.ones((81, 81))
+    walled[1::2, 1::2] = 0.0  # 1600 holes of 4 corners in a square of 4
+    zones = DrawnZones((81, 81)).step(walled)
+    (part,) = read_by("f3548", exported(zones))
+    assert len(part.exterior.coords) == 5
+    assert part.covers(zones[0].polygon) and part.area == pytest.approx(81.0**2, rel=1e-3)
+
+
 @pytest.mark.parametrize("kind", sorted(ZONE_FORMATS))
 def test_numbers_of_numpy_are_numbers(kind: str) -> None:
     """Zones of a live process hold them; files hold neither their names nor other digits."""

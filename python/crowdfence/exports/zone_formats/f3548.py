@@ -1,16 +1,18 @@
 """Zones as constraints of ASTM F3548-21 (UTM between service suppliers).
 
-Its limits are kept: at most 1000 corners (an outline with more grows), at most 24 h, at least 10 min, so that
-a zone which ends sooner is kept longer, and one without an end has to be published again within a day. Its
-altitudes end 8 km below and 100 km above the ellipsoid.
+Its limits are kept: at most 1000 corners in all volumes of a constraint (parts of a zone with more grow, by
+as little ground as it takes), at most 24 h, at least 10 min, so that a zone which ends sooner is kept longer,
+and one without an end has to be published again within a day. Its altitudes end 8 km below and 100 km above
+the ellipsoid. Volumes have no holes: those of zones are closed.
 """
 
 from __future__ import annotations
 
 import json
 import uuid
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +20,10 @@ from crowdfence.exports.geographic_outline import polygons_of
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import Zone
-from crowdfence.zones.simplify import simplified, vertex_count
+from crowdfence.zones.capacity import fitted
+
+if TYPE_CHECKING:
+    from shapely import Polygon
 
 MAX_VERTICES = 1000
 MAX_DURATION_NS = 24 * 3600 * 10**9
@@ -54,8 +59,6 @@ def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
 def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
     band = export.band(zone, "WGS84")
     start, end = _times(zone, export.stamp_ns)
-    if vertex_count(zone.polygon) > MAX_VERTICES - 4:  # some for what the antimeridian cuts
-        zone = replace(zone, polygon=simplified(zone.polygon, max_vertices=MAX_VERTICES - 4))
     return [
         {
             "volume": {
@@ -66,8 +69,27 @@ def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
             "time_start": start,
             "time_end": end,
         }
-        for part in polygons_of(export.outline(zone, max_edge_m=None))
+        for part in _parts(zone, export)
     ]
+
+
+def _parts(zone: Zone, export: ZoneExport) -> list[Polygon]:
+    """In longitude and latitude, with no more corners than a constraint may have."""
+    parts, budget = _outlined([zone], export), MAX_VERTICES
+    while (over := sum(map(_corners, parts)) - MAX_VERTICES) > 0:
+        drawn = fitted([zone.polygon], budget, circles=False).polygons
+        parts = _outlined([replace(zone, polygon=shape) for shape in drawn], export)
+        budget -= over  # what the antimeridian cuts has more
+    return parts
+
+
+def _outlined(zones: Iterable[Zone], export: ZoneExport) -> list[Polygon]:
+    return [part for zone in zones for part in polygons_of(export.outline(zone, max_edge_m=None))]
+
+
+def _corners(part: Polygon) -> int:
+    """Without those of holes, which are closed."""
+    return len(part.exterior.coords) - 1
 
 
 def _times(zone: Zone, stamp_ns: int) -> tuple[dict[str, str], dict[str, str]]:
