@@ -431,6 +431,16 @@ def test_a_map_of_another_place_is_refused(tmp_path):
         open_terrain(path, georeference=Georeference(8.0, 46.5, 1200.0))
 
 
+@pytest.mark.parametrize("origin", [(432_100.0, 5_150_000.0), (432_100.0, 40.0)])
+def test_metres_that_are_declared_as_degrees_are_refused_for_what_they_are(tmp_path, origin):
+    path = write_tif(tmp_path / "a.tif", np.full((4, 4), 5.0), "EPSG:4326", from_origin(*origin, 1, 1))
+    for georeference in (None, ALPS):
+        with pytest.raises(
+            MapError, match=r"432102, .* which is no longitude and latitude .*'WGS 84'; pass crs"
+        ):
+            open_terrain(path, georeference=georeference)
+
+
 @pytest.mark.parametrize("anchor", [FAR_ANCHOR, Georeference(46.5, 9.0, 0.0), Georeference(70.0, -30.0, 0.0)])
 @pytest.mark.parametrize("distance_m", [0.0, 100_000.0])
 def test_interpolating_the_projection_costs_less_than_a_millimetre(anchor, distance_m):

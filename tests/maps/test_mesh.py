@@ -123,8 +123,15 @@ def test_round_voxel_sizes(wanted_m, chosen_m):
 BROKEN = [
     ("cut.ply", ascii_ply()[:-8], "promises 6 elements, but 5 lines follow: truncated"),
     ("lines.ply", ascii_ply().replace(b"face 2", b"face 2000000000"), "promises 2000000004 elements"),
-    ("bytes.ply", binary_ply()[:-5], "not a readable mesh"),
-    ("huge.ply", binary_ply().replace(b"vertex 4", b"vertex 4000000000"), "not a readable mesh"),
+    ("bytes.ply", binary_ply()[:-5], "different numbers of corners.* or it is cut off"),
+    ("mixed.ply", binary_ply(faces=[(0, 1, 2, 3), (0, 1, 2)]), "different numbers of corners"),
+    # As long as three quads: read as such, the second one would have the corner 5 + 256 * 0.
+    (
+        "even.ply",
+        binary_ply([*SQUARE] * 2, [(0, 1, 2, 3), (0, 1, 2), (0, 1, 2, 3, 0)]),
+        "different numbers of corners",
+    ),
+    ("huge.ply", binary_ply().replace(b"vertex 4", b"vertex 4000000000"), "or it is cut off"),
     ("text.ply", b"a picture of a hill", "not a readable mesh"),
     ("points.ply", ascii_ply(faces=[]), "holds no triangles"),
     ("index.ply", ascii_ply(faces=[(0, 1, 4)]), "use vertices 0 to 4, but there are 4"),

@@ -67,6 +67,12 @@ def open_mesh(
     return MapReading(terrain, voxel_size_why=voxels.why)
 
 
+_UNEVEN = (
+    "its faces have different numbers of corners, which cannot be read from a binary .ply, or it is cut off: "
+    "write it with triangles alone, or as .obj"
+)
+
+
 def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Finite vertices [N, 3] and triangles [M, 3] with existing vertices, both not empty."""
     mesh = _parse(path)
@@ -106,11 +112,25 @@ def _parse(path: Path) -> Any:
         data = plain_obj(path, data).decode("utf-8", errors="replace").encode()
     try:
         # Bytes instead of a path: without a folder to look in, no texture or material can be opened.
-        return trimesh.load_mesh(
+        mesh = trimesh.load_mesh(
             BytesIO(data), file_type=kind, process=False, maintain_order=True, skip_materials=True
         )
     except Exception as error:  # trimesh raises whatever its parsers stumble over
+        if kind == "ply" and "unexpected length" in str(error):
+            raise MapError(path, _UNEVEN) from error
         raise MapError(path, f"not a readable mesh ({type(error).__name__}: {error})") from error
+    if kind == "ply" and _has_uneven_faces(mesh):
+        raise MapError(path, _UNEVEN)
+    return mesh
+
+
+def _has_uneven_faces(mesh: Any) -> bool:
+    """Whether binary faces have other numbers of corners than the first one, by which all were read: where
+    what one has more another has less, the file is as long as if they had not."""
+    raw = getattr(mesh, "metadata", {}).get("_ply_raw", {}).get("face", {}).get("data")
+    lists = () if getattr(raw, "dtype", None) is None else (raw.dtype.names or ())
+    counts = [raw[name]["f0"] for name in lists if raw[name].dtype.names and "f0" in raw[name].dtype.names]
+    return any(len(count) > 0 and bool((count != count[0]).any()) for count in counts)
 
 
 def _check_ply_lines(path: Path, data: bytes) -> None:

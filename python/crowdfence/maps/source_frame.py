@@ -21,6 +21,8 @@ METRES_PER_UNIT = {"m": 1.0, "ft": 0.3048, "us-ft": 1200 / 3937}
 
 # The plumb line this far from the anchor leans 1.8 degrees; a map beyond it belongs to another flight.
 MAX_DISTANCE_M = 200_000.0
+_MOST_LONGITUDE_DEG = 540.0
+"""Maps that go on beyond the antimeridian write 181; what is farther round is no longitude."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +128,7 @@ def source_frame(
         crs = horizontal_part(crs)
     metres_per_axis = float(crs.axis_info[2].unit_conversion_factor) if len(crs.axis_info) > 2 else 1.0
     z = (lowest * metres_per_height + offset_m) / metres_per_axis
+    _check_degrees(crs, centre)
     if georeference is None:
         middle = Georeference.from_projected(crs, *centre, z)
         georeference = Georeference(middle.latitude_deg, middle.longitude_deg, math.floor(middle.height_m))
@@ -136,6 +139,18 @@ def source_frame(
             f"bound is {MAX_DISTANCE_M / 1000:.0f} km. Another map, or latitude and longitude exchanged?"
         )
     return SourceFrame(crs, georeference, metres_per_height, metres_per_axis, offset_m)
+
+
+def _check_degrees(crs: CRS, centre: tuple[float, float]) -> None:
+    """Metres that are declared as degrees lead anywhere on Earth, or to no latitude."""
+    if not crs.is_geographic:
+        return
+    x, y = (value * float(crs.axis_info[0].unit_conversion_factor) / math.pi * 180.0 for value in centre)
+    if abs(x) > _MOST_LONGITUDE_DEG or abs(y) > 90.0:
+        raise ValueError(
+            f"its middle is at {centre[0]:.10g}, {centre[1]:.10g}, which is no longitude and latitude of its "
+            f"reference system {crs.name!r}; pass crs='EPSG:...' of the one that they are in"
+        )
 
 
 def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_local: bool) -> CRS | None:

@@ -104,7 +104,10 @@ class ZoneHistory:
             try:
                 header = json.loads(file.readline())
                 if not isinstance(header, dict) or header.get("format") != _FORMAT:
-                    raise ValueError(f"it does not begin with the header of a {_FORMAT}")
+                    raise ValueError(
+                        f"it does not begin with the header of a {_FORMAT}; give the folder that a run "
+                        "wrote, or its zone_history.jsonl"
+                    )
                 if header["version"] != VERSION:
                     raise ValueError(f"it has version {header['version']}; {VERSION} is read here")
                 anchor = header["anchor_wgs84"]
