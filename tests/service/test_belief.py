@@ -6,6 +6,7 @@ import pytest
 from crowdfence import SurfaceGrid, Terrain, VoxelState
 from crowdfence.service.belief import ColumnBeliefs, belief_bytes
 from crowdfence.service.ground import MAX_SIDE, Ground
+from crowdfence.service.seen_columns import SeenColumns
 from support.small_service import CONFIG, START_NS, plain, view
 
 
@@ -75,3 +76,18 @@ def test_a_raster_of_a_long_map_is_thinned_to_what_a_browser_draws() -> None:
     raster = Ground(terrain).raster()
     assert max(raster.heights_m.shape) <= MAX_SIDE and raster.cell_size_m == 3.0
     assert np.isfinite(raster.heights_m).all()
+
+
+def test_seen_ground_is_what_the_map_shows_of_it() -> None:
+    terrain = house()
+    crowd_map, ground = CONFIG.crowd_map(terrain, 3), Ground(terrain)
+    columns = SeenColumns(ground)
+    for number in range(8):
+        flown = [view(drone, number) for drone in ("uav1", "uav2", "uav3")]
+        columns.add(crowd_map.integrate(flown, flown[-1].stamp_ns).voxel_ids)
+    stamp_ns = crowd_map.span_ns[1]
+    told = belief_bytes(crowd_map, ground, stamp_ns, threshold=0.9999, stale_after_s=30.0)
+    state = ColumnBeliefs.of(told).state
+    shown = np.isin(state, (VoxelState.EMPTY, VoxelState.STALE, VoxelState.NOT_CLEARED))
+    assert columns.count == np.count_nonzero(shown) > 500 and not (state == VoxelState.CROWD).any()
+    assert columns.count < crowd_map.seen_count, "walls were seen, too"

@@ -21,6 +21,7 @@ from crowdfence.service.ground import Ground
 from crowdfence.service.operator_zones import OperatorZones
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.recent_crowd import RecentCrowd
+from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
@@ -72,6 +73,7 @@ class Mission:
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
+        self._seen = SeenColumns(self.ground)
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
         self.operator_zones = self._no_operator_zones()
@@ -107,6 +109,7 @@ class Mission:
         """Publish what a step of the loop brought."""
         self.found = step.zones
         self.recent_crowd.add(step.update.observations)
+        self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 
     def look_again(self, stamp_ns: int) -> Moment:
@@ -152,7 +155,7 @@ class Mission:
     def _figures(self, found: ZoneSet, zones: ZoneSet) -> dict[str, Any]:
         """`zones` are those found with what operators made of them."""
         return {
-            "seen_m2": self.loop.crowd_map.seen_count * self.terrain.voxel_size_m**2,
+            "seen_m2": self._seen.count * self.terrain.voxel_size_m**2,
             "crowd_m2": found.area_m2 + found.dropped_area_m2,
             "closed_m2": zones.closed_m2,
             "zones": len(zones.closed),
@@ -186,6 +189,8 @@ class Mission:
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
         self.still_video = still_video
+        self._seen = SeenColumns(self.ground)
+        self._seen.add(loop.crowd_map.seen_ids())
         self._had_other_static = _records(kept.static) != _records(self._static)
         self._belief = None
         if state["number"]:
