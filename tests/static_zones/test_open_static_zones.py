@@ -15,6 +15,7 @@ from crowdfence.exports.geographic_outline import geographic_outline
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
 from crowdfence.zones.given_ground import on_ground
+from crowdfence.zones.history import zone_of_record, zone_record
 from support.small_crowd_maps import flat_crowd_map
 
 ANCHOR = Georeference(46.5, 8.0, 1200.0)
@@ -145,6 +146,25 @@ def test_names_become_ids_that_are_short_and_used_once(tmp_path: Path) -> None:
     ]
     zones = opened(tmp_path, {"type": "FeatureCollection", "features": features})
     assert [zone.id for zone in zones] == ["LSZB003", "S1", "S2", "S3", "S4", "S5", "S6"]
+    names = [None, "LSZB003", "Montreux Concert Area", "Z1", "UNSEEN", "S3", "O1"]
+    assert [zone.name for zone in zones] == names
+
+
+def test_what_people_call_a_zone_goes_with_it(tmp_path: Path) -> None:
+    coded = ed269()
+    coded["features"][0]["name"] = "Heliport Bern <b>"
+    square = {"type": "Polygon", "coordinates": [SQUARE]}
+    told = ed318(square, name=[{"text": "Spital", "lang": "de-CH"}, {"text": "Hospital", "lang": "en-GB"}])
+    plain = {"type": "Feature", "id": "A1", "properties": {"name": "Stadium"}, "geometry": square}
+    for content, id, name in (
+        (coded, "ABC1234", "Heliport Bern <b>"),
+        (told, "ABC1234", "Spital"),
+        (ed318(square, name=None), "ABC1234", None),
+        (plain, "A1", "Stadium"),
+    ):
+        (zone,) = opened(tmp_path, content)
+        assert (zone.id, zone.name) == (id, name)
+        assert zone_of_record(json.loads(json.dumps(zone_record(zone)))).name == name
 
 
 KML = """<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>

@@ -103,6 +103,7 @@ def _feature(
         "properties": {
             "id": zone.id,
             "kind": zone.kind,
+            **({} if zone.name is None else {"name": zone.name}),
             "restriction": zone.restriction,
             "reason": zone.reason,
             **_what_and_when(zones, description),

@@ -29,6 +29,7 @@ def zone_json(zone: Zone, mark: Mapping[str, Any]) -> dict[str, Any]:
     is_crowd = zone.kind == "crowd"
     return {
         "id": zone.id,
+        "name": zone.name,
         "kind": mark.get("kind", zone.kind),
         "restriction": zone.restriction,
         "reason": zone.reason,

@@ -52,6 +52,8 @@ class GivenZone:
     centre: tuple[float, float] | None = None
     """Longitude and latitude of a circle, which has no rings."""
     radius_m: float = 0.0
+    title: str = ""
+    """What people call it, where the name is a code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +78,14 @@ def local_zones(
         if polygon is None:
             left_out.append(f"{one.name}: lies more than {_FAR_DEG:g} degrees away")
             continue
-        name = _free_id(one.name, taken, numbers)
-        taken.add(name)
+        id = _free_id(one.name, taken, numbers)
+        taken.add(id)
+        called = one.title or one.name
+        name = None if called in ("", id) else called
         zones.append(
-            Zone.of_no_look(name, polygon, "static", "given", restriction=one.restriction, band=one.band)
+            Zone.of_no_look(
+                id, polygon, "static", "given", restriction=one.restriction, band=one.band, name=name
+            )
         )
     return zones
 

@@ -35,6 +35,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
     for number, feature in enumerate(features, start=1):
         properties = feature.get("properties") or {}
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
+        title = str(properties.get("name") or "")
         polygons: list[Any] = []
         crs = _stated_crs(document, feature, feature["geometry"])
         for geometry in _geometries(feature["geometry"]):
@@ -51,7 +52,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
             properties.get("datum", "AGL"),
         )
         for rings in polygons:
-            yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band)
+            yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
 
 
 def _geometries(geometry: Any) -> list[Any]:

@@ -39,13 +39,20 @@ def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
         if properties["type"] in OPEN_TYPES:
             left_out.append(f"{name}: {properties['type']} keeps nobody out")
         else:
-            yield from _layered(name, feature["geometry"])
+            yield from _layered(name, _text(properties.get("name")), feature["geometry"])
 
 
-def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
+def _text(name: Any) -> str:
+    """ED-318 gives texts in several languages, ED-269 one; the first."""
+    first = name[0] if isinstance(name, list) and name else name
+    text = first.get("text") if isinstance(first, dict) else first
+    return text.strip() if isinstance(text, str) else ""
+
+
+def _layered(name: str, title: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
     if geometry["type"] == "GeometryCollection":
         for part in geometry["geometries"]:
-            yield from _layered(name, part)
+            yield from _layered(name, title, part)
         return
     layer = geometry.get("layer", {})
     unit = layer.get("uom", "m")
@@ -58,12 +65,12 @@ def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
     if geometry["type"] == "Point":
         longitude, latitude = geometry["coordinates"][:2]
         radius_m = float(geometry["extent"]["radius"])
-        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
+        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
     elif geometry["type"] == "Polygon":
-        yield GivenZone(name, [ring_of(ring) for ring in geometry["coordinates"]], band)
+        yield GivenZone(name, [ring_of(ring) for ring in geometry["coordinates"]], band, title=title)
     elif geometry["type"] == "MultiPolygon":
         for rings in geometry["coordinates"]:
-            yield GivenZone(name, [ring_of(ring) for ring in rings], band)
+            yield GivenZone(name, [ring_of(ring) for ring in rings], band, title=title)
     else:
         raise ValueError(f"zone {name!r} has a {geometry['type']}, which closes no ground")
 
@@ -71,7 +78,7 @@ def _layered(name: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
 def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
     """ValueError or KeyError where something is missing."""
     for zone in document["UASZoneList"] if "UASZoneList" in document else document["features"]:
-        name = str(zone["identifier"])
+        name, title = str(zone["identifier"]), _text(zone.get("name"))
         if zone["restriction"] in OPEN_TYPES:
             left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
             continue
@@ -87,7 +94,7 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
             if projection["type"] == "Circle":
                 longitude, latitude = projection["center"][:2]
                 radius_m = metres(projection["radius"], unit) or 0.0
-                yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m)
+                yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
             else:
                 for ring in projection["coordinates"] or [[]]:
-                    yield GivenZone(name, [ring_of(ring)], band)
+                    yield GivenZone(name, [ring_of(ring)], band, title=title)

@@ -203,6 +203,8 @@ def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
             value = [value.lower_m, value.upper_m, value.datum]
         elif field.name == "evidence":
             value = [asdict(look) for look in value]
+        elif field.name == "name" and value is None:
+            continue  # of all but a few
         elif value != value:  # the probability of ground that nobody has seen
             value = None
         record[field.name] = value

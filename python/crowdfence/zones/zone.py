@@ -84,6 +84,8 @@ class Zone:
     leaves_map: bool = False
     """Whether it closes ground that the map lacks, beyond its rim or in a hole, of which `lower_m` and
     `upper_m` say nothing."""
+    name: str | None = None
+    """What the file of somebody else calls it, where its id does not say so."""
 
     @classmethod
     def of_no_look(
@@ -98,6 +100,7 @@ class Zone:
         restriction: Restriction = "prohibited",
         band: AltitudeBand = DEFAULT_BAND,
         created_ns: int | None = None,
+        name: str | None = None,
     ) -> Zone:
         """A zone that no look at crowd made, which knows no probability. `ground_m`: its lowest and highest
         ground, equal where nobody knows them."""
@@ -119,6 +122,7 @@ class Zone:
             created_ns=created_ns,
             reason=reason,
             leaves_map=leaves_map,
+            name=name,
         )
 
     @property

@@ -60,6 +60,8 @@ export interface Look {
 
 export interface Zone {
   id: string;
+  /** What the file of somebody else calls it, where the id does not say so. */
+  name: string | null;
   kind: "crowd" | "unseen" | "static" | "operator";
   restriction: string;
   reason: string | null;

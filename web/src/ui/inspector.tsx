@@ -121,6 +121,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
       <HistoryChart history={history} threshold={moment?.zones.threshold ?? 0} />
       {zone.evidence.length > 0 && <Evidence zone={zone} now={now} />}
       <dl class="facts">
+        {zone.name !== null && <Fact name="name">{zone.name}</Fact>}
         {crowd && <Fact name="last look">{ago(zone.last_seen_ms, now)}</Fact>}
         {crowd && <Fact name="oldest part">{ago(zone.oldest_look_ms, now)}</Fact>}
         {zone.probability_mean !== null && <Fact name="mean P">{probability(zone.probability_mean)}</Fact>}

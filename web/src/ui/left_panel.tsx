@@ -62,7 +62,7 @@ function ZoneRow({ zone }: { zone: Zone }) {
           {zone.locked && <Icon name="lock" size={12} />}
         </span>
         <span class="row-main">
-          <span>{closure.reason}</span>
+          <span title={zone.name ?? undefined}>{zone.name ?? closure.reason}</span>
           <small>{closure.counts ? `ends in ${closure.end}` : closure.end}</small>
         </span>
         <span class="row-figures">
