@@ -11,7 +11,7 @@ from crowdfence import Camera, Client, View
 from support.map_page import Console, Server, free_port, open_console
 from support.served import ORIGIN, write_level_ground
 
-NAME = "uav-of-the-north-sector-with-a-long-name-2"
+NAME = "fleet/uav-of-the-north-sector-with-a-long-name-2"
 STRAIGHT_DOWN = np.array([[1.0, 0, 0, 0], [0, -1.0, 0, 0], [0, 0, -1.0, 20.0], [0, 0, 0, 1.0]])
 
 
@@ -56,6 +56,7 @@ def test_the_age_of_an_old_picture_is_in_the_picture(console: Console) -> None:
     age.wait_for()
     assert right(age) <= right(console.page.locator(".camera"))
     assert console.page.locator(".camera-name").get_attribute("title") == NAME
+    assert console.page.locator(".camera-picture em").count() == 0, "there is a picture"
 
 
 def test_what_the_drone_showed_is_in_the_card(console: Console) -> None:
@@ -63,4 +64,6 @@ def test_what_the_drone_showed_is_in_the_card(console: Console) -> None:
     looks = console.page.locator(".evidence tbody td").last
     looks.wait_for()
     card = console.find("zone-card")
-    assert right(looks) <= right(card) + 1
+    for width in (1280, 1024):
+        console.page.set_viewport_size({"width": width, "height": 720})
+        assert right(looks) <= right(card) + 1

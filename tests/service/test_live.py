@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Barrier, Event, Thread
 from time import monotonic, sleep
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -253,6 +254,28 @@ def test_pictures_go_to_the_detector_which_holds_up_nobody(tmp_path: Path) -> No
         assert http.get("/api/v1/drones/uav1/picture").content == picture()
         grey = Image.open(io.BytesIO(http.get("/api/v1/drones/uav1/heatmap").content))
         assert np.array(grey).tolist() == [[255] * 4] * 3
+
+
+def test_drones_may_be_called_as_their_namespaces_and_not_so_that_alarms_read_otherwise(
+    tmp_path: Path,
+) -> None:
+    def called(name: str) -> bytes:
+        one = view("uav1", 0)
+        return message(View(name, one.stamp_ns, one.camera, one.world_from_camera, one.heatmap))
+
+    with running(tmp_path) as service, asked(service) as http:
+        for name, character in (("\u202eevil", "U+202E"), ("uav\x001", "U+0000"), ("uav\n1", "U+000A")):
+            answer = http.post("/api/v1/views", content=called(name))
+            assert answer.status_code == 422 and character in answer.json()["detail"]
+        names = ("/fleet/uav1", "dröne ü&?#", "طائرة")
+        for name in names:
+            assert http.post("/api/v1/views", content=called(name)).status_code == 202
+        settle(service)
+        live_of(service).finish()
+        assert set(service.mission.drones) == set(names)
+        for name in names:
+            answer = http.get(f"/api/v1/drones/{quote(name, safe='')}/heatmap")
+            assert answer.status_code == 200 and answer.headers["content-type"] == "image/png"
 
 
 def test_a_detector_that_fails_refuses_its_frame_and_nothing_else(tmp_path: Path) -> None:

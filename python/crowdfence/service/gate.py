@@ -4,6 +4,7 @@ Each drone has its own room, so that one that floods only stops itself."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
 from threading import Lock
@@ -18,6 +19,11 @@ _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
 _LATEST_NS = 4_000_000_000 * _SECOND_NS
 """A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
+
+
+_NO_TEXT = ("Cc", "Cs", "Zl", "Zp")
+_TURNS = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
+"""Bidirectional classes of characters that turn the text behind them round: an alarm would read otherwise."""
 
 
 class Refused(ValueError):
@@ -49,6 +55,7 @@ class Gate:
 
     def enter(self, drone: str, stamp_ns: int) -> None:
         """Refused."""
+        _check_name(drone)
         self._check_stamp(drone, stamp_ns)
         # Together: two newcomers must not both find the last place of the fleet free.
         with self._counting:
@@ -97,3 +104,13 @@ class Gate:
         if waiting >= self._settings.waiting_per_drone:
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
+
+
+def _check_name(drone: str) -> None:
+    """Names stand in alarms, on the page and in files of other formats."""
+    for character in drone:
+        if unicodedata.category(character) in _NO_TEXT or unicodedata.bidirectional(character) in _TURNS:
+            raise Refused(
+                422,
+                f"the drone's name has the character U+{ord(character):04X}, which is no text: leave it out",
+            )

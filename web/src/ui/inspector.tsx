@@ -255,9 +255,10 @@ function Actions({ zone, allowed }: { zone: Zone; allowed: boolean }) {
   const following = useStore((state) => state.time.following);
   const title = !allowed ? "This needs the role operator" : following ? "" : "Only the newest moment can be changed";
   const disabled = !allowed || !following;
+  const ends = zone.kind === "crowd" || zone.locked;
   return (
     <footer class="actions">
-      <button disabled={disabled} title={title} onClick={() => askAbout(zone, zone.locked ? "unlock" : "lock")} data-test="lock">
+      <button disabled={disabled || !ends} title={title || (ends ? "" : "It does not end by itself")} onClick={() => askAbout(zone, zone.locked ? "unlock" : "lock")} data-test="lock">
         <Icon name={zone.locked ? "unlock" : "lock"} />
         {zone.locked ? "Unlock" : "Lock"}
       </button>

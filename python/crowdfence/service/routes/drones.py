@@ -13,6 +13,7 @@ from crowdfence.service.stamps import LARGEST_NS
 
 router = APIRouter(tags=["drones"], responses=ERRORS)
 Drone = Annotated[str, Path(min_length=1, max_length=100)]
+"""As a path, because names of ROS namespaces have slashes."""
 _MAGIC = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 
 
@@ -22,13 +23,13 @@ def drones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
     return {"drones": service.fleet.to_json(service.now_ns(), at)}
 
 
-@router.get("/drones/{drone}/picture", response_class=Response, responses={404: {}})
+@router.get("/drones/{drone:path}/picture", response_class=Response, responses={404: {}})
 def picture(service: TheService, user: Reader, drone: Drone, at: AtNs) -> Response:
     """What its camera showed."""
     return _media(service, "picture", drone, at)
 
 
-@router.get("/drones/{drone}/heatmap", response_class=Response, responses={404: {}})
+@router.get("/drones/{drone:path}/heatmap", response_class=Response, responses={404: {}})
 def heatmap(service: TheService, user: Reader, drone: Drone, at: AtNs) -> Response:
     """What was crowd in it: PNG, grey 255 is 1."""
     return _media(service, "heatmap", drone, at)

@@ -50,19 +50,19 @@ def add(service: TheService, user: Decider, drawn: DrawnZone) -> dict[str, Any]:
     return _decide(service, user, "add", "", drawn.reason, rings=[[ring]], restriction=drawn.restriction)
 
 
-@router.post("/zones/{zone}/lock", responses=_OTHERS)
+@router.post("/zones/{zone:path}/lock", responses=_OTHERS)
 def lock(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
     """Keep a zone of crowd closed until it is unlocked, whatever the drones see."""
     return _decide(service, user, "lock", zone, because.reason)
 
 
-@router.post("/zones/{zone}/unlock", responses=_OTHERS)
+@router.post("/zones/{zone:path}/unlock", responses=_OTHERS)
 def unlock(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
     """The zone follows what the drones see again."""
     return _decide(service, user, "unlock", zone, because.reason)
 
 
-@router.post("/zones/{zone}/dismiss", responses=_OTHERS)
+@router.post("/zones/{zone:path}/dismiss", responses=_OTHERS)
 def dismiss(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
     """Take back a zone that an operator drew. A zone of crowd can be passed through for a while: it stays on
     the list with the name of who did that, and closes again by itself."""

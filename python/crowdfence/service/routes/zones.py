@@ -8,9 +8,11 @@ from fastapi import APIRouter, HTTPException, Path, Query, Response
 
 from crowdfence.service.downloads import FORMATS, NotPossible, download
 from crowdfence.service.routes.asking import ERRORS, AtNs, Reader, TheService
+from crowdfence.zones import MAX_ID_LENGTH
 
 router = APIRouter(tags=["zones"], responses=ERRORS)
-ZoneId = Annotated[str, Path(pattern="^[A-Z0-9]{1,7}$")]
+ZoneId = Annotated[str, Path(min_length=1, max_length=MAX_ID_LENGTH)]
+"""As a path: those of others are what their files call them."""
 
 
 @router.get("/zones")
@@ -19,7 +21,7 @@ def zones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
     return service.zones_json(service.moment(at))
 
 
-@router.get("/zones/{zone}/history")
+@router.get("/zones/{zone:path}/history")
 def zone_history(service: TheService, user: Reader, zone: ZoneId, at: AtNs) -> dict[str, Any]:
     """How a zone's probability and area went, and what became of it."""
     return service.mission.timeline.zone_history(zone, at)
