@@ -97,6 +97,7 @@ describe("units", () => {
     expect(area(9.290304, "feet")).toBe("100 ft²");
     expect(area(4.25, "metres")).toBe("4.3 m²");
     expect(area(0, "metres")).toBe("0 m²");
+    expect([0.04, 0.25, 0.3].map((value) => area(value, "metres"))).toEqual(["0.04 m²", "0.25 m²", "0.3 m²"]);
   });
 
   it("group digits", () => {

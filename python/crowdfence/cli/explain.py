@@ -13,6 +13,7 @@ from crowdfence.cli.export import At, RunFolder
 from crowdfence.cli.wording import counted
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.reasons import REASONS
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from crowdfence.zones import Zone, ZoneEvent, ZoneSet
@@ -81,12 +82,12 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
     facts = {
         "why closed": REASONS.get(zone.reason or "", "not known"),
         "what": f"{zone.kind}, {zone.restriction.replace('_', ' ')}",
-        "closed": f"{zone.polygon.area:.0f} m2, {band.lower_m:g} to {band.upper_m:g} m {band.datum}",
+        "closed": f"{square_metres(zone.polygon.area)}, {band.lower_m:g} to {band.upper_m:g} m {band.datum}",
     }
     if zone.kind != "crowd":
         return facts
     facts |= {
-        "crowd": f"{zone.area_m2:.0f} m2 in {counted(zone.cell_count, 'column')}",
+        "crowd": f"{square_metres(zone.area_m2)} in {counted(zone.cell_count, 'column')}",
         "probability": f"up to {zone.probability_max:.3f}, mean {zone.probability_mean:.3f}; "
         f"crowd from {zones.threshold:.3f}",
         "interval": _interval(zone),

@@ -15,6 +15,7 @@ from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.unused_options import refuse_of
 from crowdfence.cli.wording import counted
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from crowdfence.exports.zone_formats import ZoneExport
@@ -271,9 +272,8 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
             f"a fence of {counted(report['fence_items'], 'item')} closes {over_m2:.0f} m2 more than the zones"
         )
     if report["dropped_area_m2"] and not report["dropped_is_closed"]:
-        console.warn(
-            f"{report['dropped_area_m2']:.0f} m2 of crowd are in no zone: below min_area_m2 of the run"
-        )
+        dropped = square_metres(report["dropped_area_m2"])
+        console.warn(f"{dropped} of crowd are in no zone: below min_area_m2 of the run")
     if report.get("beyond_raster"):
         names = ", ".join(report["beyond_raster"])
         console.warn(f"the raster ends near what was seen; not all of {names} lies within it")

@@ -18,6 +18,7 @@ from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_opt
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_zone_options
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.config import RunConfig
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -173,7 +174,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
                 **({} if run.holes is None else {"holes of the map": str(run.holes)}),
                 "heatmaps": heatmaps_line(summary["detector"]),
                 "method": method_line(summary),
-                "crowd": f"{area['crowd']:.0f} m2 at P >= {run.threshold:.3f}{_left_out(summary)}",
+                "crowd": f"{square_metres(area['crowd'])} at P >= {run.threshold:.3f}{_left_out(summary)}",
                 **_also_closed(summary),
                 "empty": f"{area['empty']:.0f} m2 seen recently, {area['stale']:.0f} m2 too long ago; "
                 f"{area['not_cleared']:.0f} m2 looked at, not cleared",
@@ -195,7 +196,7 @@ def _left_out(summary: dict[str, Any]) -> str:
         "closed as ground that is not known to be empty" if summary["unseen_closed_m2"] else "in no zone"
     )
     return (
-        f", of it {summary['dropped_area_m2']:.0f} m2 in {counted(regions, 'region')} below "
+        f", of it {square_metres(summary['dropped_area_m2'])} in {counted(regions, 'region')} below "
         f"{summary['min_area_m2']:g} m2: {covered}"
     )
 
@@ -204,7 +205,7 @@ def _also_closed(summary: dict[str, Any]) -> dict[str, str]:
     closed = {}
     if summary["unseen_closed_m2"]:
         closed["unseen"] = (
-            f"{summary['unseen_closed_m2']:.0f} m2 closed because they are not known to be empty"
+            f"{square_metres(summary['unseen_closed_m2'])} closed because they are not known to be empty"
         )
     if summary["static_zones"]:
         closed["zones of others"] = str(summary["static_zones"])

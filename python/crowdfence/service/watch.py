@@ -22,6 +22,7 @@ from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
 from crowdfence.zones import Zone
+from crowdfence.zones.square_metres import square_metres
 
 _LOG = logging.getLogger(__name__)
 _EVERY_S = 1.0
@@ -89,7 +90,7 @@ class Watch:
             if event.kind in ("created", "split"):
                 zone = next((one for one in moment.zones if one.id == event.id), None)
                 if zone is not None:
-                    text = f"zone {zone.id} appeared: {zone.area_m2:.0f} m2 of crowd"
+                    text = f"zone {zone.id} appeared: {square_metres(zone.area_m2)} of crowd"
                     self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
             elif event.kind in ("expired", "merged"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)

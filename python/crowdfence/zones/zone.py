@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, overload
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
 from crowdfence.zones.evidence import DroneEvidence
 from crowdfence.zones.rules import Restriction
+from crowdfence.zones.square_metres import square_metres
 from crowdfence.zones.tracker import ZoneEvent
 
 if TYPE_CHECKING:
@@ -131,8 +132,8 @@ class Zone:
         return self.lower_m < self.upper_m and not self.leaves_map
 
     def __repr__(self) -> str:
-        crowd = f"{self.area_m2:.0f} m2 of crowd, P up to {self.probability_max:.2f}"
-        what = crowd if self.kind == "crowd" else f"{self.kind}, {self.polygon.area:.0f} m2"
+        crowd = f"{square_metres(self.area_m2)} of crowd, P up to {self.probability_max:.2f}"
+        what = crowd if self.kind == "crowd" else f"{self.kind}, {square_metres(self.polygon.area)}"
         return f"Zone({self.id!r}, {what})"
 
 

@@ -15,7 +15,9 @@ export function length(metres: number, units: Units, digits = 0): string {
 
 export function area(square_metres: number, units: Units): string {
   const [value, unit] = units === "metres" ? [square_metres, "m²"] : [square_metres * FEET * FEET, "ft²"];
-  return `${grouped(value, value > 0 && value < 10 ? 1 : 0)} ${unit}`;
+  // A small crowd is not told as none.
+  const text = value > 0 && value < 1 ? String(Number(value.toPrecision(2))) : grouped(value, value > 0 && value < 10 ? 1 : 0);
+  return `${text} ${unit}`;
 }
 
 /** 12 532: a thin space every three digits, which no reader takes for a decimal sign. */

@@ -19,6 +19,7 @@ from crowdfence.sources.mission.layout import MAP_FRAME
 from crowdfence.sources.mission.ros2_messages import header
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -98,7 +99,7 @@ def label(zone: Zone) -> str:
         if zone.interval is not None:
             lines[0] += f" ({zone.interval[0]:.2f} to {zone.interval[1]:.2f})"
     reason = "" if zone.reason is None else ", " + zone.reason.replace("_", " ")
-    lines.append(f"{zone.polygon.area:.0f} m2{reason}")
+    lines.append(f"{square_metres(zone.polygon.area)}{reason}")
     if zone.valid_until_ns is not None:
         lines.append(f"until {iso_utc(zone.valid_until_ns)}")
     return "\n".join(lines)
