@@ -55,6 +55,14 @@ def known_ground_of(run: str | PathLike[str], history: ZoneHistory) -> Polygon |
     return history.ground
 
 
+def ground_height_of(run: str | PathLike[str]) -> float:
+    """Local height half way up the ground of the run's map; 0, that of the anchor, where it wrote none."""
+    from crowdfence.maps import open_terrain
+
+    terrain = Path(run) / "terrain.bt"
+    return float(open_terrain(terrain).bounds[:, 2].mean()) if terrain.exists() else 0.0
+
+
 def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | None:
     """The map of the run in a folder at its last instant, seen from above; None where the run did not write
     its map and terrain. MapFileError for files that do not belong together."""

@@ -487,6 +487,27 @@ def test_a_way_in_degrees_passes_the_zones_in_degrees(tmp_path: Path, far_m: int
     assert told["length_m"] == pytest.approx(100.0 + 2 * np.hypot(100.0, 20.0), abs=0.2)
 
 
+def test_a_way_without_zones_is_told_at_the_height_of_its_ground(tmp_path: Path) -> None:
+    """On ground 1200 m above the anchor and 4.2 km from it: its rim lies 80 cm away from places with the same
+    local metres at the anchor's height."""
+    frame, far_m, ground_m = Georeference(46.5, 8.0, 600.0), 3000.0, 1200.0
+    corner = (far_m, far_m, ground_m)
+    terrain = Terrain.from_height_map(np.zeros((40, 40)), cell_size_m=1.0).with_origin(corner)
+    path = tmp_path / "run"
+    path.mkdir()
+    none = ZoneSet((), 0.5, 0.0, 0, 0.0)
+    ZoneHistory([0], [none], frame, {}, known_ground(terrain)).write(path / "zone_history.jsonl")
+    write_terrain_octomap(path / "terrain.bt", terrain)
+    latitude, longitude, _ = frame.geodetic_from_local(
+        [[far_m + 0.3, far_m + 20.0, ground_m], [far_m + 39.7, far_m + 20.0, ground_m]]
+    )
+    ends = [f"{north:.9f},{east:.9f}" for north, east in zip(latitude, longitude, strict=True)]
+    told = json.loads(command("route", path, "--from", ends[0], "--to", ends[1], "--json"))
+    assert told["beyond_map_m"] == 0.0
+    places = [(place["east_m"] - far_m, place["north_m"] - far_m) for place in told["waypoints"]]
+    assert places == [pytest.approx((0.3, 20.0), abs=2e-3), pytest.approx((39.7, 20.0), abs=2e-3)]
+
+
 def test_crowd_too_small_for_a_zone_is_told(tmp_path: Path) -> None:
     """By `run`, from its summary, and by `export`, from the history: 2 x 2 m of crowd beside 4 x 4 m."""
     zones = DrawnZones((12, 12), min_area_m2=10.0)

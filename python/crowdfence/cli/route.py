@@ -98,7 +98,7 @@ def route(
     from crowdfence.planner import NoRoute, safe_route
     from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.planner.told_in_degrees import at_one_height
-    from crowdfence.result_folder import files_read_of, known_ground_of, open_history
+    from crowdfence.result_folder import files_read_of, ground_height_of, known_ground_of, open_history
     from crowdfence.static_zones import read_static_zones
 
     with ExitStack() as stack:
@@ -115,6 +115,8 @@ def route(
         if frame is None and not local:
             raise ValueError("the run has no place on Earth; give local metres with --local")
         height_m, passed = at_one_height(zones) if history.georeference else (0.0, zones)
+        if not zones and history.georeference:  # then nothing but the map says how high the ground lies
+            height_m = ground_height_of(run)
         begin, end = _place(start, frame, height_m), _place(goal, frame, height_m)
         ground = known_ground_of(run, history)
         if ground is None and not beyond_map:
