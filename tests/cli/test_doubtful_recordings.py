@@ -68,6 +68,20 @@ def test_two_drones_hours_apart_may_have_two_clocks(plain: Path, tmp_path: Path)
     assert crowdfence(*command, "--max-jump-s", 7200).returncode == 0
 
 
+def test_two_drones_an_hour_apart_with_a_pause_below_the_bound_are_doubted(
+    plain: Path, tmp_path: Path
+) -> None:
+    # A frame a minute for 20 minutes; the pause is 40 min, which the bound of an hour lets pass.
+    flights = {f"uav{n}": [EPOCH_NS + n * HOUR + k * 60 * SECOND for k in range(21)] for n in (1, 2)}
+    flown = write_hovering(tmp_path / "rec", flights)
+    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0
+    assert (
+        "uav2 begins 40 min after uav1 has ended; had they flown together, one clock would be 1 h off"
+        in " ".join(done.stderr.split())
+    )
+
+
 def written_map(path: Path, heights: np.ndarray) -> Path:
     """Pixels of 1 m, the middle at the origin of the local frame."""
     rows, columns = heights.shape

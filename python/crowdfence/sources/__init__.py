@@ -82,7 +82,7 @@ def open_recording(
         recording = _in_time(_open_one(Path(path), limits, options), limits)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
-    recording = _with_lens_doubts(_steadied(recording, pose_noise))
+    recording = _with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise)))
     if ground_start:
         recording = _from_the_ground(recording)
     return recording if alignment is None else _aligned(recording, alignment)
@@ -183,6 +183,14 @@ def _with_lens_doubts(recording: Recording) -> Recording:
     cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
     doubts = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
     said = tuple(f"{drone}: {doubt}" for drone, doubt in sorted(doubts.items()))
+    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
+
+
+def _with_clock_doubts(recording: Recording) -> Recording:
+    """With a warning for each drone that flew as if its clock were that of another time zone."""
+    from crowdfence.sources.fleet_clocks import zone_doubts
+
+    said = zone_doubts((frame.drone, frame.stamp_ns) for frame in recording.frames)
     return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
 
 
