@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { parseBelief, VoxelState } from "../src/map/belief";
 import { CROWD_RAMP, crowdColour, marked, opacity, PALETTES, type Rgb, type Theme } from "../src/map/colours";
-import { drapeFrame, groundPixels, hillshade, paintBelief } from "../src/map/drape";
+import { drapeFrame, groundPixels, hillshade, paintAreas, paintBelief } from "../src/map/drape";
 import { Heights } from "../src/map/heights";
 
 const FRAME = { west: 0, north: 20, cell_size_m: 1, rows: 20, columns: 20 };
@@ -127,5 +127,53 @@ describe("relief", () => {
     expect(slope((column) => column)).toBeGreaterThan(flat); // rises to the east: faces west
     expect(slope((column) => -column)).toBeLessThan(flat);
     expect(slope((_, row) => row)).toBeGreaterThan(flat); // rises to the south: faces north
+  });
+});
+
+describe("areas", () => {
+  /** Of a canvas that only listens: what was stroked, from and to, and how often something was filled. */
+  function drawn(...corners: [number, number][][]) {
+    const lines: [number, number, number, number][] = [];
+    let path: [number, number][] = [];
+    let fills = 0;
+    const canvas = {
+      beginPath: () => (path = []),
+      moveTo: (x: number, y: number) => path.push([x, y]),
+      lineTo: (x: number, y: number) => path.push([x, y]),
+      closePath: () => {},
+      save: () => {},
+      restore: () => {},
+      clip: () => {},
+      fill: () => fills++,
+      stroke: () => {
+        for (let k = 0; k < path.length; k += 2) lines.push([...path[k], ...path[k + 1]]);
+      },
+    };
+    const frame = { west: 0, north: 1000, pixel_m: 1, width: 1000, height: 1000 };
+    const areas = corners.map((ring) => ({ outline: [[ring]], fill: [1, 2, 3] as Rgb, alpha: 0.2, hatched: true }));
+    paintAreas(canvas as unknown as OffscreenCanvasRenderingContext2D, frame, areas);
+    return { lines, fills };
+  }
+  const square = (west: number, south: number, side: number): [number, number][] => [[west, south], [west + side, south], [west + side, south + side], [west, south + side]];
+
+  it("are hatched no farther than they reach: a thousand of them cost no more than one as large", () => {
+    const { lines } = drawn(square(100, 880, 24)); // x from 100 to 124, y from 96 to 120
+    const sums = lines.map(([x, y]) => x + y);
+    expect(lines.every(([x0, y0, x1, y1]) => x0 + y0 === x1 + y1)).toBe(true);
+    expect(sums.every((sum) => sum % 12 === 0)).toBe(true); // so that lines go on in the next area
+    for (const sum of [204, 216, 228, 240]) expect(sums).toContain(sum); // all that cross it, from 196 to 244
+    const length = (some: typeof lines) => some.reduce((all, [x0, y0, x1, y1]) => all + Math.hypot(x1 - x0, y1 - y0), 0);
+    expect(length(lines)).toBeLessThan(6 * 28 * Math.SQRT2 + 1e-9);
+    for (const [x0, y0, x1, y1] of lines) {
+      expect([Math.max(y0, y1), Math.min(y0, y1)]).toEqual([122, 94]);
+      expect(Math.abs(x0 - x1)).toBe(28);
+    }
+  });
+
+  it("beside the map are not drawn, however large", () => {
+    expect(drawn(square(-5000, 0, 4000), square(1000, 0, 9)).fills).toBe(0);
+    const { lines, fills } = drawn(square(-50_000, -50_000, 200_000));
+    expect(fills).toBe(1);
+    expect(lines.length).toBeLessThan(170); // 2000 / 12
   });
 });

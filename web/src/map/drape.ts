@@ -3,6 +3,7 @@
 import type { Outline } from "../api/contract";
 import { agedState, lookAge_s, URGENCY, VoxelState, type Belief, type Reading } from "./belief";
 import { crowdColour, css, marked, mixed, opacity, type Palette, type Rgb } from "./colours";
+import { boundsOf } from "./geometry";
 import { Heights } from "./heights";
 
 const MOST_PIXELS = 2048;
@@ -164,6 +165,11 @@ export function paintAreas(canvas: OffscreenCanvasRenderingContext2D, frame: Dra
   const x = (east: number) => (east - frame.west) / frame.pixel_m;
   const y = (north: number) => (frame.north - north) / frame.pixel_m;
   for (const { outline, fill, alpha, hatched } of areas) {
+    const bounds = boundsOf(outline.flat(2));
+    if (!bounds) continue;
+    const [west, south, east, north] = bounds;
+    const box: Box = { left: Math.max(x(west), 0), right: Math.min(x(east), frame.width), top: Math.max(y(north), 0), bottom: Math.min(y(south), frame.height) };
+    if (box.left >= box.right || box.top >= box.bottom) continue; // beside the map
     canvas.beginPath();
     for (const ring of outline.flat()) {
       ring.forEach(([east, north], k) => (k ? canvas.lineTo(x(east), y(north)) : canvas.moveTo(x(east), y(north))));
@@ -171,19 +177,32 @@ export function paintAreas(canvas: OffscreenCanvasRenderingContext2D, frame: Dra
     }
     canvas.fillStyle = css(fill, alpha);
     canvas.fill("evenodd");
-    if (hatched) hatch(canvas, fill, frame);
+    if (hatched) hatch(canvas, fill, box);
   }
 }
 
-function hatch(canvas: OffscreenCanvasRenderingContext2D, colour: Rgb, frame: DrapeFrame): void {
+interface Box {
+  left: number;
+  right: number;
+  top: number;
+  bottom: number;
+}
+
+const HATCH_PIXELS = 12;
+const HATCH_WIDTH = 2;
+
+/** Lines that go on from one area to the next, drawn no farther than the area: there may be thousands. */
+function hatch(canvas: OffscreenCanvasRenderingContext2D, colour: Rgb, { left, right, top, bottom }: Box): void {
   canvas.save();
   canvas.clip("evenodd");
   canvas.strokeStyle = css(colour, 0.55);
-  canvas.lineWidth = 2;
+  canvas.lineWidth = HATCH_WIDTH;
   canvas.beginPath();
-  for (let k = -frame.height; k < frame.width; k += 12) {
-    canvas.moveTo(k, frame.height);
-    canvas.lineTo(k + frame.height, 0);
+  const [from, to] = [Math.floor((left + top) / HATCH_PIXELS), Math.ceil((right + bottom) / HATCH_PIXELS)];
+  for (let k = from; k <= to; k++) {
+    const sum = k * HATCH_PIXELS; // of x and y, all along a line
+    canvas.moveTo(sum - bottom - HATCH_WIDTH, bottom + HATCH_WIDTH);
+    canvas.lineTo(sum - top + HATCH_WIDTH, top - HATCH_WIDTH);
   }
   canvas.stroke();
   canvas.restore();
