@@ -239,11 +239,14 @@ def test_an_upright_tablet_begins_with_the_map_and_lays_one_panel_over_it(
     context.close()
 
 
-def test_every_button_of_the_top_bar_is_on_a_phone(browser: Browser, server: Server) -> None:
+def test_every_button_above_the_map_and_of_drawing_is_on_a_phone(browser: Browser, server: Server) -> None:
     context = browser.new_context(viewport={"width": 390, "height": 800}, reduced_motion="reduce")
-    phone = open_console(context, server, "viewer")
+    phone = open_console(context, server, "operator")
     phone.page.locator(".clock").wait_for()
-    for button in phone.page.locator(".top-bar button").all():
+    phone.find("draw").click()
+    buttons = phone.page.locator(".top-bar button, .draw-bar button").all()
+    assert len(buttons) == 5 + 3
+    for button in buttons:
         box = button.bounding_box()
         assert box is not None and box["x"] >= 0 and box["x"] + box["width"] <= 390, button.inner_text()
     phone.page.get_by_label("Help").click()
