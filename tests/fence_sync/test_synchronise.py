@@ -176,6 +176,33 @@ def test_a_refusal_leaves_the_fence_as_it_was(tmp_path: Path, vehicle: EmulatedV
     assert vehicle.items == THEIRS and vehicle.lists == []
 
 
+class StartsAnew(EmulatedVehicle):
+    """In the middle of a list, with an empty fence; what comes then belongs to no list that it knows of."""
+
+    due = False
+
+    def _on_mission_item_int(self, packet: object, now_s: float) -> None:
+        if self.due and packet.seq == 3:  # type: ignore[attr-defined]
+            self._expected, self.items = None, []
+        if self._expected is None:
+            return self._ack(mavlink.MAV_MISSION_ERROR)
+        return super()._on_mission_item_int(packet, now_s)
+
+
+def test_a_vehicle_that_starts_anew_meanwhile_is_not_said_to_hold_the_fence_before(tmp_path: Path) -> None:
+    vehicle = StartsAnew()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR[:1], HERE)
+    vehicle.due = True
+    with pytest.raises(
+        FenceError, match="ERROR; the one before is gone: 0 items stand there, 4 did.*Send again"
+    ):
+        keep.put(FAR, HERE)
+    vehicle.due = False
+    keep.put(FAR, HERE)
+    assert covers(vehicle, FAR)
+
+
 def test_a_vehicle_in_a_zone_is_an_alarm_with_a_way_out(tmp_path: Path) -> None:
     """It stands 10 m from the western edge of the zone: 10 + 15 m to the west it is clear."""
     vehicle = EmulatedVehicle()

@@ -129,11 +129,12 @@ class FenceKeeper:
             result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
             if result == MissionResult.ACCEPTED:
                 break
-            capacity = self._smaller(capacity, result, [*others, *fence.shapes])
+            stays = _what_stays(before, held)
+            capacity = self._smaller(capacity, result, [*others, *fence.shapes], stays)
             events.append(FenceEvent("capacity_learned", f"the vehicle has no space; trying {capacity}"))
             memory = replace(memory, most=_size(capacity))
         else:
-            raise FenceError("the vehicle refuses every fence for want of space; the one before stays")
+            raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
         now_ours = tuple(shapes_of(held[len(items_of(others)) :]))
         remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most))
         station.listen(TEXTS_S if written else 0.0)
@@ -151,9 +152,9 @@ class FenceKeeper:
         written = not are_same(before, wanted)
         events = [] if everything else list(_of_others(others, missing, memory))
         if written:
-            result, _ = self._replace(wanted)
+            result, held = self._replace(wanted)
             if result != MissionResult.ACCEPTED:
-                raise FenceError(self._refused(result))
+                raise FenceError(self._refused(result, _what_stays(before, held)))
         remember(self.memory_path, VehicleMemory((), tuple(kept), memory.most))
         removed = len(shapes_of(before)) - len(kept)
         events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
@@ -186,24 +187,22 @@ class FenceKeeper:
                 raise silence or _differs(wanted, held)
         raise AssertionError("the last upload returns or raises")
 
-    def _smaller(self, capacity: Capacity, result: int, shapes: Sequence[FenceShape]) -> Capacity:
+    def _smaller(self, capacity: Capacity, result: int, shapes: Sequence[FenceShape], stays: str) -> Capacity:
         """The next capacity to try. FenceError where the refusal is not for want of space."""
         self.station.listen(_PAUSE_S)
         is_full = result == MissionResult.NO_SPACE or any(
             "exceeds storage" in text.text.lower() for text in self.station.vehicle.texts
         )
         if not is_full or self._given is not None:
-            raise FenceError(self._refused(result))
+            raise FenceError(self._refused(result, stays))
         self.station.vehicle.texts.clear()
         return capacity.after_refusal(shapes)
 
-    def _refused(self, result: int) -> str:
+    def _refused(self, result: int, stays: str) -> str:
         said = "; ".join(dict.fromkeys(text.text for text in self.station.vehicle.texts))
         hint = "; give a smaller --capacity" if result == MissionResult.NO_SPACE else ""
-        return (
-            f"the vehicle refused the fence: {result_name(result)}{f' ({said})' if said else ''}; the one "
-            f"before stays{hint}"
-        )
+        why = f"{result_name(result)}{f' ({said})' if said else ''}"
+        return f"the vehicle refused the fence: {why}; {stays}{hint}"
 
     def _capacity(self, memory: VehicleMemory) -> Capacity:
         if self._given is not None:
@@ -233,6 +232,16 @@ class FenceKeeper:
 
 def _size(capacity: Capacity) -> int:
     return capacity.bytes if isinstance(capacity, StorageCapacity) else capacity.items  # type: ignore[attr-defined]
+
+
+def _what_stays(before: Sequence[FenceItem], held: Sequence[FenceItem]) -> str:
+    """After a refusal, by what was read back: a vehicle that started anew may have lost its fence."""
+    if are_same(before, held):
+        return "the one before stays"
+    return (
+        f"the one before is gone: {len(held)} items stand there, {len(before)} did; did the vehicle start "
+        "anew? Send again"
+    )
 
 
 def _differs(wanted: Sequence[FenceItem], held: Sequence[FenceItem]) -> FenceError:
