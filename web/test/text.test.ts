@@ -3,7 +3,7 @@ import type { Zone } from "../src/api/contract";
 import { waitBefore } from "../src/api/stream";
 import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
-import { ago, compareStamps, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
+import { ago, compareStamps, dayAndTime, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
 import { area, degrees, grouped, length, place, probability } from "../src/text/units";
 import { roundLength } from "../src/ui/scale_bar";
 
@@ -15,8 +15,16 @@ describe("stamps", () => {
   });
 
   it("are shortened where a sentence names them", () => {
-    expect(withTimes("the last of 2026-11-22T18:40:00.394079279Z: zones stay", "utc")).toBe("the last of 18:40:00 UTC: zones stay");
-    expect(withTimes("uav1 is in zone Z1", "utc")).toBe("uav1 is in zone Z1");
+    const told = (today: string) => withTimes("the last of 2026-11-22T18:40:00.394079279Z: zones stay", "utc", Date.parse(today));
+    expect(told("2026-11-22T23:59:59.999Z")).toBe("the last of 18:40:00 UTC: zones stay");
+    expect(told("2026-11-23T00:00:00Z")).toBe("the last of 2026-11-22 18:40:00 UTC: zones stay");
+    expect(withTimes("uav1 is in zone Z1", "utc", 0)).toBe("uav1 is in zone Z1");
+  });
+
+  it("have their date on another day, which begins at the midnight of the clock", () => {
+    const stamp = new Date(2026, 10, 22, 23, 59, 30).getTime(); // on the clock of this machine
+    expect(dayAndTime(stamp, "local", stamp + 20_000, 0)).toBe("23:59:30");
+    expect(dayAndTime(stamp, "local", stamp + 40_000, 0)).toBe("2026-11-22 23:59:30");
   });
 
   it("lead to the last point before them", () => {

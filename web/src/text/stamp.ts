@@ -28,11 +28,17 @@ export function timeOfDay(stamp_ms: number, clock: Clock, digits = 1): string {
   return digits === 0 ? cut.slice(0, 8) : cut.slice(0, 9 + digits);
 }
 
+/** With the date where that is another than the day of `today_ms`: yesterday's time is not taken for today's. */
+export function dayAndTime(stamp_ms: number, clock: Clock, today_ms: number, digits = 1): string {
+  const day = dateOf(stamp_ms, clock);
+  return `${day === dateOf(today_ms, clock) ? "" : `${day} `}${timeOfDay(stamp_ms, clock, digits)}`;
+}
+
 /** Stamps within a sentence, as the service writes them, on the clock asked for. */
-export function withTimes(text: string, clock: Clock): string {
+export function withTimes(text: string, clock: Clock, today_ms: number): string {
   return text.replace(/\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z/g, (stamp) => {
     const stamp_ms = Date.parse(stamp.replace(/(\.\d{3})\d+Z$/, "$1Z"));
-    return Number.isNaN(stamp_ms) ? stamp : `${timeOfDay(stamp_ms, clock, 0)} ${clock === "utc" ? "UTC" : "local time"}`;
+    return Number.isNaN(stamp_ms) ? stamp : `${dayAndTime(stamp_ms, clock, today_ms, 0)} ${clock === "utc" ? "UTC" : "local time"}`;
   });
 }
 

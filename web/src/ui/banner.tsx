@@ -4,7 +4,7 @@ import type { Alert } from "../api/contract";
 import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { behind_s, LATE_S, silence_s } from "../state/time";
-import { duration, timeOfDay, withTimes } from "../text/stamp";
+import { dayAndTime, duration, timeOfDay, withTimes } from "../text/stamp";
 import { Icon } from "./icons";
 import { useNow } from "./now";
 import { mayOperate } from "./operator";
@@ -18,6 +18,7 @@ export function Banner() {
   const alerts = useStore((state) => state.alerts);
   const urgent = alerts.filter((alert) => alert.level !== "info" && !alert.acknowledged_by && !alert.cleared_ms);
   const worst = urgent.find(({ level }) => level === "alarm") ?? urgent[0];
+  const newest_ms = useStore((state) => state.timeline.points.at(-1)?.stamp_ms ?? 0);
   const late_s = silence_s(store.state);
   const old_s = behind_s(store.state);
   return (
@@ -49,7 +50,7 @@ export function Banner() {
       {moment && !time.following && (
         <div class="banner past" data-test="past">
           <span>
-            You are looking at <b>{timeOfDay(moment.stamp_ms, clock)}</b>, not at now.
+            You are looking at <b>{dayAndTime(moment.stamp_ms, clock, newest_ms)}</b>, not at now.
           </span>
           <button onClick={goLive}>Go to the newest</button>
         </div>
@@ -60,13 +61,14 @@ export function Banner() {
 }
 
 function AlertBanner({ alert, more }: { alert: Alert; more: number }) {
+  const now = useNow();
   const scene = useStore((state) => state.scene);
   const clock = useStore((state) => state.clock);
   const operator = mayOperate(scene);
   return (
     <div class={`banner ${alert.level}`}>
       <Icon name="warning" />
-      <span>{withTimes(alert.text, clock)}</span>
+      <span>{withTimes(alert.text, clock, now)}</span>
       {(alert.zone || alert.drone) && (
         <button onClick={() => select(alert.zone ? { kind: "zone", id: alert.zone } : { kind: "drone", id: alert.drone! })}>Show</button>
       )}

@@ -9,7 +9,7 @@ import { boundsOf, contains, cornersOf, lineLength } from "../map/geometry";
 import { select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
-import { ago, dateOf, duration, timeOfDay } from "../text/stamp";
+import { ago, dateOf, dayAndTime, duration, timeOfDay } from "../text/stamp";
 import { area, grouped, length, place, probability } from "../text/units";
 import { EVENT_WORDS, KIND_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
@@ -125,7 +125,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
         {crowd && <Fact name="last look">{ago(zone.last_seen_ms, now)}</Fact>}
         {crowd && <Fact name="oldest part">{ago(zone.oldest_look_ms, now)}</Fact>}
         {zone.probability_mean !== null && <Fact name="mean P">{probability(zone.probability_mean)}</Fact>}
-        <Fact name="closed since">{zone.created_ms === null ? "not known" : `${timeOfDay(zone.created_ms, store.state.clock, 0)}, ${ago(zone.created_ms, now)}`}</Fact>
+        <Fact name="closed since">{zone.created_ms === null ? "not known" : `${dayAndTime(zone.created_ms, store.state.clock, now, 0)}, ${ago(zone.created_ms, now)}`}</Fact>
         {crowd && <Fact name="seen by">{zone.seen_by.join(", ") || "not known"}</Fact>}
         <Fact name="heights">
           {length(zone.band.lower_m, units)} to {length(zone.band.upper_m, units)} {zone.band.datum}

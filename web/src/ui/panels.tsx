@@ -6,11 +6,12 @@ import type { Alert, AuditEntry } from "../api/contract";
 import { byUrgency, isOpen } from "../state/alerts";
 import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
 import { store, useStore } from "../state/store";
-import { dateOf, timeOfDay, withTimes } from "../text/stamp";
+import { dateOf, dayAndTime, timeOfDay, withTimes } from "../text/stamp";
 import { exportCommand, FORMATS } from "../text/exports";
 import { Icon } from "./icons";
 import { Legend } from "./left_panel";
 import { map } from "./map_panel";
+import { useNow } from "./now";
 import { mayOperate } from "./operator";
 
 export function Panel() {
@@ -41,6 +42,7 @@ export function Panel() {
 }
 
 function Alerts() {
+  const now = useNow();
   const alerts = useStore((state) => state.alerts);
   const scene = useStore((state) => state.scene);
   if (!alerts.length) return <p class="empty">Nothing has been out of order so far.</p>;
@@ -55,14 +57,14 @@ function Alerts() {
       )}
       <ul class="alerts">
         {byUrgency(alerts).map((alert) => (
-          <AlertRow key={alert.id} alert={alert} />
+          <AlertRow key={alert.id} alert={alert} now={now} />
         ))}
       </ul>
     </>
   );
 }
 
-function AlertRow({ alert }: { alert: Alert }) {
+function AlertRow({ alert, now }: { alert: Alert; now: number }) {
   const clock = useStore((state) => state.clock);
   const scene = useStore((state) => state.scene);
   const operator = mayOperate(scene);
@@ -75,12 +77,12 @@ function AlertRow({ alert }: { alert: Alert }) {
     <li class={`alert ${alert.level} ${alert.acknowledged_by ? "done" : ""}`} data-alert={alert.id}>
       <i />
       <div>
-        <p>{withTimes(alert.text, clock)}</p>
+        <p>{withTimes(alert.text, clock, now)}</p>
         <small>
           <button class="link" onClick={() => seek(alert.raised_ms)} title="Show this moment">
-            {timeOfDay(alert.raised_ms, clock)}
+            {dayAndTime(alert.raised_ms, clock, now)}
           </button>
-          {alert.cleared_ms !== null && ` · over at ${timeOfDay(alert.cleared_ms, clock)}`}
+          {alert.cleared_ms !== null && ` · over at ${dayAndTime(alert.cleared_ms, clock, now)}`}
           {alert.acknowledged_by && ` · acknowledged by ${alert.acknowledged_by}`}
         </small>
       </div>
