@@ -1,6 +1,7 @@
 import { describe, expect, it, vi } from "vitest";
 import { formatLink, parseLink } from "../src/state/deep_link";
-import { EMPTY_STATE, Store } from "../src/state/store";
+import { notify } from "../src/state/session";
+import { EMPTY_STATE, store, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
 import { byUrgency, isOpen, marks } from "../src/state/alerts";
 import { thinned } from "../src/state/thinning";
@@ -135,5 +136,25 @@ describe("the store", () => {
     store.set({ units: "metres" });
     expect(heard).toEqual(["feet"]);
     expect(store.state).toEqual(EMPTY_STATE);
+  });
+});
+
+describe("notices", () => {
+  it("that are equal are one, and stay as long as the last of them", () => {
+    vi.useFakeTimers();
+    vi.stubGlobal("window", globalThis);
+    const texts = () => store.state.notices.map(({ text }) => text);
+    for (let k = 0; k < 4; k++) {
+      notify("The service does not answer.", "error");
+      vi.advanceTimersByTime(3000);
+    }
+    notify("Z1 is locked.");
+    expect(texts()).toEqual(["The service does not answer.", "Z1 is locked."]);
+    vi.advanceTimersByTime(5_990); // 9 s after the last of them
+    expect(texts()).toEqual(["The service does not answer."]);
+    vi.advanceTimersByTime(20);
+    expect(texts()).toEqual([]);
+    vi.useRealTimers();
+    vi.unstubAllGlobals();
   });
 });
