@@ -215,6 +215,48 @@ def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path)
         assert not active(service, "drone_in_zone")
 
 
+def test_a_zone_that_somebody_acknowledged_hides_no_other_one(tmp_path: Path) -> None:
+    """Who may fly in a control zone has acknowledged it once, and hears of every crowd in it all the same."""
+    (crowd,) = DrawnZones((1, 1)).drawn("#")
+    control = replace(crowd, id="CTR", kind="static", reason="given", polygon=box(-500, -500, 500, 500))
+    near = replace(SETTINGS, near_m=6.0)
+    with running(tmp_path, settings=near, static_zones=[control]) as service, asked(service) as http:
+        looking = Watch(service)
+        service.live.give_view(message(view("uav1", 0)))
+        service.live.give_view(message(view("uav1", 10)))
+        settle(service)
+        east, north = service.fleet.last("uav1").world_from_camera[:2, 3]
+
+        def close(west: float, width: float) -> str:
+            corners = [
+                [west, north - 3],
+                [west + width, north - 3],
+                [west + width, north + 3],
+                [west, north + 3],
+            ]
+            return str(http.post("/api/v1/zones", json={"polygon": corners, "reason": "stage"}).json()["id"])
+
+        def acknowledge(kind: str, zone: str) -> None:
+            service.alerts.acknowledge(service.alerts.active(kind, "uav1", zone).id, "ann", START_NS)
+            looking.look()
+
+        looking.look()
+        assert active(service, "drone_in_zone") == {("uav1", "CTR")}
+        acknowledge("drone_in_zone", "CTR")
+        beside = close(east + 4.0, 9.0)
+        looking.look()
+        assert active(service, "drone_near_zone") == {("uav1", beside)}
+        first, second = close(east - 2.0, 5.0), close(east - 1.0, 3.0)
+        looking.look()
+        assert active(service, "drone_in_zone") == {("uav1", "CTR"), ("uav1", first)}, "one at a time"
+        assert not active(service, "drone_near_zone"), "until the worse one was seen"
+        acknowledge("drone_in_zone", first)
+        assert active(service, "drone_in_zone") == {("uav1", "CTR"), ("uav1", first), ("uav1", second)}
+        http.post(f"/api/v1/zones/{first}/dismiss", json={"reason": "wrong"})
+        looking.look()
+        assert active(service, "drone_in_zone") == {("uav1", "CTR"), ("uav1", second)}
+
+
 def test_a_drone_whose_pictures_show_nothing_still_is_where_its_pose_says(tmp_path: Path) -> None:
     """A covered lens: its views are refused, and it flies into a zone all the same."""
 

@@ -84,7 +84,7 @@ class Gate:
         reason = (
             f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
         )
-        self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone)
+        self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone, measure=abs(off_s))
         raise Refused(422, reason)
 
     def _check_fleet(self, drone: str) -> None:

@@ -158,9 +158,9 @@ class Watch:
         places = service.fleet.places()
         for drone in sorted({*service.fleet.drones, *places}):
             inside, near = self._around(places[drone], closed) if drone in places else ([], [])
-            self._of_zones(drone, inside, "drone_in_zone", "alarm", "is in zone")
+            unseen = self._of_zones(drone, inside, "drone_in_zone", "alarm", "is in zone")
             verb = f"is within {service.settings.near_m:g} m of zone"
-            self._of_zones(drone, [] if inside else near, "drone_near_zone", "warning", verb)
+            self._of_zones(drone, [] if unseen else near, "drone_near_zone", "warning", verb)
 
     def _around(self, position: NDArray[np.float64], closed: tuple[Zone, ...]) -> tuple[list[str], list[str]]:
         """Zones that a drone is in, and those within reach of it, the nearest first."""
@@ -180,16 +180,23 @@ class Watch:
         near = [name for distance_m, name in distances if 0.0 < distance_m <= self._service.settings.near_m]
         return inside, near
 
-    def _of_zones(self, drone: str, zones: list[str], kind: AlertKind, level: Level, verb: str) -> None:
-        """One active alert of a kind and drone: it stays with its zone as long as that is one of `zones`."""
+    def _of_zones(self, drone: str, zones: list[str], kind: AlertKind, level: Level, verb: str) -> bool:
+        """One alert of a kind and drone that nobody acknowledged, and whether there is one: it stays with its
+        zone as long as that is one of `zones`. Those that somebody acknowledged hide no other zone."""
         alerts, now_ns = self._service.alerts, self._service.now_ns()
-        for alert in alerts.all():
-            if alert.cleared_ns is None and (alert.kind, alert.drone) == (kind, drone):
-                if alert.zone in zones:
-                    return
-                alerts.clear(kind, now_ns, drone=drone, zone=alert.zone)
-        if zones:
-            alerts.raise_(kind, level, f"{drone} {verb} {zones[0]}", now_ns, drone=drone, zone=zones[0])
+        told = {
+            alert.zone: alert
+            for alert in alerts.all()
+            if alert.cleared_ns is None and (alert.kind, alert.drone) == (kind, drone)
+        }
+        for zone in told.keys() - set(zones):
+            alerts.clear(kind, now_ns, drone=drone, zone=zone)
+        if any(told[zone].acknowledged_by is None for zone in zones if zone in told):
+            return True
+        untold = next((zone for zone in zones if zone not in told), None)
+        if untold is not None:
+            alerts.raise_(kind, level, f"{drone} {verb} {untold}", now_ns, drone=drone, zone=untold)
+        return untold is not None
 
     def _clock(self) -> None:
         jump_s = self._service.clock.jumped_ns() / _SECOND_NS
