@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import fastkml
 import jsonschema
@@ -371,6 +372,19 @@ def test_f3548_counts_no_corners_of_holes_which_it_closes() -> None:
     (part,) = read_by("f3548", exported(zones))
     assert len(part.exterior.coords) == 5
     assert part.covers(zones[0].polygon) and part.area == pytest.approx(81.0**2, rel=1e-3)
+
+
+def test_a_kml_opens_whatever_drones_are_called() -> None:
+    zones = zones_of("#")
+    odd = replace(zones, zones=(replace(zones[0], seen_by=("uav\x0b1", "<b>&", "\ud800", "無人機")),))
+    text = ZONE_FORMATS["kml"](exported(odd))
+    (place,) = ElementTree.fromstring(text.encode()).iter("{http://www.opengis.net/kml/2.2}Placemark")
+    seen_by = [
+        data[0].text
+        for data in place.iter("{http://www.opengis.net/kml/2.2}Data")
+        if data.get("name") == "seen_by"
+    ]
+    assert seen_by == ["uav\ufffd1 <b>& \ufffd 無人機"]
 
 
 @pytest.mark.parametrize("kind", sorted(ZONE_FORMATS))

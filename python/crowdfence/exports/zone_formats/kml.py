@@ -7,6 +7,7 @@ drawn down to it. `multidrone` names every polygon "2", which is how the planner
 
 from __future__ import annotations
 
+import re
 from typing import Any
 from xml.etree import ElementTree as xml
 
@@ -25,6 +26,8 @@ _STYLES = {
 }
 """Line and fill of each kind, as alpha, blue, green, red."""
 _MULTIDRONE_NO_FLY = "2"
+_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters of names that no XML 1.0 can hold, escaped or not: with one of them no reader opens the file."""
 
 
 def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
@@ -83,5 +86,5 @@ def _polygon(parent: Any, part: Any, upper_m: float) -> None:
 
 def _child(parent: Any, name: str, text: str | None = None) -> Any:
     element = xml.SubElement(parent, name)
-    element.text = text
+    element.text = None if text is None else _NO_XML.sub("\ufffd", text)
     return element
