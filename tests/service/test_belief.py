@@ -81,7 +81,7 @@ def test_a_raster_of_a_long_map_is_thinned_to_what_a_browser_draws() -> None:
 def test_seen_ground_is_what_the_map_shows_of_it() -> None:
     terrain = house()
     crowd_map, ground = CONFIG.crowd_map(terrain, 3), Ground(terrain)
-    columns = SeenColumns(ground)
+    columns = SeenColumns(terrain)
     for number in range(8):
         flown = [view(drone, number) for drone in ("uav1", "uav2", "uav3")]
         columns.add(crowd_map.integrate(flown, flown[-1].stamp_ns).voxel_ids)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from crowdfence import Terrain
-from crowdfence.service.ground import Ground
 from crowdfence.service.seen_columns import SeenColumns
 
 
@@ -23,7 +22,7 @@ def ids(terrain: Terrain, *indices: tuple[int, int, int]) -> np.ndarray:
 
 def test_walls_add_nothing_and_ground_below_a_roof_is_seen_with_it() -> None:
     terrain = roofed()
-    columns = SeenColumns(Ground(terrain))
+    columns = SeenColumns(terrain)
     columns.add(ids(terrain, (0, 0, 0), (0, 0, 1)))
     assert columns.count == 0, "the side of a wall"
     columns.add(ids(terrain, (0, 0, 1), (0, 0, 2), (1, 0, 0)))
@@ -42,8 +41,7 @@ def test_walls_add_nothing_and_ground_below_a_roof_is_seen_with_it() -> None:
 def test_in_any_parts_it_is_what_all_at_once_is(seed: int) -> None:
     random = np.random.default_rng(seed)
     terrain = Terrain.from_occupancy(random.random((12, 9, 6)) < 0.4, 1.0)
-    ground = Ground(terrain)
-    parts, whole = SeenColumns(ground), SeenColumns(ground)
+    parts, whole = SeenColumns(terrain), SeenColumns(terrain)
     seen: set[int] = set()
     for _ in range(6):
         some = random.choice(terrain.voxel_count, terrain.voxel_count // 4, replace=False)
@@ -51,8 +49,8 @@ def test_in_any_parts_it_is_what_all_at_once_is(seed: int) -> None:
         seen |= set(some.tolist())
     whole.add(np.array(sorted(seen)))
     by_hand = {tuple(place[:2]) for place in terrain.voxel_indices(np.arange(terrain.voxel_count)).tolist()}
-    indices = terrain.voxel_indices(ground.voxel_ids).tolist()
-    for voxel, (i, j, _) in zip(ground.voxel_ids.tolist(), indices, strict=True):
+    places = terrain.standing_places()
+    for voxel, (i, j, _) in zip(places.tolist(), terrain.voxel_indices(places).tolist(), strict=True):
         if voxel not in seen:
             by_hand.discard((i, j))
     assert parts.count == whole.count == len(by_hand)

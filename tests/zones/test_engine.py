@@ -17,7 +17,7 @@ from crowdfence.planner import ClearAir
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone, ZoneEngine, ZoneSet, find_zones
 from crowdfence.zones.tracker import column_keys
-from crowdfence.zones.unseen import StandingPlaces
+from crowdfence.zones.unseen import UnseenGround
 from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
 from support.small_zones import SECOND_NS, DrawnZones, drawing, ids, told
 
@@ -544,18 +544,18 @@ def test_what_the_map_calls_crowd_is_closed_by_a_zone_or_as_ground_that_is_not_k
     terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(prior=0.1).fusion_method(terrain, drones=1))
     look(crowd_map, "uav1", 0, np.arange(6), 0.0)
-    standing = StandingPlaces(terrain)
+    ground, columns = UnseenGround(terrain), column_keys(np.argwhere(np.ones((6, 1))))
 
     def unknown(second: int, in_zones: NDArray[np.int64]) -> list[int]:
-        runs = standing.unknown(crowd_map, second * SECOND_NS, 0.08, 30.0, in_zones, nowhere)
+        runs = ground.at(crowd_map, second * SECOND_NS, 0.08, 30.0, in_zones, nowhere)
         return np.repeat(runs.i, runs.length).tolist()
 
-    nowhere, east = standing.columns[:0], standing.columns[4:]
+    nowhere, east = columns[:0], columns[4:]
     assert unknown(0, nowhere) == []
     assert (crowd_map.state(600 * SECOND_NS, threshold=0.08) == VoxelState.CROWD).all()
     assert unknown(600, nowhere) == [0, 1, 2, 3, 4, 5]
     assert unknown(600, east) == [0, 1, 2, 3]
-    assert unknown(600, standing.columns) == []
+    assert unknown(600, columns) == []
 
 
 @settings(max_examples=200)
@@ -572,8 +572,8 @@ def test_what_is_unknown_is_what_the_states_of_its_places_say(data: st.DataObjec
     def keys(of: list[tuple[int, int]]) -> NDArray[np.int64]:
         return column_keys(np.array(of, np.int64).reshape(-1, 2))
 
-    standing = StandingPlaces(crowd_map.terrain)
-    runs = standing.unknown(crowd_map, 0, 0.5, 30.0, keys(in_zones), keys(in_no_zone))
+    unseen = UnseenGround(crowd_map.terrain)
+    runs = unseen.at(crowd_map, 0, 0.5, 30.0, keys(in_zones), keys(in_no_zone))
 
     state = crowd_map.state(0, threshold=0.5)[crowd_map.terrain.voxel_ids(places)]
     expected = set(in_no_zone)

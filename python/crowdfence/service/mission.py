@@ -73,7 +73,7 @@ class Mission:
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
-        self._seen = SeenColumns(self.ground)
+        self._seen = SeenColumns(self.terrain)
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
         self.operator_zones = self._no_operator_zones()
@@ -189,7 +189,7 @@ class Mission:
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
         self.still_video = still_video
-        self._seen = SeenColumns(self.ground)
+        self._seen = SeenColumns(self.terrain)
         self._seen.add(loop.crowd_map.seen_ids())
         self._had_other_static = _records(kept.static) != _records(self._static)
         self._belief = None

@@ -34,7 +34,7 @@ from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.simplify import simplified
 from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
-from crowdfence.zones.unseen import StandingPlaces
+from crowdfence.zones.unseen import UnseenGround
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class ZoneEngine:
         self._static = tuple(static)
         nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
         self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
-        self._standing = StandingPlaces(crowd_map.terrain) if rules.close_unseen else None
+        self._unseen = UnseenGround(crowd_map.terrain) if rules.close_unseen else None
         self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
@@ -243,10 +243,10 @@ class ZoneEngine:
     ) -> tuple[Zone, ...]:
         """One zone of many parts, as it lies: a buffer around ground that nobody knows would mean nothing.
         `in_zones` are keys of crowd in a zone, `in_no_zone` those whose regions are too small for one."""
-        if self._standing is None:
+        if self._unseen is None:
             return ()
         rules, terrain = self.rules, self._crowd_map.terrain
-        runs = self._standing.unknown(
+        runs = self._unseen.at(
             self._crowd_map, stamp_ns, rules.threshold, rules.stale_after_s, in_zones, in_no_zone
         )
         if not len(runs):
@@ -258,7 +258,7 @@ class ZoneEngine:
             "unseen",
             "never_cleared",
             ground_m=(float(terrain.bounds[0, 2]), float(terrain.bounds[1, 2])),
-            leaves_map=self._standing.has_holes,
+            leaves_map=self._unseen.has_holes,
             restriction=rules.restriction,
             band=rules.band,
         )

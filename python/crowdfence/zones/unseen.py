@@ -14,31 +14,22 @@ from crowdfence._core import CrowdMap, Terrain
 from crowdfence.zones.map_holes import hole_columns
 from crowdfence.zones.regions import Runs
 from crowdfence.zones.sorted_keys import are_among, united
+from crowdfence.zones.standing_columns import StandingColumns
 from crowdfence.zones.tracker import column_keys, column_places
 
-_NOWHERE = -1
 
-
-class StandingPlaces:
-    """The voxels of a terrain on which somebody can stand (no voxel lies on top), by column. Made once per
-    terrain, see `Terrain.standing_places`."""
+class UnseenGround:
+    """Made once per terrain."""
 
     def __init__(self, terrain: Terrain) -> None:
-        ids = terrain.standing_places()
-        keys = column_keys(terrain.voxel_indices(ids)[:, :2])
-        begins = np.diff(keys, prepend=keys[:1] - 1) != 0
-        self.columns = keys[begins]
-        """Keys of the columns [C], sorted."""
-        column = np.cumsum(begins, dtype=np.int32) - np.int32(1)
-        self._column_of = np.full(terrain.voxel_count, _NOWHERE, np.int32)
-        self._column_of[ids] = column
-        self._places = np.bincount(column, minlength=len(self.columns)).astype(np.int32)
-        holes = column_keys(hole_columns(column_places(self.columns)))
-        self._all = Runs.of(column_places(united(self.columns, holes)))
+        self._standing = StandingColumns(terrain)
+        keys = self._standing.keys
+        holes = column_keys(hole_columns(column_places(keys)))
+        self._all = Runs.of(column_places(united(keys, holes)))
         self.has_holes = len(holes) > 0
         """Whether the map lacks columns inside of itself, of which nobody knows how high the ground lies."""
 
-    def unknown(
+    def at(
         self,
         crowd_map: CrowdMap,
         stamp_ns: int,
@@ -50,17 +41,13 @@ class StandingPlaces:
         """The columns with a place that is neither empty nor crowd, or that is crowd while the column is none
         of those `in_zones` (sorted keys), those `in_no_zone` (the same), and those that the map lacks inside
         of itself. Whatever state a method may invent is unknown here."""
+        keys, places = self._standing.keys, self._standing.places
         empty_ids = crowd_map.empty_ids(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
-        empty = self._columns_under(empty_ids)
-        crowd = self._columns_under(crowd_map.crowd_ids(stamp_ns, threshold=threshold))
-        column, places = np.unique(np.append(empty, crowd), return_counts=True)
-        known = self.columns[column[places == self._places[column]]]
+        empty = self._standing.under(empty_ids)
+        crowd = self._standing.under(crowd_map.crowd_ids(stamp_ns, threshold=threshold))
+        column, count = np.unique(np.append(empty, crowd), return_counts=True)
+        known = keys[column[count == places[column]]]
         # What the map calls crowd is no zone by that alone.
-        of_crowd = self.columns[np.unique(crowd)]
+        of_crowd = keys[np.unique(crowd)]
         not_closed = united(of_crowd[~are_among(of_crowd, in_zones)], in_no_zone)
         return self._all.without(column_places(known[~are_among(known, not_closed)]))
-
-    def _columns_under(self, ids: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Position among `columns` of each of the voxels on which somebody can stand."""
-        column = self._column_of[ids]
-        return column[column != _NOWHERE]
