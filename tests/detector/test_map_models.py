@@ -121,14 +121,17 @@ def test_pale_colours_are_shown_stronger(tmp_path: Path, color: str) -> None:
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 4), (7, 5), (8, 8), (9, 17), (31, 33)])
 def test_any_size_has_its_cells_and_borders_repeat(tmp_path: Path, size: tuple[int, int]) -> None:
-    """Padding repeats the border: each cell is the mean of its 16 pixels with rows and columns clamped."""
+    """Padding repeats the border: a cell of 4 x 4 pixels is their mean with rows and columns clamped. Where
+    such cells do not divide the image, smaller ones lie in each."""
     height, width = size
     image = np.random.default_rng(1).integers(0, 256, (height, width, 3), dtype=np.uint8)
     heatmap = Detector(write_map_model(tmp_path / "m.onnx", document()))(image)
-    assert heatmap.shape == (math.ceil(height / 4), math.ceil(width / 4))
+    side = math.gcd(4, height, width)
+    assert heatmap.shape == (height // side, width // side)
     for (i, j), value in np.ndenumerate(heatmap):
-        rows = np.minimum(np.arange(4 * i, 4 * i + 4), height - 1)
-        columns = np.minimum(np.arange(4 * j, 4 * j + 4), width - 1)
+        top, left = side * i // 4 * 4, side * j // 4 * 4
+        rows = np.minimum(np.arange(top, top + 4), height - 1)
+        columns = np.minimum(np.arange(left, left + 4), width - 1)
         assert value == pytest.approx(image[np.ix_(rows, columns)][..., 0].mean() / 255, abs=1e-6)
 
 
@@ -161,8 +164,9 @@ def test_letterbox_cuts_the_grey_away(tmp_path: Path, size: tuple[int, int]) -> 
     path = write_map_model(tmp_path / "m.onnx", given, image_shape=(1, 64, 64, 3))
     heatmap = Detector(path)(np.full((*size, 3), 255, np.uint8))
     rows, columns = heatmap.shape
-    assert (rows, columns) == (math.ceil(size[0] / 4), math.ceil(size[1] / 4))
-    assert heatmap[rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4].min() > 0.95
+    side = math.gcd(4, *size)
+    assert (rows, columns) == (size[0] // side, size[1] // side)
+    assert heatmap[rows // 3 : rows - rows // 3, columns // 3 : columns - columns // 3].min() > 0.95
 
 
 def test_a_model_of_one_size_refuses_another(tmp_path: Path) -> None:

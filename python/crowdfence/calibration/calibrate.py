@@ -32,7 +32,7 @@ from crowdfence.evaluation.labelled_missions import (
     LabelledMissions,
     MeasurementPlan,
 )
-from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, measure
+from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, judged_cells, measure
 from crowdfence.evaluation.voxels.rates import VoxelRates
 from crowdfence.sources.recording import Frame
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
@@ -105,7 +105,11 @@ def calibrate_model(
     statistics: dict[str, list[NDArray[np.float64]]] = {}
     counts, frames = _count_logits(detector, missions, statistics)
     calibration = calibrate(counts)
-    measured = measure(missions, partial(_before_and_after, detector, calibration.chosen, plan))
+    measured = measure(
+        missions,
+        partial(_before_and_after, detector, calibration.chosen, plan),
+        contract.output.stride,
+    )
     before, after = measured.rates or (None, None)
     completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
     seen = range_of_missions({name: np.array(of_one) for name, of_one in statistics.items()})
@@ -131,14 +135,15 @@ def _count_logits(
     """First pass: logits by truth of every mission, and the number of frames used; into `statistics` what the
     pictures of every mission look like."""
     counts: dict[str, NDArray[np.float64]] = {}
-    frames = 0
+    frames, stride = 0, detector.contract.output.stride
     for mission in missions.opened(with_maps=detector.contract.uses_gsd):
 
         def use(frame: Frame, mission: LabelledMission = mission) -> None:
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
-            values = heatmap_values(mission.heatmap(detector, frame, missions.plan.max_range_m))
-            counted = None if ignored is None else ~crowd_cells(ignored, values.shape)
-            added = logit_counts(values, crowd_cells(mask, values.shape), counted)
+            heatmap = mission.heatmap(detector, frame, missions.plan.max_range_m)
+            values = heatmap_values(judged_cells(heatmap, frame, stride))
+            counted = None if ignored is None else ~crowd_cells(ignored, values.shape, stride)
+            added = logit_counts(values, crowd_cells(mask, values.shape, stride), counted)
             counts[mission.name] = counts.get(mission.name, 0.0) + added
             statistics.setdefault(mission.name, []).append(picture_statistics(frame.image()))
 

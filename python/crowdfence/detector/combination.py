@@ -120,12 +120,14 @@ class Opinion(Protocol):
 class CombinedModel:
     """Detectors that look at the same picture."""
 
-    def __init__(self, detectors: Sequence[Opinion], rule: CombinationRule, stride: int) -> None:
-        self._detectors, self._rule, self._stride = detectors, rule, stride
+    def __init__(self, detectors: Sequence[Opinion], rule: CombinationRule) -> None:
+        self._detectors, self._rule = detectors, rule
 
     def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
-        cells = -(-image.shape[0] // self._stride), -(-image.shape[1] // self._stride)
-        maps = [_on(detector(image, gsd_m, as_it_is=as_it_is), cells) for detector in self._detectors]
+        """P on the finest cells of theirs, all of which divide the picture evenly."""
+        given = [detector(image, gsd_m, as_it_is=as_it_is) for detector in self._detectors]
+        cells = max(values.shape[0] for values in given), max(values.shape[1] for values in given)
+        maps = [_on(values, cells) for values in given]
         votes = [_votes(detector.contract, gsd_m, cells) for detector in self._detectors]
         return self._rule.combined(maps, votes)
 

@@ -15,6 +15,7 @@ from crowdfence.detector.contract.contract import Contract, contract_of, read_co
 from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.lookup import FoundContract, find_contract
 from crowdfence.detector.ground_scale import Gsd
+from crowdfence.detector.inference.even_cells import evenly
 from crowdfence.detector.inference.function_model import (
     BoxesFunction,
     HeatmapFunction,
@@ -46,8 +47,10 @@ class Detector:
         detector = Detector()                                # the shipped model
         heatmap = detector(image)                            # uint8 [H, W, 3] RGB -> float32 [h, w] in [0, 1]
 
-    h = ceil(H / stride), w = ceil(W / stride); cell (i, j) covers the pixels from row i * stride and column
-    j * stride on. Images of any size work: they are padded, resized or cut into tiles as the contract says.
+    The h x w cells divide the image evenly. They are `stride` pixels wide and high, or where the sides of the
+    image are no multiples of that, the largest divisor of it that they are multiples of: h = H / 4 and
+    w = W / 4 for a stride of 4 and 640 x 480, h = H and w = W for 641 x 483.
+    Images of any size work: they are padded, resized or cut into tiles as the contract says.
     One detector holds one session with its own threads: make one per camera stream.
     """
 
@@ -128,7 +131,7 @@ class Detector:
         contracts = [detector.contract for detector in detectors]
         rule, calibrated = rule_for([contract.name for contract in contracts])
         contract = combined_contract(contracts, calibrated=calibrated)
-        model = CombinedModel(detectors, rule, contract.output.stride)
+        model = CombinedModel(detectors, rule)
         combination = cls._of(model, FoundContract(contract, "a combination"), contract.name)
         combination._members = tuple(detectors)
         return combination
@@ -166,7 +169,8 @@ class Detector:
         shape); ValueError when gsd_m is missing or wrong.
         """
         try:
-            return self._model.heatmap(check_image(image), gsd_m, as_it_is=as_it_is)
+            heatmap = self._model.heatmap(check_image(image), gsd_m, as_it_is=as_it_is)
+            return self._evenly(heatmap, image)
         except DetectorError as error:
             raise DetectorError(f"{self._name}: {error}") from None
 
@@ -186,9 +190,16 @@ class Detector:
             raise ValueError(f"gsd_m has {len(scales)} entries for {len(images)} images")
         try:
             checked = [check_image(image) for image in images]
-            return self._model.heatmaps(checked, scales, as_it_is=as_it_is)
+            heatmaps = self._model.heatmaps(checked, scales, as_it_is=as_it_is)
+            return [self._evenly(one, image) for one, image in zip(heatmaps, checked, strict=True)]
         except DetectorError as error:
             raise DetectorError(f"{self._name}: {error}") from None
+
+    def _evenly(self, heatmap: NDArray[np.float32], image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Those of a combination's members are."""
+        if self._members:
+            return heatmap
+        return evenly(heatmap, self.contract.output.stride, image.shape[:2])
 
     @classmethod
     def _of(cls, model: _Model, found: FoundContract, name: str) -> Detector:

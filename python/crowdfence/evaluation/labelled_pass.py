@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.inference.even_cells import cells_of_stride
 from crowdfence.evaluation.cells.frame_context import cell_sampling, mission_groups
 from crowdfence.evaluation.cells.quality import DetectorQuality, LabelledHeatmap, QualityReport
 from crowdfence.evaluation.labelled_missions import LabelledMission, LabelledMissions, MeasurementPlan
@@ -38,10 +39,12 @@ class PassResult:
 def measure(
     missions: LabelledMissions,
     heatmaps_of: Callable[[LabelledMission, Frame], Sequence[Heatmap]],
+    stride: int,
     *,
     on_heatmap: OnFrame | None = None,
 ) -> PassResult:
-    """Judge the heatmaps of every frame, always equally many: such as raw and corrected.
+    """Judge the heatmaps of every frame, always equally many: such as raw and corrected. `stride` is that of
+    the detector which made them.
 
     `on_heatmap` is called with the last heatmap of every frame that could be judged. ValueError when maps
     differ in voxel size, or nothing could be used.
@@ -66,7 +69,7 @@ def measure(
             projection: LabelledProjection | None = projection,
         ) -> None:
             heatmaps = heatmaps_of(mission, frame)
-            judged, unit = heatmaps[-1], missions.unit(mission, frame)
+            judged, unit = judged_cells(heatmaps[-1], frame, stride), missions.unit(mission, frame)
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
             gsd_m = tilt_deg = None
             if projection is not None and mission.terrain is not None:
@@ -76,13 +79,21 @@ def measure(
                     counters.extend(VoxelRateCounter(b_threshold=plan.b_threshold) for _ in heatmaps)
                 for counter, observation in zip(counters, seen, strict=True):
                     counter.add(observation, mission.name, unit)
-            collected.add(LabelledHeatmap(judged, mask, mission.name, ignored, gsd_m, tilt_deg, groups, unit))
+            collected.add(
+                LabelledHeatmap(judged, mask, mission.name, ignored, gsd_m, tilt_deg, groups, unit, stride)
+            )
             if on_heatmap is not None:
                 on_heatmap(mission, frame, judged)
 
         frames += missions.over_frames(mission, use)
     rates = tuple(counter.result() for counter in counters)
     return PassResult(collected.report(), rates, settings, tuple(without_map), frames)
+
+
+def judged_cells(heatmap: Heatmap, frame: Frame, stride: int) -> Heatmap:
+    """The cells of a frame's heatmap that are judged one by one: as many for a picture as a detector of that
+    stride answers for, whatever its size is a multiple of."""
+    return cells_of_stride(heatmap, stride, (frame.camera.height, frame.camera.width))
 
 
 def _same_settings(

@@ -70,14 +70,16 @@ def model_quality(
     """
     missions, page = LabelledMissions(data, plan, on_frame), ExamplePage()
     pictures, people = PictureFigures(), PeopleFound()
-    validity = detector.contract.validity
+    validity, stride = detector.contract.validity, detector.contract.output.stride
 
     def keep(mission: LabelledMission, frame: Frame, heatmap: NDArray[Any]) -> None:
         mask, ignored = mission.mask_of(frame), mission.ignored(frame)
         of = frame.drone if mission.is_pictures else mission.name
-        page.offer(of, frame.image(), heatmap, mask, ignored)
-        crowd = crowd_cells(mask, heatmap.shape)
-        known = np.ones(crowd.shape, np.bool_) if ignored is None else ~crowd_cells(ignored, crowd.shape)
+        page.offer(of, frame.image(), heatmap, mask, ignored, stride)
+        crowd = crowd_cells(mask, heatmap.shape, stride)
+        known = np.ones(crowd.shape, np.bool_)
+        if ignored is not None:
+            known = ~crowd_cells(ignored, crowd.shape, stride)
         pictures.add(heatmap, crowd, known)
         if mission.terrain is not None:
             gsd_m, _ = cell_sampling(frame, mission.terrain, heatmap.shape, plan.max_range_m)
@@ -87,7 +89,7 @@ def model_quality(
     def heatmaps_of(mission: LabelledMission, frame: Frame) -> tuple[NDArray[Any]]:
         return (mission.heatmap(detector, frame, plan.max_range_m),)
 
-    result = measure(missions, heatmaps_of, on_heatmap=keep)
+    result = measure(missions, heatmaps_of, stride, on_heatmap=keep)
     return ModelQuality(
         plan,
         result.quality,

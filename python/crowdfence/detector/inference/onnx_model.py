@@ -141,14 +141,26 @@ def _owns(span: Span, at: NDArray[np.float64], pixels: int) -> NDArray[np.bool_]
 
 def _resampled(values: Map, patch: Patch, cells: tuple[int, int], stride: int) -> Map:
     """The part of the output that shows the image, on the cells of the image."""
+    spans = (patch.rows, patch.columns)
+    # Bars around the image are no neighbours of its border.
+    shows = [slice(0, int(np.ceil(_model_px(span, span.stop) / stride))) for span in spans]
+    ends = [_model_px(span, count * stride) / stride for span, count in zip(spans, cells, strict=True)]
+    starts = [span.low / stride for span in spans]
+    return on_cells(values[shows[0], shows[1]], cells, starts, ends)
+
+
+def _model_px(span: Span, image_px: int) -> float:
+    return span.low + (image_px - span.start) * span.scale
+
+
+def on_cells(values: Map, cells: tuple[int, int], starts: Sequence[float], ends: Sequence[float]) -> Map:
+    """What lies between `starts` and `ends` (row, column) of an answer, in its cells, on `cells` of the
+    image. The last of these may reach beyond the answer, whose border goes on there."""
     from PIL import Image as Pillow
 
-    left, right, top, bottom = (
-        edge / stride
-        for span in (patch.columns, patch.rows)
-        for edge in (span.low, span.low + (span.stop - span.start) * span.scale)
-    )
-    picture = Pillow.fromarray(np.ascontiguousarray(values))
-    resized = picture.resize(cells[::-1], Pillow.Resampling.BILINEAR, box=(left, top, right, bottom))
+    beyond = [(0, max(0, int(np.ceil(end)) - side)) for end, side in zip(ends, values.shape, strict=True)]
+    picture = Pillow.fromarray(np.pad(values, beyond, mode="edge"))
+    box = (starts[1], starts[0], ends[1], ends[0])
+    resized = picture.resize(cells[::-1], Pillow.Resampling.BILINEAR, box=box)
     # Interpolation of float32 may step over the highest value by a rounding.
     return np.asarray(resized, np.float32).clip(values.min(), values.max())

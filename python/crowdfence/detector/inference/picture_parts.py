@@ -53,6 +53,12 @@ class PicturePart:
         return self.size == 1.0 and self.own is None
 
     @property
+    def scales(self) -> tuple[float, float]:
+        """`size` downwards and across as it is: the pixels that the model sees are whole ones."""
+        height, width = (span.stop - span.start for span in (self.rows, self.columns))
+        return _shown_px(height, self.size) / height, _shown_px(width, self.size) / width
+
+    @property
     def shown_pixels(self) -> int:
         height, width = (span.stop - span.start for span in (self.rows, self.columns))
         return round(height * width * self.size**2)
@@ -120,9 +126,13 @@ def resized(image: Image, size: float) -> Image:
     """The image at another size, softened first where it shrinks."""
     from PIL import Image as Pillow
 
-    height, width = (max(1, round(side * size)) for side in image.shape[:2])
+    height, width = (_shown_px(side, size) for side in image.shape[:2])
     method = Pillow.Resampling.BILINEAR if size < 1.0 else Pillow.Resampling.BICUBIC
     return np.asarray(Pillow.fromarray(np.ascontiguousarray(image)).resize((width, height), method))
+
+
+def _shown_px(side: int, size: float) -> int:
+    return max(1, round(side * size))
 
 
 def _sizes(gsd_m: NDArray[np.float32], known_m: tuple[float, float], enlarged: float) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ from crowdfence.detector.ground_scale import GroundScale, Gsd
 from crowdfence.detector.inference.density_map import crowd_from_density
 from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, sigmoid
-from crowdfence.detector.inference.onnx_model import OnnxModel
+from crowdfence.detector.inference.onnx_model import OnnxModel, on_cells
 from crowdfence.detector.inference.overlap_removal import strongest_boxes
 from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People
@@ -113,7 +113,7 @@ class SizedModel:
         if part.is_whole_picture:
             return values
         if self._output.kind == "density":
-            values = values * np.float32(part.size**2)
+            values = values * np.float32(part.scales[0] * part.scales[1])
         rows, columns = (
             slice(span.start // stride, -(-span.stop // stride)) for span in (part.rows, part.columns)
         )
@@ -126,8 +126,9 @@ class SizedModel:
         found = []
         for part in parts:
             seen = self._model.people(part.shown(image))
-            x, y = seen.x / part.size + part.columns.start, seen.y / part.size + part.rows.start
-            seen = seen.moved(x, y, 1.0 / part.size, 1.0 / part.size)
+            down, across = part.scales
+            x, y = seen.x / across + part.columns.start, seen.y / down + part.rows.start
+            seen = seen.moved(x, y, 1.0 / across, 1.0 / down)
             if part.own is not None:
                 row, column = (
                     np.clip(at // self._output.stride, 0, side - 1).astype(np.intp)
@@ -169,19 +170,9 @@ def combined(maps: Sequence[Map], sizes: PictureSizes) -> Map:
 
 def _on_cells(values: Map, part: PicturePart, stride: int) -> NDArray[np.float32]:
     """The answer for a part on the cells of the whole image that it covers."""
-    from PIL import Image as Pillow
-
-    height, width = (span.stop - span.start for span in (part.rows, part.columns))
-    cells = -(-width // stride), -(-height // stride)
-    # The last cell may reach beyond the picture; in the answer it ends where the padding of the model begins.
-    box = (
-        0.0,
-        0.0,
-        min(cells[0] * part.size, values.shape[1]),
-        min(cells[1] * part.size, values.shape[0]),
-    )
     if part.size == 1.0:
         return values
-    picture = Pillow.fromarray(np.ascontiguousarray(values))
-    resized = picture.resize(cells, Pillow.Resampling.BILINEAR, box=box)
-    return np.asarray(resized, np.float32).clip(values.min(), values.max())
+    height, width = (span.stop - span.start for span in (part.rows, part.columns))
+    cells = -(-height // stride), -(-width // stride)
+    down, across = part.scales
+    return on_cells(values, cells, (0.0, 0.0), (cells[0] * down, cells[1] * across))

@@ -43,14 +43,15 @@ class ExamplePage:
         heatmap: NDArray[np.generic],
         mask: NDArray[np.bool_],
         ignored: NDArray[np.bool_] | None,
+        stride: int | None = None,
     ) -> None:
         """Consider one frame: image [H, W, 3], heatmap [h, w], crowd and what does not count as bool
-        arrays of any resolution."""
+        arrays of any resolution, and the `stride` of `crowd_cells`."""
         values = heatmap_values(heatmap)
-        crowd = crowd_cells(mask, values.shape)
+        crowd = crowd_cells(mask, values.shape, stride)
         wrong = (values > 0.5) != crowd
         if ignored is not None:
-            wrong &= ~crowd_cells(ignored, values.shape)
+            wrong &= ~crowd_cells(ignored, values.shape, stride)
         one = _Example(int(crowd.sum()), int(wrong.sum()), image, values, mask)
         self._kept[mission] = _most_crowd_and_most_wrong([*self._kept.get(mission, []), one])
         if len(self._kept) > MOST_MISSIONS:

@@ -50,6 +50,8 @@ class LabelledHeatmap:
     unit: str | None = None
     """Frames of one unit are resampled together. None: the mission. With fewer than about five missions,
     name blocks of consecutive frames instead, long enough that blocks differ."""
+    stride: int | None = None
+    """Pixels of the mask along the cells of a detector, see `crowd_cells`; None: they divide it evenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,10 +143,10 @@ class DetectorQuality:
         if reserved := {ALL, GSD, TILT, MISSION} & set(frame.groups):
             raise ValueError(f"{min(reserved)!r} cannot name a group, it is a breakdown of its own")
         values = heatmap_values(np.asarray(frame.heatmap))
-        crowd = crowd_cells(np.asarray(frame.mask), values.shape)
+        crowd = crowd_cells(np.asarray(frame.mask), values.shape, frame.stride)
         counts = np.ones(values.shape, np.bool_)
         if frame.ignore is not None:
-            counts = ~crowd_cells(np.asarray(frame.ignore), values.shape)
+            counts = ~crowd_cells(np.asarray(frame.ignore), values.shape, frame.stride)
         whole = value_histogram(values[counts], crowd[counts])
         for name, member in {ALL: ALL, MISSION: frame.mission, **frame.groups}.items():
             yield (name, member), whole

@@ -159,38 +159,48 @@ def labelled_cells(
         raise ValueError("no frames: give at least one heatmap with its mask")
 
 
-def crowd_cells(mask: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def crowd_cells(
+    mask: NDArray[np.generic], shape: tuple[int, ...], stride: int | None = None
+) -> NDArray[np.bool_]:
     """Mask [H, W], bool or integer, non-zero is crowd -> bool [h, w] of `shape` = (h, w): cells with more
     than half of their area crowd. The two grids cover the same image; the stride need not be whole. Cells
-    whose stride is whole and that reach beyond the image count by the part inside."""
+    whose stride is whole and that reach beyond the image count by the part inside.
+    `stride`: that of a detector whose cells these are, in pixels of the image. Of a mask of other cells than
+    pixels it says nothing."""
     if mask.ndim != 2 or mask.size == 0 or mask.dtype.kind not in "bui":
         raise ValueError(f"mask must be bool or integer [H, W], got {mask.dtype} {list(mask.shape)}")
     rows, columns = shape
+    if stride is not None and (-(-mask.shape[0] // stride), -(-mask.shape[1] // stride)) == (rows, columns):
+        return _most_of_the_inside(mask, rows, columns, stride)
     stride_y, stride_x = mask.shape[0] / rows, mask.shape[1] / columns
     # A network that pads its input to whole cells is off by less than one cell.
     if abs(mask.shape[0] / stride_x - rows) >= 1.0 or abs(mask.shape[1] / stride_y - columns) >= 1.0:
-        padded = _padded_to_whole_cells(mask, rows, columns)
-        if padded is None:
+        whole = _whole_stride(mask, rows, columns)
+        if whole is None:
             raise ValueError(
                 f"mask {list(mask.shape)} and heatmap {[rows, columns]} differ in proportion: "
                 f"stride {stride_y:g} down but {stride_x:g} across"
             )
-        crowd, inside = (_per_cell(part, rows, columns) for part in padded)
-        return 2 * crowd > inside
+        return _most_of_the_inside(mask, rows, columns, whole)
     return 2 * _per_cell((mask != 0).astype(np.int64), rows, columns) > mask.size
 
 
-def _padded_to_whole_cells(
-    mask: NDArray[np.generic], rows: int, columns: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    """The pixels of crowd and those of the image, where cells of a whole stride cover it and reach beyond."""
+def _whole_stride(mask: NDArray[np.generic], rows: int, columns: int) -> int | None:
+    """Pixels of cells that cover the image and reach beyond."""
     for stride in sorted((-(-mask.shape[0] // rows), -(-mask.shape[1] // columns))):
         if (-(-mask.shape[0] // stride), -(-mask.shape[1] // stride)) == (rows, columns):
-            beyond = (rows * stride - mask.shape[0], columns * stride - mask.shape[1])
-            padding = [(0, pixels) for pixels in beyond]
-            crowd, inside = (mask != 0).astype(np.int64), np.ones(mask.shape, np.int64)
-            return np.pad(crowd, padding), np.pad(inside, padding)
+            return stride
     return None
+
+
+def _most_of_the_inside(mask: NDArray[np.generic], rows: int, columns: int, stride: int) -> NDArray[np.bool_]:
+    """Cells of `stride` pixels that are crowd by the part of them inside the image."""
+    padding = [(0, count * stride - side) for count, side in zip((rows, columns), mask.shape, strict=True)]
+    crowd, inside = (
+        _per_cell(np.pad(pixels, padding), rows, columns)
+        for pixels in ((mask != 0).astype(np.int64), np.ones(mask.shape, np.int64))
+    )
+    return np.asarray(2 * crowd > inside)
 
 
 def _per_cell(pixels: NDArray[np.int64], rows: int, columns: int) -> NDArray[np.int64]:
