@@ -104,6 +104,16 @@ def test_pixels_belong_to_their_frames(recorded):
         assert frame.image()[0, 0, 0] == regions(frame.drone, frame.stamp_ns)[0, 0] * 60
 
 
+def test_two_heatmaps_of_one_picture_are_not_chosen_from(recorded):
+    """One file says that nobody is there, the other that a crowd is: who wins must not hang on its suffix."""
+    png = sorted((recorded / "heatmaps").glob("heatmap_uav1_*.png"))[2]
+    np.save(png.with_suffix(".npy"), np.ones((12, 16), np.float32))
+    frame = open_recording(recorded).frames_of("uav1")[2]
+    with pytest.raises(FrameError, match=rf"2 heatmaps for one frame: {png.name}, {png.stem}.npy; remove"):
+        frame.heatmap()
+    assert frame.image().any()
+
+
 def test_segmentation_needs_to_know_its_colours(recorded):
     with pytest.raises(FrameError, match="has no silhouettes"):
         open_recording(recorded).frames[0].silhouettes()

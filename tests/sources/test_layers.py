@@ -143,3 +143,6 @@ def test_a_folder_with_a_layer(tmp_path):
     first, second = recording.of_layer("landing-site").frames
     assert np.array_equal(first.heatmap(), SITES) and np.array_equal(second.heatmap(), SITES)
     assert np.array_equal(first.regions() > 0, LABELS) and second.pixels.regions is None
+    np.save(folder / "layers" / "landing-site" / f"uav1_{EPOCH_NS}.npy", np.zeros((6, 8), np.float32))
+    with pytest.raises(FrameError, match=rf"2 heatmaps for one frame: uav1_{EPOCH_NS}.npy, .*png; remove"):
+        open_recording(folder).of_layer("landing-site").frames[0].heatmap()

@@ -32,7 +32,7 @@ from crowdfence._core import Camera
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.folder_description import camera_of, georeference_of, read_description
 from crowdfence.sources.layers import LayerPixels, layer_names
-from crowdfence.sources.pictures.decoding import read_heatmap, read_regions
+from crowdfence.sources.pictures.decoding import read_only_heatmap, read_regions
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
@@ -158,7 +158,7 @@ def _pixels(heatmaps: list[Path], images: list[Path], regions: list[Path], camer
     size = (camera.width, camera.height)
     return PixelSources(
         image=images[0].read_bytes if images else None,
-        heatmap=(lambda: read_heatmap(heatmaps[0], size)) if heatmaps else None,
+        heatmap=(lambda: read_only_heatmap(heatmaps, size)) if heatmaps else None,
         regions=(lambda: read_regions(regions[0], size)) if regions else None,
     )
 

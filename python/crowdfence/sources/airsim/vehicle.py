@@ -22,7 +22,7 @@ from crowdfence.sources.airsim.truth_pictures import (
     pair_truth,
 )
 from crowdfence.sources.layers import LayerPixels, layer_names
-from crowdfence.sources.pictures.decoding import Size, read_heatmap, read_regions, read_silhouettes
+from crowdfence.sources.pictures.decoding import Size, read_only_heatmap, read_regions, read_silhouettes
 from crowdfence.sources.place_camera import UnplacedFrame
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth
@@ -223,10 +223,7 @@ class VehicleReader:
     def _pixels(self, vehicle: str, moment: _Moment, camera: Camera, truth_types: set[int]) -> PixelSources:
         size = (camera.width, camera.height)
         stamps = dict.fromkeys((moment.anchor.stamp_ns, moment.stamp_ns))
-        heatmap = first_file(
-            self.folder / "heatmaps",
-            [f"heatmap_{vehicle}_{stamp}{suffix}" for stamp in stamps for suffix in (".png", ".npy")],
-        )
+        heatmaps = _heatmap_files(self.folder / "heatmaps", vehicle, list(stamps))
         regions = first_file(
             self.folder / "truth" / "regions", [f"region_{vehicle}_{stamp}.png" for stamp in stamps]
         )
@@ -237,7 +234,7 @@ class VehicleReader:
         colours = self.options.crowd_colors
         return PixelSources(
             image=image.read_bytes if moment.anchor.image_type == SCENE else None,
-            heatmap=None if heatmap is None else lambda: read_heatmap(heatmap, size),
+            heatmap=partial(read_only_heatmap, heatmaps, size) if heatmaps else None,
             regions=None if regions is None else lambda: read_regions(regions, size),
             silhouettes=_silhouettes(truth.get(SEGMENTATION), size, colours),
             depth_m=depth_source(truth, camera),
@@ -248,16 +245,13 @@ class VehicleReader:
         """Heatmaps of other classes, by the name of the layer."""
         found = {}
         for name in self._layer_names:
-            heatmap = first_file(
-                self.folder / "layers" / name,
-                [f"heatmap_{vehicle}_{stamp}{suffix}" for stamp in stamps for suffix in (".png", ".npy")],
-            )
+            heatmaps = _heatmap_files(self.folder / "layers" / name, vehicle, stamps)
             labels = first_file(
                 self.folder / "truth" / "layers" / name, [f"label_{vehicle}_{stamp}.png" for stamp in stamps]
             )
-            if heatmap or labels:
+            if heatmaps or labels:
                 found[name] = LayerPixels(
-                    None if heatmap is None else partial(read_heatmap, heatmap, size),
+                    partial(read_only_heatmap, heatmaps, size) if heatmaps else None,
                     None if labels is None else partial(read_regions, labels, size),
                 )
         return found
@@ -272,6 +266,15 @@ def _silhouettes(
     if segmentation is None or not colours:
         return None
     return lambda: read_silhouettes(segmentation, size, colours)
+
+
+def _heatmap_files(folder: Path, vehicle: str, stamps: Sequence[int]) -> list[Path]:
+    """Heatmaps of one picture, under the first of its stamps that has some: one, or one of each kind."""
+    for stamp in stamps:
+        files = [folder / f"heatmap_{vehicle}_{stamp}{suffix}" for suffix in (".png", ".npy")]
+        if found := [file for file in files if file.is_file()]:
+            return found
+    return []
 
 
 def first_file(folder: Path, names: Sequence[str]) -> Path | None:

@@ -123,6 +123,15 @@ def read_heatmap(path: Path, image_size: Size) -> NDArray[Any]:
         )
 
 
+def read_only_heatmap(files: Sequence[Path], image_size: Size) -> NDArray[Any]:
+    """The same of a frame that should have one file, and may have one of each kind: nobody knows then which
+    of them counts."""
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise ValueError(f"{len(files)} heatmaps for one frame: {names}; remove those that do not count")
+    return read_heatmap(files[0], image_size)
+
+
 def read_regions(path: Path, size: Size) -> NDArray[Any]:
     """Crowd region picture -> [H, W] uint8, value = crowd number."""
     with _opened(path, size) as picture:
