@@ -291,6 +291,21 @@ def test_recorded_depth_against_terrain(error_m: float) -> None:
     assert depth_agreement([frame], plain(), 5.0) is None  # nothing in range
 
 
+def test_pixels_without_a_ray_leave_the_depth_of_the_others() -> None:
+    """A barrel whose model ends before the corners: the frame is compared by the rest of it."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = GROUND_M + HEIGHT_M
+    camera = Camera.pinhole(20, 20, 10.0, 10.0, 10.0, 10.0, [-0.2, 0.0, 0.0, 0.0])
+    blind = camera.blind_pixel_count()
+    assert 0 < blind < 200
+    depth_m = np.full((20, 20), HEIGHT_M + 0.5, dtype=np.float32)
+    frame = Frame("alpha", 0, camera, pose, PixelSources(depth_m=lambda: depth_m))
+    agreement = depth_agreement([frame], plain(), 50.0)
+    assert agreement is not None
+    assert (agreement.frames, agreement.rays) == (1, 20 * 20 - blind)
+    assert agreement.median_m == pytest.approx(0.5)
+
+
 def test_octomap_with_a_roof(tmp_path: Path) -> None:
     occupied = np.zeros((30, 20, 6), dtype=np.bool_)
     occupied[:, :, 0] = True

@@ -51,7 +51,7 @@ def ground_sampling(
     x = (np.arange(columns) + 0.5) * camera.width / columns
     y = (np.arange(rows) + 0.5) * camera.height / rows
     pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    rays = _rays(camera, pixels) @ pose[:3, :3].T
+    rays = rays_or_nan(camera, pixels) @ pose[:3, :3].T
     usable = np.isfinite(rays).all(axis=1)
     distance_m = np.full(len(rays), np.nan)
     origins = np.tile(pose[:3, 3], (int(usable.sum()), 1))
@@ -65,10 +65,12 @@ def ground_sampling(
     )
 
 
-def _rays(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit rays [N, 3] in camera axes, NaN where the distortion cannot be inverted."""
-    if camera.model == "pinhole":
+def rays_or_nan(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit rays [N, 3] in camera axes of pixels [N, 2], NaN where the distortion cannot be inverted."""
+    try:
         return camera.unproject(pixels)
+    except ValueError:
+        pass  # one that has no ray refuses all
     rays = np.full((len(pixels), 3), np.nan)
     for number, pixel in enumerate(pixels):
         try:

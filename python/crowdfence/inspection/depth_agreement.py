@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.detector.ground_sampling import rays_or_nan
 from crowdfence.errors import FrameError
 from crowdfence.sources.recording import Frame
 
@@ -40,7 +41,7 @@ def depth_agreement(frames: Sequence[Frame], terrain: Terrain, max_range_m: floa
         try:
             differences.append(_differences_m(frame, terrain, max_range_m))
         except (FrameError, ValueError):
-            continue  # damaged depth, or a camera that cannot see its own edges; counted as no frame
+            continue  # damaged depth; counted as no frame
     if not differences:
         return None
     all_m = np.concatenate(differences)
@@ -59,7 +60,9 @@ def _differences_m(frame: Frame, terrain: Terrain, max_range_m: float) -> NDArra
     rows = np.linspace(0, frame.camera.height - 1, min(_ROWS, frame.camera.height)).astype(int)
     columns = np.linspace(0, frame.camera.width - 1, min(_COLUMNS, frame.camera.width)).astype(int)
     row, column = (grid.ravel() for grid in np.meshgrid(rows, columns, indexing="ij"))
-    rays = frame.camera.unproject(np.stack([column + 0.5, row + 0.5], axis=-1))
+    rays = rays_or_nan(frame.camera, np.stack([column + 0.5, row + 0.5], axis=-1))
+    seeing = np.isfinite(rays).all(axis=1)  # not beyond where the model of the lens ends
+    rays, row, column = rays[seeing], row[seeing], column[seeing]
     pose = frame.world_from_camera
     origins = np.tile(pose[:3, 3], (len(rays), 1))
     _, distances_m = terrain.raycast(origins, rays @ pose[:3, :3].T, max_range_m)
