@@ -137,21 +137,14 @@ def detect_recording(
     source = f"{recording.name}, heatmaps by {maker.get('name', 'a function')} {maker.get('version') or ''}"
     with ExitStack() as stack:
         films = _Films(path, stack) if video else None
-        frames = 0
 
         def heatmap_of(frame: Frame) -> Pixels:
-            nonlocal frames
             heatmap = heatmaps.heatmap_of(frame)
-            frames += 1
             if films is not None:
                 films.add(frame, heatmap)
             return heatmap
 
         conversion = convert(thinned, path, heatmap_of=heatmap_of, source=source.strip(), progress=progress)
-        if frames == 0:
-            path.unlink()
-            reasons = "; ".join(str(one) for one in conversion.refused[:_MOST_REASONS])
-            raise ValueError(f"no frame of {recording.name} could be used: {reasons or 'it holds none'}")
     return DetectedRecording(conversion, [] if films is None else films.paths)
 
 

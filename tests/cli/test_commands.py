@@ -399,6 +399,48 @@ def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: P
     assert len(summary["refused"]) == 1
 
 
+def test_frames_refused_for_one_reason_are_one_line_and_all_in_the_summary(
+    airsim: Path, tmp_path: Path
+) -> None:
+    """Four heatmaps end early, one is of the wrong kind: without counting, four lines hide the fifth."""
+    damaged = tmp_path / "damaged"
+    subprocess.run(["cp", "-r", airsim, damaged], check=True)
+    ended, colour = (
+        sorted((damaged / "heatmaps").glob("*uav1*"))[:4],
+        next((damaged / "heatmaps").glob("*uav3*")),
+    )
+    for heatmap in ended:
+        heatmap.write_bytes(heatmap.read_bytes()[:40])
+    Image.new("RGB", (16, 12)).save(colour)
+    for command, output in (("run", "out"), ("convert", "copy.mcap")):
+        given = (*RECORDED, "--prior", 0.2) if command == "run" else ()
+        done = crowdfence(command, damaged, *given, "-o", tmp_path / output)
+        assert done.returncode == 0
+        told = [line for line in done.stderr.splitlines() if "heatmap" in line and "on the map" not in line]
+        assert len(told) == 2
+        assert "refused 4 frames (uav1), the first: uav1 at" in told[0] and "has mode RGB" in told[1]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert len(summary["refused"]) == 5 and sum(summary["frames"].values()) == 13
+
+
+def test_a_recording_without_a_usable_frame_is_not_converted(tmp_path: Path) -> None:
+    """As run says it; what --force would have replaced stays."""
+    folder = tmp_path / "flight"
+    (folder / "heatmaps").mkdir(parents=True)
+    camera = {"width": 16, "height": 12, "fx": 10.0, "fy": 10.0, "cx": 8.0, "cy": 6.0}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz", "uav1,1000000000,0,0,10,1,0,0,0"]
+    (folder / "poses.csv").write_text("\n".join(rows))
+    Image.new("L", (16, 12)).save(folder / "heatmaps" / "uav1_90000000000.png")
+    output = tmp_path / "flight.mcap"
+    output.write_bytes(b"an earlier one")
+    done = crowdfence("convert", folder, "-o", output, "--force")
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "no frame of flight can be used" in line and "uav1 at 90000000000" in line
+    assert output.read_bytes() == b"an earlier one"
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -11,6 +11,7 @@ import typer
 from crowdfence.atomic_file import NO_ROOM, writable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import in_options
 
 if TYPE_CHECKING:
@@ -114,8 +115,12 @@ def convert(
             },
         )
     )
-    for reason in [*warnings, *map(str, conversion.refused), *conversion.omitted]:
-        console.warn(in_options(reason))
+    for reason in [
+        *map(in_options, warnings),
+        *refusal_lines(conversion.refused),
+        *map(in_options, conversion.omitted),
+    ]:
+        console.warn(reason)
 
 
 def _heatmaps_told(run: Path, recording: Recording) -> str | None:

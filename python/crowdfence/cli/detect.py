@@ -11,6 +11,7 @@ import typer
 from crowdfence.atomic_file import writable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
 
@@ -197,6 +198,7 @@ def _detect_recording(
             progress=lambda *_: advance(),
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
+    told = [*refusal_lines(done.conversion.refused), *done.conversion.omitted]
     warnings = [*recording.warnings, *(() if found is None else found.doubts), *heatmaps.warnings]
     if ground is None:
         warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
@@ -214,7 +216,7 @@ def _detect_recording(
     facts = {"frames": ", ".join(f"{drone} {count}" for drone, count in done.conversion.frames.items())}
     if done.videos:
         facts["videos"] = ", ".join(path.name for path in done.videos)
-    _report(output, detector, facts, [*warnings, *refused])
+    _report(output, detector, facts, [*warnings, *told])
 
 
 def _described(detector: Detector) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from crowdfence.cli.option_sets import (
     takes,
 )
 from crowdfence.cli.options import OR, PAPER
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
 from crowdfence.cli.wording import in_options
 from crowdfence.config import (
@@ -201,8 +202,8 @@ def evaluate(
         _print(source.name, _against(truth, layer), counts, scores)
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
-        for reason in [*warnings, *map(str, refused)]:
-            console.warn(in_options(reason))
+        for reason in [*map(in_options, warnings), *refusal_lines(refused)]:
+            console.warn(reason)
     if min_iou is not None and not all(row.iou.mean >= min_iou for row in scores):
         unknown = any(_known(row.iou.mean) is None for row in scores)
         why = "no crowd was in view, so there is no mean IoU for" if unknown else "a mean IoU is below"

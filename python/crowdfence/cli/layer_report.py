@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from crowdfence.cli import console
 from crowdfence.cli.made_by import heatmaps_line, method_line
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def report_layer(summary: dict[str, Any], run: Run, seconds: float, output: Path
     )
     if "sites.geojson" in written:
         out.print(_site_table(summary))
-    for reason in [*summary["warnings"], *summary["refused"]]:
+    for reason in [*summary["warnings"], *refusal_lines(run.refused)]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
 

@@ -15,6 +15,7 @@ from crowdfence.cli import console, options, source_options
 from crowdfence.cli.layer_report import report_layer
 from crowdfence.cli.made_by import heatmaps_line, method_line
 from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_options, takes
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_zone_options
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.config import RunConfig
@@ -182,8 +183,8 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
         )
     )
     out.print(_zone_table(summary))
-    for reason in [*summary["warnings"], *summary["refused"]]:
-        console.warn(in_options(reason))
+    for reason in [*map(in_options, summary["warnings"]), *refusal_lines(run.refused)]:
+        console.warn(reason)
     out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
 
 

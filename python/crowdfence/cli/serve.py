@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
+from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
 from crowdfence.cli.wording import in_options
 from crowdfence.config import RunConfig
@@ -218,7 +219,7 @@ def _replayed(
     ground = read_map(recording, chosen["terrain"], **map_options(chosen))
     recording = on_ground(recording, ground.terrain)
     if recording.frames:  # else they are the error
-        _warn_of(*recording.warnings, *map(str, recording.refused))
+        _warn_of(*recording.warnings, *refusal_lines(recording.refused))
     _warn_of(*ground.doubts)
     with replayed(
         recording,

@@ -22,11 +22,11 @@ from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
-from crowdfence.pipeline.no_frame import no_frame_line
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
+from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory

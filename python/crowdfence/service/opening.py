@@ -17,7 +17,6 @@ from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
-from crowdfence.pipeline.no_frame import no_frame_line
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.service.access import Access
 from crowdfence.service.alerts import Alerts
@@ -36,6 +35,7 @@ from crowdfence.service.store import Store, StoreError
 from crowdfence.service.timeline import Timeline
 from crowdfence.service.watch import Watch
 from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.recording import Recording
 from crowdfence.zones import Zone
 

@@ -19,6 +19,7 @@ from crowdfence.sources.mission.layout import CROWD_CLASS
 from crowdfence.sources.mission.messages import LayerContent
 from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
+from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.pictures.decoding import as_png, picture_format
 from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame
 
@@ -67,7 +68,8 @@ def convert(
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
-    written, ValueError for a map too large to go into it; nothing is left behind then.
+    written, ValueError for a map too large to go into it and where no frame can be used; nothing is left
+    behind then.
     """
     require_settled(recording)
     refused = list(recording.refused)
@@ -109,6 +111,8 @@ def convert(
                 writer.add_message(item)
             else:
                 writer.add_pose(*item)
+        if not any(conversion.frames.values()):
+            raise ValueError(no_frame_line(recording, refused))
         writer.add_refused(refused)
         if "statistics" in recording.manifest:
             writer.add_statistics(recording.manifest["statistics"])

@@ -1,0 +1,24 @@
+"""Frames that took no part, as commands tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from crowdfence.cli.wording import counted, in_options
+from crowdfence.sources.recording import RefusedFrame
+
+
+def refusal_lines(refused: Iterable[RefusedFrame]) -> list[str]:
+    """A line for each reason, the most frequent first: hundreds of frames with the same one would hide all
+    others."""
+    from crowdfence.inspection.recording import group_trouble
+
+    return [
+        in_options(
+            trouble.first
+            if trouble.count == 1
+            else f"refused {counted(trouble.count, 'frame')} ({', '.join(trouble.drones)}), the first: "
+            f"{trouble.first}"
+        )
+        for trouble in group_trouble(refused)
+    ]
