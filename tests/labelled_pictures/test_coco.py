@@ -106,6 +106,7 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         (document(images=[]), "holds no image"),
         (document(images=[7]), r"images\[0\] is 7; allowed: an object"),
         (document(images=[IMAGE, IMAGE]), r"images\[1\].id 7 occurs twice"),
+        (document(images=[IMAGE, {**IMAGE, "id": 8}]), r"images\[1\].file_name 'a.jpg' occurs twice"),
         (
             document(images=[{**IMAGE, "file_name": "../a.jpg"}]),
             r"file_name is '../a.jpg'; allowed: a path below",
@@ -117,6 +118,11 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         (document(images=[{**IMAGE, "gsd_m": -1}]), "gsd_m is -1; allowed: metres above 0"),
         (document({"bbox": [1, 2, 3]}), r"annotations\[0\].bbox has 3 numbers; allowed: 4"),
         (document({"bbox": [1, 2, -3, 4]}), "allowed: width and height of at least 0"),
+        (document({"bbox": [1, 2, -3, 4], "category_id": 2}), "allowed: width and height of at least 0"),
+        (
+            document({"bbox": [1, 2, 3, 4], "category_id": 9}),
+            r"annotations\[0\].category_id is 9, which is no category",
+        ),
         (document({"bbox": [1, 2, math.nan, 4]}), "allowed: a list of finite numbers"),
         (document({"bbox": "1,2"}), "allowed: a list of finite numbers"),
         (document({"segmentation": [[1, 2, 3, 4]]}), "has 4 numbers; allowed: x, y of 3 corners"),

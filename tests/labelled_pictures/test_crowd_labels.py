@@ -46,6 +46,19 @@ def test_points_without_a_scale_are_refused() -> None:
     assert not picture_labels(picture([(1, 1, 0, 0)] * 2, gsd_m=None)).crowd.any()  # no crowd at any scale
 
 
+def test_marks_in_other_units_than_its_pixels_leave_no_picture_empty_in_silence() -> None:
+    """On 200 x 100 pixels: made on a copy four times as large, and as fractions. One mark alone is let be."""
+    large = [(4.0 * x, 4.0 * y, 20, 60) for x, y in ((60, 50), (70, 50), (80, 50), (20, 20))]
+    with pytest.raises(AnnotationError, match=r"p.jpg: 3 of 4 marks lie outside its 200 x 100 pixels"):
+        picture_labels(picture(large))
+    with pytest.raises(AnnotationError, match=r"p.jpg: all marks lie within one of its 200 x 100 pixels"):
+        picture_labels(picture([(0.3, 0.5, 0.01, 0.1), (0.9, 0.95, 0.01, 0.1)]))
+    with pytest.raises(AnnotationError, match=r"2 of 2 marks lie outside"):
+        picture_labels(picture(crowds=(rectangle(300, 20, 5, 6),), ignored=(rectangle(100, 101, 3, 3),)))
+    people = [(50, 50, 0, 0), (60, 50, 0, 0), (70, 50, 0, 0), (400, 50, 0, 0)]
+    assert picture_labels(picture(people)).crowd.any()
+
+
 def test_outlines_are_drawn_as_they_are() -> None:
     labels = picture_labels(picture(crowds=(rectangle(10, 20, 5, 6),), ignored=(rectangle(100, 0, 3, 3),)))
     rows, columns = np.nonzero(labels.crowd)

@@ -104,22 +104,33 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
     if not isinstance(document, dict):
         raise AnnotationError(f"must hold an object, got {shown(document)}")
     role_of = dict(_roles(_rows(document, "categories"), roles))
+    known = {row.get("id") for _, row in _rows(document, "categories")}
     marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
     for place, row in _rows(document, "annotations"):
         key = _key(row.get("image_id"), place, "image_id")
-        role = role_of.get(_key(row.get("category_id"), place, "category_id"))
+        category = _key(row.get("category_id"), place, "category_id")
+        if category not in known:
+            raise AnnotationError(f"{place}.category_id is {shown(category)}, which is no category")
+        role = role_of.get(category)
         if role == "person" and row.get("iscrowd") == 1:
             role = "crowd"
         if role is not None:
             marks.setdefault(key, []).append((place, row, role))
     pictures = []
     seen: set[Any] = set()
+    files: set[Path] = set()
     for place, row in _rows(document, "images"):
         key = _key(row.get("id"), place, "id")
         if key in seen:
             raise AnnotationError(f"{place}.id {shown(key)} occurs twice")
         seen.add(key)
         pictures.append(_picture(place, row, folder, marks.pop(key, [])))
+        if pictures[-1].path in files:
+            name = shown(row["file_name"])
+            raise AnnotationError(
+                f"{place}.file_name {name} occurs twice: what is marked there is in two parts"
+            )
+        files.add(pictures[-1].path)
     if marks:
         place, *_ = next(iter(marks.values()))[0]
         raise AnnotationError(f"{place}.image_id is {shown(next(iter(marks)))}, which is no image")
@@ -162,10 +173,7 @@ def _picture(
 def _person(mark: Mapping[str, Any], where: str) -> list[float]:
     """x, y of the feet, width, height."""
     if mark.get("bbox"):
-        box = _numbers(mark["bbox"], f"{where}.bbox", 4)
-        if box[2] < 0.0 or box[3] < 0.0:
-            raise AnnotationError(f"{where}.bbox is {shown(box)}; allowed: width and height of at least 0")
-        return [float(value) for value in people_in_boxes(np.array(box))[0]]
+        return [float(value) for value in people_in_boxes(np.array(_box(mark, where)))[0]]
     if mark.get("keypoints"):
         points = np.array(_numbers(mark["keypoints"], f"{where}.keypoints", None))
         if len(points) % 3 == 0 and (points[2::3] > 0.0).any():
@@ -188,8 +196,16 @@ def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
                 )
         return [np.array(one, np.float64).reshape(-1, 2) for one in polygons]
     if mark.get("bbox"):
-        return [rectangle(*_numbers(mark["bbox"], f"{where}.bbox", 4))]
+        return [rectangle(*_box(mark, where))]
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
+
+
+def _box(mark: Mapping[str, Any], where: str) -> list[float]:
+    """x, y, width, height."""
+    box = _numbers(mark["bbox"], f"{where}.bbox", 4)
+    if box[2] < 0.0 or box[3] < 0.0:
+        raise AnnotationError(f"{where}.bbox is {shown(box)}; allowed: width and height of at least 0")
+    return box
 
 
 def _roles(

@@ -33,13 +33,15 @@ def picture_labels(picture: AnnotatedPicture) -> PictureLabels:
     around them, closed with a disc of 2 m as on the terrain. Metres are those of the picture's `gsd_m`, else
     of the people's boxes; ground seen at a low angle counts as if seen from above, which errs towards crowd.
 
-    AnnotationError for people of unknown size in a picture of unknown scale.
+    AnnotationError for people of unknown size in a picture of unknown scale, and for marks that are in other
+    units than pixels of the picture.
     """
     if picture.width * picture.height > _MOST_PIXELS:
         raise AnnotationError(
             f"{picture.path.name}: {picture.width} x {picture.height} pixels are too many; allowed: "
             f"{_MOST_PIXELS:,}"
         )
+    _require_pixels(picture)
     crowd = _drawn(picture.crowds, picture)
     people = picture.people
     if len(people) >= DEFAULT_CROWD["min_people"]:
@@ -47,6 +49,30 @@ def picture_labels(picture: AnnotatedPicture) -> PictureLabels:
         members = in_crowds(people[:, :2], gsd_m)
         crowd |= _ground(people[members], gsd_m[members], picture)
     return PictureLabels(crowd, _drawn(picture.ignored, picture))
+
+
+def _require_pixels(picture: AnnotatedPicture) -> None:
+    """Marks in fractions, or made on a larger copy of the picture, would leave it empty in silence. A few
+    beyond its edges are mistakes of a hand."""
+    x, bottom, width, height = picture.people.T
+    boxes = np.stack([x - width / 2.0, bottom - height, x + width / 2.0, bottom], axis=1)
+    outlines = (*picture.crowds, *picture.ignored)
+    spans = np.array([[*one.min(axis=0), *one.max(axis=0)] for one in outlines]).reshape(-1, 4)
+    left, top, right, bottom = np.concatenate([boxes, spans]).T
+    if not len(left):
+        return
+    of_size = f"its {picture.width} x {picture.height} pixels"
+    if max(right.max(), bottom.max()) <= 1.0 and (np.stack([right, bottom]) % 1.0).any():
+        raise AnnotationError(
+            f"{picture.path.name}: all marks lie within one of {of_size}: they are fractions of its sides"
+        )
+    outside = (left > picture.width) | (top > picture.height) | (right < 0.0) | (bottom < 0.0)
+    count = np.count_nonzero(outside)
+    if 2 * count > len(outside):
+        raise AnnotationError(
+            f"{picture.path.name}: {count} of {len(outside)} marks lie outside {of_size}: they are of "
+            "another size of it"
+        )
 
 
 def in_crowds(feet: NDArray[np.float64], gsd_m: NDArray[np.float64]) -> NDArray[np.bool_]:
