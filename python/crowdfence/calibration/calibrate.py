@@ -103,8 +103,10 @@ def calibrate_model(
         raise ValueError(f"{sidecar_path(output)} would hide the contract inside {output}: remove it first")
     missions = LabelledMissions(data, plan, on_frame)
     statistics: dict[str, list[NDArray[np.float64]]] = {}
-    counts, frames = _count_logits(detector, missions, statistics)
-    calibration = calibrate(counts)
+    counts, frames, scaled = _count_logits(detector, missions, statistics)
+    # What joins the maps of several sizes follows the graph's correction only where that is a line.
+    combines = contract.sizes is not None and contract.sizes.weights is not None
+    calibration = calibrate(counts, lines_only=combines and not scaled)
     measured = measure(
         missions,
         partial(_before_and_after, detector, calibration.chosen, plan),
@@ -131,12 +133,13 @@ def calibrate_model(
 
 def _count_logits(
     detector: Detector, missions: LabelledMissions, statistics: dict[str, list[NDArray[np.float64]]]
-) -> tuple[dict[str, NDArray[np.float64]], int]:
-    """First pass: logits by truth of every mission, and the number of frames used; into `statistics` what the
-    pictures of every mission look like."""
+) -> tuple[dict[str, NDArray[np.float64]], int, bool]:
+    """First pass: logits by truth of every mission, the number of frames used, and whether a map told the
+    scale of all; into `statistics` what the pictures of every mission look like."""
     counts: dict[str, NDArray[np.float64]] = {}
-    frames, stride = 0, detector.contract.output.stride
+    frames, stride, scaled = 0, detector.contract.output.stride, True
     for mission in missions.opened(with_maps=detector.contract.uses_gsd):
+        scaled &= mission.terrain is not None
 
         def use(frame: Frame, mission: LabelledMission = mission) -> None:
             mask, ignored = mission.mask_of(frame), mission.ignored(frame)
@@ -148,7 +151,7 @@ def _count_logits(
             statistics.setdefault(mission.name, []).append(picture_statistics(frame.image()))
 
         frames += missions.over_frames(mission, use)
-    return counts, frames
+    return counts, frames, scaled
 
 
 def _before_and_after(

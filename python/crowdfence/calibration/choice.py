@@ -67,13 +67,14 @@ class Calibration:
         }
 
 
-def calibrate(counts: Mapping[str, NDArray[np.float64]]) -> Calibration:
+def calibrate(counts: Mapping[str, NDArray[np.float64]], *, lines_only: bool = False) -> Calibration:
     """Choose a correction from the cells of each mission (`logit_counts`, name -> [3, BINS]).
 
     Every candidate is fitted on all missions but one and judged on that one, for each mission. From the
     simplest on (none, temperature, scale and bias, curve), a candidate replaces the best so far when its
     negative log-likelihood is smaller by more than the standard error of that difference over the missions.
-    With crowd in fewer than two missions nothing can be judged: then the temperature is taken.
+    With crowd in fewer than two missions nothing can be judged: then the temperature is taken. `lines_only`
+    leaves the curve out.
 
     Use missions that the model was not trained on. ValueError when no cell, or only crowd, or none is there.
     """
@@ -86,7 +87,8 @@ def calibrate(counts: Mapping[str, NDArray[np.float64]]) -> Calibration:
             f"no {missing} cells among {int(crowd + empty)}: calibration needs labelled frames that show some"
         )
     can_judge = sum(bool(one[COUNT_CROWD].any()) for one in missions) > 1
-    candidates = {name: _candidate(name, missions, total, can_judge) for name in FITS}
+    names = [name for name in FITS if not (lines_only and name == "curve")]
+    candidates = {name: _candidate(name, missions, total, can_judge) for name in names}
     before = quality(np.stack([_value_histogram(one, FITS["none"](one)) for one in missions]))
     chosen = _choice(candidates) if can_judge else candidates["temperature"].fitted
     return Calibration(chosen, candidates, before, len(missions), int(crowd + empty))

@@ -15,6 +15,7 @@ from crowdfence.calibration.correction import LogitMap
 from crowdfence.calibration.graph import bake, write_contract
 from crowdfence.calibration.logit_counts import LIMIT, cell_logits
 from crowdfence.detector.contract.contract import Contract, Validity
+from crowdfence.detector.contract.picture_sizes import PictureSizes
 from crowdfence.errors import DetectorError
 from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRates
 
@@ -58,12 +59,23 @@ def calibrated_contract(
         validity = Validity(**cast(dict[str, Any], spans))
     completed = replace(
         contract,
+        sizes=_sizes_after(contract.sizes, calibration.chosen),
         calibration=document,
         rates=None if rates is None or settings is None else rates.to_json(settings),
         validity=validity,
         target_height_m=target_height_m,
     )
     return Contract.from_json(completed.to_json())
+
+
+def _sizes_after(sizes: PictureSizes | None, chosen: LogitMap) -> PictureSizes | None:
+    """What joins maps at several sizes, so that the outcome is corrected too. The graph corrects each map
+    before they are joined: `scale` * z + `bias` of all gives scale * sum(weights * z) + bias * sum(weights),
+    while scale * (own bias + sum(weights * z)) + bias was measured."""
+    if sizes is None or sizes.weights is None or not chosen.is_line:
+        return sizes
+    bias = chosen.scale * sizes.bias + chosen.bias * (1.0 - sum(sizes.weights))
+    return replace(sizes, bias=bias)
 
 
 def write_calibrated(

@@ -1,0 +1,59 @@
+"""Models that see pictures of unknown scale at several sizes: what was measured is what the written model
+does."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdfence import Detector
+from crowdfence.calibration.calibrate import calibrate_model, plan_for
+from crowdfence.calibration.logit_counts import cell_logits
+from crowdfence.evaluation.labelled_missions import MeasurementPlan
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
+from support.onnx_models import contract, write_map_model
+
+SIZES = {"without_gsd": [1.0, 0.5], "weights": [1.5, 0.5], "bias": -1.0}
+"""Plain pictures have the same logit z at both sizes; joined they have 2 z - 1."""
+
+
+def plain(level: int) -> np.ndarray:
+    """One level of red, which is all that the model sees."""
+    image = np.random.default_rng(level).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    image[..., 0] = level
+    return image
+
+
+def labelled(folder: Path, levels: list[tuple[int, bool]]) -> Path:
+    """Plain pictures, each of them crowd all over or nowhere."""
+    folder.mkdir()
+    pictures = []
+    for number, (level, is_crowd) in enumerate(levels):
+        place = folder / f"{number}.png"
+        Image.fromarray(plain(level)).save(place)
+        crowds = (rectangle(0.0, 0.0, 63.0, 63.0),) if is_crowd else ()
+        pictures.append(AnnotatedPicture(place, 64, 64, np.empty((0, 4)), crowds))
+    write_coco(pictures, folder / ANNOTATIONS)
+    return folder
+
+
+def test_the_joined_answer_of_a_written_model_is_that_which_was_measured(tmp_path: Path) -> None:
+    """Logits from -2 to 2 by the level of red. A quarter of the pictures of either kind look like the other,
+    so no correction is perfect; dark ones are crowd, so a bias is needed."""
+    model = write_map_model(
+        tmp_path / "m.onnx", contract("logits", sizes=SIZES), scale=4.0 / 255.0, offset=-2.0
+    )
+    one = [(40, False), (40, False), (40, True), (200, True), (200, True), (200, True), (200, False)]
+    data = [labelled(tmp_path / "a", one), labelled(tmp_path / "b", one[1:])]
+    before = Detector(model)
+    plan = plan_for(before.contract, MeasurementPlan())
+    done = calibrate_model(before, model, data, tmp_path / "calibrated.onnx", plan)
+    chosen, after = done.calibration.chosen, Detector(tmp_path / "calibrated.onnx")
+    assert chosen.method != "none" and "curve" not in done.calibration.candidates
+    for level in (20, 90, 128, 180, 240):
+        z = 4.0 * level / 255.0 - 2.0
+        assert cell_logits(before(plain(level))) == pytest.approx(np.full((16, 16), 2.0 * z - 1.0), abs=1e-3)
+        expected = chosen.scale * (2.0 * z - 1.0) + chosen.bias
+        assert cell_logits(after(plain(level))) == pytest.approx(np.full((16, 16), expected), abs=1e-3)
