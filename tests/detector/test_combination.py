@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crowdfence import Detector
+from crowdfence import Contract, Detector
 from crowdfence.detector.combination import CombinationRule, combination_warnings, combined_contract, rule_for
+from crowdfence.detector.contract.contract import read_contract
+from crowdfence.detector.contract.lookup import KNOWN_CONTRACTS
 from crowdfence.detector.picture_statistics import PictureRange
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
@@ -63,10 +65,17 @@ def model(folder: Path, name: str, stride_gsd: list[float] | None = None) -> Det
     return Detector(write_map_model(folder / f"{name}.onnx", document(name=name, sizes=sizes)))
 
 
+def named(*names: str) -> list[Contract]:
+    """Contracts of detectors that come with crowdfence, and of strangers."""
+    known = {name: Detector(name).contract for name in names if name.startswith("crowdnet")}
+    known["yolox-nano"] = read_contract(KNOWN_CONTRACTS / "yolox_nano.crowdfence.json")
+    return [known.get(name) or Contract.from_json(document(name=name)) for name in names]
+
+
 def test_a_combination_is_a_detector(tmp_path: Path) -> None:
     a, b = model(tmp_path, "a"), model(tmp_path, "b")
     both = Detector.combined([a, b])
-    rule, calibrated = rule_for(["a", "b"])
+    rule, calibrated = rule_for(named("a", "b"))
     assert not calibrated and both.contract.name == "a + b" and both.members == (a, b)
     assert both.contract.about == {"combination of": ["a", "b"], "calibrated together": False}
     z = 2 * logit(0.8) - logit(rule.prior)
@@ -86,7 +95,7 @@ def test_a_detector_has_no_vote_on_ground_that_is_too_coarse_for_it(tmp_path: Pa
 def test_nobody_takes_away_crowd_without_calibration(p: float, q: float) -> None:
     """Each can add only: the pair is at least as sure as the surer of the two, and no surer where the other
     is silent, below the prior."""
-    rule, calibrated = rule_for(["a", "b"])
+    rule, calibrated = rule_for(named("a", "b"))
     assert not calibrated
     both = rule.combined([one(p), one(q)], [None, None]).item()
     # 1e-6: logits end at 16.
@@ -129,7 +138,7 @@ def test_crowd_stays_where_nobody_has_a_vote(lowest: tuple[float, ...] | None) -
 
 
 def test_a_stranger_with_a_vote_takes_nothing_from_one_without() -> None:
-    found = rule_for(["a", "b"])[0].combined([one(0.7), one(0.001)], [np.array([[False]]), None])
+    found = rule_for(named("a", "b"))[0].combined([one(0.7), one(0.001)], [np.array([[False]]), None])
     assert found.item() == pytest.approx(0.7, abs=1e-6)
 
 
@@ -139,21 +148,40 @@ def test_one_detector_is_no_combination(tmp_path: Path) -> None:
 
 
 def test_the_pair_that_was_calibrated_has_numbers_of_its_own() -> None:
-    rule, calibrated = rule_for(["crowdnet-s", "yolox-nano"])
+    rule, calibrated = rule_for(named("crowdnet-s", "yolox-nano"))
     assert calibrated and len(rule.lowest) == 2 and 0.0 < rule.prior < 1.0
 
 
 @pytest.mark.parametrize("network", ["crowdnet-s", "crowdnet-s-wide"])
 def test_the_order_in_which_detectors_are_named_changes_nothing(network: str) -> None:
     """Each keeps its own number: the silence of YOLOX-nano counts -8 at most."""
-    there, calibrated = rule_for([network, "yolox-nano"])
-    back, again = rule_for(["yolox-nano", network])
+    there, calibrated = rule_for(named(network, "yolox-nano"))
+    back, again = rule_for(named("yolox-nano", network))
     assert calibrated and again and back.prior == there.prior
     assert there.lowest == (-16.0, -8.0) and back.lowest == (-8.0, -16.0)
     p, q = one(0.9), one(0.0)
     assert there.combined([p, q], [None, None]) == back.combined([q, p], [None, None])
 
 
+def test_the_name_of_a_calibrated_detector_makes_no_other_one_calibrated(tmp_path: Path) -> None:
+    """Models trained by somebody else under its name, and it itself calibrated anew: the silence of one must
+    not take away the 0.8 that the other sees. With the numbers of the pair, ln 4 + ln(.985 / .015) - 16 would
+    be left of it."""
+    net, people = named("crowdnet-s", "yolox-nano")
+    assert not rule_for([*named("yolox-nano"), Contract.from_json(document(name="crowdnet-s"))])[1]
+    again = {**(net.calibration or {}), "method": "curve", "earlier": net.calibration}
+    assert not rule_for([replace(net, calibration=again), people])[1]
+    assert not rule_for([net, replace(people, sizes=None)])[1]
+    silent = Detector.from_callable(lambda image: np.zeros((16, 16)), stride=4, name="crowdnet-s")
+    both = Detector.combined([silent, model(tmp_path, "yolox-nano")])
+    np.testing.assert_allclose(both(GREY), 0.8, atol=1e-3)
+    assert len(combination_warnings(both.contract)) == 1
+
+
+def test_one_name_and_one_calibration_in_eight_bits_and_as_it_was_trained() -> None:
+    assert rule_for(named("crowdnet-s-float32", "yolox-nano"))[1]
+
+
 def test_a_detector_more_is_another_combination() -> None:
-    assert not rule_for(["crowdnet-s", "yolox-nano", "mine"])[1]
-    assert not rule_for(["crowdnet-s", "crowdnet-s-wide"])[1]
+    assert not rule_for(named("crowdnet-s", "yolox-nano", "mine"))[1]
+    assert not rule_for(named("crowdnet-s", "crowdnet-s-wide"))[1]

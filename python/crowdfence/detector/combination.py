@@ -17,6 +17,7 @@ them sees there alone is not lost, and nobody calls that ground empty.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +34,7 @@ from crowdfence.detector.inference.map_output import Map, sigmoid
 from crowdfence.detector.inference.picture_parts import ENLARGED
 
 COMBINATIONS = Path(__file__).parent / "models" / "combinations.json"
-"""Rules that were calibrated, with the names of the detectors."""
+"""Rules that were calibrated, with the names of the detectors and their `fingerprint`."""
 CALIBRATED_TOGETHER = "calibrated together"
 """Key of what a combination says about itself."""
 _MOST_LOGIT = 16.0
@@ -69,14 +70,27 @@ class CombinationRule:
         return np.asarray(sigmoid(np.clip(total, -_MOST_LOGIT, _MOST_LOGIT)), np.float32)
 
 
-def rule_for(names: Sequence[str]) -> tuple[CombinationRule, bool]:
-    """The rule for detectors of these names, in whatever order, and whether it was calibrated for them.
-    Others are taken as independent where they see crowd, with the prior of the calibrated ones."""
+def rule_for(contracts: Sequence[Contract]) -> tuple[CombinationRule, bool]:
+    """The rule for these detectors, in whatever order, and whether it was calibrated for them. Others are
+    taken as independent where they see crowd, with the prior of the calibrated ones: also one that bears the
+    name of a calibrated one, such as a model trained or calibrated anew."""
     rules = json.loads(COMBINATIONS.read_text())
-    for known in rules["calibrated"]:
-        if sorted(known["lowest"]) == sorted(names):
-            return CombinationRule(known["prior"], tuple(known["lowest"][name] for name in names)), True
+    names = [contract.name for contract in contracts]
+    known = all(rules["detectors"].get(one.name) == fingerprint(one) for one in contracts)
+    for calibrated in rules["calibrated"] if known else ():
+        if sorted(calibrated["lowest"]) == sorted(names):
+            lowest = tuple(calibrated["lowest"][name] for name in names)
+            return CombinationRule(calibrated["prior"], lowest), True
     return CombinationRule(rules["prior"], None), False
+
+
+def fingerprint(contract: Contract) -> str:
+    """Of all that a contract says about what its probabilities are worth; the same for a model in eight
+    bits."""
+    document = contract.to_json()
+    told = [document[name] for name in ("calibration", "sizes", "output")]
+    told.append((contract.about or {}).get("sha256"))
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def combined_contract(contracts: Sequence[Contract], *, calibrated: bool) -> Contract:

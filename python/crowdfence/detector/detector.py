@@ -129,7 +129,7 @@ class Detector:
         if len(detectors) < 2:
             raise ValueError(f"{len(detectors)} detectors; a combination has two and more")
         contracts = [detector.contract for detector in detectors]
-        rule, calibrated = rule_for([contract.name for contract in contracts])
+        rule, calibrated = rule_for(contracts)
         contract = combined_contract(contracts, calibrated=calibrated)
         model = CombinedModel(detectors, rule)
         combination = cls._of(model, FoundContract(contract, "a combination"), contract.name)
