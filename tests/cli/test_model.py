@@ -102,6 +102,25 @@ def test_what_cannot_be_used_is_one_line_and_exit_1(tmp_path: Path, picture: Pat
         assert str(model) in finished.stderr
 
 
+def test_metres_per_pixel_count_for_every_model_that_is_shown_pictures_to_scale(
+    tmp_path: Path, picture: Path
+) -> None:
+    """0.8 of red in the left half, seen as it is at 0.1 m; at several sizes its logit would be halved."""
+    sizes = {"gsd_m": [0.05, 0.3], "without_gsd": [1.0], "weights": [0.5]}
+    model = write_map_model(tmp_path / "m.onnx", document(sizes=sizes))
+    for gsd_m, expected in ((None, 2.0 / 3.0), (0.1, 0.8)):
+        given = () if gsd_m is None else ("--gsd-m", gsd_m)
+        told = json.loads(check(model, "--image", picture, *given, "--json").stdout)
+        assert told["heatmap"]["highest"] == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_picture_of_sixteen_bits_is_not_clipped(tmp_path: Path) -> None:
+    model = write_map_model(tmp_path / "m.onnx", document())
+    Image.fromarray(np.full((24, 40), 4000, np.uint16)).save(tmp_path / "deep.png")
+    finished = check(model, "--image", tmp_path / "deep.png")
+    assert finished.returncode == FAILED and "save it with 8 bits a channel" in finished.stderr
+
+
 def test_a_picture_that_is_none_is_named(tmp_path: Path) -> None:
     model = write_map_model(tmp_path / "m.onnx", document())
     text = tmp_path / "text.png"

@@ -312,6 +312,19 @@ def test_people_are_brought_to_scale_by_pose_and_map(
         out_of_range.heatmap_of(recording.frames[0])
 
 
+@pytest.mark.parametrize("people_first", [False, True])
+def test_a_combination_is_brought_to_scale_whichever_of_its_members_needs_it(
+    recorded: Path, model: Path, terrain: Terrain, tmp_path: Path, people_first: bool
+) -> None:
+    """The first says what a combination was tested on; it need not be the one that asks for metres."""
+    people = Detector(write_pixel_people_model(tmp_path / "people.onnx", contract("points", name="people")))
+    both = [people, Detector(model)] if people_first else [Detector(model), people]
+    combined = Detector.combined(both)
+    with pytest.raises(ValueError, match="people gives points, which become a heatmap only with metres"):
+        heatmap_source(combined, None, 300.0)
+    assert not pipeline.run(open_recording(recorded), terrain, CONFIG, detector=combined).refused
+
+
 def test_run_says_which_detector_it_used(recorded: Path, model: Path, tmp_path: Path) -> None:
     command = ["run", str(recorded), "-o", str(tmp_path / "out"), "-m", "paper", "--prior", "0.2"]
     command += ["--detector", str(model)]

@@ -138,7 +138,7 @@ def _count_logits(
     scale of all; into `statistics` what the pictures of every mission look like."""
     counts: dict[str, NDArray[np.float64]] = {}
     frames, stride, scaled = 0, detector.contract.output.stride, True
-    for mission in missions.opened(with_maps=detector.contract.uses_gsd):
+    for mission in missions.opened(with_maps=detector.uses_gsd):
         scaled &= mission.terrain is not None
 
         def use(frame: Frame, mission: LabelledMission = mission) -> None:

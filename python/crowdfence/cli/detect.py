@@ -181,7 +181,7 @@ def _detect_recording(
     from crowdfence.sources.ground_contact import on_ground
 
     mapped = terrain is not None or recording.terrain is not None
-    wanted = detector.contract.needs_gsd or (detector.contract.uses_gsd and mapped)
+    wanted = detector.needs_gsd or (detector.uses_gsd and mapped)
     found = read_map(recording, terrain, **map_options) if wanted else None
     ground = None if found is None else found.terrain
     if ground is not None:

@@ -44,7 +44,8 @@ def check(
     gsd_m: Annotated[
         float | None,
         typer.Option(
-            "--gsd-m", help="Metres per pixel of the picture, for density, points and boxes. Default: 0.1."
+            "--gsd-m",
+            help="Metres per pixel of the picture. Default: 0.1 for density, points and boxes, else unknown.",
         ),
     ] = None,
     threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,

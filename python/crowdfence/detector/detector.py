@@ -142,6 +142,16 @@ class Detector:
         return self._members
 
     @property
+    def needs_gsd(self) -> bool:
+        """There is no heatmap without metres per pixel; of a combination, none of one of its members."""
+        return any(one.contract.needs_gsd for one in (self, *self._members))
+
+    @property
+    def uses_gsd(self) -> bool:
+        """The heatmap depends on metres per pixel, where they are known."""
+        return any(one.contract.uses_gsd for one in (self, *self._members))
+
+    @property
     def contract(self) -> Contract:
         return self._found.contract
 

@@ -69,7 +69,9 @@ def check_model(
     """
     detector = Detector(model, contract, threads=threads)
     pixels, source = (read_picture(image), str(image)) if image else _test_frame(detector.contract)
-    scale = None if not detector.contract.needs_gsd else gsd_m or ASSUMED_GSD_M
+    scale = gsd_m if detector.uses_gsd else None
+    if scale is None and detector.needs_gsd:
+        scale = ASSUMED_GSD_M
     heatmap = detector(pixels, scale)
     seconds = _timed(detector, pixels, scale)
     p50, p95 = (float(value) for value in np.percentile(np.array(seconds) * 1e3, (50, 95)))
@@ -89,14 +91,13 @@ def check_model(
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
     """Picture file -> uint8 [H, W, 3] RGB, turned as its EXIF data say. OSError names the file."""
-    from PIL import Image, ImageOps
+    from crowdfence.sources.pictures.decoding import read_rgb
 
     try:
-        with Image.open(path) as picture:
-            return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
+        return read_rgb(path)
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError) as error:
         raise OSError(f"{path} cannot be read as a picture: {error}") from None
 
 

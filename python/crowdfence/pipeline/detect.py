@@ -153,14 +153,15 @@ def heatmap_source(
     if not isinstance(detector, Detector):
         return HeatmapSource("function", _unless_blind(_refusing(detector)))
     watch = PictureWatch(detector.contract)
-    if not detector.contract.uses_gsd or (terrain is None and not detector.contract.needs_gsd):
+    if not detector.uses_gsd or (terrain is None and not detector.needs_gsd):
         heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
     elif terrain is not None:
         heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
     else:
+        contract = next(one.contract for one in (*detector.members, detector) if one.needs_gsd)
         raise ValueError(
-            f"{detector.contract.name} gives {detector.contract.output.kind}, which become a heatmap only "
-            "with metres per pixel: give a map with --terrain"
+            f"{contract.name} gives {contract.output.kind}, which become a heatmap only with metres per "
+            "pixel: give a map with --terrain"
         )
     return HeatmapSource(
         "model",
@@ -283,7 +284,7 @@ def _detect_to_scale(
 ) -> Pixels:
     from crowdfence.detector.ground_sampling import ground_sampling
 
-    needed = detector.contract.needs_gsd
+    needed = detector.needs_gsd
     counts_people = detector.contract.output.rule is not None or detector.members
     rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
     sampling = ground_sampling(
