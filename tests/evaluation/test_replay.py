@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.evaluation.iou import IouAccumulator
 from crowdfence.evaluation.replay import Scores, score
-from crowdfence.pipeline import open_terrain
+from crowdfence.pipeline import heatmap_source, open_terrain
+from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.sources import open_recording
+from crowdfence.truth.over_time import CrowdsOfTheWorld
 
 DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race.mcap"
 STRICT = 0.9
@@ -28,6 +31,28 @@ def test_the_knob_of_or_is_its_b_threshold(scores: Scores) -> None:
     assert usual.sweep.at(STRICT).mean == strict.iou.mean
     assert strict.sweep.at(0.5).mean == usual.iou.mean
     assert usual.iou.mean != strict.iou.mean
+
+
+@pytest.mark.parametrize("b_threshold", [0.0, 0.5])
+def test_the_score_of_or_is_that_of_its_map(b_threshold: float) -> None:
+    """With masks of 0 and 1 many voxels have a mean of exactly one half, which is not above one half."""
+    recording = open_recording(DEMO)
+    terrain = open_terrain(recording)
+    masks = heatmap_source(
+        lambda frame: (np.asarray(frame.heatmap()) > 127).astype(np.uint8) * np.uint8(255), None, 300.0
+    )
+    config = RunConfig(OrConfig(b_threshold=b_threshold)).with_layer("crowd", None).with_detector(None)
+    (row,) = score(recording, terrain, [config], masks, truth="world").rows
+    crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=float("inf"))
+    loop, truth = FrameLoop(crowd_map, config.zones, closes=False), CrowdsOfTheWorld(recording, terrain)
+    by_hand = IouAccumulator()
+    for instant, found in masks.detected(recording.instants(config.grouping.tolerance_ms), 3):
+        loop.integrate(found.views, instant.stamp_ns)
+        ids, probability = crowd_map.seen_probability(instant.stamp_ns)
+        seen, called = (np.zeros(terrain.voxel_count, np.bool_) for _ in range(2))
+        seen[ids], called[ids] = True, probability >= row.threshold
+        by_hand.update(called, truth.at(instant), seen)
+    assert row.iou.mean == pytest.approx(by_hand.result().mean, abs=1e-12)
 
 
 def test_people_are_counted_once_and_larger_buffers_hold_more_of_them(scores: Scores) -> None:

@@ -237,7 +237,7 @@ class _Judged:
         self._sweeps_mean = isinstance(config.method, OrConfig)
         self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
         knobs = MEANS if self._sweeps_mean else THRESHOLDS
-        self._sweep = ThresholdSweep([*knobs, self._knob] if self._knob > 0.0 else knobs)
+        self._sweep = ThresholdSweep([*knobs, self._knob], above=self._sweeps_mean)
 
     def compare(self, crowd: NDArray[np.bool_], highest: NDArray[np.float32], stamp_ns: int) -> None:
         """Against the crowd voxels [V]; highest [V] mean value so far decides what `or` says at every

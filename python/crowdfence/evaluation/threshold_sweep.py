@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,10 +44,15 @@ class SweepResult:
 class ThresholdSweep:
     """Counts frame after frame; each costs what was seen, whatever the number of thresholds."""
 
-    def __init__(self, thresholds: ArrayLike) -> None:
+    def __init__(self, thresholds: ArrayLike, *, above: bool = False) -> None:
+        """`above`: a voxel is called crowd above a threshold, which may be 0, as `or` calls it by its mean
+        heatmap value; else from the threshold on, as maps are by their probability. ValueError for thresholds
+        outside (0, 1]."""
         self._thresholds = np.unique(np.asarray(thresholds, dtype=np.float64))
-        if self._thresholds.size == 0 or not (self._thresholds[0] > 0.0 and self._thresholds[-1] <= 1.0):
-            raise ValueError("thresholds must be one or more numbers in (0, 1]")
+        low, high = (self._thresholds[[0, -1]]) if self._thresholds.size else (np.nan, np.nan)
+        if not ((low >= 0.0 if above else low > 0.0) and high <= 1.0):
+            raise ValueError(f"thresholds must be one or more numbers in {'[' if above else '('}0, 1]")
+        self._side: Literal["left", "right"] = "left" if above else "right"
         self._per_frame: list[NDArray[np.float64]] = []
 
     def update(self, probability: ArrayLike, truth: ArrayLike) -> None:
@@ -57,7 +63,7 @@ class ThresholdSweep:
                 f"truth must be bool {list(probabilities.shape)}, got {crowd.dtype} {list(crowd.shape)}"
             )
         # A voxel is called crowd at every threshold up to its probability: at the first `reached` of them.
-        reached = np.searchsorted(self._thresholds, probabilities, side="right")
+        reached = np.searchsorted(self._thresholds, probabilities, side=self._side)
         called = self._at_least(reached)
         both = self._at_least(reached[crowd])
         union = called + np.count_nonzero(crowd) - both
