@@ -77,6 +77,16 @@ def test_upcount_states_its_altitude(tmp_path: Path) -> None:
     assert found.gsd_m == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("suffix", [".JPG", ".jpeg", ".PNG"])
+def test_pictures_are_found_by_any_spelling_of_their_kind(tmp_path: Path, suffix: str) -> None:
+    picture(tmp_path / "images" / "a__32.0.jpg")
+    picture(tmp_path / "images" / f"b__32.0{suffix}")
+    (tmp_path / "labels").mkdir()
+    for name in "ab":
+        (tmp_path / "labels" / f"{name}__32.0.txt").write_text("5 6\n")
+    assert len(list(read_data_set("upcount", tmp_path, NOTHING))) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -32,6 +32,7 @@ from crowdfence.labelled_pictures.annotated_picture import (
 from crowdfence.labelled_pictures.coco import annotation_file, read_coco
 
 _MOST_LINES = 100_000
+_SUFFIXES = (".jpg", ".jpeg", ".png")
 _VISDRONE_IGNORED, _VISDRONE_PEOPLE = 0, (1, 2)
 
 
@@ -104,9 +105,10 @@ def _pairs(
     folder: Path, images: str, labels: str, suffix: str, every: int, prefix: str = ""
 ) -> Iterator[tuple[Path, Path]]:
     """Pictures with their files of labels, which lie the same way below another folder."""
-    found = sorted(path for kind in ("jpg", "png") for path in (folder / images).rglob(f"*.{kind}"))
+    # Cameras write .JPG; a picture that is passed over is one without its crowd.
+    found = sorted(path for path in (folder / images).rglob("*") if path.suffix.lower() in _SUFFIXES)
     if not found:
-        raise FileNotFoundError(f"{folder / images} holds no picture (.jpg, .png)")
+        raise FileNotFoundError(f"{folder / images} holds no picture ({', '.join(_SUFFIXES)})")
     for image in found[::every]:
         place = (folder / labels / image.relative_to(folder / images)).with_suffix(suffix)
         place = place.with_name(f"{prefix}{place.name}")
