@@ -18,15 +18,16 @@ from support.small_recordings import flight, write_airsim
 CHANNELS = 8
 
 
-def write_convolutions(path: Path) -> Path:
-    """Three convolutions: the cells of 4 x 4 pixels, 8 channels on 8, and the logits."""
+def write_convolutions(path: Path, bias: float = 0.0) -> Path:
+    """Three convolutions: the cells of 4 x 4 pixels, 8 channels on 8, and the logits, to which `bias` is
+    added."""
     rng = np.random.default_rng(3)
     weights = {
         "first": rng.normal(0, 0.3, (CHANNELS, 3, 4, 4)),
         "middle": rng.normal(0, 0.5, (CHANNELS, CHANNELS, 1, 1)),
         "last": rng.normal(0, 0.5, (1, CHANNELS, 1, 1)),
     }
-    constants = {**weights, "full": np.array(255.0)}
+    constants = {**weights, "full": np.array(255.0), "bias": np.array([bias])}
     nodes = [
         helper.make_node("Cast", ["image"], ["float"], name="cast", to=TensorProto.FLOAT),
         helper.make_node("Transpose", ["float"], ["planes"], name="planes", perm=[0, 3, 1, 2]),
@@ -35,7 +36,7 @@ def write_convolutions(path: Path) -> Path:
         helper.make_node("Relu", ["a"], ["b"], name="relu_first"),
         helper.make_node("Conv", ["b", "middle"], ["c"], name="conv_middle"),
         helper.make_node("Relu", ["c"], ["d"], name="relu_middle"),
-        helper.make_node("Conv", ["d", "last"], ["logits"], name="conv_last"),
+        helper.make_node("Conv", ["d", "last", "bias"], ["logits"], name="conv_last"),
         helper.make_node("Sigmoid", ["logits"], ["heatmap"], name="sigmoid"),
     ]
     graph = helper.make_graph(
@@ -99,6 +100,20 @@ def test_by_command(model: Path, recording: Path, tmp_path: Path) -> None:
     )
     assert "in eight bits" in told.stdout and output.is_file()
     assert "arithmetic" in crowdfence("model", "check", output).stdout
+
+
+def test_a_share_of_nothing_is_null_and_said(recording: Path, tmp_path: Path) -> None:
+    """A model that calls nothing crowd: how much of it both call is no number, and NaN is no JSON."""
+    model = write_convolutions(tmp_path / "float.onnx", bias=-50.0)
+    (tmp_path / "c.json").write_text(json.dumps(contract()))
+    given = ("model", "quantize", model, "--contract", tmp_path / "c.json", "--data", recording)
+    assert "unknown: neither calls any" in crowdfence(*given, "-o", tmp_path / "a.onnx").stdout
+
+    def refuse(constant: str) -> float:
+        raise AssertionError(constant)
+
+    told = crowdfence(*given, "-o", tmp_path / "b.onnx", "--json").stdout
+    assert json.loads(told, parse_constant=refuse)["agreement"] is None
 
 
 def test_what_cannot_be_quantized(recording: Path, tmp_path: Path) -> None:

@@ -9,7 +9,9 @@ from PIL import Image
 
 from crowdfence import Detector
 from crowdfence.calibration.calibrate import calibrate_model, plan_for
+from crowdfence.calibration.correction import line
 from crowdfence.calibration.logit_counts import cell_logits
+from crowdfence.calibration.model_file import about_after
 from crowdfence.evaluation.labelled_missions import MeasurementPlan
 from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
@@ -52,8 +54,16 @@ def test_the_joined_answer_of_a_written_model_is_that_which_was_measured(tmp_pat
     done = calibrate_model(before, model, data, tmp_path / "calibrated.onnx", plan)
     chosen, after = done.calibration.chosen, Detector(tmp_path / "calibrated.onnx")
     assert chosen.method != "none" and "curve" not in done.calibration.candidates
+    assert after.contract.about == before.contract.about
     for level in (20, 90, 128, 180, 240):
         z = 4.0 * level / 255.0 - 2.0
         assert cell_logits(before(plain(level))) == pytest.approx(np.full((16, 16), 2.0 * z - 1.0), abs=1e-3)
         expected = chosen.scale * (2.0 * z - 1.0) + chosen.bias
         assert cell_logits(after(plain(level))) == pytest.approx(np.full((16, 16), expected), abs=1e-3)
+
+
+def test_figures_of_photographs_go_where_the_correction_moves_one_half() -> None:
+    """A temperature leaves what is above one half there; a bias does not, so nobody has counted it then."""
+    about = {"marks": "ground", "photographs": {"mean_recall": 0.66}}
+    assert about_after(about, line("temperature", 0.5)) == about
+    assert about_after(about, line("scale and bias", 1.0, 0.3)) == {"marks": "ground"}

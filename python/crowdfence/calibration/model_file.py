@@ -60,6 +60,7 @@ def calibrated_contract(
     completed = replace(
         contract,
         sizes=_sizes_after(contract.sizes, calibration.chosen),
+        about=about_after(contract.about, calibration.chosen),
         calibration=document,
         rates=None if rates is None or settings is None else rates.to_json(settings),
         validity=validity,
@@ -76,6 +77,13 @@ def _sizes_after(sizes: PictureSizes | None, chosen: LogitMap) -> PictureSizes |
         return sizes
     bias = chosen.scale * sizes.bias + chosen.bias * (1.0 - sum(sizes.weights))
     return replace(sizes, bias=bias)
+
+
+def about_after(about: dict[str, Any] | None, chosen: LogitMap) -> dict[str, Any] | None:
+    """Without what was counted on photographs at one half, where the correction moves that."""
+    if about is None or (chosen.is_line and chosen.bias == 0.0):
+        return about
+    return {name: told for name, told in about.items() if name != "photographs"}
 
 
 def write_calibrated(

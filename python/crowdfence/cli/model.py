@@ -195,7 +195,9 @@ def quantize(
     (before_ms, after_ms), (before, after) = result.cpu_ms, result.size_bytes
     facts = {
         "ranges from": counted(result.pictures, "picture"),
-        "called crowd by both": f"{result.agreement:.1%} of what either calls",
+        "called crowd by both": f"{result.agreement:.1%} of what either calls"
+        if result.agreement == result.agreement
+        else "unknown: neither calls any of these pictures crowd",
         "heatmaps differ by": f"{result.mean_difference:.2g} on average",
         "CPU time of a picture": f"{before_ms:.1f} -> {after_ms:.1f} ms",
         "size": f"{before / 1e6:.2f} -> {after / 1e6:.2f} MB",
