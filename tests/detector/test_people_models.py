@@ -178,6 +178,29 @@ def test_detections_that_cannot_be_are_refused(tmp_path: Path, rows: Any, messag
         people(tmp_path / "m.onnx", rows)(BLACK, GSD_M)
 
 
+@pytest.mark.parametrize(
+    ("rows", "changes", "message"),
+    [
+        # 12 x 24 pixels around (60, 40), read as corners.
+        ([[60, 40, 12, 24, 1.0]] * 3, {}, r"3 of 3 boxes end before they begin; .* 'cxcywh'\?"),
+        ([[54, 28, 66, 52, 1.0]] * 3, {"output__coordinates": "fraction"}, r"3 of 3 people lie far beyond"),
+        ([[0.5, 0.4, 0.6, 0.8, 1.0]] * 3, {}, r"all of 3 people lie within the first pixel; .* 'fraction'\?"),
+    ],
+)
+def test_boxes_in_other_units_than_the_contract_says_are_refused(
+    tmp_path: Path, rows: Any, changes: dict[str, Any], message: str
+) -> None:
+    """Three people in the middle of the picture, who would stand in a corner of it, or nowhere."""
+    detector = people(tmp_path / "m.onnx", rows, "boxes", **changes)
+    with pytest.raises(DetectorError, match=message):
+        detector(BLACK, GSD_M)
+
+
+def test_one_wrong_box_among_others_takes_nobody_away(tmp_path: Path) -> None:
+    rows = [[40, 10, 60, 34, 1.0]] * 3 + [[60, 40, 12, 24, 1.0], [9e9, 9e9, 9.1e9, 9.1e9, 1.0]]
+    assert people(tmp_path / "m.onnx", rows, "boxes")(BLACK, GSD_M)[8, 12] > 0.5
+
+
 def test_overlapping_boxes_are_one_person() -> None:
     """10 x 10 boxes shifted by 2: overlap 80 of 120, 0.667; by 5: 50 of 150, 0.333."""
     boxes = np.array([[0, 0, 10, 10], [2, 0, 12, 10], [5, 0, 15, 10], [50, 0, 60, 10]], np.float64)

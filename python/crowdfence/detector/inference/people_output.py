@@ -88,7 +88,28 @@ def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[i
     if output.coordinates == "fraction":
         height, width = model_shape
         people = people.moved(people.x * width, people.y * height, width, height)
+    _require_in_place(people, contract, model_shape)
     return people
+
+
+def _require_in_place(people: People, contract: Contract, model_shape: tuple[int, int]) -> None:
+    """Coordinates in other units than the contract says put everybody into one corner or beyond the picture,
+    where no crowd is seen any more."""
+    output, count, (height, width) = contract.output, len(people.x), model_shape
+    if count == 0:
+        return
+    far = (people.x < -width) | (people.x > 2 * width) | (people.y < -height) | (people.y > 2 * height)
+    if 2 * np.count_nonzero(far) > count:
+        raise DetectorError(
+            f"output {output.name}: {np.count_nonzero(far)} of {count} people lie far beyond the input of "
+            f"{width} x {height} pixels; is output.coordinates {output.coordinates!r} right?"
+        )
+    extent = max(float(np.abs(values).max()) for values in (people.x, people.y, people.width, people.height))
+    if output.coordinates == "pixels" and count > 1 and extent <= 1.0:
+        raise DetectorError(
+            f"output {output.name}: all of {count} people lie within the first pixel; is output.coordinates "
+            "'fraction'?"
+        )
 
 
 def foot_points(boxes: Rows) -> tuple[Rows, Rows]:
@@ -189,6 +210,12 @@ def _scores(rows: Rows, contract: Contract) -> Rows:
 def _corners(boxes: Rows, contract: Contract) -> Rows:
     """x1, y1, x2, y2 [N, 4]."""
     if contract.output.box_format == "xyxy":
+        turned = (boxes[:, 2:] < boxes[:, :2]).any(axis=1)
+        if 2 * np.count_nonzero(turned) > len(boxes):
+            raise DetectorError(
+                f"output {contract.output.name}: {np.count_nonzero(turned)} of {len(boxes)} boxes end before "
+                "they begin; is output.box_format 'cxcywh'?"
+            )
         return boxes
     middle, size = boxes[:, :2], boxes[:, 2:]
     return np.concatenate([middle - size / 2.0, middle + size / 2.0], axis=1)
