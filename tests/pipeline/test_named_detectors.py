@@ -7,6 +7,7 @@ import pytest
 
 import crowdfence
 from crowdfence import DetectorError, open_recording
+from crowdfence.detector.shipped import shipped_model
 from crowdfence.pipeline import heatmap_source, named_detector
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
@@ -48,6 +49,17 @@ def test_one_has_nothing_to_be_calibrated_with() -> None:
 def test_words_that_mean_no_model_are_not_combined(names: list[str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         named_detector(names)
+
+
+def test_one_file_under_two_names_is_one_model(tmp_path: Path) -> None:
+    model = write_map_model(tmp_path / "m.onnx", document())
+    (tmp_path / "link.onnx").symlink_to(model)
+    for other in (tmp_path / "." / "folder" / ".." / "m.onnx", tmp_path / "link.onnx"):
+        (tmp_path / "folder").mkdir(exist_ok=True)
+        with pytest.raises(ValueError, match="is given twice: its opinion would count double"):
+            named_detector([str(model), str(other)])
+    with pytest.raises(ValueError, match="is given twice"):
+        named_detector(["crowdnet-s", str(shipped_model("crowdnet-s"))])
 
 
 def test_a_model_without_a_contract_is_still_refused(tmp_path: Path) -> None:

@@ -230,7 +230,8 @@ def _roles(
         raise AnnotationError(f"no class is named {shown(missing[0])}; it has {shown(', '.join(names))}")
     if not any(name in known for name in names):
         raise AnnotationError(
-            f"no class is of people or crowds; it has {shown(', '.join(names))}: say what they mean"
+            f"no class is of people or crowds; it has {shown(', '.join(names))}: say what they mean (data "
+            "import coco --class NAME=person)"
         )
 
 

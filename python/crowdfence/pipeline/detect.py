@@ -258,11 +258,12 @@ def named_detector(
     """The detector of one model, or the combination of several; shipped ones go by their names.
     ValueError for words that mean no model here."""
     from crowdfence.detector.detector import Detector
-    from crowdfence.detector.shipped import SHIPPED_MODEL
+    from crowdfence.detector.shipped import SHIPPED_MODEL, model_path
 
     if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
         raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
-    if twice := [model for number, model in enumerate(models) if model in models[:number]]:
+    files = [model_path(model).resolve() for model in models]  # one file may have several names
+    if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
     detectors = [Detector(model, contract, threads=threads, enlarge=enlarge) for model in models]
     return detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
