@@ -324,6 +324,28 @@ def test_ground_in_several_zones_is_closed_once() -> None:
     assert zones.closed_m2 < 0.8 * sum(zone.polygon.area for zone in zones)
 
 
+@given(
+    seen=hnp.arrays(bool, (7, 9)),
+    crowd=hnp.arrays(bool, (7, 9)),
+    static=st.sampled_from([None, (2.5, 1.5, 12.0, 3.0), (20.0, 20.0, 21.0, 22.0)]),
+    buffer_m=st.sampled_from([0.0, 1.5]),
+)
+def test_ground_that_is_closed_for_several_reasons_counts_once(
+    seen: NDArray[np.bool_],
+    crowd: NDArray[np.bool_],
+    static: tuple[float, float, float, float] | None,
+    buffer_m: float,
+) -> None:
+    """Crowd, 1.5 m around it, ground that nobody knows, and a zone of somebody else."""
+    probability = np.where(seen, np.where(crowd, 1.0, 0.0), np.nan)
+    step = DrawnZones((7, 9), buffer_m=buffer_m, close_unseen=True).step(probability)
+    if static is not None:
+        theirs = Zone.of_no_look("S1", shapely.box(*static), "static", "given")
+        step = dataclasses.replace(step, static=(theirs,))
+    together = shapely.union_all([zone.polygon for zone in step.closed])
+    assert step.closed_m2 == pytest.approx(together.area, rel=1e-9, abs=1e-9)
+
+
 def test_holes_are_filled_up_to_an_area() -> None:
     ring = np.ones((5, 4))
     ring[1:4, 1] = 0.0

@@ -244,8 +244,10 @@ def zone_of_record(record: Mapping[str, Any], before: Mapping[str, Zone] | None 
 
 def rings_of(outline: Polygon | MultiPolygon) -> list[list[list[list[float]]]]:
     """Parts of rings of corners, as GeoJSON has them in a MultiPolygon."""
+    import shapely
+
     return [
-        [[list(corner) for corner in ring.coords] for ring in (part.exterior, *part.interiors)]
+        [shapely.get_coordinates(ring).tolist() for ring in (part.exterior, *part.interiors)]
         for part in getattr(outline, "geoms", [outline])
     ]
 

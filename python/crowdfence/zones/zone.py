@@ -178,7 +178,12 @@ class ZoneSet(Sequence[Zone]):
         """Of everything that is closed, ground in several zones once."""
         import shapely
 
-        return float(shapely.union_all([zone.polygon for zone in self.closed]).area)
+        drawn = shapely.union_all([zone.polygon for zone in (*self.zones, *self.static)])
+        # Unseen ground is one zone as a rule, of thousands of corners, few of them near another one.
+        outlines = [zone.polygon for zone in self.unseen]
+        unseen = outlines[0] if len(outlines) == 1 else shapely.union_all(outlines)
+        beside = shapely.intersection(unseen, shapely.box(*drawn.bounds)) if drawn.area else unseen
+        return float(unseen.area + shapely.difference(drawn, beside).area)
 
     @property
     def area_m2(self) -> float:
