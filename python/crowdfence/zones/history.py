@@ -16,7 +16,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import StampError
-from crowdfence.atomic_file import write_bytes
+from crowdfence.atomic_file import atomic_path
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.altitude_band import AltitudeBand
@@ -88,13 +88,12 @@ class ZoneHistory:
             **self.description,
             "instants": len(self),
         }
-        lines = [header]
         before: dict[str, Zone] = {}
-        for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-            lines.append(history_line(stamp_ns, zones, before))
-            before = {zone.id: zone for zone in zones.closed}
-        text = "".join(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n" for line in lines)
-        write_bytes(path, text.encode())
+        with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(_as_line(header))
+            for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
+                file.write(_as_line(history_line(stamp_ns, zones, before)))
+                before = {zone.id: zone for zone in zones.closed}
 
     @staticmethod
     def read(path: str | PathLike[str]) -> ZoneHistory:
@@ -146,6 +145,10 @@ class ZoneHistory:
             except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
                 what = "is no zone history" if number == 1 else f"is damaged in line {number}"
                 raise ZoneHistoryError(f"{path} {what}: {_said(error)}") from error
+
+
+def _as_line(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _said(error: Exception) -> str:
