@@ -167,11 +167,11 @@ mod tests {
 
     use super::*;
     use crate::back_projection::{Coverage, Projection};
+    use crate::crowd_map::VoxelState;
     use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Method, Or, Paper};
     use crate::observation::{CrowdMass, Observation, SeenVoxels};
     use crate::opinion_pool::{OpinionPool, Rates, Unseen};
     use crate::temporal_blend::TemporalBlend;
-    use crate::crowd_map::VoxelState;
     use crate::terrain::Terrain;
 
     const SECOND: i64 = 1_000_000_000;
