@@ -77,8 +77,11 @@ class Journal:
 
     def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
         """Of a view that is there already."""
+        # The kinds as the partial index names them: without them SQLite reads the whole journal.
         rows = self._store.rows(
-            "SELECT seq FROM journal WHERE kind = ? AND drone = ? AND stamp_ns = ?", (kind, drone, stamp_ns)
+            "SELECT seq FROM journal WHERE kind IN ('view', 'observation') AND kind = ? AND drone = ? "
+            "AND stamp_ns = ?",
+            (kind, drone, stamp_ns),
         )
         return rows[0][0] if rows else None
 
