@@ -190,8 +190,7 @@ class ClearAir:
         """Legs that meet zones, these and their positions in it, one set of zones after the other; before the
         first instant no set and no zones."""
         leg, pieces, number = legs.cut_at(self._stamps_ns)
-        for one in np.unique(number).tolist():
-            members = np.flatnonzero(number == one)
+        for one, members in _alike(number):
             if one == _BEFORE:
                 yield leg[members], None, np.empty(0, dtype=np.int64)
                 continue
@@ -265,7 +264,7 @@ class ClearAir:
 
     def _by_set(self, stamps_ns: NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
         number = np.searchsorted(self._stamps_ns, stamps_ns, "right") - 1
-        return [(int(one), np.flatnonzero(number == one)) for one in np.unique(number)]
+        return _alike(number)
 
     def _of(self, number: int) -> _Closed:
         if number not in self._closed:
@@ -416,6 +415,13 @@ class _Closed:
         lines = flown.lines(np.arange(len(ends_under_way)))
         met[ends_under_way] = shapely.intersects(self.outlines[zone[ends_under_way]], lines)
         return np.asarray(met)
+
+
+def _alike(numbers: NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
+    """Each number that occurs, the smallest first, and its positions, sorted: thousands in a long mission."""
+    order = np.argsort(numbers, kind="stable")
+    each, first = np.unique(numbers[order], return_index=True)
+    return list(zip(each.tolist(), np.split(order, first[1:]), strict=False))
 
 
 def _boxes(points: NDArray[np.float64], reach_m: NDArray[np.float64]) -> NDArray[Any]:
