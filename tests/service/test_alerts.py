@@ -1,11 +1,12 @@
 """Alerts that several threads raise, clear and acknowledge at once."""
 
 from pathlib import Path
+from random import Random
 from threading import Lock, Thread
 from time import sleep
 from types import TracebackType
 
-from crowdfence.service.alerts import Alerts
+from crowdfence.service.alerts import AlertKind, Alerts, Level
 from crowdfence.service.store import Store
 
 
@@ -80,5 +81,48 @@ def test_what_has_doubled_is_told_anew_and_what_grows_slowly_is_not(tmp_path: Pa
         assert told(40.0) == ("A2", "lost 40.0")
         old, new = sorted(alerts.all(), key=lambda alert: alert.id)
         assert (old.cleared_ns, new.cleared_ns, new.acknowledged_by) == (1, None, None)
+    finally:
+        store.close()
+
+
+def test_what_is_active_is_what_a_look_at_all_alerts_finds(tmp_path: Path) -> None:
+    """Through raising, clearing and acknowledging, beyond what is remembered, and after a restart."""
+    store = Store(tmp_path, durable=False)
+    chance = Random(7)
+    drones, zones = ("uav1", "uav2", None), [None, *(f"Z{number}" for number in range(700))]
+    kinds: tuple[AlertKind, ...] = ("drone_in_zone", "new_zone")
+
+    def differences(alerts: Alerts) -> int:
+        everything = alerts.all()[::-1]
+        wrong = 0
+        for kind in kinds:
+            for drone in drones:
+                alike = [
+                    one
+                    for one in everything
+                    if one.cleared_ns is None and (one.kind, one.drone) == (kind, drone)
+                ]
+                wrong += drone is not None and alerts.all_active(kind, drone) != alike[::-1]
+                for zone in zones[:40]:
+                    first = next((one for one in alike if one.zone == zone), None)
+                    wrong += alerts.active(kind, drone, zone) != first
+        return wrong
+
+    try:
+        alerts = Alerts(store)
+        for number in range(6000):
+            kind, drone, zone = chance.choice(kinds), chance.choice(drones), chance.choice(zones)
+            if chance.random() < 0.6:
+                level: Level = "alarm" if kind == "drone_in_zone" else "info"
+                alerts.raise_(kind, level, "there", number, drone=drone, zone=zone)
+            elif chance.random() < 0.8:
+                alerts.clear(kind, number, drone=drone, zone=zone)
+            else:
+                alerts.acknowledge(chance.choice(alerts.all()).id, "ann", number)
+            if number % 500 == 0:
+                assert differences(alerts) == 0
+        assert len(alerts.all()) == 1000 and int(alerts.all()[0].id[1:]) > 1500
+        store.flush()
+        assert differences(alerts) == differences(Alerts(store)) == 0
     finally:
         store.close()

@@ -92,13 +92,14 @@ class Alerts:
         self._store = store
         self._lock = Lock()
         self._alerts: dict[str, Alert] = {}
+        self._uncleared: dict[tuple[AlertKind, str | None], dict[str, Alert]] = {}
+        """Those of them that are active by kind and drone, in the same order: every view asks for some."""
         for (body,) in store.rows(
             "SELECT body FROM (SELECT body, rowid AS place FROM alerts ORDER BY rowid DESC LIMIT ?) "
             "ORDER BY place",
             (_REMEMBERED,),
         ):
-            alert = Alert(**json.loads(body))
-            self._alerts[alert.id] = alert
+            self._remember(Alert(**json.loads(body)))
         self._count = max((int(name[1:]) for name in self._alerts), default=0)
         self.on_change: Callable[[Alert], None] = lambda alert: None
 
@@ -116,11 +117,14 @@ class Alerts:
         with self._lock:
             return self._active(kind, drone, zone)
 
+    def all_active(self, kind: AlertKind, drone: str) -> list[Alert]:
+        """Of a drone, whatever their zones, the newest first."""
+        with self._lock:
+            return list(self._uncleared.get((kind, drone), {}).values())[::-1]
+
     def _active(self, kind: AlertKind, drone: str | None, zone: str | None) -> Alert | None:
-        for alert in self._alerts.values():
-            if alert.cleared_ns is None and (alert.kind, alert.drone, alert.zone) == (kind, drone, zone):
-                return alert
-        return None
+        alike = self._uncleared.get((kind, drone), {}).values()
+        return next((alert for alert in alike if alert.zone == zone), None)
 
     def _least_needed(self) -> str:
         """The oldest that asks nobody for anything, so that many small ones cover up no alarm."""
@@ -158,7 +162,7 @@ class Alerts:
             else:
                 self._count += 1
                 while len(self._alerts) >= _REMEMBERED:
-                    del self._alerts[self._least_needed()]
+                    self._is_over(self._alerts.pop(self._least_needed()))
                 named = f"A{self._count}"
                 alert = self._keep(Alert(named, kind, level, text, drone, zone, now_ns, measure=measure))
         _LOG.log(
@@ -190,9 +194,23 @@ class Alerts:
         self.on_change(seen)
         return seen
 
+    def _remember(self, alert: Alert) -> None:
+        self._alerts[alert.id] = alert
+        if alert.cleared_ns is None:
+            self._uncleared.setdefault((alert.kind, alert.drone), {})[alert.id] = alert
+        else:
+            self._is_over(alert)
+
+    def _is_over(self, alert: Alert) -> None:
+        """It is active no more, or not remembered."""
+        alike = self._uncleared.get((alert.kind, alert.drone), {})
+        alike.pop(alert.id, None)
+        if not alike:
+            self._uncleared.pop((alert.kind, alert.drone), None)
+
     def _keep(self, alert: Alert) -> Alert:
         """Under the lock, so that memory and disk get changes in the same order."""
-        self._alerts[alert.id] = alert
+        self._remember(alert)
         row = (alert.id, alert.raised_ns, json.dumps(asdict(alert)))
         self._store.note(
             lambda connection: connection.execute(

@@ -184,11 +184,7 @@ class Watch:
         """One alert of a kind and drone that nobody acknowledged, and whether there is one: it stays with its
         zone as long as that is one of `zones`. Those that somebody acknowledged hide no other zone."""
         alerts, now_ns = self._service.alerts, self._service.now_ns()
-        told = {
-            alert.zone: alert
-            for alert in alerts.all()
-            if alert.cleared_ns is None and (alert.kind, alert.drone) == (kind, drone)
-        }
+        told = {alert.zone: alert for alert in alerts.all_active(kind, drone)}
         for zone in told.keys() - set(zones):
             alerts.clear(kind, now_ns, drone=drone, zone=zone)
         if any(told[zone].acknowledged_by is None for zone in zones if zone in told):
