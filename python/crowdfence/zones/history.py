@@ -31,6 +31,7 @@ VERSION = 1
 _FORMAT = "crowdfence zone history"
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
+_OF_LOOKS = tuple(field.name for field in fields(DroneEvidence))
 
 
 class ZoneHistoryError(ValueError):
@@ -89,10 +90,11 @@ class ZoneHistory:
             "instants": len(self),
         }
         before: dict[str, Zone] = {}
-        with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(_as_line(header))
+        # Line by line: all of them at once take gigabytes after an hour over hundreds of zones.
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            file.write(_json_line(header))
             for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-                file.write(_as_line(history_line(stamp_ns, zones, before)))
+                file.write(_json_line(history_line(stamp_ns, zones, before)))
                 before = {zone.id: zone for zone in zones.closed}
 
     @staticmethod
@@ -147,8 +149,8 @@ class ZoneHistory:
                 raise ZoneHistoryError(f"{path} {what}: {_said(error)}") from error
 
 
-def _as_line(value: Mapping[str, Any]) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n"
+def _json_line(value: Mapping[str, Any]) -> bytes:
+    return (json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _said(error: Exception) -> str:
@@ -205,7 +207,7 @@ def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
         elif field.name == "band":
             value = [value.lower_m, value.upper_m, value.datum]
         elif field.name == "evidence":
-            value = [asdict(look) for look in value]
+            value = [{name: getattr(look, name) for name in _OF_LOOKS} for look in value]
         elif field.name == "name" and value is None:
             continue  # of all but a few
         elif value != value:  # the probability of ground that nobody has seen
