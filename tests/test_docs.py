@@ -69,11 +69,12 @@ def write_dem(path: Path) -> None:
 def write_log(folder: Path) -> None:
     """Six pictures of noise: 0.2 s apart, to the north-east, looking east and 60 degrees down."""
     names = ("time_s", "east_m", "north_m", "up_m", "heading_deg", "pitch_deg", "picture")
-    pixels = np.random.default_rng(5).integers(90, 140, (480, 640, 3), dtype=np.uint8)
+    noise = np.random.default_rng(5)
     with (folder / "log.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(names)
         for k in range(6):
+            pixels = noise.integers(90, 140, (480, 640, 3), dtype=np.uint8)
             Image.fromarray(pixels).save(folder / f"{k}.jpg")
             rows.writerow([1760000000 + 0.2 * k, 3.0 * k, 4.0 * k, 15.0, 90.0, -60.0, f"{k}.jpg"])
 
