@@ -23,9 +23,11 @@ def test_a_view_is_found_and_missed_at_the_cost_of_one_however_many_there_are(tm
             steps += 1
             return 0
 
-        store._reader.set_progress_handler(count, 1)
+        for reader in store._readers.queue:
+            reader.set_progress_handler(count, 1)
         place = journal.place_of("view", "uav1", stamp_ns)
-        store._reader.set_progress_handler(None, 1)
+        for reader in store._readers.queue:
+            reader.set_progress_handler(None, 1)
         return place, steps
 
     def append(first: int, last: int) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Thread
 from typing import Any
 
 FILE = "crowdfence.sqlite"
@@ -23,6 +23,9 @@ LOCK = "crowdfence.lock"
 VERSION = 1
 MOST_TOGETHER = 256
 """Writes of one commit."""
+_READERS = 4
+"""Questions at once. What became of a zone is looked for in the whole history, for seconds after a day of
+flying, and views, which are looked up before they are taken, must not wait for it."""
 
 BEGIN_ANEW = "move the folder away to begin anew, or restore a copy"
 """What to do about a file that cannot be gone on with."""
@@ -74,12 +77,14 @@ class Store:
         self.on_trouble: Callable[[str | None], None] = lambda trouble: None
         """Called with what went wrong when writes fail, and with None when they work again."""
         self._writes: queue.Queue[tuple[Write, Future[Any]] | None] = queue.Queue()
-        self._reading = Lock()
+        self._readers: queue.LifoQueue[sqlite3.Connection] = queue.LifoQueue()
         self._failing = False
         try:
             self._writer = self._opened(durable)
-            self._reader = sqlite3.connect(self.path, check_same_thread=False)
-            self._reader.execute("PRAGMA query_only = 1")
+            for _ in range(_READERS):
+                reader = sqlite3.connect(self.path, check_same_thread=False)
+                self._readers.put(reader)
+                reader.execute("PRAGMA query_only = 1")
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {error}") from error
         self._thread = Thread(target=self._write_all, name="store", daemon=True)
@@ -145,19 +150,24 @@ class Store:
 
     def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """What is on disk. StoreError when it cannot be read."""
+        reader = self._readers.get()
         try:
-            with self._reading:
-                return self._reader.execute(query, values).fetchall()
+            return reader.execute(query, values).fetchall()
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {error}") from error
+        finally:
+            self._readers.put(reader)
 
     def close(self) -> None:
         """Write what waits, then close."""
         self._writes.put(None)
         self._thread.join()
-        for connection in (self._reader, self._writer):
+        readers = [self._readers.get() for _ in range(_READERS)]
+        for connection in (*readers, self._writer):
             with suppress(sqlite3.Error):
                 connection.close()
+        for reader in readers:  # who asks now is told that it is closed
+            self._readers.put(reader)
         self._lock_file.close()
 
     def _write_all(self) -> None:
