@@ -56,6 +56,17 @@ def test_a_zone_that_moves_is_closed_where_it_was_too() -> None:
     assert closed.bounds == (40.0, 0.0, 110.0, 20.0)  # that of 3 ended at 4, 5 s ago
 
 
+def test_zones_that_change_while_nobody_can_send_are_not_kept_for_ever() -> None:
+    """A vehicle that is out of reach for hours: only what ended in the last seconds is still wanted."""
+    debounce = Debounce(opening_s=5.0, interval_s=0.0)
+    for half_second in range(1000):
+        debounce.offer([box(0.01 * half_second, 0.0, name="A")], half_second / 2)
+    assert len(debounce._versions) == 11  # the newest of 499.5 s, and those that ended from 495 s on
+    wanted = debounce.due(499.5)
+    assert wanted is not None and len(wanted) == 11
+    assert min(zone.polygon.bounds[0] for zone in wanted) == pytest.approx(9.89)  # began at 494.5 s
+
+
 def test_fences_are_not_sent_too_often() -> None:
     debounce = Debounce(opening_s=0.0, interval_s=2.0)
     debounce.offer([A], 0.0)

@@ -29,6 +29,7 @@ class Debounce:
     def offer(self, zones: Sequence[Zone], now_s: float) -> None:
         """The zones are these from now on."""
         self._versions.append((now_s, tuple(zones)))
+        self._forget(now_s)  # also while nobody asks: a link may be lost for hours
 
     def due(self, now_s: float) -> tuple[Zone, ...] | None:
         """The zones to send now; None while nothing changed, or the last fence is too new."""
@@ -47,13 +48,17 @@ class Debounce:
 
     def _wanted(self, now_s: float) -> tuple[Zone, ...]:
         """The newest zones, and those that were there less than `opening_s` ago."""
+        self._forget(now_s)
+        newest = {_outline(zone): zone for _, zones in reversed(self._versions) for zone in zones}
+        return tuple(newest.values())
+
+    def _forget(self, now_s: float) -> None:
+        """What ended `opening_s` ago or before."""
         ends_s = [start_s for start_s, _ in self._versions[1:]]
         alive = [now_s - end_s < self._opening_s for end_s in ends_s]
         self._versions = [
             version for version, keep in zip(self._versions, [*alive, True], strict=True) if keep
         ]
-        newest = {_outline(zone): zone for _, zones in reversed(self._versions) for zone in zones}
-        return tuple(newest.values())
 
 
 def _outlines(zones: Sequence[Zone]) -> Outlines:
