@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crowdfence import Camera, CrowdMap, Or, Terrain, View, surface_grid
-from crowdfence.surface_grid import SurfaceGrid
+from crowdfence.surface_grid import SurfaceGrid, read_crowd_map
 from crowdfence.voxel_state import VoxelState
 
 NEVER, OCCLUDED, EMPTY, STALE, CROWD, NOT_CLEARED = VoxelState
@@ -152,3 +152,20 @@ def test_a_map_too_wide_for_a_grid_is_refused_before_memory_is_taken() -> None:
         SurfaceGrid.from_voxels(
             [(0, 0, 0), (10**8, 10**8, 0)], 1.0, ORIGIN, [0.1, 0.1], [EMPTY, EMPTY], crop="surface"
         )
+
+
+def test_a_map_that_goes_on_after_it_was_read_changes_no_grid() -> None:
+    terrain = Terrain.from_height_map(np.zeros((40, 40)), cell_size_m=1.0)
+    crowd_map = CrowdMap(terrain, Or())
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
+    down[:3, 3] = (15.0, 15.0, 10.0)
+    camera = Camera.pinhole(8, 8, 8.0, 8.0, 4.0, 4.0)
+    crowd_map.integrate([View("uav1", 1_000_000_000, camera, down, np.zeros((8, 8), np.float32))], 10**9)
+    then = SurfaceGrid.from_crowd_map(crowd_map, 10**9)
+    read = read_crowd_map(crowd_map, 10**9)
+    crowd_map.integrate([View("uav1", 2_000_000_000, camera, down, np.ones((8, 8), np.float32))], 2 * 10**9)
+    grid = read()
+    assert (then.state == EMPTY).any() and not (then.state == CROWD).any()
+    for name in ("state", "probability", "top_index", "bottom_index", "last_seen_ns"):
+        np.testing.assert_array_equal(getattr(grid, name), getattr(then, name))
+    assert (SurfaceGrid.from_crowd_map(crowd_map, 2 * 10**9).state == CROWD).any()

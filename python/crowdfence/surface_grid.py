@@ -115,20 +115,15 @@ class SurfaceGrid:
         The voxels are read in blocks, so that memory follows the columns kept and not the terrain's voxels.
         Raises ValueError as `from_voxels` does.
         """
-        terrain = crowd_map.terrain
-        corners = np.rint((terrain.bounds - terrain.origin) / terrain.voxel_size_m).astype(np.int64)
-        stands = np.zeros(terrain.voxel_count, dtype=np.bool_)
-        stands[terrain.standing_places()] = True
-        voxels = _Voxels(
-            terrain.voxel_count,
-            terrain.voxel_indices,
-            stands,
-            (corners[0, :2], corners[1, :2] - 1),
-            crowd_map.probability(stamp_ns),
-            crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s),
-            crowd_map.last_seen_ns(),
+        read = read_crowd_map(
+            crowd_map,
+            stamp_ns,
+            threshold=threshold,
+            stale_after_s=stale_after_s,
+            crop=crop,
+            margin_m=margin_m,
         )
-        return _build(voxels, terrain.voxel_size_m, terrain.origin, crop, margin_m)
+        return read()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -177,6 +172,40 @@ class SurfaceGrid:
     def area_m2(self, state: VoxelState) -> float:
         """Ground area of the columns with terrain that are in `state`."""
         return float(np.count_nonzero((self.state == state) & self.has_surface)) * self.cell_area_m2
+
+
+def read_crowd_map(
+    crowd_map: CrowdMap,
+    stamp_ns: int,
+    *,
+    threshold: float | None = None,
+    stale_after_s: float = 30.0,
+    crop: Crop = "seen",
+    margin_m: float = 20.0,
+) -> Callable[[], SurfaceGrid]:
+    """`SurfaceGrid.from_crowd_map` in two parts: what reads the map, a tenth of the time, and what is called
+    after it, while the map may go on. ValueError as there."""
+    terrain = crowd_map.terrain
+    probability = crowd_map.probability(stamp_ns)
+    state = crowd_map.state(stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
+    last_seen_ns = crowd_map.last_seen_ns()
+
+    def built() -> SurfaceGrid:
+        corners = np.rint((terrain.bounds - terrain.origin) / terrain.voxel_size_m).astype(np.int64)
+        stands = np.zeros(terrain.voxel_count, dtype=np.bool_)
+        stands[terrain.standing_places()] = True
+        voxels = _Voxels(
+            terrain.voxel_count,
+            terrain.voxel_indices,
+            stands,
+            (corners[0, :2], corners[1, :2] - 1),
+            probability,
+            state,
+            last_seen_ns,
+        )
+        return _build(voxels, terrain.voxel_size_m, terrain.origin, crop, margin_m)
+
+    return built
 
 
 @dataclass(frozen=True, slots=True)
