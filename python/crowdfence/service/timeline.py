@@ -102,8 +102,8 @@ class Timeline:
     def points(self) -> list[dict[str, Any]]:
         """Figures over time, at most `MOST_POINTS`, the newest among them."""
         return [
-            {**moment_json("stamp", stamp_ns), **{k: figures[k] for k in figures if k not in _OWN}}
-            for stamp_ns, figures in self._figures()
+            {**moment_json("stamp", stamp_ns), **figures}
+            for stamp_ns, figures in self._figures(told=_WITHOUT_OWN)
         ]
 
     def zone_history(self, zone: str, until_ns: int | None = None) -> dict[str, Any]:
@@ -127,7 +127,9 @@ class Timeline:
             ]
         return {"points": points, "events": events[::-1]}
 
-    def _figures(self, until_ns: int | None = None) -> Iterator[tuple[int, dict[str, Any]]]:
+    def _figures(
+        self, until_ns: int | None = None, told: str = "figures"
+    ) -> Iterator[tuple[int, dict[str, Any]]]:
         ((first, last),) = self._store.rows(
             "SELECT MIN(number), MAX(number) FROM moments WHERE stamp_ns <= ?", (_until(until_ns),)
         )
@@ -135,7 +137,7 @@ class Timeline:
             return
         stride = max(1, -(-(last - first + 1) // MOST_POINTS))
         for stamp_ns, figures in self._store.rows(
-            "SELECT stamp_ns, figures FROM moments WHERE number <= ? AND (? - number) % ? = 0 "
+            f"SELECT stamp_ns, {told} FROM moments WHERE number <= ? AND (? - number) % ? = 0 "
             "ORDER BY number",
             (last, last, stride),
         ):
@@ -164,6 +166,8 @@ class Timeline:
 
 
 _OWN = ("of", "events")
+_WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
+"""In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
 
 
 def _until(stamp_ns: int | None) -> int:
