@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
 from crowdfence.service.zone_json import Marks
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_set_of_line
+from crowdfence.zones.tracker import EventKind
 
 WHOLE_EVERY = 50
 """Moments from one whose outlines are all written to the next one."""
@@ -107,25 +108,34 @@ class Timeline:
         ]
 
     def zone_history(self, zone: str, until_ns: int | None = None) -> dict[str, Any]:
-        """How a zone's probability and area went, and what became of it."""
-        points, events = [], []
+        """How a zone's probability and area went, and what became of it: of its changes the newest
+        `MOST_POINTS`, and all else that happened to it."""
+        points = []
         for stamp_ns, figures in self._figures(until_ns):
             if zone in figures["of"]:
                 probability, closed_m2 = figures["of"][zone]
                 points.append(
                     {**moment_json("stamp", stamp_ns), "probability_max": probability, "closed_m2": closed_m2}
                 )
+        # Not the moments of one question: a zone in view changes at nearly every one, for hours.
+        events = [
+            *self._events(zone, until_ns, lambda kind: kind != "updated", _LASTING),
+            *self._events(zone, until_ns, lambda kind: kind == "updated", "1"),
+        ]
+        return {"points": points, "events": sorted(events, key=lambda event: int(event["stamp_ns"]))}
+
+    def _events(
+        self, zone: str, until_ns: int | None, is_wanted: Callable[[str], bool], condition: str
+    ) -> Iterator[dict[str, Any]]:
+        """Of the newest `MOST_POINTS` moments of a zone for which a condition in SQL holds."""
         for stamp_ns, text in self._store.rows(
             "SELECT stamp_ns, json_extract(figures, '$.events') FROM moments "
-            "WHERE figures LIKE ? AND stamp_ns <= ? ORDER BY number DESC LIMIT ?",
+            f"WHERE figures LIKE ? AND stamp_ns <= ? AND ({condition}) ORDER BY number DESC LIMIT ?",
             (f'%"{zone}"%', _until(until_ns), MOST_POINTS),
         ):
-            events += [
-                {**moment_json("stamp", stamp_ns), "other": None, **event}
-                for event in json.loads(text)
-                if zone in (event["id"], event.get("other"))
-            ]
-        return {"points": points, "events": events[::-1]}
+            for event in json.loads(text):
+                if zone in (event["id"], event.get("other")) and is_wanted(event["kind"]):
+                    yield {**moment_json("stamp", stamp_ns), "other": None, **event}
 
     def _figures(
         self, until_ns: int | None = None, told: str = "figures"
@@ -165,6 +175,10 @@ class Timeline:
         return None if first is None else (first, last)
 
 
+_LASTING = " OR ".join(
+    f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
+)
+"""In SQL: moments at which more became of a zone than that it changed."""
 _OWN = ("of", "events")
 _WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
 """In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
