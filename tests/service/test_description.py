@@ -48,6 +48,19 @@ def test_no_answer_breaks_the_description(tmp_path: Path) -> None:
         assert tried > 25
 
 
+def test_ids_with_line_breaks_are_no_places_and_that_is_described(tmp_path: Path) -> None:
+    """Ids and names may have slashes, so each is the rest of a path up to its last part, and a line of it."""
+    with running(tmp_path) as service, asked(service) as http:
+        paths = http.get("/api/v1/openapi.json").json()["paths"]
+        described = {path: one for path, one in paths.items() if "{zone}" in path or "{drone}" in path}
+        assert len(described) == 6
+        for path, operations in described.items():
+            ((method, operation),) = operations.items()
+            place = path.replace("{zone}", "a%0Ab").replace("{drone}", "a%0Ab")
+            answer = http.request(method, place, json={"name": "ops", "reason": "drill"})
+            assert answer.status_code == 404 and "404" in operation["responses"], path
+
+
 def test_the_message_of_a_view_is_described(tmp_path: Path) -> None:
     with running(tmp_path) as service, asked(service) as http:
         told = http.get("/api/v1/openapi.json").json()

@@ -21,7 +21,9 @@ def zones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
     return service.zones_json(service.moment(at))
 
 
-@router.get("/zones/{zone:path}/history")
+@router.get(
+    "/zones/{zone:path}/history", responses={404: {"description": "no zone has line breaks in its id"}}
+)
 def zone_history(service: TheService, user: Reader, zone: ZoneId, at: AtNs) -> dict[str, Any]:
     """How a zone's probability and area went, and what became of it."""
     return service.mission.timeline.zone_history(zone, at)
