@@ -1,13 +1,11 @@
 """The interface keeps what its description promises, whatever is sent."""
 
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import schemathesis
-
-# Loaded now and not in the middle of the test: pytest parses a plugin's modules when they are first imported,
-# and CPython 3.11 may fail to where browser tests have left a greenlet ("recursion depth mismatch").
-import schemathesis.specs.openapi._hypothesis
 from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 from schemathesis import GenerationMode
@@ -20,6 +18,14 @@ from schemathesis.specs.openapi.checks import (
 
 from crowdfence.service.app import make_app
 from support.small_service import asked, message, running, settle, views
+
+# Loaded now and not in the middle of the test: pytest parses a plugin's modules when they are first imported,
+# and CPython 3.11 may fail to where browser tests have left a greenlet ("recursion depth mismatch").
+for package in ("core", "engine", "generation", "specs", "transport", "wfc"):
+    within = import_module(f"schemathesis.{package}")
+    for module in walk_packages(within.__path__, f"{within.__name__}."):
+        with suppress(ImportError):  # of what the interface does not use
+            import_module(module.name)
 
 CHECKS = (not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance)
 
