@@ -189,7 +189,7 @@ class Mission:
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
         self.still_video = still_video
-        self._seen = SeenColumns(self.terrain)
+        self._seen.begin_anew()
         self._seen.add(loop.crowd_map.seen_ids())
         self._had_other_static = _records(kept.static) != _records(self._static)
         self._belief = None

@@ -16,9 +16,14 @@ class SeenColumns:
     def __init__(self, terrain: Terrain) -> None:
         """A byte a voxel and 4 a column more than `StandingColumns`."""
         self._standing = StandingColumns(terrain)
+        self._is_seen = np.zeros(terrain.voxel_count, dtype=np.bool_)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """As if nothing had been seen."""
+        self._is_seen[:] = False
         self._unseen = self._standing.places.copy()
         """Standing places left, by column."""
-        self._is_seen = np.zeros(terrain.voxel_count, dtype=np.bool_)
         self.count = 0
 
     def add(self, voxel_ids: NDArray[np.int64]) -> None:
