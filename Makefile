@@ -53,8 +53,9 @@ opengl: setup
 	  2>/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
 	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
 
+# A file of tests is run by one process: what its tests share is made once.
 test-python: opengl page chromium
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))

@@ -20,7 +20,7 @@ MEMBERS = [
     for member in vars(getattr(_core, name))
     if not member.startswith("_")
 ]
-NAMES = [*_core.__all__, *MEMBERS]
+NAMES = sorted([*_core.__all__, *MEMBERS])  # always in one order, whichever process collects them
 
 # What can be refused, and the exceptions that its docstring has to name.
 REFUSALS = {

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import struct
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -275,6 +277,16 @@ def test_a_log_without_a_gimbal_needs_a_mount(tmp_path: Path) -> None:
     assert level[2] == pytest.approx(-np.sin(np.radians(60)), abs=1e-6)
     fixed = open_recording(film, mount="body:-60", **options).frames[1].world_from_camera[:3, 2]
     assert fixed[2] != pytest.approx(-np.sin(np.radians(60)), abs=1e-3)  # the body pitches by 3 degrees
+
+
+@pytest.mark.parametrize("kind", ["ulg", "tlog"])
+def test_a_log_that_was_read_is_closed(tmp_path: Path, kind: str) -> None:
+    path, _ = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"flight.{kind}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        (read_ulog if kind == "ulg" else read_tlog)(path)
+        gc.collect()
+    assert path not in {Path(one).resolve() for one in Path("/proc/self/fd").iterdir()}
 
 
 @pytest.mark.parametrize("kind", ["ulg", "tlog"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -77,11 +78,11 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
     found: list[Any] = []
     systems: list[int] = []
     try:
-        log = mavutil.mavlink_connection(str(path), robust_parsing=True)
-        while (message := log.recv_match(type=list(KINDS))) is not None:
-            found.append(message)
-            if message.get_type() == PLACE:
-                systems.append(message.get_srcSystem())
+        with closing(mavutil.mavlink_connection(str(path), robust_parsing=True)) as log:
+            while (message := log.recv_match(type=list(KINDS))) is not None:
+                found.append(message)
+                if message.get_type() == PLACE:
+                    systems.append(message.get_srcSystem())
     except Exception as error:  # whatever the library meets in a damaged file
         if len(systems) < 2:
             raise ValueError(f"{path} is no MAVLink log, or damaged: {error}") from error
