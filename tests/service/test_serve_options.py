@@ -1,5 +1,6 @@
 """`crowdfence serve` takes what `crowdfence run` takes, and does the same with it."""
 
+import logging
 import socket
 from pathlib import Path
 from time import sleep
@@ -55,6 +56,19 @@ def test_several_recordings_are_one_fleet(tmp_path: Path, replayed: list[tuple[s
         assert finished.exit_code == 0
     assert replayed[0][0] == {"uav1", "uav_2", "uav3"} and len(replayed[0][1]) > 3
     assert replayed[1] == replayed[0]
+
+
+def test_what_the_process_logs_to_is_as_before_once_a_service_has_ended(
+    tmp_path: Path, replayed: list[tuple[set[str], list[int]]]
+) -> None:
+    """Else a program that served writes on into a stream that may be closed, a traceback a line."""
+    root = logging.getLogger()
+    before, level = list(root.handlers), root.level
+    terrain = write_level_ground(tmp_path / "ground.tif")
+    words = ["serve", str(write_folder(tmp_path / "flight", flight())), "--terrain", str(terrain)]
+    words += ["--detector", "recorded", "--replay-speed", "inf", "--voxel-size-m", "4"]
+    assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
+    assert (root.handlers, root.level) == (before, level)
 
 
 @pytest.mark.parametrize("how", [["--mount", "level:-60"], ["--topics", "camera=/a,pose=/b"]])

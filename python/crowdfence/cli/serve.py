@@ -174,7 +174,7 @@ def serve(
         refuse_unused(context, _OF_ZENOH, "without --zenoh")
     from crowdfence.service.access import Access
     from crowdfence.service.base_map import BaseMap
-    from crowdfence.service.logs import set_up_logs
+    from crowdfence.service.logs import logs_on_stderr
     from crowdfence.service.server import Address
     from crowdfence.service.server import serve as serve_on
     from crowdfence.service.settings import ServiceSettings
@@ -189,9 +189,8 @@ def serve(
         keep_s=keep_h * 3600.0,
     )
     surroundings = BaseMap.open(base_map) if base_map is not None else None
-    set_up_logs(as_json=json_logs)
     opened = _replayed if recording else _live
-    with opened(chosen, config, access, settings) as service:
+    with logs_on_stderr(as_json=json_logs), opened(chosen, config, access, settings) as service:
         service.base_map = surroundings
         if surroundings is not None and service.mission.georeference is None:
             console.warn("the mission does not say where on Earth it lies: its page shows no base map")
