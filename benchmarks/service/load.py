@@ -108,7 +108,7 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
     with TemporaryDirectory() as folder, running(Path(folder), settings=settings) as service:
         live = service.live
         assert live is not None
-        live.publishing = Samples()  # type: ignore[assignment]
+        live.heard.publishing = Samples()  # type: ignore[assignment]
         spent_s = time.process_time()
 
         def use(port: int) -> Told:
@@ -124,11 +124,11 @@ def service_row(drones: int, rate_hz: float, seconds: float, viewers: int = 0) -
             return told
 
         told = served(make_app(service), use)
-        waiting = live.waiting
-        live.settled(120.0)
+        waiting = live.applying.waiting
+        live.applying.settled(120.0)
         live.finish()
         name = f"service, {viewers} listeners" if viewers else "service"
-        published = live.publishing.seconds
+        published = live.heard.publishing.seconds
         _row(name, drones, rate_hz, told, time.process_time() - spent_s, published)
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"    waiting at the end {waiting}, largest memory of the process {peak_mb:.0f} MB")

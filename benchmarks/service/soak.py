@@ -45,7 +45,7 @@ def main(seconds: float) -> int:
         for number in range(instants):
             for drone in DRONES:
                 # The flight begins again every ten seconds; stamps go on.
-                service.live.give_view(message(_at(drone, number)))
+                service.live.intake.give_view(message(_at(drone, number)))
             if number % 100 == 99:
                 settle(service)
             if number % 300 == 299:

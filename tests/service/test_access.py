@@ -241,8 +241,8 @@ def test_the_audit_log_says_who_did_what(guarded) -> None:
     service, tokens, http = guarded
     assert service.live is not None
     for one in views(12):
-        service.live.give_view(message(one))
-    service.live.settled(20.0)
+        service.live.intake.give_view(message(one))
+    service.live.applying.settled(20.0)
     headers = bearer(tokens, "operator")
     for action in ("lock", "unlock", "dismiss"):
         answer = http.post(f"/api/v1/zones/Z1/{action}", json={"reason": f"to {action}"}, headers=headers)

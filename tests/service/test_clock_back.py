@@ -31,7 +31,7 @@ def flown(service: Service, now: Now, *, ahead_s: float = 0.0, first: int = 0, l
     assert service.live is not None
     for one in views(last)[3 * first :]:
         now.ns = max(now.ns, one.stamp_ns)
-        service.live.give_view(message(ahead(one, ahead_s)))
+        service.live.intake.give_view(message(ahead(one, ahead_s)))
     settle(service)
 
 
@@ -42,7 +42,7 @@ def test_a_state_from_the_future_is_refused_until_time_has_caught_up(tmp_path: P
         assert service.live is not None
         if how == "views":
             for one in views(9):
-                service.live.give_view(message(ahead(one, 600.0)))
+                service.live.intake.give_view(message(ahead(one, 600.0)))
         else:
             with asked(service) as http:
                 corners = [[1, 1], [4, 1], [4, 4]]
@@ -63,7 +63,7 @@ def test_a_simulation_goes_on_whatever_the_machine_says(tmp_path: Path) -> None:
     for _ in range(2):
         with running(tmp_path) as service:  # by the clock of the views
             assert service.live is not None
-            service.live.give_view(message(ahead(view("uav1", 0), 86_400.0 * 365 * 50)))
+            service.live.intake.give_view(message(ahead(view("uav1", 0), 86_400.0 * 365 * 50)))
             settle(service)
 
 

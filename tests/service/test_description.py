@@ -35,7 +35,7 @@ def test_no_answer_breaks_the_description(tmp_path: Path) -> None:
     with running(tmp_path) as service:
         assert service.live is not None
         for one in views(9):
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
         described = schemathesis.openapi.from_asgi("/api/v1/openapi.json", make_app(service))
         tried = 0

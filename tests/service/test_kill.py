@@ -60,7 +60,7 @@ def told(service: Service) -> tuple[bytes, bytes, list[dict]]:
         for (stamp_ns,) in service.store.rows("SELECT stamp_ns FROM moments ORDER BY number")
     ]
     lines = [history_line(one.stamp_ns, one.zones, {}) for one in moments if one is not None]
-    return service.mission.loop.crowd_map.to_bytes(), service.live.to_bytes(), lines
+    return service.mission.loop.crowd_map.to_bytes(), service.live.applying.to_bytes(), lines
 
 
 def give_until_killed(client: Client, flown: list[View], acknowledged: int, kill_at: int, kill: Timer) -> int:
@@ -109,14 +109,14 @@ def test_what_was_acknowledged_survives_kill_9_at_random_moments(tmp_path: Path)
         recovered = service.mission.loop.crowd_map.instant_count
         assert service.live is not None
         for one in flown[acknowledged:]:
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
         service.live.finish()
         after_kills = told(service)
     with running(tmp_path / "never") as service:
         assert service.live is not None
         for one in flown:
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
         service.live.finish()
         assert told(service)[0] == after_kills[0]

@@ -86,17 +86,17 @@ def test_a_late_view_counts_with_its_age(tmp_path: Path) -> None:
     """It comes 2 s after newer ones: in the map it is a look of its own stamp, and it is counted."""
     with running(tmp_path) as service:
         live = live_of(service)
-        live.give_view(at("uav1", START_NS + 2 * SECOND_NS))
-        live.give_view(at("uav1", START_NS + 3 * SECOND_NS))
+        live.intake.give_view(at("uav1", START_NS + 2 * SECOND_NS))
+        live.intake.give_view(at("uav1", START_NS + 3 * SECOND_NS))
         settle(service)
         moved = view("uav3", 0)
-        live.give_view(message(View("uav3", START_NS, CAMERA, moved.world_from_camera, moved.heatmap)))
+        live.intake.give_view(message(View("uav3", START_NS, CAMERA, moved.world_from_camera, moved.heatmap)))
         settle(service)
         crowd_map = service.mission.loop.crowd_map
         seen = project(moved, plain(), max_range_m=80.0).voxel_ids
         looks = crowd_map.last_seen_ns(seen)
         assert (looks == START_NS).any() and set(looks.tolist()) <= {START_NS, START_NS + 2 * SECOND_NS}
-        assert live.late == {"uav3": 1}
+        assert live.heard.late == {"uav3": 1}
 
 
 def test_a_wrong_clock_is_refused_and_told_and_the_others_go_on(tmp_path: Path) -> None:
@@ -116,10 +116,10 @@ def test_a_fleet_that_was_away_for_days_is_taken_again(tmp_path: Path) -> None:
     now = Now(START_NS)
     with running(tmp_path, clock=now.clock()) as service:
         live = live_of(service)
-        live.give_view(at("uav1", START_NS))
+        live.intake.give_view(at("uav1", START_NS))
         now.pass_s(3 * 86_400.0)
         returned_ns = START_NS + 3 * 86_400 * SECOND_NS
-        live.give_view(at("uav1", returned_ns))
+        live.intake.give_view(at("uav1", returned_ns))
         live.finish()
         assert service.mission.loop.crowd_map.span_ns == (START_NS, returned_ns)
         assert service.alerts.active("refused_views") is None
@@ -157,7 +157,7 @@ def test_a_flood_from_one_drone_stops_only_that_drone(
     """The map is held up: ten views of the flood wait, the rest is told to come again, others still enter."""
     tight = replace(SETTINGS, waiting_per_drone=10)
     with running(tmp_path, settings=tight) as service, asked(service) as http:
-        goes_on, gathering = Event(), live_of(service)._gathering
+        goes_on, gathering = Event(), live_of(service).applying.gathering
         push = gathering.push
 
         def held_up(arrival):
@@ -284,11 +284,11 @@ def test_a_detector_that_fails_refuses_its_frame_and_nothing_else(tmp_path: Path
 
     with running(tmp_path, detector=detector) as service:
         live = live_of(service)
-        live.give_view(image_message(START_NS, picture()))
-        live.give_view(at("uav2", START_NS + 1))
+        live.intake.give_view(image_message(START_NS, picture()))
+        live.intake.give_view(at("uav2", START_NS + 1))
         settle(service)
         live.finish()
-        assert live.refused == {"uav1": 1}
+        assert live.heard.refused == {"uav1": 1}
         assert service.mission.loop.crowd_map.drones == ["uav2"]
         (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
         assert "no graphics card" in alert.text
@@ -296,7 +296,7 @@ def test_a_detector_that_fails_refuses_its_frame_and_nothing_else(tmp_path: Path
 
 def test_pictures_without_a_detector_are_refused(tmp_path: Path) -> None:
     with running(tmp_path) as service, pytest.raises(Refused, match="no detector"):
-        live_of(service).give_view(image_message(START_NS, picture()))
+        live_of(service).intake.give_view(image_message(START_NS, picture()))
 
 
 def changed(**what: object) -> bytes:
@@ -340,13 +340,13 @@ def test_observations_of_another_terrain_are_refused(tmp_path: Path) -> None:
     crowd_map = CrowdMap(other, CONFIG.method.fusion_method(other, 1))
     (seen,) = crowd_map.integrate([view("uav1", 0)], START_NS).observations
     with running(tmp_path) as service, pytest.raises(Refused, match="of terrain"):
-        live_of(service).give_observation(seen.to_bytes())
+        live_of(service).intake.give_observation(seen.to_bytes())
 
 
 def test_an_instant_that_no_view_completes_is_completed_by_the_clock(tmp_path: Path) -> None:
     now = Now(START_NS)
     with running(tmp_path, clock=now.clock()) as service:
-        live_of(service).give_view(at("uav1", START_NS))
+        live_of(service).intake.give_view(at("uav1", START_NS))
         settle(service)
         assert service.mission.newest is None
         now.pass_s(0.7)  # 0.5 s of delay and 0.06 s of tolerance are over
@@ -375,7 +375,7 @@ def test_a_record_that_cannot_be_applied_stops_nothing_also_after_a_restart(tmp_
     flown = views(6)
     with running(tmp_path) as service:
         live = live_of(service)
-        live.give_view(message(flown[0]))
+        live.intake.give_view(message(flown[0]))
         poison = "INSERT INTO journal VALUES (?, 'operator', '', 0, 0, ?, ?)"
         record = Record(2, "operator", "", 0, 0, b"{}")
         service.store.submit(
@@ -384,9 +384,9 @@ def test_a_record_that_cannot_be_applied_stops_nothing_also_after_a_restart(tmp_
     with running(tmp_path) as service:
         live = live_of(service)
         for one in flown[1:]:
-            live.give_view(message(one))
+            live.intake.give_view(message(one))
         settle(service)
-        assert live.works and service.mission.loop.crowd_map.instant_count > 0
+        assert live.applying.works and service.mission.loop.crowd_map.instant_count > 0
         assert any("record 2 (operator)" in alert.text for alert in service.alerts.all())
 
 
@@ -400,7 +400,7 @@ def test_more_drones_than_the_method_takes_lose_nobody_elses_views(tmp_path: Pat
                 for number in range(4):
                     together.wait()
                     try:
-                        live.give_view(message(view(drone, number)))
+                        live.intake.give_view(message(view(drone, number)))
                     except Refused as error:
                         refused.append((drone, str(error)))
 
@@ -421,22 +421,22 @@ def test_the_place_of_a_drone_whose_view_was_not_kept_is_free_again(tmp_path: Pa
         without_pose = json.loads(message(view("uav3", 0)))
         del without_pose["world_from_camera"]
         with pytest.raises(Refused):
-            live.give_view(json.dumps(without_pose).encode())
+            live.intake.give_view(json.dumps(without_pose).encode())
         for drone in ("uav1", "uav2"):
-            assert not live.give_view(message(view(drone, 0))).duplicate
+            assert not live.intake.give_view(message(view(drone, 0))).duplicate
 
 
 def test_a_view_that_cannot_be_used_does_not_take_its_instant_with_it(tmp_path: Path) -> None:
     """Views of three drones are in the journal of a fleet of two, as an older build kept them."""
     with running(tmp_path, config=FLEET_OF_TWO) as service:
         live = live_of(service)
-        live._gate._most_drones = 3
+        live.intake._gate._most_drones = 3
         for drone in DRONES:
-            live.give_view(message(view(drone, 0)))
+            live.intake.give_view(message(view(drone, 0)))
         live.finish()
         crowd_map = service.mission.loop.crowd_map
         assert crowd_map.instant_count == 1 and set(crowd_map.drones) == {"uav1", "uav2"}
-        assert live.refused == {"uav3": 1}
+        assert live.heard.refused == {"uav3": 1}
         (alert,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
         assert alert.drone == "uav3" and "fleet_size is 2" in alert.text
 
@@ -455,17 +455,17 @@ def test_an_instant_that_fails_takes_none_of_the_others_with_it(tmp_path: Path) 
 
         service.mission.loop.step = once_failing  # type: ignore[method-assign]
         for one in views(2):
-            live.give_view(message(one))
-        live.give_view(message(view("uav1", 30)))
+            live.intake.give_view(message(one))
+        live.intake.give_view(message(view("uav1", 30)))
         settle(service)
         assert service.mission.loop.crowd_map.instant_count == 1
-        assert live.refused == dict.fromkeys(DRONES, 1)
+        assert live.heard.refused == dict.fromkeys(DRONES, 1)
         told = [alert for alert in service.alerts.all() if alert.kind == "refused_views"]
         assert {alert.drone for alert in told} == set(DRONES) and "MemoryError once" in told[0].text
         live.finish()
         assert service.mission.loop.crowd_map.instant_count == 2
-        assert not live._gathering.is_due(stamp_ns("uav1", 1000)), "nothing waits for good"
-        assert live._gathering.first_waiting(10**9) == 10**9, "nothing pins the journal"
+        assert not live.applying.gathering.is_due(stamp_ns("uav1", 1000)), "nothing waits for good"
+        assert live.applying.gathering.first_waiting(10**9) == 10**9, "nothing pins the journal"
 
 
 @pytest.mark.parametrize("method", [CONFIG.method, PaperConfig(fleet_size=3)], ids=["evidence", "paper"])
@@ -476,12 +476,12 @@ def test_a_late_view_is_taken_in_on_every_clock(tmp_path: Path, start_s: int, me
     with running(tmp_path, config=replace(CONFIG, method=method)) as service:
         live = live_of(service)
         for number in range(10):
-            live.give_view(at("uav1", start_ns + number * 200_000_000))
+            live.intake.give_view(at("uav1", start_ns + number * 200_000_000))
         for number in range(3):
-            live.give_view(at("uav2", start_ns + number * 100_000_000))
-        live.give_view(at("uav1", start_ns + 2 * SECOND_NS))
+            live.intake.give_view(at("uav2", start_ns + number * 100_000_000))
+        live.intake.give_view(at("uav1", start_ns + 2 * SECOND_NS))
         live.finish()
-        assert live.late == {"uav2": 3} and not live.refused
+        assert live.heard.late == {"uav2": 3} and not live.heard.refused
         assert service.mission.loop.crowd_map.instant_count == 14
         assert "uav2" in service.mission.loop.crowd_map.drones
 
@@ -496,7 +496,7 @@ def test_a_drone_whose_views_are_lost_again_is_told_again(tmp_path: Path) -> Non
 
         def give(number: int, *, fails: bool) -> None:
             service.mission.loop.step = failing if fails else take_in  # type: ignore[method-assign]
-            live.give_view(message(view("uav1", number)))
+            live.intake.give_view(message(view("uav1", number)))
             live.finish()
 
         def told() -> list[tuple[bool, bool]]:
@@ -541,7 +541,7 @@ def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: P
         for number in range(4):
             stamp = START_NS + number * 100_000_000
             one = View("uav1", stamp, FINE_CAMERA, pose("uav1", 0.0), empty)
-            live.give_view(message(one))
+            live.intake.give_view(message(one))
         live.finish()
         assert unseen_m2(service) < 60.0 * 60.0, "something was seen empty"
         now.pass_s(1.5)
@@ -551,16 +551,16 @@ def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: P
         now.pass_s(2.0)
         assert closed_again(service)
         settle(service)
-        assert not live.refused
+        assert not live.heard.refused
         shutil.copytree(tmp_path / "one", tmp_path / "two")
-        state = live.to_bytes()
+        state = live.applying.to_bytes()
         later = View("uav1", now.system_ns, FINE_CAMERA, pose("uav1", 0.0), empty)
-        live.give_view(message(later))
+        live.intake.give_view(message(later))
         live.finish()
         assert unseen_m2(service) < 60.0 * 60.0, "a look opens it again"
-        assert not live.refused and not live.late
+        assert not live.heard.refused and not live.heard.late
     with running(tmp_path / "two", clock=now.clock(), **how) as service:
-        assert live_of(service).to_bytes() == state
+        assert live_of(service).applying.to_bytes() == state
 
 
 def test_a_write_that_fails_by_a_mistake_of_ours_fails_alone(tmp_path: Path) -> None:
@@ -595,8 +595,8 @@ def test_another_view_of_the_same_stamp_is_refused(tmp_path: Path) -> None:
 def test_a_first_stamp_that_is_absurd_does_not_set_the_clock_of_the_views(tmp_path: Path) -> None:
     with running(tmp_path) as service:
         with pytest.raises(Refused, match="clock is wrong"):
-            live_of(service).give_view(at("uav1", 2**63 - 1))
-        assert not live_of(service).give_view(at("uav2", START_NS)).duplicate
+            live_of(service).intake.give_view(at("uav1", 2**63 - 1))
+        assert not live_of(service).intake.give_view(at("uav2", START_NS)).duplicate
 
 
 def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_givers_are(
@@ -604,14 +604,14 @@ def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_give
 ) -> None:
     """The thread of the first view is held up between its commit and whatever it does next."""
     with running(tmp_path) as service:
-        live, journal, applied = live_of(service), live_of(service)._journal, []
-        append, apply_ = journal.append, live._apply
+        live, journal, applied = live_of(service), live_of(service).intake._journal, []
+        append, apply_ = journal.append, live.applying._apply
 
         def slowly(record: Record, *how, **more):
             future = append(record, *how, **more)
             if record.drone == "uav1":
                 future.result()
-                live.give_view(message(view("uav2", 0)))
+                live.intake.give_view(message(view("uav2", 0)))
             return future
 
         def noted(record: Record) -> None:
@@ -619,8 +619,8 @@ def test_records_are_applied_in_the_order_of_the_journal_however_slow_their_give
             apply_(record)
 
         monkeypatch.setattr(journal, "append", slowly)
-        monkeypatch.setattr(live, "_apply", noted)
-        live.give_view(message(view("uav1", 0)))
+        monkeypatch.setattr(live.applying, "_apply", noted)
+        live.intake.give_view(message(view("uav1", 0)))
         settle(service)
         assert applied == [1, 2]
 
@@ -630,15 +630,15 @@ def test_the_last_views_of_a_simulation_need_no_others_to_follow(tmp_path: Path)
     with running(tmp_path, settings=replace(SETTINGS, quiet_s=0.2)) as service:
         live = live_of(service)
         for drone in DRONES:
-            live.give_view(at(drone, START_NS))
+            live.intake.give_view(at(drone, START_NS))
         until_s = monotonic() + 60.0
         while service.mission.loop.crowd_map.instant_count == 0 and monotonic() < until_s:
             sleep(0.02)
         assert service.mission.loop.crowd_map.instant_count == 1
         # Time goes on where the simulation does.
-        live.give_view(at(DRONES[0], START_NS + SECOND_NS))
+        live.intake.give_view(at(DRONES[0], START_NS + SECOND_NS))
         live.finish()
-        assert service.mission.loop.crowd_map.instant_count == 2 and not live.late
+        assert service.mission.loop.crowd_map.instant_count == 2 and not live.heard.late
         service.store.flush()
         stamps = [stamp for (stamp,) in service.store.rows("SELECT stamp_ns FROM moments ORDER BY number")]
         assert stamps == [START_NS, START_NS + SECOND_NS]
@@ -647,7 +647,7 @@ def test_the_last_views_of_a_simulation_need_no_others_to_follow(tmp_path: Path)
 def test_views_wait_for_others_while_views_come(tmp_path: Path) -> None:
     with running(tmp_path) as service:
         live = live_of(service)
-        live.give_view(at(DRONES[0], START_NS))
-        live.settled(30.0)
+        live.intake.give_view(at(DRONES[0], START_NS))
+        live.applying.settled(30.0)
         sleep(0.5)
         assert service.mission.loop.crowd_map.instant_count == 0

@@ -40,7 +40,7 @@ def test_a_drone_that_is_aligned_closes_what_a_right_one_closes(tmp_path: Path) 
             assert service.live is not None
             for one in views(9):
                 wrong = name != "right" and one.drone == "uav1"
-                service.live.give_view(message(misplaced(one) if wrong else one))
+                service.live.intake.give_view(message(misplaced(one) if wrong else one))
             settle(service)
             service.live.finish()
             zones.append(service.mission.found.zones)
@@ -78,11 +78,11 @@ def test_what_cannot_be_put_right_is_refused(tmp_path: Path) -> None:
     with running(tmp_path, inputs=Inputs(offsets=offsets)) as service:
         assert service.live is not None
         with pytest.raises(Refused, match=r"pictures of uav1 are \+0.100 s off"):
-            service.live.give_view(message(view("uav1", 0)))
+            service.live.intake.give_view(message(view("uav1", 0)))
         with pytest.raises(Refused, match="uav2 projects itself"):
-            service.live.give_observation(seen.to_bytes())
-        service.live.give_view(message(view("uav3", 0)))
-        assert service.live.refused == {"(unknown)": 1} and service.live.accepted == {"uav3": 1}
+            service.live.intake.give_observation(seen.to_bytes())
+        service.live.intake.give_view(message(view("uav3", 0)))
+        assert service.live.heard.refused == {"(unknown)": 1} and service.live.heard.accepted == {"uav3": 1}
 
 
 def test_serve_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ def hospital(name: str = "HOSP") -> Zone:
 
 def fly(service, first: int, last: int) -> None:
     for one in views(last)[first * 3 :]:
-        service.live.give_view(message(one))
+        service.live.intake.give_view(message(one))
     settle(service)
 
 

@@ -165,7 +165,7 @@ def test_what_they_did_goes_through_bytes() -> None:
 def flown(service: Service, instants: int) -> None:
     assert service.live is not None
     for one in views(instants):
-        service.live.give_view(message(one))
+        service.live.intake.give_view(message(one))
     settle(service)
 
 
@@ -182,8 +182,8 @@ def test_on_the_running_service(tmp_path: Path) -> None:
         # A minute of stamps later it is closed again, though nobody did anything.
         assert service.live is not None
         late = view("uav1", 9 + 5 * 61)
-        service.live.give_view(message(late))
-        service.live.give_view(message(view("uav1", 9 + 5 * 63)))
+        service.live.intake.give_view(message(late))
+        service.live.intake.give_view(message(view("uav1", 9 + 5 * 63)))
         settle(service)
         zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
         assert zones["Z1"]["dismissed"] is None and '"Z1"' in http.get("/api/v1/export").text

@@ -34,13 +34,13 @@ from support.small_service import (
 def state(service: Service) -> tuple[bytes, bytes]:
     """What all later steps depend on."""
     assert service.live is not None
-    return service.live.to_bytes(), service.mission.loop.crowd_map.to_bytes()
+    return service.live.applying.to_bytes(), service.mission.loop.crowd_map.to_bytes()
 
 
 def give(service: Service, flown: list) -> None:
     assert service.live is not None
     for one in flown:
-        service.live.give_view(message(one))
+        service.live.intake.give_view(message(one))
     settle(service)
 
 
@@ -132,7 +132,7 @@ def test_a_damaged_tail_is_put_aside_and_told(tmp_path: Path) -> None:
         assert alert.level == "alarm" and alert.text.startswith("4 records")
         assert service.store.rows("SELECT COUNT(*) FROM damaged") == [(4,)]
         give(service, flown[8:])  # they were lost, so they are no duplicates
-        assert service.live is not None and sum(service.live.accepted.values()) == 4
+        assert service.live is not None and sum(service.live.heard.accepted.values()) == 4
 
 
 def test_a_damaged_snapshot_falls_back_on_the_one_before(tmp_path: Path) -> None:

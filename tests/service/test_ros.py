@@ -210,7 +210,7 @@ def test_a_fleet_of_ros_gives_the_zones_of_the_same_recording(tmp_path: Path, ki
                 node.publish(f"/{view.drone}/heatmap", heatmap_message(view))
                 node.publish(f"/{view.drone}/pose", pose_message(view.stamp_ns, view.world_from_camera))
 
-            again(publish, lambda wanted=number + 1: sum(live_service.accepted.values()) == wanted)
+            again(publish, lambda wanted=number + 1: sum(live_service.heard.accepted.values()) == wanted)
         live_service.finish()
         moment = service.mission.newest
         assert moment is not None
@@ -277,7 +277,7 @@ def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path:
                 node.publish("/uav1/pose", pose_message(view.stamp_ns, view.world_from_camera))
                 node.publish("/uav1/heatmap", heatmap_message(view))
 
-            again(publish, lambda wanted=number + 1: live_service.accepted["uav1"] == wanted)
+            again(publish, lambda wanted=number + 1: live_service.heard.accepted["uav1"] == wanted)
         live_service.finish()
         until(lambda: heard)
         before = len(heard)
@@ -285,7 +285,11 @@ def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path:
         key = node.key_of("/uav1/heatmap", "sensor_msgs/msg/Image")
         node.session.put(key, b"\x00\x01\x00\x00short")
         until(lambda: service.alerts.active("refused_views", "uav1"))
-        assert live_service.works and live_service.refused["uav1"] == 1 and live_service.accepted["uav1"] == 3
+        assert (
+            live_service.applying.works
+            and live_service.heard.refused["uav1"] == 1
+            and live_service.heard.accepted["uav1"] == 3
+        )
 
 
 def test_no_router_is_said_at_the_start(tmp_path: Path) -> None:

@@ -56,7 +56,10 @@ class Given:
         self.reasons: list[str] = []
         alerts = SimpleNamespace(raise_=lambda kind, level, text, *rest, **more: self.reasons.append(text))
         clock = SimpleNamespace(now_ns=lambda: 0)
-        self.intake = Intake("uav1", self, alerts, clock, None, rectified=rectified)  # type: ignore[arg-type]
+        live: Any = SimpleNamespace(
+            intake=SimpleNamespace(give_view=self.give_view), heard=SimpleNamespace(refused=self.refused)
+        )
+        self.intake = Intake("uav1", live, alerts, clock, None, rectified=rectified)  # type: ignore[arg-type]
 
     def give_view(self, raw: bytes) -> None:
         self.views.append(json.loads(raw))

@@ -16,7 +16,7 @@ def test_views_go_into_the_map_while_grids_are_made(tmp_path: Path, monkeypatch:
     with running(tmp_path) as service:
         assert service.live is not None
         for one in views(3):
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         service.live.finish()
 
         def try_lock() -> None:

@@ -47,7 +47,9 @@ def flown(service: Service, now: Now) -> None:
     for one in views(INSTANTS):
         now.ns = one.stamp_ns
         sure = np.where(one.heatmap > 0.5, one.heatmap, 0.0).astype(np.float32)
-        service.live.give_view(message(View(one.drone, one.stamp_ns, CAMERA, one.world_from_camera, sure)))
+        service.live.intake.give_view(
+            message(View(one.drone, one.stamp_ns, CAMERA, one.world_from_camera, sure))
+        )
     service.live.finish()
 
 
@@ -136,7 +138,7 @@ def test_maps_of_two_missions_are_never_taken_for_each_other(tmp_path: Path) -> 
         with running(tmp_path / name, settings=SETTINGS) as service, asked(service) as http:
             assert service.live is not None
             for one in views(1):
-                service.live.give_view(message(one))
+                service.live.intake.give_view(message(one))
             settle(service)
             service.live.finish()
             known = {"if-none-match": tags[0]} if tags else {}

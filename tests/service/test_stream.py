@@ -68,7 +68,7 @@ def test_who_comes_later_gets_the_newest_step_at_once(tmp_path: Path) -> None:
     with running(tmp_path) as service:
         assert service.live is not None
         for view in views(6):
-            service.live.give_view(message(view))
+            service.live.intake.give_view(message(view))
         settle(service)
         with asked(service) as http, http.websocket_connect("/api/v1/stream") as one:
             assert one.receive_json()["type"] == "hello"

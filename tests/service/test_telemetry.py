@@ -314,8 +314,8 @@ def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: 
         watch.look()
         assert active(service) == {"uav1"}
         # Nothing of it is in the map, and no place in the queue is taken for good.
-        assert service.live is not None and service.live.waiting == 0
-        assert sum(service.live.refused.values()) == 3 and not service.live.accepted
+        assert service.live is not None and service.live.applying.waiting == 0
+        assert sum(service.live.heard.refused.values()) == 3 and not service.live.heard.accepted
 
 
 def test_stale_telemetry_is_an_alarm_that_is_shown_published_and_logged(

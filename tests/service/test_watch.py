@@ -17,7 +17,7 @@ from PIL import Image
 from shapely import box
 
 from crowdfence import View, project
-from crowdfence.service import live, watch
+from crowdfence.service import intake, watch
 from crowdfence.service.clock import Clock
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
@@ -66,14 +66,14 @@ def test_silence_is_an_alarm_and_opens_nothing(tmp_path: Path) -> None:
         assert service.live is not None
         for one in views(10):
             now.ns = one.stamp_ns
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
         watch.look()
         assert active(service, "drone_silent") == set()
         closed = {zone.id: zone.polygon.area for zone in service.mission.newest.zones.closed}
         assert closed
         now.ns += 5 * SECOND_NS
-        service.live.give_view(message(view("uav2", 36)))
+        service.live.intake.give_view(message(view("uav2", 36)))
         now.ns += SECOND_NS
         watch.look()
         assert active(service, "drone_silent") == {("uav1", None), ("uav3", None)}
@@ -98,7 +98,7 @@ def test_a_drone_that_was_silent_before_a_restart_is_missed_after_it(tmp_path: P
         assert service.live is not None
         for one in views(6):
             now.ns = one.stamp_ns
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
     now.ns += 30 * SECOND_NS
     with running(tmp_path, clock=now.clock()) as service:
@@ -119,19 +119,19 @@ def test_a_companion_that_falls_silent_is_an_alarm_also_after_a_restart(tmp_path
         watch = Watch(service)
         for number in range(6):
             now.ns = view("uav2", number).stamp_ns
-            service.live.give_view(message(view("uav1", number)))
-            service.live.give_observation(observed("uav2", number))
+            service.live.intake.give_view(message(view("uav1", number)))
+            service.live.intake.give_observation(observed("uav2", number))
         settle(service)
         watch.look()
         assert active(service, "drone_silent") == set()
         now.ns += 4 * SECOND_NS
-        service.live.give_view(message(view("uav1", 26)))
+        service.live.intake.give_view(message(view("uav1", 26)))
         now.ns += 2 * SECOND_NS
         watch.look()
         assert active(service, "drone_silent") == {("uav2", None)}
         (alert,) = [one for one in service.alerts.all() if one.kind == "drone_silent"]
         assert (alert.level, alert.text.split(" for ")[0]) == ("alarm", "no view from uav2")
-        service.live.give_observation(observed("uav2", 31))
+        service.live.intake.give_observation(observed("uav2", 31))
         watch.look()
         assert active(service, "drone_silent") == set()
         settle(service)
@@ -171,7 +171,7 @@ def test_a_drone_that_is_expected_and_never_comes_is_an_alarm(tmp_path: Path) ->
         (alert,) = [one for one in service.alerts.all() if one.drone == "uav9"]
         assert alert.level == "alarm"
         assert alert.text.startswith("no view from uav9 since the start of the service")
-        service.live.give_view(message(view("uav1", 25)))
+        service.live.intake.give_view(message(view("uav1", 25)))
         watch.look()
         assert active(service, "drone_silent") == {("uav9", None)}
 
@@ -180,11 +180,11 @@ def test_with_the_clock_of_the_views_drones_are_expected_from_the_first_view_on(
     with running(tmp_path, drones=("uav1", "uav9")) as service:
         watch = Watch(service)
         watch.look()
-        service.live.give_view(message(view("uav1", 0)))
+        service.live.intake.give_view(message(view("uav1", 0)))
         settle(service)
         watch.look()
         assert active(service, "drone_silent") == set()
-        service.live.give_view(message(view("uav1", 30)))
+        service.live.intake.give_view(message(view("uav1", 30)))
         settle(service)
         watch.look()
         assert active(service, "drone_silent") == {("uav9", None)}
@@ -195,8 +195,8 @@ def test_a_drone_in_a_zone_is_an_alarm_and_one_near_it_a_warning(tmp_path: Path)
     with running(tmp_path, settings=near) as service, asked(service) as http:
         watch = Watch(service)
         assert service.live is not None
-        service.live.give_view(message(view("uav1", 0)))  # at (14, 20)
-        service.live.give_view(message(view("uav1", 10)))
+        service.live.intake.give_view(message(view("uav1", 0)))  # at (14, 20)
+        service.live.intake.give_view(message(view("uav1", 10)))
         settle(service)
         at = view("uav1", 0).world_from_camera[:2, 3]
         corners = [[x, y] for x, y in ((at[0] + 4, 0.0), (40.0, 0.0), (40.0, 40.0), (at[0] + 4, 40.0))]
@@ -222,8 +222,8 @@ def test_a_zone_that_somebody_acknowledged_hides_no_other_one(tmp_path: Path) ->
     near = replace(SETTINGS, near_m=6.0)
     with running(tmp_path, settings=near, static_zones=[control]) as service, asked(service) as http:
         looking = Watch(service)
-        service.live.give_view(message(view("uav1", 0)))
-        service.live.give_view(message(view("uav1", 10)))
+        service.live.intake.give_view(message(view("uav1", 0)))
+        service.live.intake.give_view(message(view("uav1", 10)))
         settle(service)
         east, north = service.fleet.last("uav1").world_from_camera[:2, 3]
 
@@ -277,17 +277,17 @@ def test_a_drone_whose_pictures_show_nothing_still_is_where_its_pose_says(tmp_pa
     with running(tmp_path, detector=nobody) as service, asked(service) as http:
         looking = Watch(service)
         assert service.live is not None
-        service.live.give_view(told(0, -1))
+        service.live.intake.give_view(told(0, -1))
         service.live.finish()
         east, north, _ = view("uav1", 40).world_from_camera[:3, 3]
         corners = [[east + x, north + y] for x, y in ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))]
         zone = http.post("/api/v1/zones", json={"polygon": corners, "reason": "stage"}).json()["id"]
         looking.look()
         assert not active(service, "drone_in_zone")
-        service.live.give_view(told(40, 0))
+        service.live.intake.give_view(told(40, 0))
         service.live.finish()
         looking.look()
-        assert service.live.refused["uav1"] == 1
+        assert service.live.heard.refused["uav1"] == 1
         assert active(service, "drone_in_zone") == {("uav1", zone)}
         # What it saw last is still what it saw last.
         (drone,) = (one for one in http.get("/api/v1/drones").json()["drones"] if one["drone"] == "uav1")
@@ -304,8 +304,8 @@ def test_a_zone_bounded_above_the_ellipsoid_counts_at_every_height(tmp_path: Pat
         zone = replace(crowd, id="CTR", kind="static", reason="given", polygon=around, band=band)
         with running(tmp_path / datum, static_zones=[zone]) as service:
             assert service.live is not None
-            service.live.give_view(message(view("uav1", 0)))
-            service.live.give_view(message(view("uav1", 10)))
+            service.live.intake.give_view(message(view("uav1", 0)))
+            service.live.intake.give_view(message(view("uav1", 10)))
             settle(service)
             east, north, up = service.fleet.last("uav1").world_from_camera[:3, 3]
             assert up - service.raster.height_at(np.array([[east, north]]))[0] > 5.0
@@ -385,7 +385,7 @@ def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tm
     def fly(service: Service, instants: range, lost: bool) -> None:
         for number in instants:
             for drone, eye in eyes.items():
-                service.live.give_view(crowd_at(drone, number, eye if lost else eyes["good"]))
+                service.live.intake.give_view(crowd_at(drone, number, eye if lost else eyes["good"]))
         settle(service)
 
     with running(tmp_path) as service, asked(service) as http:
@@ -436,7 +436,7 @@ def test_lost_crowd_that_somebody_acknowledged_is_told_again_once_it_has_doubled
         """11 s of it, shares are of 10 s; the alarms that are not over: id, share, acknowledged."""
         nonlocal flown
         for number in range(flown, flown + 55):
-            service.live.give_view(beside_the_map(number, columns))
+            service.live.intake.give_view(beside_the_map(number, columns))
         flown += 55
         settle(service)
         Watch(service).look()
@@ -471,7 +471,7 @@ def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: P
             if seed is not None:
                 frozen = np.random.default_rng(seed).uniform(0.0, 0.4, (12, 16)).astype(np.float32)
                 one = View(one.drone, one.stamp_ns, CAMERA, one.world_from_camera, frozen)
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         service.live.finish()
         Watch(service).look()
         return active(service, "detector_stale")
@@ -482,10 +482,10 @@ def test_a_video_that_stands_still_while_its_drone_flies_is_an_alarm(tmp_path: P
         assert given(service, range(35, 40, 5), 1) == {("uav1", None)}
         (alert,) = [one for one in service.alerts.all() if one.kind == "detector_stale"]
         assert alert.level == "alarm" and "its video stands still, its views are refused" in alert.text
-        assert service.live is not None and service.live.refused["uav1"] == 3
+        assert service.live is not None and service.live.heard.refused["uav1"] == 3
     with running(tmp_path) as service:
         assert given(service, range(40, 45, 5), 1) == {("uav1", None)}, "a restart mends nothing"
-        assert service.live is not None and service.live.refused["uav1"] == 1
+        assert service.live is not None and service.live.heard.refused["uav1"] == 1
         assert not given(service, range(45, 50, 5), None)
 
 
@@ -493,7 +493,7 @@ def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(watch, "_DETECTOR_STALE_S", 0.0)
-    monkeypatch.setattr(live, "_DECIDED_WITHIN_S", 0.1)
+    monkeypatch.setattr(intake, "_DECIDED_WITHIN_S", 0.1)
     asked_for, may_answer = Event(), Event()
 
     def detector(frame):
@@ -510,7 +510,7 @@ def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(
             told = ViewMessage.model_validate_json(message(one)).model_copy(
                 update={"heatmap": None, "image": base64.b64encode(file.getvalue()).decode()}
             )
-            service.live.give_view(told.model_dump_json().encode())
+            service.live.intake.give_view(told.model_dump_json().encode())
         assert asked_for.wait(60.0)
         looking = Watch(service)
         looking.look()
@@ -565,7 +565,7 @@ def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
     with running(tmp_path, settings=small) as service:
         assert service.live is not None
         for one in views(40):
-            service.live.give_view(message(one))
+            service.live.intake.give_view(message(one))
         settle(service)
         for number in range(50):
             service.media.keep("picture", "uav1", START_NS + 7 * SECOND_NS + number, bytes(1000))
@@ -585,14 +585,14 @@ def test_alerts_that_are_over_are_forgotten_with_the_rest_of_the_history(tmp_pat
     small = replace(SETTINGS, keep_s=10.0)
     with running(tmp_path, settings=small) as service:
         assert service.live is not None
-        service.live.give_view(message(view("uav1", 0)))
+        service.live.intake.give_view(message(view("uav1", 0)))
         settle(service)
         for number in range(5):
             service.alerts.raise_("new_zone", "info", "over", START_NS + number, zone=f"Z{number}")
             service.alerts.clear("new_zone", START_NS + number + 1, zone=f"Z{number}")
         service.alerts.raise_("drone_silent", "alarm", "not over", START_NS, drone="uav9")
         service.alerts.raise_("new_zone", "info", "the newest", START_NS + 9, zone="Z9")
-        service.live.give_view(message(view("uav1", 300)))  # a minute later
+        service.live.intake.give_view(message(view("uav1", 300)))  # a minute later
         settle(service)
         Watch(service).tidy()
         service.store.flush()

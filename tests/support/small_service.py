@@ -132,9 +132,10 @@ def asked(service: Service, **how: Any) -> Iterator[TestClient]:
 
 
 def settle(service: Service, timeout_s: float = 120.0) -> None:
-    """Until everything that was accepted is in the map."""
+    """Until everything that was accepted is in the map, and what is kept of it on disk."""
     assert service.live is not None
-    service.live.settled(timeout_s)
+    service.live.applying.settled(timeout_s)
+    service.store.flush()
 
 
 def as_client(http: TestClient) -> Client:

@@ -12,7 +12,7 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from crowdfence.service.store import BEGIN_ANEW, Store, StoreError, Write
@@ -41,6 +41,10 @@ class Record:
     def checksum(self) -> int:
         head = f"{self.kind}|{self.drone}|{self.stamp_ns}|{self.received_ns}|".encode()
         return zlib.crc32(self.body, zlib.crc32(head))
+
+    def at(self, seq: int) -> Record:
+        """The same, written at a place."""
+        return replace(self, seq=seq)
 
 
 class Journal:

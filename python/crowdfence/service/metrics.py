@@ -70,18 +70,23 @@ class _Figures(Collector):
         live = self._service.live
         if live is None:
             return
-        yield _gauge("crowdfence_queue", "views on disk that are not in the map yet", live.waiting)
-        yield _gauge("crowdfence_detecting", "pictures that the detector works on", len(live.detecting))
+        yield _gauge("crowdfence_queue", "views on disk that are not in the map yet", live.applying.waiting)
+        yield _gauge(
+            "crowdfence_detecting", "pictures that the detector works on", len(live.applying.detecting)
+        )
         for name, text, counts in (
-            ("accepted", "views that were acknowledged", live.accepted),
-            ("refused", "views that were not taken", live.refused),
-            ("late", "views that came too late for their instant", live.late),
+            ("accepted", "views that were acknowledged", live.heard.accepted),
+            ("refused", "views that were not taken", live.heard.refused),
+            ("late", "views that came too late for their instant", live.heard.late),
         ):
             family = CounterMetricFamily(f"crowdfence_views_{name}", text, labels=["drone"])
             for drone, count in sorted(counts.items()):
                 family.add_metric([drone], count)
             yield family
-        for name, histogram in (("acknowledge", live.acknowledging), ("publish", live.publishing)):
+        for name, histogram in (
+            ("acknowledge", live.heard.acknowledging),
+            ("publish", live.heard.publishing),
+        ):
             yield histogram.metric(f"crowdfence_{name}_seconds")
 
 

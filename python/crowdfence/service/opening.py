@@ -167,7 +167,7 @@ def live(
             ),
             detector_threads=detector_threads,
         )
-        damaged = going.recover()
+        damaged = going.applying.recover()
         clock.saw(going.newest_ns)
         _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
         if damaged:
@@ -176,7 +176,7 @@ def live(
         service.live = going
         if service.mission.newest is not None or clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
-        going.apply_static()
+        going.applying.apply_static()
         service.mission.end_dismissals_of_the_future()
         watch = Watch(service)
         service.mission.listeners.append(watch.happened)

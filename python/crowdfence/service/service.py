@@ -70,7 +70,7 @@ class Service:
         """Do what an operator asks and write down who, what and why; the id of the zone. RefusedAction."""
         wanted = OperatorAction(action, zone, self._acting_ns(), user.name, user.role, reason, **drawn)
         if self.live is not None:
-            return self.live.decide(wanted, audit_entry(user, action, zone or None, reason))
+            return self.live.intake.decide(wanted, audit_entry(user, action, zone or None, reason))
         mission = self.mission
         with mission.lock:
             newest = mission.newest
@@ -101,7 +101,7 @@ class Service:
     @property
     def works(self) -> bool:
         """Whether views still go into the map."""
-        return self.live is None or self.live.works
+        return self.live is None or self.live.applying.works
 
     def set_mode(self, mode: Mode) -> None:
         self.mode = mode

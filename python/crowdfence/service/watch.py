@@ -108,7 +108,9 @@ class Watch:
     def _silence(self) -> None:
         service, now_ns, live = self._service, self._service.now_ns(), self._service.live
         most_s, ahead_s = service.settings.silent_after_s, service.settings.max_ahead_s
-        heard, started_ns = ({}, 0) if live is None else (dict(live.last_view_ns), live.started_ns)
+        heard, started_ns = (
+            ({}, 0) if live is None else (dict(live.heard.last_view_ns), live.applying.started_ns)
+        )
         # Of companions, which project themselves, the fleet knows no camera.
         for drone in sorted({*service.fleet.drones, *service.mission.drones, *heard}):
             last = service.fleet.last(drone)
@@ -136,7 +138,7 @@ class Watch:
         live = self._service.live
         if live is None:
             return
-        oldest_s = live.detecting.oldest_s
+        oldest_s = live.applying.detecting.oldest_s
         stale = oldest_s is not None and oldest_s > _DETECTOR_STALE_S
         text = f"the detector has not answered for {_DETECTOR_STALE_S:g} s: pictures wait, zones stay"
         self._set(stale, "detector_stale", "alarm", text)

@@ -84,7 +84,7 @@ class Intake:
             except queue.Empty:
                 continue
             try:
-                self._live.give_view(self._view(role, kind, data))
+                self._live.intake.give_view(self._view(role, kind, data))
             except Refused as error:
                 self._told(f"a view of {self._drone} was not taken: {error.reason}")
             except (ValueError, KeyError) as error:
@@ -109,7 +109,7 @@ class Intake:
         return view.model_dump_json().encode()
 
     def _refuse(self, reason: str) -> None:
-        self._live.refused[self._drone] += 1
+        self._live.heard.refused[self._drone] += 1
         self._told(reason)
 
     def _told(self, reason: str) -> None:

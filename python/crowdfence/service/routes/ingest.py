@@ -10,7 +10,8 @@ from fastapi.responses import JSONResponse
 from pydantic import ValidationError
 
 from crowdfence.service.gate import Refused
-from crowdfence.service.live import Accepted, Live
+from crowdfence.service.intake import Accepted
+from crowdfence.service.live import Live
 from crowdfence.service.routes.asking import ERRORS, Giver, TheService
 from crowdfence.service.service import Service
 from crowdfence.service.view_message import ViewMessage
@@ -50,14 +51,14 @@ _OBSERVATION: dict[str, Any] = {
 def views(service: TheService, user: Giver, body: Body) -> JSONResponse:
     """A view: camera, pose, stamp, and a heatmap or an image. Sending it again is harmless."""
     live = _live(service)
-    return _answered(lambda: live.give_view(body, user.drones))
+    return _answered(lambda: live.intake.give_view(body, user.drones))
 
 
 @router.post("/observations", status_code=202, responses=_ANSWERS, openapi_extra=_OBSERVATION)
 def observations(service: TheService, user: Giver, body: Body) -> JSONResponse:
     """What a companion computer projected itself: the bytes of `Observation.to_bytes`."""
     live = _live(service)
-    return _answered(lambda: live.give_observation(body, user.drones))
+    return _answered(lambda: live.intake.give_observation(body, user.drones))
 
 
 def _live(service: Service) -> Live:

@@ -1,0 +1,28 @@
+"""What was heard of every drone."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from crowdfence.service.latency import Latency
+
+
+class Heard:
+    """Views by drone since the start, and what became of them. Counted by several threads."""
+
+    def __init__(self) -> None:
+        self.accepted: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self.late: Counter[str] = Counter()
+        self.last_view_ns: dict[str, int] = {}
+        """Newest stamp of each drone that was accepted, also before a restart."""
+        self.accepted_s: float | None = None
+        """When the last view was accepted since the start, by a steady clock."""
+        self.acknowledging = Latency()
+        """From the last byte of a view to its acknowledgement."""
+        self.publishing = Latency()
+        """From the acknowledgement to the zones that follow from it."""
+
+    def view(self, drone: str, stamp_ns: int) -> None:
+        """One that was accepted."""
+        self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
