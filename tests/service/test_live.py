@@ -270,8 +270,8 @@ def test_drones_may_be_called_as_their_namespaces_and_not_so_that_alarms_read_ot
         names = ("/fleet/uav1", "dröne ü&?#", "طائرة")
         for name in names:
             assert http.post("/api/v1/views", content=called(name)).status_code == 202
-        settle(service)
         live_of(service).finish()
+        settle(service)
         assert set(service.mission.drones) == set(names)
         for name in names:
             answer = http.get(f"/api/v1/drones/{quote(name, safe='')}/heatmap")
