@@ -72,6 +72,34 @@ def test_a_slope_is_no_site_whatever_the_looks_say():
         assert len(found) >= expected if expected else found == ()
 
 
+@pytest.mark.parametrize("metres", [0.5, 1.5, 6.0])
+def test_a_post_that_the_map_holds_stands_in_no_site_though_no_plane_shows_it(metres):
+    """The plane that fits 2.5 m around a thin post best is level, whatever its height."""
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(80), np.arange(80), indexing="ij"))
+    ground = np.stack([i, j, np.zeros_like(i)], axis=1)
+    post = [[40, 40, k] for k in range(1, round(metres / 0.25) + 1)]
+    columns = np.concatenate([ground, post])
+    sites = find_sites(crowd_map_of(columns, np.full(len(columns), 0.9), voxel_size_m=0.25), 0, threshold=0.5)
+    standing = shapely.box(10.0, 10.0, 10.25, 10.25)
+    assert sites and not any(site.polygon.intersects(standing) for site in sites)
+
+
+def test_a_narrow_ditch_is_in_no_site():
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(80), np.arange(80), indexing="ij"))
+    ditch = np.where(i == 40, 0, 2)
+    columns = np.stack([i, j, ditch], axis=1)
+    sites = find_sites(crowd_map_of(columns, np.full(len(i), 0.9), voxel_size_m=0.25), 0, threshold=0.5)
+    assert len(sites) == 2
+    assert not any(site.polygon.intersects(shapely.box(10.0, 0.0, 10.25, 20.0)) for site in sites)
+
+
+def test_a_single_voxel_among_bare_ones_may_be_rounding():
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(24), np.arange(24), indexing="ij"))
+    columns = np.stack([i, j, (i == 12) & (j == 12)], axis=1)
+    (site,) = find_sites(crowd_map_of(columns, np.full(len(i), 0.9), voxel_size_m=0.5), 0, threshold=0.5)
+    assert site.polygon.covers(shapely.box(6.0, 6.0, 6.5, 6.5))
+
+
 def test_fit_ground_below_something_is_no_site():
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(12), np.arange(12), indexing="ij"))
     ground = np.stack([i, j, np.zeros_like(i)], axis=1)

@@ -1,8 +1,9 @@
 """A map of landing ground at one stamp -> the sites where a drone could land.
 
 Everything is rounded against landing: a column counts when its own top was found fit by looks that are not
-stale, whatever lies below it; when the known map is level there; and when no closed zone touches it. What no
-drone of the fleet has in room for itself is left out. A site is what looks and map speak for, no promise.
+stale, whatever lies below it; when the known map is level there and has no step; and when no closed zone
+touches it. What no drone of the fleet has in room for itself is left out. A site is what looks and map speak
+for, no promise.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ MAX_SLOPE_DEG = 10.0
 """Of the map, over a square of `SLOPE_WINDOW_M`, of 5 x 5 columns at least: over fewer, a step of bare voxels
 on level ground reads as steeper."""
 SLOPE_WINDOW_M = 2.5
+STEP_VOXELS = 0.5
+"""Ground beside a column that is higher or lower by more, as of a post or a ditch, is no site. A single voxel
+among bare ones, which may be rounding, stands out by less."""
 PAD_M = 2.0
 """Radius of the free disc that a drone needs."""
 STALE_AFTER_S = 30.0
@@ -115,14 +119,26 @@ def _fit(landing_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: 
 def _slope_and_height(
     terrain: Terrain, indices: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of the map at columns [C]; a slope that cannot be told is infinite."""
+    """Of the map at columns [C]; a slope that cannot be told is infinite, and so is one beside a step."""
     height_m = column_surface_m(terrain)
     cells = max(5, 2 * round(SLOPE_WINDOW_M / terrain.voxel_size_m / 2) + 1)
     slope = slope_deg(height_m, terrain.voxel_size_m, window_cells=cells)
+    # A plane through a square does not see the post in its middle: its slope there is 0.
+    slope[_step_m(height_m) > STEP_VOXELS * terrain.voxel_size_m] = np.inf
     lowest = np.rint((terrain.bounds[0] - np.asarray(terrain.origin)) / terrain.voxel_size_m)
     i, j = (indices - lowest[:2].astype(np.int64)).T
     at = np.nan_to_num(slope[i, j].astype(np.float64), nan=np.inf)
     return at, terrain.bounds[0, 2] + height_m[i, j].astype(np.float64)
+
+
+def _step_m(height_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """From each column [X, Y] up or down to the eight around it, the highest step; holes are none."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    hole = np.isnan(height_m)
+    above = maximum_filter(np.where(hole, -np.inf, height_m), size=3) - height_m
+    below = height_m - minimum_filter(np.where(hole, np.inf, height_m), size=3)
+    return np.asarray(np.maximum(above, below))
 
 
 def _touched(indices: NDArray[np.int64], closed: Sequence[Zone], terrain: Terrain) -> NDArray[np.bool_]:
