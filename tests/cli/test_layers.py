@@ -62,6 +62,12 @@ def test_sites_are_written_and_nothing_that_closes_ground(sites: Path) -> None:
         assert np.isnan(raster.read(1)).any()
 
 
+def test_a_method_that_keeps_what_it_once_found_is_refused_for_sites(mission: Path, tmp_path: Path) -> None:
+    done = crowdfence("run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--method", "or")
+    assert done.returncode != 0 and "never takes back" in done.stderr.replace("\n", " ")
+    assert not (tmp_path / "out").exists()
+
+
 def test_zones_keep_sites_out(mission: Path, sites: Path, tmp_path: Path) -> None:
     first = json.loads((sites / "sites.geojson").read_text())["features"][0]
     zone = tmp_path / "closed.geojson"

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from crowdfence import Georeference
+from crowdfence import CrowdMap, Georeference, Or, Terrain
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.sites_geojson import sites_geojson
 from crowdfence.zones.sites import PAD_M, find_sites
 from support.fence_zones import zone
-from support.small_crowd_maps import crowd_map_of, flat_crowd_map
+from support.small_crowd_maps import crowd_map_of, flat_crowd_map, look
 
 S = 10**9
 
@@ -121,6 +121,18 @@ def test_what_is_seen_below_a_roof_makes_it_neither_newer_nor_fitter():
     (site,) = find_sites(crowd_map, 100 * S, threshold=0.5, stale_after_s=120.0)
     assert site.probability_min == site.probability_mean == pytest.approx(0.6)
     assert site.last_seen_ns == site.oldest_look_ns == 0
+
+
+def test_a_method_that_never_takes_back_gives_no_sites():
+    """The crowd that walked onto the meadow is seen at every look, and `or` goes on calling it fit."""
+    terrain = Terrain.from_indices(np.stack([*np.nonzero(meadow()), np.zeros(144, int)], axis=1), 1.0)
+    landing_map, ids = CrowdMap(terrain, Or()), np.arange(144)
+    look(landing_map, "uav1", 0, ids, 0.9)
+    for second in range(1, 10):
+        look(landing_map, "uav1", second * S, ids, 0.0)
+    assert landing_map.probability(9 * S).min() == 1.0
+    with pytest.raises(ValueError, match="never takes back"):
+        find_sites(landing_map, 9 * S)
 
 
 def test_no_site_touches_a_closed_zone():

@@ -59,12 +59,15 @@ def run(
     from crowdfence.layer_results import chosen_layer_files
     from crowdfence.pipeline import choose_detector, read_map
     from crowdfence.results import chosen_files
-    from crowdfence.sources.layers import CROWD, checked_layer
+    from crowdfence.sources.layers import CROWD, LANDING_SITE, checked_layer
+    from crowdfence.zones.sites import require_takes_back
 
     named = None if files is None else files.split(",")
     layer = checked_layer(chosen["layer"])
     if layer != CROWD:
         refuse_zone_options(context, layer)
+    if layer == LANDING_SITE:
+        require_takes_back(config.method.name)
     wanted = chosen_files(named) if layer == CROWD else chosen_layer_files(named, layer)
     with result_folder(output, force=force, layer=layer):
         source = source_options.open_source(recording, chosen).of_layer(layer)

@@ -88,8 +88,10 @@ def find_sites(
     closed       zones; no site touches one, whatever their altitude band
 
     Sites end where a disc of `PAD_M` no longer fits, and no two of them share a corner. Raises StampError
-    for an earlier stamp, ValueError for a parameter out of bounds.
+    for an earlier stamp, ValueError for a parameter out of bounds and for a method that gives no sites
+    (`require_takes_back`).
     """
+    require_takes_back(landing_map.method.name)
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     if threshold is None:
@@ -99,6 +101,16 @@ def find_sites(
     room_m, inside = _room_m(columns.indices, landing_map.terrain.voxel_size_m)
     columns, room_m = _some(columns, inside), room_m[inside]
     return tuple(_sites(landing_map, columns, room_m, min_area_m2))
+
+
+def require_takes_back(method: str) -> None:
+    """ValueError for a method whose map keeps what it once found, whatever looks say later: ground that
+    people walked onto would stay a site, as seen just now."""
+    if method == "or":
+        raise ValueError(
+            "the method or never takes back ground that it once found fit, whoever stands there since: it "
+            "gives no landing sites; use evidence"
+        )
 
 
 def _fit(landing_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float) -> _Columns:
