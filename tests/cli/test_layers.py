@@ -68,6 +68,17 @@ def test_a_method_that_keeps_what_it_once_found_is_refused_for_sites(mission: Pa
     assert not (tmp_path / "out").exists()
 
 
+def test_sites_smaller_than_the_least_area_are_left_out(mission: Path, sites: Path, tmp_path: Path) -> None:
+    found = [site["area_m2"] for site in json.loads((sites / "summary.json").read_text())["sites"]]
+    least_m2 = sorted(found)[len(found) // 2]
+    done = crowdfence(
+        "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--min-area-m2", least_m2, "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    left = [site["area_m2"] for site in json.loads(done.stdout)["sites"]]
+    assert sorted(left) == sorted(area for area in found if area >= least_m2)
+
+
 def test_zones_keep_sites_out(mission: Path, sites: Path, tmp_path: Path) -> None:
     first = json.loads((sites / "sites.geojson").read_text())["features"][0]
     zone = tmp_path / "closed.geojson"

@@ -12,6 +12,8 @@ from crowdfence.config import MethodConfig
 
 _CLOSE_NOTHING = ("threshold", "static_zones", "stale_after_s")
 """What the map of another class than crowd takes of `ZoneOptions`."""
+_OF_SITES = ("min_area_m2",)
+"""What landing sites take besides."""
 
 
 def refuse_unused(context: typer.Context, names: Collection[str], why: str) -> None:
@@ -37,7 +39,10 @@ def refuse_options_of_other_methods(context: typer.Context, configs: Collection[
 
 def refuse_zone_options(context: typer.Context, layer: str) -> None:
     """The same for what shapes zones, on the map of a class that closes nothing."""
-    shaping = [name for name in ZoneOptions.__annotations__ if name not in _CLOSE_NOTHING]
+    from crowdfence.sources.layers import LANDING_SITE
+
+    taken = (*_CLOSE_NOTHING, *(_OF_SITES if layer == LANDING_SITE else ()))
+    shaping = [name for name in ZoneOptions.__annotations__ if name not in taken]
     refuse_unused(context, shaping, f"with --layer {layer}, of which no zones are made")
 
 
