@@ -323,9 +323,15 @@ def _people_lines(contract: Contract, result: ModelQuality) -> Iterator[str]:
     if people.people:
         span = None if validity is None else validity.gsd_m
         where = "" if span is None else f" at {span[0]:g} to {span[1]:g} m per pixel"
-        yield (
+        found = (
             f"One view{where}: {people.share_found():.1%} of {people.people:,} people of crowds seen stand "
-            f"in a called cell, {people.share_called():.2%} of the empty ground is called; "
+            "in a called cell"
+        )
+        if not people.empty_cells:
+            yield f"{found}; no empty ground was seen there, so nobody knows how much of it is called."
+            return
+        yield (
+            f"{found}, {people.share_called():.2%} of the empty ground is called; "
             f"{people.share_found(people.affordable_threshold()):.1%} at the threshold that calls 1 %."
         )
 

@@ -72,6 +72,17 @@ def test_the_threshold_that_costs_one_percent() -> None:
     assert found.share_found(0.3) == 1.0 and found.share_found(found.affordable_threshold()) == 0.0
 
 
+def test_without_empty_ground_nobody_knows_what_one_percent_of_it_costs() -> None:
+    """Everything would be affordable then, so all of the people would be found for nothing."""
+    heatmap = np.zeros((10, 20), np.float32)
+    found = PeopleFound()
+    seen = frame([(1.0, 0.5, 10.0)], [1], [5])
+    found.add(seen, heatmap, np.zeros((10, 20), np.bool_), np.full((10, 20), np.nan), None)
+    told = found.to_json()
+    assert (told["people_of_crowds"], told["empty_cells"], told["share_found"]) == (1, 0, 0.0)
+    assert told["threshold_at_one_percent"] is None and told["share_found_at_one_percent"] is None
+
+
 def test_people_without_pixel_counts_are_refused() -> None:
     values = np.zeros((10, 20), np.float32)
     with pytest.raises(FrameError, match="not how many pixels show them"):

@@ -94,6 +94,14 @@ def test_nothing_is_found_at_a_price_that_no_threshold_meets() -> None:
     assert overall.true_positive_rate_at_one_percent.value == 0.0
 
 
+def test_without_an_empty_cell_nothing_is_found_for_nothing() -> None:
+    """A detector that says 0 everywhere, on a picture full of crowd: at a threshold of 0 it would find all."""
+    overall = detector_quality(frames(np.zeros((2, 1, 2)), np.ones((2, 1, 2), int))).overall
+    assert overall.true_positive_rate.value == 0.0
+    assert np.isnan(overall.true_positive_rate_at_one_percent.value)
+    assert np.isnan(overall.pr_auc.value)
+
+
 def test_cells_are_grouped_by_distance_tilt_and_name() -> None:
     gsd_m = np.array([[0.03, 0.03, 0.3], [np.nan, 0.3, 9.0]])
     collected = DetectorQuality(gsd_edges_m=(0.0, 0.1, 1.0))

@@ -56,7 +56,8 @@ class PeopleFound:
         return int(self._empty.sum())
 
     def share_found(self, threshold: float = THRESHOLD) -> float:
-        """Share of the people who stand in a cell with a value above `threshold`; NaN without people."""
+        """Share of the people who stand in a cell with a value above `threshold`; NaN without people, and for
+        a threshold that is NaN."""
         return _share_above(self._people, threshold)
 
     def share_called(self, threshold: float = THRESHOLD) -> float:
@@ -64,7 +65,10 @@ class PeopleFound:
         return _share_above(self._empty, threshold)
 
     def affordable_threshold(self) -> float:
-        """The lowest that calls at most 1 % of the empty cells crowd, in steps of 1 / 960."""
+        """The lowest that calls at most 1 % of the empty cells crowd, in steps of 1 / 960; NaN without empty
+        cells, where even one that calls everything would cost nothing."""
+        if not self.empty_cells:
+            return float("nan")
         above = np.cumsum(self._empty[::-1])[::-1]
         affordable = np.flatnonzero(above <= AFFORDABLE_FALSE_POSITIVE_RATE * self._empty.sum())
         return float(affordable[0]) / BINS if affordable.size else 1.0
@@ -84,7 +88,9 @@ class PeopleFound:
 
 def _share_above(histogram: NDArray[np.float64], threshold: float) -> float:
     total = histogram.sum()
-    return float(histogram[round(threshold * BINS) :].sum() / total) if total else float("nan")
+    if not total or threshold != threshold:
+        return float("nan")
+    return float(histogram[round(threshold * BINS) :].sum() / total)
 
 
 def _feet_of_crowds(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -29,7 +29,8 @@ RELIABILITY_ABOVE = 0.05
 @dataclass(frozen=True, slots=True)
 class Quality:
     """How well heatmap cells match the labels. Unknown numbers are NaN: without a crowd cell there is no
-    IoU, no precision-recall curve and no true-positive rate; with one unit there is no interval."""
+    IoU, no precision-recall curve and no true-positive rate; without an empty one no area under that curve
+    and nothing found at 1 %; with one unit there is no interval."""
 
     cells: int
     crowd_cells: int
@@ -146,14 +147,16 @@ def _scores(histograms: NDArray[np.float64], *, best_bin: int) -> NDArray[np.flo
     precision = _ratio(hits, hits + false)
     average_precision = np.nansum(crowd * precision, axis=-1)
     iou = _iou(hits, false, positives)
+    # What is found at a price is unknown where no empty cell sets one: it would be all, for nothing.
+    weighed = np.where(negatives > 0.0, positives, 0.0)
     return np.stack(
         [
             iou[:, half],
             iou[:, best_bin],
-            _ratio(average_precision, positives),
+            _ratio(average_precision, weighed),
             _ratio(hits[:, half], positives),
             _ratio(false[:, half], negatives),
-            _ratio(np.where(affordable, hits, 0.0).max(-1), positives),
+            _ratio(np.where(affordable, hits, 0.0).max(-1), weighed),
             _ratio(false[:, half], cells),
             _ratio(hits[:, best_bin], positives),
             _ratio(false[:, best_bin], negatives),
