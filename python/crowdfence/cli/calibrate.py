@@ -49,7 +49,9 @@ def calibrate(
         TruthName,
         typer.Option("--truth", help="Truth of voxels: where people stood (world), or the frame's label."),
     ] = TruthName.auto,
-    every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
+    every: Annotated[
+        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
+    ] = 1,
     b_threshold: options.BThreshold = PAPER.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,
@@ -68,7 +70,7 @@ def calibrate(
     _require_onnx()
     from crowdfence.calibration.calibrate import calibrate_model, plan_for
     from crowdfence.detector.detector import Detector
-    from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
 
     chosen = {
         "target": None if target is None else target.value,
@@ -89,7 +91,7 @@ def calibrate(
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
     with writable_file(output, reads=data):
         paths = options.recordings_in(data)
-        frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
+        frames = frames_looked_at(paths, every)
         with console.progress("calibrating", 2 * frames, "frames") as advance:
             result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
     for warning in result.warnings:

@@ -111,7 +111,9 @@ def evaluate(
     ] = None,
     target_height_m: options.TargetHeightM = None,
     max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
-    every: Annotated[int, typer.Option("--every", help="Look at every n-th frame only.", min=1)] = 1,
+    every: Annotated[
+        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
+    ] = 1,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
     examples: Annotated[
@@ -127,7 +129,7 @@ def evaluate(
     from crowdfence.calibration.calibrate import plan_for
     from crowdfence.detector.combination import combination_warnings
     from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
-    from crowdfence.evaluation.labelled_missions import MeasurementPlan, open_labelled
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
     from crowdfence.evaluation.model_quality import model_quality
     from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
     from crowdfence.pipeline import named_detector
@@ -147,7 +149,7 @@ def evaluate(
     with ExitStack() as stack:
         if examples is not None:
             stack.enter_context(writable_file(examples, reads=data))
-        frames = sum(len(open_labelled(path).frames[::every]) for path in paths)
+        frames = frames_looked_at(paths, every)
         advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
         if examples is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -40,7 +41,7 @@ class MeasurementPlan:
     truth: Literal["auto", "world", "labels"] = "auto"
     """Truth of the voxels, see `LabelledProjection`."""
     every: int = 1
-    """Look at every n-th frame only."""
+    """Look at every n-th frame of each drone only."""
     terrain_options: Mapping[str, Any] = field(default_factory=dict)
     """How the maps are opened, see `pipeline.open_terrain`."""
 
@@ -103,11 +104,11 @@ class LabelledMissions:
             )
 
     def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:
-        """Call `use` for every n-th frame and return how many could be used. A frame for which it raises
-        FrameError is refused. ValueError when none could be used."""
+        """Call `use` for every n-th frame of each drone and return how many could be used. A frame for which
+        it raises FrameError is refused. ValueError when none could be used."""
         used = 0
         first_refusal: str | None = None
-        for frame in mission.recording.frames[:: self.plan.every]:
+        for frame in _looked_at(mission.recording, self.plan.every, is_pictures=mission.is_pictures):
             try:
                 use(frame)
                 used += 1
@@ -140,6 +141,26 @@ class LabelledMissions:
 def open_labelled(path: Path) -> Recording:
     """A recording, or a folder of annotated pictures as one."""
     return open_labelled_pictures(path).recording if is_labelled_pictures(path) else open_recording(path)
+
+
+def frames_looked_at(paths: Sequence[Path], every: int) -> int:
+    """How many frames of labelled missions a plan looks at."""
+    return sum(
+        len(_looked_at(open_labelled(path), every, is_pictures=is_labelled_pictures(path))) for path in paths
+    )
+
+
+def _looked_at(recording: Recording, every: int, *, is_pictures: bool) -> list[Frame]:
+    """Every n-th frame of each drone, by stamp: of drones that expose together every n-th of all may be
+    those of one drone, which flies at one height. Annotated pictures are a drone each: every n-th of them."""
+    number: Counter[str] = Counter()
+    kept = []
+    for frame in recording.frames:
+        track = "" if is_pictures else frame.drone
+        if number[track] % every == 0:
+            kept.append(frame)
+        number[track] += 1
+    return kept
 
 
 def _terrain(recording: Recording, plan: MeasurementPlan) -> Terrain | None:

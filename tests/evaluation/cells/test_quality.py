@@ -95,7 +95,7 @@ def test_nothing_is_found_at_a_price_that_no_threshold_meets() -> None:
 
 
 def test_without_an_empty_cell_nothing_is_found_for_nothing() -> None:
-    """A detector that says 0 everywhere, on a picture full of crowd: at a threshold of 0 it would find all."""
+    """A detector that says 0 everywhere, on a picture full of crowd: a threshold of 0 would find it all."""
     overall = detector_quality(frames(np.zeros((2, 1, 2)), np.ones((2, 1, 2), int))).overall
     assert overall.true_positive_rate.value == 0.0
     assert np.isnan(overall.true_positive_rate_at_one_percent.value)

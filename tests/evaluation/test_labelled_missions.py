@@ -1,0 +1,29 @@
+"""Which frames of labelled missions a measurement looks at."""
+
+from collections import Counter
+from pathlib import Path
+
+from crowdfence import open_recording
+from crowdfence.evaluation.labelled_missions import (
+    LabelledMission,
+    LabelledMissions,
+    MeasurementPlan,
+    frames_looked_at,
+)
+from support.small_recordings import write_hovering
+
+S = 10**9
+
+
+def test_every_third_frame_is_one_of_every_drone(tmp_path: Path) -> None:
+    """Three drones expose together, four times: every third of all frames would be the first drone's."""
+    stamps_ns = [(1000 + number) * S for number in range(4)]
+    folder = write_hovering(tmp_path / "m", dict.fromkeys(("uav1", "uav2", "uav3"), stamps_ns))
+    missions = LabelledMissions([folder], MeasurementPlan(every=3), lambda: None)
+    recording = open_recording(folder)
+    mission = LabelledMission("m", recording, None, lambda _: None, None)
+    seen: list[tuple[str, int]] = []
+    used = missions.over_frames(mission, lambda frame: seen.append((frame.drone, frame.stamp_ns // S)))
+    # The first frame and the fourth of each.
+    assert Counter(seen) == Counter({(drone, at): 1 for drone in recording.drones for at in (1000, 1003)})
+    assert used == frames_looked_at([folder], 3) == 6
