@@ -131,6 +131,15 @@ def test_the_simplest_sufficient_correction_is_chosen(true: dict[str, float], me
     assert document["error_above_0.05"] == pytest.approx(after.calibration_error_above.value, abs=1e-6)
 
 
+def test_a_mission_of_which_no_cell_counts_decides_nothing() -> None:
+    """All of it may be ignored: its likelihood is 0 / 0, and beside it no correction looked better."""
+    known = missions(scale=0.5)
+    result = calibrate({**known, "all ignored": np.zeros_like(known["mission 0"])})
+    assert result.chosen.method == "temperature"
+    assert result.missions == 6
+    assert all(np.isfinite(one.held_out_nll).all() for one in result.candidates.values())
+
+
 def test_a_mission_is_judged_by_the_fit_of_the_others() -> None:
     """Two missions that need opposite corrections: what helps one hurts the other, nothing is chosen."""
     opposed = {"a": cells(1, 20_000, bias=2.0), "b": cells(2, 20_000, bias=-2.0)}

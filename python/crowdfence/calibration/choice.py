@@ -74,11 +74,11 @@ def calibrate(counts: Mapping[str, NDArray[np.float64]], *, lines_only: bool = F
     simplest on (none, temperature, scale and bias, curve), a candidate replaces the best so far when its
     negative log-likelihood is smaller by more than the standard error of that difference over the missions.
     With crowd in fewer than two missions nothing can be judged: then the temperature is taken. `lines_only`
-    leaves the curve out.
+    leaves the curve out. A mission of which no cell counts says nothing and is none of them.
 
     Use missions that the model was not trained on. ValueError when no cell, or only crowd, or none is there.
     """
-    missions = list(counts.values())
+    missions = [one for one in counts.values() if one[[COUNT_EMPTY, COUNT_CROWD]].any()]
     total = np.sum(missions, axis=0) if missions else np.zeros((3, 1))
     crowd, empty = total[COUNT_CROWD].sum(), total[COUNT_EMPTY].sum()
     if crowd == 0 or empty == 0:
