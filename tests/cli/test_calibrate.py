@@ -10,11 +10,15 @@ import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
+from PIL import Image
 
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import Detector
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
+from support.onnx_models import contract, write_map_model
 from support.small_recordings import HEIGHT, WIDTH, Flight, flight, ground, write_airsim, write_folder
 
 FAILED = 1
@@ -161,6 +165,35 @@ def test_one_mission_gives_a_temperature_and_warnings(data: list[Path], tmp_path
     assert done.returncode == 0, done.stderr
     assert "only a temperature was fitted" in done.stderr and "one mission only" in done.stderr
     assert (Detector(tmp_path / "out.onnx").contract.calibration or {})["temperature"] > 1.5
+
+
+def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:
+    """Of the red cells 100 are crowd and 300 are not: what is red is crowd with probability 1/4, below 0.5,
+    where the model called all of it."""
+    folders = []
+    for number in range(3):
+        folders.append(tmp_path / f"pictures-{number}")
+        folders[-1].mkdir()
+        pixels = np.full((120, 160, 3), number, np.uint8)
+        pixels[:40, :40] = pixels[80:, :120] = (255, 0, 0)
+        place = folders[-1] / "a.png"
+        Image.fromarray(pixels).save(place)
+        crowd = rectangle(0.0, 0.0, 40.0, 40.0)
+        write_coco([AnnotatedPicture(place, 160, 120, np.empty((0, 4)), (crowd,))], folders[-1] / ANNOTATIONS)
+    model = write_map_model(tmp_path / "m.onnx", contract("logits"), scale=8.0 / 255.0, offset=-4.0)
+    done = calibrate(model, folders, tmp_path / "out.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    warnings = json.loads(done.stdout)["warnings"]
+    assert any("call 0.0% of the crowd cells, the model's own 100.0%" in warning for warning in warnings)
+    assert "finds fewer people" in done.stderr.replace("\n", " ")
+
+
+def test_a_correction_that_keeps_one_half_says_nothing_of_people(calibrated: tuple[Path, Path, dict]) -> None:
+    assert not any("fewer people" in warning for warning in calibrated[2]["warnings"])
+
+
+def test_intervals_over_three_missions_are_called_too_narrow(calibrated: tuple[Path, Path, dict]) -> None:
+    assert any("3 missions only: intervals" in warning for warning in calibrated[2]["warnings"])
 
 
 def test_a_folder_of_recordings_without_truth_is_refused(tmp_path: Path) -> None:

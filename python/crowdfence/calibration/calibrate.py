@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,19 +26,20 @@ from crowdfence.detector.contract.lookup import sidecar_path
 from crowdfence.detector.picture_statistics import picture_statistics, range_of_missions
 from crowdfence.evaluation.cells.quality import QualityReport
 from crowdfence.evaluation.cells.rates import crowd_cells, heatmap_values
-from crowdfence.evaluation.labelled_missions import (
-    BLOCK_S,
-    LabelledMission,
-    LabelledMissions,
-    MeasurementPlan,
-)
+from crowdfence.evaluation.cells.scores import Quality
+from crowdfence.evaluation.labelled_missions import LabelledMission, LabelledMissions, MeasurementPlan
 from crowdfence.evaluation.labelled_pass import Heatmap, PassResult, judged_cells, measure
+from crowdfence.evaluation.voxels.likelihood_ratio import BORROWED
 from crowdfence.evaluation.voxels.rates import VoxelRates
 from crowdfence.sources.recording import Frame
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
+
+
+NOTABLE_LOSS = 0.005
+"""Share of the crowd cells whose loss at one half is told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,9 +168,30 @@ def _warnings(calibration: Calibration, measured: PassResult, missions: Labelled
             "crowd in fewer than two missions: only a temperature was fitted, and no mission held out "
             "shows whether it helps"
         )
-    if len(missions.paths) == 1:
-        yield f"one mission only: intervals come from blocks of {BLOCK_S:g} s and do not cover other places"
+    yield from missions.interval_warnings(measured.quality.overall.units)
+    yield from _of_people_lost(calibration.before, measured.quality.overall)
+    yield from _of_few_looks(measured.rates)
     if not measured.rates:
         yield "no recording comes with a map: no rates per voxel observation were measured"
     elif measured.without_map:
         yield f"without a map, not part of the rates: {', '.join(measured.without_map)}"
+
+
+def _of_people_lost(before: Quality, after: Quality) -> Iterator[str]:
+    """A correction that makes probabilities true may take crowd below one half."""
+    called, called_before = after.true_positive_rate.value, before.true_positive_rate.value
+    if called < called_before - NOTABLE_LOSS:
+        yield (
+            f"above 0.5 the corrected heatmaps call {called:.1%} of the crowd cells, the model's own "
+            f"{called_before:.1%}: whatever goes by 0.5, as methods paper and or do, finds fewer people; "
+            "evidence goes by the likelihood ratios"
+        )
+
+
+def _of_few_looks(rates: Sequence[VoxelRates]) -> Iterator[str]:
+    if rates and rates[-1].crowd_observations < BORROWED:
+        yield (
+            f"{rates[-1].crowd_observations} observations of crowd voxels, fewer than one picture of a crowd "
+            "shows: how strongly a look speaks against crowd is hardly known, and evidence clears ground by "
+            "it; add missions with crowd"
+        )

@@ -154,6 +154,8 @@ def evaluate(
         result = model_quality(detector, paths, plan, on_frame=advance)
         if examples is not None:
             _write_picture(examples, result.examples)
+    for warning in result.warnings:
+        console.warn(warning)
     if result.refused:
         console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
     if as_json:

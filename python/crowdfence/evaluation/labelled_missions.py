@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 BLOCK_S = 10.0
 """A single mission is resampled in blocks of this length."""
+FEWEST_UNITS = 5
+"""Of fewer missions, or blocks, the intervals are too narrow: of two they are the two values, between which
+the truth lies half of the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,19 @@ class LabelledMissions:
             return mission.name
         elapsed_s = (frame.stamp_ns - mission.recording.frames[0].stamp_ns) / 1e9
         return f"{mission.name}, block {int(elapsed_s / BLOCK_S)}"
+
+    def interval_warnings(self, units: int) -> Iterator[str]:
+        """What intervals over so many missions, or blocks of the only one, do not cover."""
+        one = len(self.paths) == 1
+        if one:
+            yield (
+                f"one mission only: intervals come from blocks of {BLOCK_S:g} s and do not cover other places"
+            )
+        if 1 < units < FEWEST_UNITS:
+            yield (
+                f"{units} {'blocks' if one else 'missions'} only: intervals over fewer than {FEWEST_UNITS} "
+                "are too narrow, the truth lies outside of them more often than 1 time in 20"
+            )
 
     def some_image(self) -> NDArray[np.uint8]:
         """A picture of the first mission."""

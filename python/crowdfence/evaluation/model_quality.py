@@ -40,6 +40,8 @@ class ModelQuality:
     pictures: PictureFigures
     people: PeopleFound
     """Where people are recorded and a map is there."""
+    warnings: tuple[str, ...]
+    """What the intervals do not cover."""
 
     def to_json(self) -> dict[str, Any]:
         """Ready for JSON; unknown is null."""
@@ -49,6 +51,7 @@ class ModelQuality:
             "target_height_m": self.plan.target_height_m,
             "frames": self.frames,
             "refused": list(self.refused),
+            "warnings": list(self.warnings),
             "quality": self.quality.to_json(),
             "pictures": self.pictures.to_json(),
             "people": self.people.to_json(),
@@ -99,4 +102,5 @@ def model_quality(
         page.picture(),
         pictures,
         people,
+        tuple(missions.interval_warnings(result.quality.overall.units)),
     )
