@@ -1,5 +1,7 @@
 """What a report shows beside IoU, worked by hand on a plain of 1 m columns."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,26 @@ def test_few_missed_people_cost_the_ground_that_scores_as_low_as_theirs() -> Non
     cost.add(crowd_on(people), columns, score, 1.0)
     # To miss nobody the threshold must be 0.2, which also closes the 40; to miss one in ten, 0.8 is enough.
     np.testing.assert_allclose(cost.curve(np.array([0.0, 0.05, 0.1])), [40 / 10, 40 / 10, 0.0])
+
+
+def test_what_a_threshold_costs_is_counted_in_bounded_memory() -> None:
+    """8 bytes a column and moment were 10 GB for an hour over 0.1 km2, and as much again for each method."""
+    columns = block(0, 0, 60)
+    score = np.random.default_rng(1).random(len(columns))
+    crowds, cost = crowd_on(block(0, 0, 2)), ClosingCost()
+    cost.add(crowds, columns, score, 1.0)
+    tracemalloc.start()
+    for _ in range(50):
+        cost.add(crowds, columns, score, 1.0)
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert held < 50 * len(columns) * 8 / 4
+    # The 4 people score alike at 51 moments; exactly at their threshold counts as closed.
+    lowest = min(score[(np.hypot(*(columns - person).T) <= 5.5)].max() for person in crowds.people)
+    far = np.hypot(*np.maximum(columns - 1, 0).T) > 5.0
+    (found,) = cost.curve(np.array([0.0]))
+    exact = np.count_nonzero(score[far] >= lowest) / len(crowds.ground)
+    assert exact <= found <= np.count_nonzero(score[far] >= lowest - 1e-3) / len(crowds.ground)
 
 
 def test_who_shows_nowhere_cannot_be_reached_by_a_threshold() -> None:
