@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from crowdfence import CrowdMap, Observation, Or, Terrain
 from crowdfence.detector.contract.contract import Validity
@@ -30,6 +32,23 @@ def test_ground_is_closed_as_far_as_the_buffer_reaches() -> None:
     assert none == 1.0
     assert two == 13.0  # columns whose middle is within 2 m: 1 + 4 + 4 + 4
     np.testing.assert_array_equal(areas_m2(cells(), 1.0), np.zeros(len(BUFFERS_M)))
+
+
+@given(st.integers(-700, 700), st.integers(-700, 700), st.sampled_from([0.05, 0.5, 1.0]))
+@settings(max_examples=20, deadline=None)
+def test_a_zone_closes_as_much_ground_wherever_it_lies(east: int, north: int, size_m: float) -> None:
+    """Beside another one, 5000 columns away, so that it lies across the tiles in every way."""
+    zone, other = cells((0, 0), (1, 0), (1, 1), (7, 3), (30, 2)), cells((-5000, -5000))
+    both = areas_m2(np.vstack([other, zone + np.array([east, north])]), size_m)
+    expected = areas_m2(zone, size_m) + areas_m2(other, size_m)
+    np.testing.assert_allclose(both, expected, rtol=1e-12)
+
+
+def test_zones_far_apart_close_the_ground_of_each() -> None:
+    """The grid between them would be 10 GB."""
+    zone = cells((0, 0), (1, 0))
+    twice = areas_m2(np.vstack([zone, zone + 100_000]), 1.0)
+    np.testing.assert_array_equal(twice, 2.0 * areas_m2(zone, 1.0))
 
 
 def crowd_map(called: list[int]) -> CrowdMap:

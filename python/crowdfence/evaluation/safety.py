@@ -10,7 +10,7 @@ buffer.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, peop
 from crowdfence.truth.crowd_ground import crowds_of
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.sorted_keys import are_among
-from crowdfence.zones.tracker import column_keys
+from crowdfence.zones.tracker import column_keys, column_places
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Validity
@@ -166,17 +166,45 @@ _NEAREST = 9
 
 
 def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
-    """Ground of the columns with each of `BUFFERS_M` around them, by columns whose middle lies inside."""
+    """Ground of the columns with each of `BUFFERS_M` around them, by columns whose middle lies inside. Costs
+    the zone and what is near it, not how far its parts are from each other."""
     from scipy.ndimage import distance_transform_edt
 
-    if len(zone) == 0:
-        return np.zeros(len(BUFFERS_M))
     margin = int(np.ceil(BUFFERS_M[-1] / size_m)) + 1
-    corner = zone.min(axis=0) - margin
-    free = np.ones(zone.max(axis=0) - corner + margin + 1, np.bool_)
-    free[tuple((zone - corner).T)] = False
-    apart_m = distance_transform_edt(free) * size_m
-    return np.array([np.count_nonzero(apart_m <= buffer_m) * size_m**2 for buffer_m in BUFFERS_M])
+    inside = np.zeros(len(BUFFERS_M), np.int64)
+    # Larger than the reach of a column to both sides, which then skips no tile.
+    side = max(_TILE, 2 * margin + 1)
+    for tile, near in _tiles(zone, side, margin):
+        # All of the tile within reach of what is near, and as much around it as holds that.
+        first = np.maximum(near.min(axis=0) - margin, tile)
+        last = np.minimum(near.max(axis=0) + margin, tile + side - 1)
+        corner = np.minimum(first, near.min(axis=0))
+        free = np.ones(np.maximum(last, near.max(axis=0)) - corner + 1, np.bool_)
+        free[tuple((near - corner).T)] = False
+        apart_m = distance_transform_edt(free) * size_m
+        (west, south), (east, north) = first - corner, last - corner + 1
+        within = apart_m[west:east, south:north]
+        inside += [np.count_nonzero(within <= buffer_m) for buffer_m in BUFFERS_M]
+    return np.asarray(inside * size_m**2)
+
+
+_TILE = 512
+"""Columns along the side of a part of the ground that is looked at at once."""
+
+
+def _tiles(zone: Cells, side: int, margin: int) -> Iterator[tuple[NDArray[np.int64], Cells]]:
+    """First column [2] of each tile that is within `margin` of columns of the zone, and these columns."""
+    if not len(zone):
+        return
+    # Tiles begin where the zone does, so that a small one lies in one of them.
+    begin = zone.min(axis=0) - margin
+    zone = zone[np.argsort(zone[:, 0], kind="stable")]
+    corners = [np.array([di, dj]) - begin for di in (-margin, margin) for dj in (-margin, margin)]
+    reached = [np.unique(column_keys((zone + corner) // side)) for corner in corners]
+    for tile in begin + column_places(np.unique(np.concatenate(reached))) * side:
+        rows = slice(*np.searchsorted(zone[:, 0], [tile[0] - margin, tile[0] + side + margin]))
+        north = zone[rows, 1]
+        yield tile, zone[rows][(north >= tile[1] - margin) & (north < tile[1] + side + margin)]
 
 
 def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
