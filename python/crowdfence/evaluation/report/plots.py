@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,21 +23,27 @@ MISSED = np.linspace(0.0, 0.3, 61)
 Names = list[str]
 
 
+def _looks() -> Iterator[dict[str, Any]]:
+    """Colours and strokes of line after line; as many as somebody asks for."""
+    for stroke in cycle(("-", "--", "-.", ":")):
+        yield from ({"color": colour, "linestyle": stroke} for colour in COLOURS)
+
+
 def draw_iou(axes: Axes, names: Names, scores: list[Score]) -> None:
-    for name, row, colour in zip(names, scores, COLOURS, strict=False):
-        axes.plot(row.iou.per_frame, color=colour, linewidth=1.4, label=f"{name}, mean {row.iou.mean:.2f}")
+    for name, row, look in zip(names, scores, _looks(), strict=False):
+        axes.plot(row.iou.per_frame, **look, linewidth=1.4, label=f"{name}, mean {row.iou.mean:.2f}")
     axes.set(xlabel="instant", ylabel="IoU", ylim=(0.0, None), title="IoU over time")
     axes.legend(frameon=False, fontsize=8)
 
 
 def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color="#adb5bd", linewidth=1.0, linestyle=":")
-    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+    for name, row, look in zip(names, scores, _looks(), strict=False):
         assert row.quality is not None
         voxels, probability, crowd = row.quality.reliability.T
         some = voxels > 0
         claimed, true = probability[some] / voxels[some], crowd[some] / voxels[some]
-        axes.plot(claimed, true, color=colour, linewidth=1.2, marker="o", markersize=3.5, label=name)
+        axes.plot(claimed, true, **look, linewidth=1.2, marker="o", markersize=3.5, label=name)
     axes.set(
         xlabel="probability claimed",
         ylabel="share that is so",
@@ -48,11 +55,11 @@ def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
 
 
 def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
-    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+    for name, row, look in zip(names, scores, _looks(), strict=False):
         assert row.safety is not None
         share, closed = 100.0 * row.safety.share_in_zone, row.safety.blocked_per_own[BUFFERS_M.index(5.0)]
         label = f"{name}, closes {closed:.2f} x at 5 m"
-        axes.plot(BUFFERS_M, share, color=colour, linewidth=1.4, marker="o", markersize=5, label=label)
+        axes.plot(BUFFERS_M, share, **look, linewidth=1.4, marker="o", markersize=5, label=label)
     axes.set(
         xlabel="metres around a zone",
         ylabel="% of people in a zone",
@@ -64,9 +71,9 @@ def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
 
 
 def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
-    for name, row, colour in zip(names, scores, COLOURS, strict=False):
+    for name, row, look in zip(names, scores, _looks(), strict=False):
         assert row.measures is not None
-        axes.plot(100.0 * MISSED, row.measures.cost.curve(MISSED), color=colour, linewidth=1.4, label=name)
+        axes.plot(100.0 * MISSED, row.measures.cost.curve(MISSED), **look, linewidth=1.4, label=name)
     axes.axvline(5.0, color="#adb5bd", linewidth=1.0, linestyle=":")
     axes.set(
         xlabel="% of people missed, 5 m buffer",
