@@ -305,6 +305,7 @@ def test_a_recording_of_nobody_has_no_mean_iou(tmp_path: Path) -> None:
 
     (score,) = json.loads(done.stdout, parse_constant=refuse)["scores"]
     assert score["mean_iou"] is score["std_iou"] is score["best_mean_iou"] is None
+    assert score["best_threshold"] is None  # of nothing none is best
     assert score["per_frame"] == [None]
 
 

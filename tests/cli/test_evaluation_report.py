@@ -2,11 +2,15 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from crowdfence.cli.demo import RECORDING
+from crowdfence.evaluation.report.plots import draw_iou
 from support.command_line import crowdfence
 from support.small_recordings import flight, write_airsim
 
@@ -45,6 +49,27 @@ def test_a_report_is_a_page_with_its_plots(report: Path) -> None:
         assert f"{row['mean_iou']:.3f}" in page
         assert f"{row['measures']['average_precision']:.3f}" in page
         assert f"{100 * row['safety']['in_zone'][2]:.1f} %" in page
+
+
+def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
+    done = crowdfence(*ARGUMENTS, "--or-b-threshold", "0.7")
+    assert done.returncode == 0, done.stderr
+    scores = json.loads((report / "scores.json").read_text())["scores"]
+    assert f"{scores[0]['safety']['people']:,} counts" in done.stdout
+    assert f"{scores[0]['safety']['people']:,} counts" in (report / "index.html").read_text()
+    # Thresholds of a rare class are small: two digits after the point made 0.00 of them.
+    for row, method in zip(scores, ("evidence", "or"), strict=True):
+        line = next(line for line in done.stdout.splitlines() if line.split()[:1] == [method])
+        assert line.split()[-2] == f"{row['best_threshold']:.4g}"
+    assert line.split()[1] == "0.700"  # of `or` its b_threshold, which the best one is set beside
+
+
+def test_every_method_is_drawn_however_many_are_asked_for() -> None:
+    iou = SimpleNamespace(per_frame=np.ones(2), mean=1.0)
+    axes = Figure().add_subplot()
+    draw_iou(axes, [f"paper, alpha {number}" for number in range(13)], [SimpleNamespace(iou=iou)] * 13)
+    looks = {(line.get_color(), line.get_linestyle()) for line in axes.lines}
+    assert len(axes.lines) == len(looks) == 13
 
 
 def test_only_a_report_is_replaced(tmp_path: Path) -> None:

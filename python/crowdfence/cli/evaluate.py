@@ -33,6 +33,7 @@ from crowdfence.config import (
     PaperConfig,
     RunConfig,
 )
+from crowdfence.evaluation.text_table import number, percent
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -270,7 +271,7 @@ def _as_json(row: Score) -> dict[str, Any]:
         "mean_iou": _known(row.iou.mean),
         "std_iou": _known(row.iou.std),
         "best_knob": _knob(row.config),
-        "best_threshold": best,
+        "best_threshold": _known(best),
         "best_mean_iou": _known(best_iou.mean),
         "safety": None if row.safety is None else _safety_json(row.safety),
         **({} if row.measures is None else {"measures": row.measures.to_json()}),
@@ -334,23 +335,25 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
         best_threshold, best = row.sweep.best()
         table.add_row(
             _label(row.config),
-            f"{row.threshold:.3f}",
-            f"{row.iou.mean:.3f}",
-            f"{row.iou.std:.3f}",
-            f"{best_threshold:.2f}",
-            f"{best.mean:.3f}",
+            f"{row.knob:.3f}",
+            number(row.iou.mean),
+            number(row.iou.std),
+            "-" if best_threshold != best_threshold else _value(best_threshold),
+            number(best.mean),
         )
     out.print(table)
     out.print(_safety_table(scores))
     if any(row.layer is not None for row in scores):
         out.print(_layer_table(scores))
         out.print(_LAYER_LEGEND)
-    if any(row.safety is not None for row in scores):
+    if any(row.safety is not None and row.safety.people for row in scores):
         out.print(_LEGEND)
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
         out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
-    out.print("The best threshold (of the method or: the best b_threshold) is chosen on this very recording.")
+    out.print(
+        "The threshold of the method or is its b_threshold. The best one is chosen on this very recording."
+    )
 
 
 def _knob_table(scores: list[Score], knobs: list[list[Turned]]) -> Table:
@@ -382,10 +385,13 @@ def _safety_table(scores: list[Score]) -> Table | str:
 
     from crowdfence.evaluation.safety import BUFFERS_M
 
-    if any(row.safety is None or row.safety.people == 0 for row in scores):
+    counted = scores[0].safety  # all methods are asked about the same people
+    if counted is None:
         return ""
+    if (people := counted.people) == 0:
+        return "\nNobody of a crowd stood on ground in view: how many would be missed is not known."
     table = Table(
-        title="\nPeople of crowds in view: who stands in a zone and its buffer",
+        title=f"\nPeople of crowds in view, {people:,} counts: who stands in a zone and its buffer",
         title_justify="left",
         title_style="bold",
         box=None,
@@ -400,7 +406,7 @@ def _safety_table(scores: list[Score]) -> Table | str:
         shares = [*in_zone, safety.share_in_zone_in_range[_AT], safety.share_on_empty]
         table.add_row(
             _label(row.config),
-            *("-" if share != share else f"{share:.1%}" for share in shares),
+            *map(percent, shares),
             f"{safety.blocked_per_own[_AT]:.2f} x",
         )
     return table
@@ -425,8 +431,7 @@ def _layer_table(scores: list[Score]) -> Table:
         quality, counted = row.layer.quality, row.layer
         means = [f"{one:.3f}" for one in (quality.average_precision, quality.brier)]
         shares = [counted.precision, counted.recall, counted.share_of_people_on_called]
-        told = ["-" if share != share else f"{share:.1%}" for share in shares]
-        table.add_row(_label(row.config), *means, f"{quality.calibration_error:.4f}", *told)
+        table.add_row(_label(row.config), *means, f"{quality.calibration_error:.4f}", *map(percent, shares))
     return table
 
 

@@ -23,6 +23,16 @@ def number(value: float, digits: int = 3) -> str:
     return "-" if value != value else f"{value:.{digits}f}"
 
 
+def percent(share: float) -> str:
+    """Such as "97.3%"; "-" for unknown. Nobody who is missed is rounded away: what is not all is ">99.9%" at
+    most, and what is not nothing "<0.1%" at least."""
+    if share != share:
+        return "-"
+    if 0.9995 <= share < 1.0:
+        return ">99.9%"
+    return "<0.1%" if 0.0 < share < 0.0005 else f"{share:.1%}"
+
+
 def interval(estimate: Estimate, digits: int = 3) -> str:
     """Such as "0.912 [0.880, 0.931]"; "-" for unknown, no brackets without an interval."""
     if estimate.value != estimate.value or estimate.low != estimate.low:

@@ -28,9 +28,12 @@ class SweepResult:
         return self._score(int(matches[0]))
 
     def best(self) -> tuple[float, MeanIou]:
-        """The threshold with the largest mean IoU on this very recording: an upper bound, not a forecast."""
+        """The threshold with the largest mean IoU on this very recording: an upper bound, not a forecast. NaN
+        where none has any, because there was no crowd in view."""
         means = [self._score(column).mean for column in range(len(self.thresholds))]
-        column = int(np.nanargmax(means)) if not np.isnan(means).all() else 0
+        if np.isnan(means).all():
+            return float("nan"), self._score(0)
+        column = int(np.nanargmax(means))
         return float(self.thresholds[column]), self._score(column)
 
     def _score(self, column: int) -> MeanIou:

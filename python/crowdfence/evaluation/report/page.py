@@ -13,6 +13,7 @@ import numpy as np
 from crowdfence.atomic_folder import whole_folder
 from crowdfence.evaluation.report.plots import DRAWN, OF_LAYERS, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
+from crowdfence.evaluation.text_table import percent
 
 if TYPE_CHECKING:
     from crowdfence.evaluation.knobs import Turned
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 CONTENTS = ("index.html", "scores.json", *DRAWN)
 
 Rows = Sequence[Sequence[str]]
+_UNKNOWN = "&ndash;"
 
 
 def require_people(recording: Recording) -> None:
@@ -73,9 +75,9 @@ def _page(
         ),
         _table("Who stands in a zone", _people(names, scores)),
         _paragraph(
-            "Of the people of crowds on ground that some drone has had in view. A zone is what is "
-            "held closed, with the buffer around it. In range: on ground seen within the range that "
-            "the detector was tested in, 5 m buffer. On empty: on ground that the map calls empty. "
+            f"Of {_counted(scores)} of people of crowds on ground that some drone has had in view. A zone "
+            "is what is held closed, with the buffer around it. In range: on ground seen within the range "
+            "that the detector was tested in, 5 m buffer. On empty: on ground that the map calls empty. "
             "Closed: ground in zones, times the crowds' own, both with 5 m around."
         ),
         f'<div class="plots">{pictures}</div>',
@@ -94,6 +96,13 @@ def _page(
         *_knobs(names, knobs),
     ]
     return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
+
+
+def _counted(scores: list[Score]) -> str:
+    """How many people the shares are of: everybody once a second."""
+    safety = scores[0].safety
+    assert safety is not None
+    return f"{safety.people:,} counts ({safety.people_in_range:,} of them in range)"
 
 
 def _layer_page(
@@ -228,11 +237,11 @@ def _map(names: list[str], scores: list[Score]) -> Rows:
 
 
 def _percent(share: float) -> str:
-    return _number(100.0 * share, "{:.1f} %")
+    return escape(percent(share)).replace("%", " %") if np.isfinite(share) else _UNKNOWN
 
 
 def _number(value: float, form: str) -> str:
-    return form.format(value) if np.isfinite(value) else "&ndash;"
+    return form.format(value) if np.isfinite(value) else _UNKNOWN
 
 
 def _table(title: str, rows: Rows) -> str:
