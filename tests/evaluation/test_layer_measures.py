@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crowdfence import CrowdMap
-from crowdfence.config import EvidenceConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.config import EvidenceConfig, LinearPoolConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.config.layer import PRIORS, with_layer
 from crowdfence.evaluation.layer_measures import LayerMeasures
 from crowdfence.pipeline.frame_loop import FrameLoop
@@ -40,6 +40,16 @@ def test_a_layer_fills_in_what_is_left_open_and_no_more() -> None:
     assert smoke.likelihood is not None
     ratios = smoke.likelihood.log_ratio.ravel()
     assert np.allclose(ratios, -ratios[::-1]) and (np.diff(ratios) > 0.0).all()
+
+
+def test_ground_is_fit_for_paper_from_one_half_on_unless_somebody_says_otherwise() -> None:
+    def threshold(method, layer="landing-site", given=None):
+        return RunConfig(method, zones=ZoneConfig(threshold=given)).with_layer(layer).zones.threshold
+
+    assert threshold(PaperConfig()) == threshold(LinearPoolConfig()) == 0.5
+    assert threshold(PaperConfig(), given=0.2) == 0.2
+    # The own one of the others is above that, and smoke is rounded towards smoke.
+    assert threshold(EvidenceConfig()) is threshold(PaperConfig(), layer="smoke") is None
 
 
 def test_a_layer_closes_nothing() -> None:

@@ -44,6 +44,14 @@ def test_what_is_not_fit_or_never_seen_is_no_site():
     assert west.polygon.bounds[2] == 9.0 and east.polygon.bounds[0] == 11.0
 
 
+def test_ground_is_fit_by_default_where_that_is_more_likely_than_not():
+    """The default threshold of paper, a quarter for one drone, is rounded towards the class."""
+    doubtful = flat_crowd_map(meadow(value=0.45))
+    assert doubtful.default_threshold() == pytest.approx(0.25)
+    assert find_sites(doubtful, 0) == () and len(find_sites(doubtful, 0, threshold=0.45)) == 1
+    assert len(find_sites(flat_crowd_map(meadow(value=0.55)), 0)) == 1
+
+
 def test_ground_without_room_for_a_drone_is_no_site():
     # 4 columns of 1 m: a middle is 1.5 m from the edge; 5: one is 2.5 m.
     assert find_sites(flat_crowd_map(meadow((4, 30))), 0, threshold=0.5) == ()

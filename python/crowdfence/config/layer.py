@@ -7,10 +7,11 @@ from dataclasses import replace
 from functools import cache
 
 from crowdfence._core import LikelihoodRatio
-from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
+from crowdfence.config.comparison import LinearPoolConfig, LogPoolConfig, MovingAverageConfig
 from crowdfence.config.evidence import EvidenceConfig
-from crowdfence.config.method import MethodConfig
+from crowdfence.config.method import MethodConfig, PaperConfig
 from crowdfence.sources.layers import CROWD, LANDING_SITE
+from crowdfence.zones.sites import FIT_FROM
 
 PRIORS = {LANDING_SITE: 0.25}
 """Share of the ground in view that is of the class, where it was measured (`benchmarks/layers/calibrate.py`);
@@ -41,6 +42,14 @@ def with_layer(method: MethodConfig, layer: str) -> MethodConfig:
         likelihood=method.likelihood or likelihood_of(layer),
         prior=PRIORS.get(layer, UNKNOWN_PRIOR) if method.prior is None else method.prior,
     )
+
+
+def least_threshold(method: MethodConfig, layer: str) -> float | None:
+    """Where a method by itself would round towards the class and the layer must not be: the threshold of landing
+    sites for `paper` and `linear-pool`, whose own mark what one drone of several is sure of. None elsewhere.
+    """
+    own_is_low = isinstance(method, PaperConfig | LinearPoolConfig)
+    return FIT_FROM if layer == LANDING_SITE and own_is_low else None
 
 
 @cache

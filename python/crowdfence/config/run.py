@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from crowdfence._core import CrowdMap, LikelihoodRatio, Terrain
 from crowdfence.config.evidence import EvidenceConfig
 from crowdfence.config.grouping import GroupingConfig
-from crowdfence.config.layer import with_layer
+from crowdfence.config.layer import least_threshold, with_layer
 from crowdfence.config.method import MethodConfig
 from crowdfence.config.projection import ProjectionConfig
 from crowdfence.config.zones import ZoneConfig
@@ -40,9 +40,11 @@ class RunConfig:
     def with_layer(self, layer: str, contract: Contract | None = None) -> RunConfig:
         """The same with what a layer of another class than crowd starts from filled in, unless a detector's
         contract says it (`config.layer`); to be called before `with_detector`."""
+        least = least_threshold(self.method, layer)
+        zones = self.zones if least is None or self.zones.threshold else replace(self.zones, threshold=least)
         if contract is not None and "likelihood_ratio" in (contract.rates or {}):
-            return self
-        return replace(self, method=with_layer(self.method, layer))
+            return replace(self, zones=zones)
+        return replace(self, method=with_layer(self.method, layer), zones=zones)
 
     def with_terrain(self, terrain: Terrain) -> tuple[RunConfig, tuple[str, ...]]:
         """The same with what is left to the terrain (the prior of `paper`) filled in, and what is doubtful

@@ -31,6 +31,8 @@ SLOPE_WINDOW_M = 2.5
 STEP_VOXELS = 0.5
 """Ground beside a column that is higher or lower by more, as of a post or a ditch, is no site. A single voxel
 among bare ones, which may be rounding, stands out by less."""
+FIT_FROM = 0.5
+"""The least threshold of ground that is fit, where nobody gives one: more likely than not."""
 PAD_M = 2.0
 """Radius of the free disc that a drone needs."""
 STALE_AFTER_S = 30.0
@@ -83,7 +85,8 @@ def find_sites(
 ) -> tuple[LandingSite, ...]:
     """Landing sites on a map of the layer `landing-site`, at a stamp not before its newest instant.
 
-    threshold    in (0, 1]: a voxel at or above it is fit; None = the method's `default_threshold`
+    threshold    in (0, 1]: a voxel at or above it is fit; None = the method's `default_threshold`, at least
+                 `FIT_FROM`
     min_area_m2  smaller sites are left out
     closed       zones; no site touches one, whatever their altitude band
 
@@ -95,7 +98,7 @@ def find_sites(
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     if threshold is None:
-        threshold = landing_map.default_threshold()
+        threshold = max(FIT_FROM, landing_map.default_threshold())
     columns = _fit(landing_map, stamp_ns, threshold, stale_after_s)
     columns = _some(columns, ~_touched(columns.indices, closed, landing_map.terrain))
     room_m, inside = _room_m(columns.indices, landing_map.terrain.voxel_size_m)
