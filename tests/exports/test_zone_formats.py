@@ -36,7 +36,7 @@ from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.static_zones import open_static_zones
-from crowdfence.zones import AltitudeBand, ZoneSet
+from crowdfence.zones import AltitudeBand, Zone, ZoneSet
 from crowdfence.zones.zone_id import zone_id
 from support.small_zones import DrawnZones
 from support.wgs84_by_hand import ground_point
@@ -447,9 +447,60 @@ def test_heights_above_the_ellipsoid_hold_the_band_above_every_place() -> None:
     export = exported(datum="WGS84")
     band = export.band(export.zones[0])
     assert band.datum == "WGS84" and band.lower_m <= 1200.0 and band.upper_m >= 1321.0
-    given_above_sea = replace(export.zones[0], band=AltitudeBand(0.0, 500.0, "AMSL"))
-    with pytest.raises(ValueError, match="zone Z1 is bounded above AMSL, which is not converted to WGS84"):
-        export.band(given_above_sea)
+
+
+@pytest.mark.parametrize("datum", ["AGL", "AMSL", "WGS84"])
+@pytest.mark.parametrize("bounded", ["AMSL", "WGS84"])
+@pytest.mark.parametrize("kind", sorted(ZONE_FORMATS))
+def test_a_zone_of_others_above_the_sea_takes_no_crowd_out_of_the_file(
+    kind: str, bounded: str, datum: str
+) -> None:
+    """Every control zone of a national file has such heights. Where the file can say so they stay what they
+    are; else they reach up and down by all heights of the sea, -107 to 86 m above the ellipsoid."""
+    plain = zones_of("#")
+    control_zone = Zone.of_no_look(
+        "CTR", shapely.box(0.0, 0.0, 9.0, 9.0), "static", "given", band=AltitudeBand(600.0, 1500.0, bounded)
+    )
+    both = exported(replace(plain, static=(control_zone,)), datum=datum)
+    if datum == "AMSL" and kind in ("ed318", "ed269", "ed269-list", "csv"):
+        both = replace(both, zones=[control_zone])  # of the crowd's ground the grid of the geoid is needed
+    text = ZONE_FORMATS[kind](both)
+    if kind in ("kml", "multidrone"):
+        (document,) = fastkml.KML.from_string(undeclared(text)).features
+        tops = [next(iter(place.geometry.exterior.coords))[2] for place in document.features]
+        assert tops == [120.0, {"AMSL": 1500.0, "WGS84": 1500.0 + 107.0}[bounded]]
+        modes = [
+            mode.text
+            for mode in ElementTree.fromstring(text).iter("{http://www.opengis.net/kml/2.2}altitudeMode")
+        ]
+        assert modes == ["relativeToGround", "absolute"]
+    elif kind != "qgc":
+        lower_m, upper_m, above = limits_of_the_last(kind, text)
+        asked = "WGS84" if kind == "f3548" else bounded if datum == "AGL" else datum
+        wider = {"AMSL WGS84": (-107.0, 86.0), "WGS84 AMSL": (-86.0, 107.0)}.get(
+            f"{bounded} {asked}", (0.0, 0.0)
+        )
+        assert (lower_m, upper_m, above) == (600.0 + wider[0], 1500.0 + wider[1], asked)
+
+
+def limits_of_the_last(kind: str, text: str) -> tuple[float, float, str]:
+    """Of the last zone of a file, and what they are above."""
+    if kind == "csv":
+        row = list(csv.DictReader(io.StringIO(text)))[-1]
+        return float(row["lower_m"]), float(row["upper_m"]), row["datum"]
+    document = json.loads(text)
+    if kind == "ed318":
+        layer = document["features"][-1]["geometry"]["layer"]
+        assert layer["lowerReference"] == layer["upperReference"]
+        return layer["lower"], layer["upper"], layer["upperReference"]
+    if kind == "f3548":
+        volume = document["constraints"][-1]["details"]["volumes"][0]["volume"]
+        lower, upper = volume["altitude_lower"], volume["altitude_upper"]
+        assert lower["reference"] == upper["reference"] == "W84"
+        return lower["value"], upper["value"], "WGS84"
+    geometry = document["UASZoneList" if kind == "ed269-list" else "features"][-1]["geometry"][0]
+    assert geometry["lowerVerticalReference"] == geometry["upperVerticalReference"]
+    return geometry["lowerLimit"], geometry["upperLimit"], geometry["upperVerticalReference"]
 
 
 @settings(max_examples=100)

@@ -8,9 +8,11 @@ from typing import Literal
 
 Datum = Literal["AGL", "AMSL", "WGS84"]
 """Above the ground below, above mean sea level (a geoid), above the ellipsoid of WGS 84."""
+LOWEST_SEA_M, HIGHEST_SEA_M = -107.0, 86.0
+"""The sea lies nowhere lower or higher above the ellipsoid (EGM96)."""
 LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
 """No ground on Earth is lower or higher, above the sea or the ellipsoid: the shore of the Dead Sea lies at
--440 m, Everest at 8849 m, and the sea from -107 to 86 m above the ellipsoid."""
+-440 m, Everest at 8849 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,16 @@ class AltitudeBand:
         band above every place, so it is as much thicker as the ground is uneven."""
         assert self.datum == "AGL"
         return AltitudeBand(lowest_ground_m + self.lower_m, highest_ground_m + self.upper_m, datum)
+
+    def above_ellipsoid(self) -> AltitudeBand:
+        """A band above the sea as one above the ellipsoid, wherever on Earth it lies."""
+        assert self.datum == "AMSL"
+        return AltitudeBand(self.lower_m + LOWEST_SEA_M, self.upper_m + HIGHEST_SEA_M, "WGS84")
+
+    def above_sea(self) -> AltitudeBand:
+        """A band above the ellipsoid as one above the sea, wherever on Earth it lies."""
+        assert self.datum == "WGS84"
+        return AltitudeBand(self.lower_m - HIGHEST_SEA_M, self.upper_m - LOWEST_SEA_M, "AMSL")
 
 
 DEFAULT_BAND = AltitudeBand(0.0, 120.0, "AGL")

@@ -1,8 +1,9 @@
 """Zones as KML 2.2: extruded from the ground to their upper limit, with the time for which they hold.
 
-Heights are above the ground. A polygon of KML has no lower limit, so a zone that begins above the ground is
-drawn down to it. `multidrone` names every polygon "2", which is how the planners of the paper's authors
-(grvcTeam/multidrone_planning) know a no-fly zone.
+Heights are above the ground, or above the sea where others bounded a zone above that or the ellipsoid. A
+polygon of KML has no lower limit, so a zone that begins above the ground is drawn down to it. `multidrone`
+names every polygon "2", which is how the planners of the paper's authors (grvcTeam/multidrone_planning) know
+a no-fly zone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from crowdfence.exports.geographic_outline import polygons_of
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
-from crowdfence.zones import Zone
+from crowdfence.zones import AltitudeBand, Zone
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 _STYLES = {
@@ -25,6 +26,7 @@ _STYLES = {
     "static": ("ffb45a1e", "60b45a1e"),
 }
 """Line and fill of each kind, as alpha, blue, green, red."""
+_ALTITUDE_MODES = {"AGL": "relativeToGround", "AMSL": "absolute"}
 _MULTIDRONE_NO_FLY = "2"
 _NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters of names that no XML 1.0 can hold, escaped or not: with one of them no reader opens the file."""
@@ -58,8 +60,9 @@ def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) 
         _child(xml.SubElement(data, "Data", name=name), "value", value)
     parts = list(polygons_of(export.outline(zone)))
     parent = place if len(parts) == 1 else _child(place, "MultiGeometry")
+    band = zone.band if zone.band.datum == "AGL" else export.band(zone, "AMSL")
     for part in parts:
-        _polygon(parent, part, export.band(zone, "AGL").upper_m)
+        _polygon(parent, part, band)
 
 
 def _told(zone: Zone) -> dict[str, str]:
@@ -69,18 +72,18 @@ def _told(zone: Zone) -> dict[str, str]:
     return told
 
 
-def _polygon(parent: Any, part: Any, upper_m: float) -> None:
+def _polygon(parent: Any, part: Any, band: AltitudeBand) -> None:
     from shapely.geometry.polygon import orient
 
     polygon = _child(parent, "Polygon")
     _child(polygon, "extrude", "1")
-    _child(polygon, "altitudeMode", "relativeToGround")
+    _child(polygon, "altitudeMode", _ALTITUDE_MODES[band.datum])
     oriented = orient(part, 1.0)
     for name, ring in [
         ("outerBoundaryIs", oriented.exterior),
         *(("innerBoundaryIs", hole) for hole in oriented.interiors),
     ]:
-        corners = " ".join(f"{x!r},{y!r},{upper_m:g}" for x, y in np.asarray(ring.coords).tolist())
+        corners = " ".join(f"{x!r},{y!r},{band.upper_m:g}" for x, y in np.asarray(ring.coords).tolist())
         _child(_child(_child(polygon, name), "LinearRing"), "coordinates", corners)
 
 

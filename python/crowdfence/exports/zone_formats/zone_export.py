@@ -62,14 +62,16 @@ class ZoneExport:
     def band(self, zone: Zone, datum: Datum | None = None) -> AltitudeBand:
         """From which height to which, above `datum`, that of the export by default. A band above ground is as
         much thicker above another one as the ground is uneven; where the ground is not known it holds every
-        ground on Earth. ValueError where the geoid is not known."""
+        ground on Earth. A band above the sea or the ellipsoid, of a zone of others, stays so where `datum` is
+        the ground, and becomes thicker by all heights of the sea where it is the other one of the two.
+        ValueError where the geoid is not known."""
         datum = self.datum if datum is None else datum
         if zone.band.datum == datum:
             return zone.band
-        if zone.band.datum != "AGL":
-            raise ValueError(
-                f"zone {zone.id} is bounded above {zone.band.datum}, which is not converted to {datum}"
-            )
+        if zone.band.datum == "AMSL":
+            return zone.band.above_ellipsoid() if datum == "WGS84" else zone.band
+        if zone.band.datum == "WGS84":
+            return zone.band.above_sea() if datum == "AMSL" else zone.band
         if not zone.ground_is_known:
             return zone.band.above(LOWEST_GROUND_M, HIGHEST_GROUND_M, datum)
         lower_m, upper_m = ellipsoidal_heights(zone, self.georeference)
