@@ -261,3 +261,14 @@ def test_a_reason_with_half_a_character_is_refused(tmp_path: Path, text: str) ->
         odd = f'{{"reason": "because", "{text}": 1}}'.encode()
         answer = http.post("/api/v1/zones", content=odd, headers={"content-type": "application/json"})
         assert answer.status_code == 422
+
+
+def test_a_zone_drawn_in_degrees_is_refused(tmp_path: Path) -> None:
+    """Of 80 x 110 m near Bern it would close a square millimetre, and look as if it stood."""
+    corners = [[8.0, 46.5], [8.001, 46.5], [8.001, 46.501], [8.0, 46.501]]
+    with running(tmp_path) as service, asked(service) as http:
+        answer = http.post("/api/v1/zones", json={"reason": "concert", "polygon": corners})
+        assert answer.status_code == 422 and "closes 1e-06 m2" in answer.json()["detail"]
+        assert "local metres east and north, not degrees" in answer.json()["detail"]
+        square = [[8.0, 46.0], [9.0, 46.0], [9.0, 47.0], [8.0, 47.0]]
+        assert http.post("/api/v1/zones", json={"reason": "manhole", "polygon": square}).status_code == 201

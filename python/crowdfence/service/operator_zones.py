@@ -29,6 +29,8 @@ Action = Literal["add", "lock", "unlock", "dismiss"]
 
 MOST_CORNERS = 2000
 FARTHEST_M = 1e6
+LEAST_DRAWN_M2 = 1.0
+"""Where degrees are given for metres, all of a city is less."""
 FLICKERS_M = 2.0
 """How far crowd may reach beyond the ground that was dismissed. What was taken for crowd by mistake stands
 still, and its outline flickers by a voxel and by what poses are off; who walks there is beyond in seconds."""

@@ -9,7 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from crowdfence.service.access import User
 from crowdfence.service.gate import Refused
-from crowdfence.service.operator_zones import MOST_CORNERS, Action, RefusedAction
+from crowdfence.service.operator_zones import (
+    LEAST_DRAWN_M2,
+    MOST_CORNERS,
+    Action,
+    RefusedAction,
+    drawn_polygon,
+)
 from crowdfence.service.routes.asking import ERRORS, Decider, TheService
 from crowdfence.service.routes.zones import ZoneId
 from crowdfence.service.service import Service
@@ -47,7 +53,22 @@ class DrawnZone(Because):
 def add(service: TheService, user: Decider, drawn: DrawnZone) -> dict[str, Any]:
     """Close ground."""
     ring = drawn.polygon if drawn.polygon[0] == drawn.polygon[-1] else [*drawn.polygon, drawn.polygon[0]]
+    _refuse_degrees(ring)
     return _decide(service, user, "add", "", drawn.reason, rings=[[ring]], restriction=drawn.restriction)
+
+
+def _refuse_degrees(ring: list[list[float]]) -> None:
+    """Here and not where the journal is read again: what was taken once stays."""
+    try:
+        area_m2 = drawn_polygon([[ring]]).area
+    except RefusedAction as error:
+        raise HTTPException(422, str(error)) from error
+    if area_m2 < LEAST_DRAWN_M2:
+        raise HTTPException(
+            422,
+            f"the polygon closes {area_m2:.2g} m2, which is below {LEAST_DRAWN_M2:g} m2: its corners "
+            "are local metres east and north, not degrees",
+        )
 
 
 @router.post("/zones/{zone:path}/lock", responses=_OTHERS)
