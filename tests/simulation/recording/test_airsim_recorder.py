@@ -196,3 +196,53 @@ def test_a_lens_that_airsim_cannot_describe_is_refused(scene, tmp_path):
     bent = replace(scene.scenario, trouble=TroublePlan(lens_distortion=(-0.1, 0.01, 0.0, 0.0)))
     with pytest.raises(ScenarioError, match=r"lens_distortion .* set it to \[\]"):
         record_airsim(build_scene(bent, 2), tmp_path / "airsim", options=LABELS, workers=1)
+
+
+# --- what is there already --------------------------------------------------------------------------------
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def quiet_beach(seed, **changes):
+    """Stamps of perfect clocks are those of every other world."""
+    camera = {"width": 64, "height": 48}
+    scenario = load_scenario(
+        "beach", frames=2, camera=camera, voxel_size_m=8.0, trouble=TroublePlan(), **changes
+    )
+    return build_scene(scenario, seed)
+
+
+def test_a_recording_that_is_replaced_leaves_nothing_behind(tmp_path):
+    """Heatmaps of another world at the same stamps would be taken for those of this one."""
+    fewer, folder = FrameOptions(rgb=False, heatmaps=False), tmp_path / "airsim"
+    record_airsim(quiet_beach(2), folder, options=LABELS, workers=1)
+    record_airsim(quiet_beach(3, drones=2), folder, options=fewer, workers=1, overwrite=True)
+    record_airsim(quiet_beach(3, drones=2), tmp_path / "new", options=fewer, workers=1)
+    assert files(folder) == files(tmp_path / "new")
+    assert not any(frame.pixels.heatmap for frame in open_recording(folder).frames)
+
+
+def test_a_replacement_that_was_killed_goes_on_with_its_own_frames(tmp_path):
+    folder, other = tmp_path / "airsim", quiet_beach(3)
+    record_airsim(quiet_beach(2), folder, options=LABELS, workers=1)
+
+    def killed(done, planned):
+        raise SystemExit
+
+    with pytest.raises(SystemExit):
+        record_airsim(other, folder, options=LABELS, workers=1, overwrite=True, progress=killed)
+    resumed = record_airsim(other, folder, options=LABELS, workers=1, resume=True)
+    assert resumed.complete and resumed.resumed_frames == 1
+    record_airsim(other, tmp_path / "new", options=LABELS, workers=1)
+    assert files(folder) == files(tmp_path / "new")
+
+
+@pytest.mark.parametrize("how", ["resume", "overwrite"])
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path, how):
+    """A flight of AirSim itself has the same names."""
+    (tmp_path / "airsim_rec.txt").write_text("precious")
+    with pytest.raises(FileExistsError, match=r"holds no simulation\.json.*name another folder"):
+        record_airsim(quiet_beach(2), tmp_path, options=LABELS, workers=1, **{how: True})
+    assert files(tmp_path) == {"airsim_rec.txt": b"precious"}

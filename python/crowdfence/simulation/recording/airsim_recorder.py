@@ -14,6 +14,7 @@ simulation.json                          what it was made from, and what came ou
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -49,6 +50,7 @@ from crowdfence.stop_request import StopRequest
 
 MANIFEST = "simulation.json"
 _FOLDERS = ("images", "heatmaps", "telemetry", "terrain", "truth/regions", "truth/instances", "truth/people")
+_FILES = ("airsim_rec.txt", "settings.json")
 _TABLE_HEADER = "VehicleName TimeStamp POS_X POS_Y POS_Z Q_W Q_X Q_Y Q_Z ImageFile"
 _TELEMETRY_HEADER = (
     "stamp_ns position_x position_y position_z q_w q_x q_y q_z gimbal_w gimbal_x gimbal_y gimbal_z"
@@ -69,8 +71,9 @@ def record_airsim(
 ) -> Recorded:
     """Simulate `scene` into the AirSim recording folder `path`; arguments and errors as `record_mission`.
 
-    Pictures are PNG. ScenarioError for a lens distortion, which AirSim's settings cannot express. An
-    interrupt or a kill leaves a folder that can be read, as far as it goes, and resumed.
+    Pictures are PNG. FileExistsError for a folder that was not simulated, whatever is asked; ScenarioError
+    for a lens distortion, which AirSim's settings cannot express. An interrupt or a kill leaves a folder that
+    can be read, as far as it goes, and resumed.
     """
     given = options or FrameOptions()
     options = FrameOptions(given.rgb, given.heatmaps, "PNG", given.jpeg_quality, given.supersample)
@@ -118,14 +121,28 @@ def record_airsim(
 
 
 def _prepare(path: Path, manifest: dict[str, Any], *, resume: bool) -> None:
-    if resume and (path / MANIFEST).exists():
+    """Folders and manifest. Of a mission that is replaced nothing stays: a later one may have its stamps, and
+    would take its frames for its own."""
+    if not (path / MANIFEST).exists():
+        if path.exists() and any(path.iterdir()):
+            raise FileExistsError(
+                f"{path} holds no {MANIFEST}, so that nobody simulated it: name another folder"
+            )
+    elif resume:
         before = json.loads((path / MANIFEST).read_text()).get("simulation", {})
         difference = first_difference(manifest, before)
         if difference is not None:
             raise ValueError(f"{path} is of another mission and cannot be resumed: {difference}")
+    else:
+        for folder in {name.partition("/")[0] for name in _FOLDERS}:
+            if (path / folder).exists():
+                shutil.rmtree(path / folder)
+        for file in _FILES:
+            (path / file).unlink(missing_ok=True)
+    path.mkdir(exist_ok=True)
+    _write_json(path / MANIFEST, {"simulation": manifest})
     for folder in _FOLDERS:
         (path / folder).mkdir(parents=True, exist_ok=True)
-    _write_json(path / MANIFEST, {"simulation": manifest})
 
 
 def _write_json(path: Path, value: dict[str, Any]) -> None:
