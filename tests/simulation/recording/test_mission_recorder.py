@@ -370,6 +370,15 @@ def test_nothing_is_overwritten_unasked(mission, tmp_path):
     assert messages(path) == messages(mission.path)
 
 
+@pytest.mark.parametrize("name", ["beach.bt", "beach.tif", "beach.ply"])
+def test_no_map_is_overwritten_unasked(tmp_path, name):
+    """Somebody's own height model is called as the mission more often than not."""
+    (tmp_path / name).write_bytes(b"precious")
+    with pytest.raises(FileExistsError, match=rf"{name} exists.*--force"):
+        record_mission(beach(), tmp_path / "beach.mcap", options=LABELS, workers=1)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
+
+
 def test_a_target_that_cannot_be_is_refused_first(tmp_path):
     with pytest.raises(FileNotFoundError, match="does not exist"):
         record_mission(beach(), tmp_path / "no" / "beach.mcap", options=LABELS)

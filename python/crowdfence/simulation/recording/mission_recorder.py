@@ -16,6 +16,7 @@ from crowdfence.simulation.recording.manifest import mission_manifest
 from crowdfence.simulation.recording.mission_salvage import Salvage, finished, salvage, summary_of_parts
 from crowdfence.simulation.recording.preparation import Preparation
 from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
+from crowdfence.simulation.recording.terrain_files import terrain_files
 from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant
 from crowdfence.simulation.recording.timeline_run import TimelineRun
 from crowdfence.simulation.scenarios.scenario import Scenario
@@ -71,6 +72,7 @@ def record_mission(
     if not (resume or overwrite):
         require_nothing_there(path, "exists")
         require_nothing_there(part_path(path), "is left of an interrupted run")
+        _require_no_map(path)
     frames_of_reference = tuple(camera_frame(prefix) for prefix in _prefixes(scene.scenario.drone_names))
     encoder = _MissionEncoder(scene.scenario, frames_of_reference)
     schedule = build_schedule(scene)
@@ -101,6 +103,16 @@ def record_mission(
         renderer,
         map_files,
     )
+
+
+def _require_no_map(path: Path) -> None:
+    """FileExistsError for a map that the one of the mission would replace."""
+    for file in terrain_files(path.parent, path.stem):
+        if file.exists():
+            raise FileExistsError(
+                f"{file} exists, where the map of the mission is written: name another mission file, go on "
+                "with the run that wrote it (--resume), or replace it (--force)"
+            )
 
 
 def _write(

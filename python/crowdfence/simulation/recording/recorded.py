@@ -34,7 +34,7 @@ class Recorded:
     @property
     def terrain(self) -> tuple[Path, ...]:
         """The files of the known map."""
-        return self.map_files.octomap, self.map_files.dem, self.map_files.mesh
+        return tuple(self.map_files)
 
 
 def require_folder(path: Path) -> None:

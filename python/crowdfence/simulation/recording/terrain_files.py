@@ -5,6 +5,7 @@ Trees, cars, tents and other things that stand around are on no map.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,14 +35,22 @@ class TerrainFiles:
     mesh: Path
     """PLY: the triangles, local ENU metres."""
 
+    def __iter__(self) -> Iterator[Path]:
+        return iter((self.octomap, self.dem, self.mesh))
+
+
+def terrain_files(folder: Path, stem: str, dem_stem: str | None = None) -> TerrainFiles:
+    """`<stem>.bt`, `<dem_stem or stem>.tif` and `<stem>.ply` in `folder`."""
+    return TerrainFiles(folder / f"{stem}.bt", folder / f"{dem_stem or stem}.tif", folder / f"{stem}.ply")
+
 
 def write_terrain_files(scene: Scene, folder: Path, stem: str, dem_stem: str | None = None) -> TerrainFiles:
-    """Write `<stem>.bt`, `<dem_stem or stem>.tif` and `<stem>.ply` into `folder`.
+    """Write the files that `terrain_files` names.
 
     OSError when one cannot be written; ValueError when the voxels do not fit into an OctoMap.
     """
     landscape, scenario = scene.landscape, scene.scenario
-    files = TerrainFiles(folder / f"{stem}.bt", folder / f"{dem_stem or stem}.tif", folder / f"{stem}.ply")
+    files = terrain_files(folder, stem, dem_stem)
     mesh = known_map(landscape)
     write_terrain_octomap(files.octomap, known_terrain(scene))
     write_dem(files.dem, landscape, scenario.georeference)
