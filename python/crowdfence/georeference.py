@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.datum import wgs84_from
+from crowdfence.plain_values import make_plain
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -48,6 +49,7 @@ class Georeference:
     height_m: float
 
     def __post_init__(self) -> None:
+        make_plain(self)
         _require_within("latitude_deg", self.latitude_deg, -90.0, 90.0)
         _require_within("longitude_deg", self.longitude_deg, -180.0, 180.0)
         _require_within("height_m", self.height_m, LOWEST_HEIGHT_M, HIGHEST_HEIGHT_M)

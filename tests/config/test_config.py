@@ -1,15 +1,17 @@
 """The configuration: bounds, what is left to a detector, and what reports show."""
 
+import json
 import re
 from collections.abc import Callable
-from dataclasses import fields
-from typing import get_args
+from dataclasses import asdict, fields, replace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from crowdfence import Terrain
+from crowdfence import Georeference, Terrain
 from crowdfence.config import (
+    EvidenceConfig,
     GroupingConfig,
     LinearPoolConfig,
     LogOddsConfig,
@@ -22,6 +24,12 @@ from crowdfence.config import (
     ZoneConfig,
 )
 
+PLAIN = RunConfig(
+    EvidenceConfig(prior=0.25, memory_s=10.0, focal_px=400.0),
+    ProjectionConfig(max_range_m=200.0, target_height_m=1.0),
+    GroupingConfig(tolerance_ms=50.0),
+    ZoneConfig(0.5, 0.25, 2, 4.0, 3.0, 5.0, 0.5, 50, 0.0, 100.0, close_unseen=True, stale_after_s=20.0),
+)
 FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
 
 
@@ -87,3 +95,31 @@ def test_no_field_of_one_part_hides_that_of_another() -> None:
         names = [field.name for part in parts for field in fields(part)]
         assert len(names) == len(set(names))
         assert set(RunConfig(method()).to_json()) == {"method", *names}
+
+
+def test_numbers_of_numpy_reach_the_files_as_those_of_python() -> None:
+    """A run of hours would end in a TypeError: what is written after the last frame is JSON."""
+    of_numpy = RunConfig(*(replace(part, **numpy_numbers(part)) for part in parts(PLAIN)))
+    plain_map, its_map = PLAIN.crowd_map(FLOOR, 1), of_numpy.crowd_map(FLOOR, 1)
+    assert json.dumps(of_numpy.to_json()) == json.dumps(PLAIN.to_json())
+    assert json.dumps(of_numpy.parameters(its_map)) == json.dumps(PLAIN.parameters(plain_map))
+    assert json.dumps(of_numpy.zone_parameters()) == json.dumps(PLAIN.zone_parameters())
+    for part in parts(of_numpy)[1:]:
+        assert not any(isinstance(getattr(part, field.name), np.generic) for field in fields(part))
+    place = Georeference(np.float32(46.5), np.float32(8.0), np.int64(1200))
+    assert json.dumps(asdict(place)) == '{"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200}'
+
+
+def parts(config: RunConfig) -> tuple[Any, ...]:
+    return config.method, config.projection, config.grouping, config.zones
+
+
+def numpy_numbers(part: Any) -> dict[str, np.generic]:
+    """Those of its numbers that are given, as numpy has them; all of these are exact in 32 bits."""
+    kinds = {float: np.float32, int: np.int64, bool: np.bool_}
+    given = {field.name: getattr(part, field.name) for field in fields(part)}
+    return {
+        name: kinds[type(value)](value)
+        for name, value in given.items()
+        if type(value) in kinds and float(np.float32(value)) == value
+    }

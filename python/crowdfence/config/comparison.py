@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from crowdfence._core import LikelihoodRatio, LinearPool, LogOdds, LogPool, MovingAverage, Rates, Terrain
 from crowdfence.config.evidence import EvidenceConfig, shifted
 from crowdfence.config.rates import with_rates
+from crowdfence.plain_values import make_plain
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -32,6 +33,9 @@ class LinearPoolConfig:
     """Weight of the newest instant, in (0, 1]."""
     decay: float = 0.0005
     """lambda per second, >= 0."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:
@@ -88,6 +92,9 @@ class LogPoolConfig:
     zone_log_odds: float = 1.3
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
 
+    def __post_init__(self) -> None:
+        make_plain(self)
+
     @property
     def rates_given(self) -> bool:
         """Whether the detector's own calibration is overruled."""
@@ -135,6 +142,9 @@ class LogOddsConfig:
     """Lowest log odds, below 0."""
     clamp_high: float = 3.5
     """Highest log odds, above 0."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:
@@ -184,6 +194,9 @@ class MovingAverageConfig:
     """After so many seconds a look weighs 1 / e of what it did."""
     zone_log_odds: float = 1.3
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:

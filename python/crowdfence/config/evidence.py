@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from crowdfence._core import Evidence, LikelihoodRatio, Terrain
+from crowdfence.plain_values import make_plain
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -54,6 +55,9 @@ class EvidenceConfig:
     """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior; between the two it is looked at and not cleared."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:

@@ -14,6 +14,7 @@ from crowdfence.config.comparison import (
 )
 from crowdfence.config.evidence import EvidenceConfig
 from crowdfence.config.rates import with_rates
+from crowdfence.plain_values import make_plain
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -51,6 +52,9 @@ class PaperConfig:
     """What lambda counts: seconds, or instants."""
     initial: Literal["zero", "prior", "first"] = "zero"
     """P~ before the first look; "first" takes the first look whole."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:
@@ -103,6 +107,9 @@ class OrConfig:
 
     b_threshold: float = 0.5
     """A view calls a voxel crowd when its mean heatmap value is above this."""
+
+    def __post_init__(self) -> None:
+        make_plain(self)
 
     @property
     def rates_given(self) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from crowdfence.plain_values import make_plain
+
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
@@ -24,6 +26,7 @@ class ProjectionConfig:
     """Rays meet the surface in the voxels, or the voxels as cubes, as in the paper."""
 
     def __post_init__(self) -> None:
+        make_plain(self)
         if not 0.0 < self.max_range_m < float("inf"):
             raise ValueError(f"max_range_m is {self.max_range_m:g}; it must be finite and > 0")
 

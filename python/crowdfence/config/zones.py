@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from crowdfence.plain_values import make_plain
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
 from crowdfence.zones.rules import Restriction, ZoneRules
 
@@ -47,6 +48,7 @@ class ZoneConfig:
     """Empty ground not seen for longer is stale, >= 0: no evidence of absence any more."""
 
     def __post_init__(self) -> None:
+        make_plain(self)
         if self.threshold is not None and not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
         self.rules(_ANY_THRESHOLD)
