@@ -6,12 +6,14 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
+import shapely
 
 from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones import Zone, ZoneSet
 from support.small_grids import flat_grid
 from support.wgs84_by_hand import ground_point
 
@@ -39,6 +41,16 @@ def test_bands_are_north_up_and_unseen_is_nodata(tmp_path: Path) -> None:
     assert tags["STAMP_NS"] == "1760000009500000001"
     assert tags["STAMP_UTC"] == "2025-10-09T08:53:29.500000001Z"
     assert "not georeferenced" in tags["FRAME"]
+
+
+def test_all_that_a_zone_set_closes_is_marked(tmp_path: Path) -> None:
+    """The set is a sequence of its crowds, of which there are none; others closed the cell in the east."""
+    static = Zone.of_no_look("CTR", shapely.box(1.0, 0.0, 2.0, 1.0), "static", "given")
+    zones = ZoneSet((), 0.5, 0.0, 0, 0.0, static=(static,))
+    path = tmp_path / "crowd_map.tif"
+    write_geotiff(path, flat_grid(np.array([[0.1], [0.1]]), 1.0), DESCRIPTION, None, zones)
+    with rasterio.open(path) as raster:
+        assert raster.read(2).tolist() == [[VoxelState.EMPTY, 6]]
 
 
 def test_rounding_to_float32_never_takes_a_cell_below_the_threshold(tmp_path: Path) -> None:

@@ -48,6 +48,16 @@ def test_through_a_gap_and_round_it_where_it_is_too_narrow() -> None:
     assert safe_route((0, 0), (100, 0), gate, clearance_m=5.5).length_m > 600.0
 
 
+def test_round_all_that_a_zone_set_closes() -> None:
+    """A set is a sequence of its crowds; ground that nobody saw and zones of others are closed too."""
+    unseen = Zone.of_no_look("UNSEEN", WALL.polygon, "unseen", "never_seen")
+    static = Zone.of_no_look("CTR", shapely.box(40, 20, 60, 50), "static", "given")
+    zones = ZoneSet((), 0.5, 0.0, 0, 0.0, unseen=(unseen,), static=(static,))
+    around = safe_route((0, 0), (100, 0), zones)
+    assert around.length_m == pytest.approx(2 * np.hypot(40, 30) + 20, abs=0.3)
+    assert (around.waypoints[1:-1, 1] < -30.0).all()
+
+
 RING = zone("Z9", shapely.Point(0, 0).buffer(50) - shapely.Point(0, 0).buffer(30))
 
 

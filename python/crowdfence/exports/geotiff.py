@@ -21,6 +21,7 @@ from crowdfence.sources.layers import CROWD
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
+from crowdfence.zones.zone import closed_of
 
 LOCAL_TAG = "LOCAL_FROM_CELLS"
 """The same placement in local metres, exact: zones are drawn there."""
@@ -34,7 +35,7 @@ def write_geotiff(
     georeference: Georeference | None,
     zones: Sequence[Zone] = (),
 ) -> None:
-    """Write the grid and everything that is closed (`ZoneSet.closed`), north up (row 0 = northernmost),
+    """Write the grid and everything that is closed (all of a `ZoneSet`), north up (row 0 = northernmost),
     float32, tiled, deflate.
 
     Band 1 is NaN, the file's nodata value, where the ground was never seen: it is never 0 for lack of data.
@@ -43,6 +44,8 @@ def write_geotiff(
     metres. Raises OSError when the file cannot be written.
     """
     import rasterio
+
+    zones = closed_of(zones)
 
     placement = RasterPlacement.of(grid, georeference)
     width, height = grid.shape

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.zones import Zone
 from crowdfence.zones.grow import grown
+from crowdfence.zones.zone import closed_of
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -65,10 +66,11 @@ def safe_route(
     """The shortest way from `start` to `goal` [2] (local metres) that keeps `clearance_m` >= 0 from every
     zone and stays `within` an area.
 
-    Clear means in no zone, not seen empty: make the run with `ZoneConfig(close_unseen=True)`, and give all
-    that it closes (`ZoneSet.closed`), to keep off what nobody has seen.
+    Clear means in no zone, not seen empty: make the run with `ZoneConfig(close_unseen=True)` to keep off what
+    nobody has seen.
 
-    zones         those known at the departure; all of them stay closed
+    zones         those known at the departure; all of them stay closed. Of a `ZoneSet` all that it closes
+                  (`ZoneSet.closed`), unseen ground and zones of others too
     within        the area, most often the ground that the map knows, `ZoneHistory.ground`: beyond it there
                   are no zones because nobody can look, not because nobody is there. None: no bound
     departure_ns  and `speed_m_s` > 0: the way says when it is where
@@ -79,6 +81,7 @@ def safe_route(
     """
     import shapely
 
+    zones = closed_of(zones)
     ends = np.asarray([start, goal], dtype=np.float64)
     if ends.shape != (2, 2) or not np.isfinite(ends).all():
         raise ValueError(f"start and goal must be two finite places [2], got {start!r} and {goal!r}")

@@ -19,7 +19,7 @@ from crowdfence._core import CrowdMap, Terrain
 from crowdfence.landing_area import column_surface_m, slope_deg
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
-from crowdfence.zones.zone import Zone
+from crowdfence.zones.zone import Zone, closed_of
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -88,7 +88,7 @@ def find_sites(
     threshold    in (0, 1]: a voxel at or above it is fit; None = the method's `default_threshold`, at least
                  `FIT_FROM`
     min_area_m2  smaller sites are left out
-    closed       zones; no site touches one, whatever their altitude band
+    closed       zones, of a `ZoneSet` all that it closes; no site touches one, whatever their altitude band
 
     Sites end where a disc of `PAD_M` no longer fits, and no two of them share a corner. Raises StampError
     for an earlier stamp, ValueError for a parameter out of bounds and for a method that gives no sites
@@ -100,7 +100,7 @@ def find_sites(
     if threshold is None:
         threshold = max(FIT_FROM, landing_map.default_threshold())
     columns = _fit(landing_map, stamp_ns, threshold, stale_after_s)
-    columns = _some(columns, ~_touched(columns.indices, closed, landing_map.terrain))
+    columns = _some(columns, ~_touched(columns.indices, closed_of(closed), landing_map.terrain))
     room_m, inside = _room_m(columns.indices, landing_map.terrain.voxel_size_m)
     columns, room_m = _some(columns, inside), room_m[inside]
     return tuple(_sites(landing_map, columns, room_m, min_area_m2))

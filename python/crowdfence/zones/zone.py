@@ -189,3 +189,8 @@ class ZoneSet(Sequence[Zone]):
     def area_m2(self) -> float:
         """Of the crowd in the zones."""
         return sum(zone.area_m2 for zone in self.zones)
+
+
+def closed_of(zones: Sequence[Zone]) -> tuple[Zone, ...]:
+    """All that zones close: of a `ZoneSet`, which is a sequence of its crowds alone, the rest too."""
+    return zones.closed if isinstance(zones, ZoneSet) else tuple(zones)
