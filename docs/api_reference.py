@@ -46,8 +46,9 @@ GROUPS = {
 _HEAD = """# Python reference
 
 Everything that `import crowdfence as cf` gives. Arrays are numpy's, [N, 3] is a shape; local metres are east,
-north, up ([frames](frames.md)). What cannot be used raises a `cf.CrowdfenceError`, which is a `ValueError`,
-with the value and its bound. This page is made from the code: `make api-reference`.
+north, up ([frames](frames.md)). What cannot be used raises a `ValueError` with the value and its
+bound: a `cf.CrowdfenceError` where it is an array, a camera, a view, a map or a detector, a plain one in
+recordings, zone files and configurations. This page is made from the code: `make api-reference`.
 """
 
 Definition = ast.FunctionDef | ast.ClassDef
