@@ -45,9 +45,8 @@ def with_layer(method: MethodConfig, layer: str) -> MethodConfig:
 
 
 def least_threshold(method: MethodConfig, layer: str) -> float | None:
-    """Where a method by itself would round towards the class and the layer must not be: the threshold of landing
-    sites for `paper` and `linear-pool`, whose own mark what one drone of several is sure of. None elsewhere.
-    """
+    """The threshold of landing sites for `paper` and `linear-pool`, whose own is met by what one drone of
+    several is sure of: rounded towards landing. None for other methods and layers."""
     own_is_low = isinstance(method, PaperConfig | LinearPoolConfig)
     return FIT_FROM if layer == LANDING_SITE and own_is_low else None
 
