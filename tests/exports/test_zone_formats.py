@@ -483,6 +483,22 @@ def test_a_zone_of_others_above_the_sea_takes_no_crowd_out_of_the_file(
         assert (lower_m, upper_m, above) == (600.0 + wider[0], 1500.0 + wider[1], asked)
 
 
+@pytest.mark.parametrize("kind", ["ed318", "ed269", "kml"])
+def test_zones_have_the_names_that_others_gave_them(kind: str) -> None:
+    control_zone = Zone.of_no_look(
+        "LSR51", shapely.box(0.0, 0.0, 9.0, 9.0), "static", "given", name="Höhe & Tal"
+    )
+    text = ZONE_FORMATS[kind](exported(replace(zones_of("#"), static=(control_zone,))))
+    if kind == "kml":
+        (document,) = fastkml.KML.from_string(undeclared(text)).features
+        names = [place.name for place in document.features]
+    else:
+        zones = json.loads(text)["features"]
+        told = [zone.get("properties", zone)["name"] for zone in zones]
+        names = [one if isinstance(one, str) else one[0]["text"] for one in told]
+    assert names == ["Crowd Z1", "Höhe & Tal"]
+
+
 def limits_of_the_last(kind: str, text: str) -> tuple[float, float, str]:
     """Of the last zone of a file, and what they are above."""
     if kind == "csv":

@@ -40,7 +40,7 @@ def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
     return {
         "identifier": zone.id,
         "country": export.country_code(),
-        "name": f"{zone.kind.capitalize()} {zone.id}",
+        "name": export.name_of(zone),
         "type": "COMMON",
         "restriction": _RESTRICTIONS[zone.restriction],
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],

@@ -44,7 +44,7 @@ def _feature(zone: Zone, export: ZoneExport) -> dict[str, Any]:
     properties = {
         "identifier": zone.id,
         "country": export.country_code(),
-        "name": [_text(f"{zone.kind.capitalize()} {zone.id}")],
+        "name": [_text(export.name_of(zone))],
         "type": _TYPES[zone.restriction],
         "variant": "COMMON",
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],

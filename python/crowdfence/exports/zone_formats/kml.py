@@ -49,7 +49,7 @@ def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
 
 def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) -> None:
     place = xml.SubElement(document, "Placemark", id=zone.id)
-    _child(place, "name", _MULTIDRONE_NO_FLY if multidrone else f"{zone.kind.capitalize()} {zone.id}")
+    _child(place, "name", _MULTIDRONE_NO_FLY if multidrone else export.name_of(zone))
     span = _child(place, "TimeSpan")
     _child(span, "begin", rfc3339(export.stamp_ns))
     if zone.valid_until_ns is not None:

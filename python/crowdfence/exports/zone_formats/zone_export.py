@@ -55,6 +55,11 @@ class ZoneExport:
             )
         return code
 
+    @staticmethod
+    def name_of(zone: Zone) -> str:
+        """For people, at most 200 characters: the zone's own name, or its kind and id."""
+        return (zone.name or f"{zone.kind.capitalize()} {zone.id}")[:200]
+
     def outline(self, zone: Zone, **options: Any) -> Polygon | MultiPolygon:
         """Longitude and latitude, see `geographic_outline`."""
         return geographic_outline(zone, self.georeference, **options)
