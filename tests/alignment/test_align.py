@@ -14,12 +14,14 @@ from crowdfence.alignment import DroneAlignment, align
 from support.command_line import crowdfence
 from support.painted_flights import (
     Flown,
+    Way,
     circling,
     hovering,
     level,
     opposite,
     paint,
     passing,
+    shaped,
     write_fleet,
     write_flight,
     write_level,
@@ -32,6 +34,16 @@ TURNED_DEG, LATE_S = (0.4, -0.3, 0.25), 0.1
 def wrong_flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("circle") / "flight"
     return write_flight(folder, circling, paint(), turned_deg=TURNED_DEG, late_s=LATE_S)
+
+
+def beside(way: Way, metres: float) -> Way:
+    """The same so far to the east and to the north."""
+
+    def moved(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = way(t_s)
+        return eye + np.array([metres, metres, 0.0]), turn
+
+    return moved
 
 
 def only(folder: Path) -> DroneAlignment:
@@ -86,19 +98,53 @@ def test_places_are_told_against_each_other(tmp_path: Path) -> None:
 
 
 def test_drones_over_other_ground_do_not_tell_their_places(tmp_path: Path) -> None:
-    def far(t_s: float) -> tuple[np.ndarray, Rotation]:
-        eye, turn = circling(t_s)
-        return np.array([eye[0] - 38.0, eye[1] - 38.0, eye[2]]), turn
-
-    def near(t_s: float) -> tuple[np.ndarray, Rotation]:
-        eye, turn = circling(t_s)
-        return np.array([eye[0] + 38.0, eye[1] + 38.0, eye[2]]), turn
-
-    folder = write_fleet(tmp_path / "flight", {"uav1": Flown(far), "uav2": Flown(near)}, paint(), frames=14)
+    drones = {"uav1": Flown(beside(circling, -38.0)), "uav2": Flown(beside(circling, 38.0))}
+    folder = write_fleet(tmp_path / "flight", drones, paint(), frames=14)
     for one in align(open_recording(folder), level()).drones:
         east, north, up = one.estimates[4:]
         assert not east.told and not north.told and up.told, one.estimates
         assert "other drones" in east.why_not
+
+
+def test_a_drone_over_other_ground_moves_nobody(tmp_path: Path) -> None:
+    """uav3 is 2 m off above a hill of its own, which shows it. It sees nothing of what uav1 and uav2 see, and
+    their poses are right: they stay where they are."""
+
+    def hill(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.asarray(4.0 * np.exp(-((east - 38.0) ** 2 + (north - 38.0) ** 2) / (2 * 6.0**2)))
+
+    drones = {
+        "uav1": Flown(beside(circling, -30.0)),
+        "uav2": Flown(beside(opposite, -30.0)),
+        "uav3": Flown(beside(circling, 38.0), moved_m=(2.0, 0.0, 0.0)),
+    }
+    folder = write_fleet(tmp_path / "flight", drones, paint(), frames=12, relief=hill)
+    *pair, alone = align(open_recording(folder), shaped(hill)).drones
+    for one in pair:
+        assert all(e.told for e in one.estimates), one.estimates
+        assert np.abs(one.offset.position_m).max() < 0.15, one.estimates
+    assert alone.offset.position_m[:2] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("pictures", [1, 5])
+def test_a_drone_of_too_few_pictures_moves_nobody(pictures: int, tmp_path: Path) -> None:
+    """Its own poses, which are wrong, are put right by nothing: nobody else is laid on them, nor told a place
+    against it. Telemetry of a single row, as of one photograph, is no trouble."""
+    wrong = Flown(opposite, turned_deg=(1.0, 0.0, 0.0), moved_m=(0.8, 0.0, 0.8))
+    folder = write_fleet(tmp_path / "flight", {"uav1": Flown(circling), "uav2": wrong}, paint(), frames=14)
+    taken = sorted((folder / "images").glob("uav2_*"))
+    for picture in [*taken[:3], *taken[3 + pictures :]]:
+        picture.unlink()
+    if pictures == 1:
+        stamp = taken[3].stem.removeprefix("uav2_")
+        rows = (folder / "poses.csv").read_text().splitlines()
+        kept = [row for row in rows if not row.startswith("uav2") or stamp in row]
+        (folder / "poses.csv").write_text("\n".join(kept) + "\n")
+    first, second = align(open_recording(folder), level()).drones
+    assert not second.told and "pictures, 6 are needed" in second.why_not
+    off = first.offset
+    assert first.told and np.abs([off.pitch_deg, off.yaw_deg, off.roll_deg, *off.position_m]).max() < 0.03
+    assert "other drones" in first.estimates[4].why_not
 
 
 def test_what_stands_on_the_ground_does_not_lift_it(tmp_path: Path) -> None:

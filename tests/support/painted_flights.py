@@ -1,4 +1,4 @@
-"""Pictures of painted ground by arithmetic of our own: the ray of every pixel cut with the plane z = 0."""
+"""Pictures of painted ground by arithmetic of our own: the ray of every pixel cut with it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ SIDE_M, CELL_M = 120.0, 0.1
 
 Way = Callable[[float], tuple[NDArray[np.float64], Rotation]]
 """Time -> position of the camera and world_from_camera."""
+Relief = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""East, north -> height of the ground; it must be gentle."""
 
 
 @cache
@@ -47,13 +49,21 @@ class Flown:
     moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+def plane(east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.zeros_like(east)
+
+
 def photograph(
-    ground: NDArray[np.float64], eye: NDArray[np.float64], turn: Rotation, parasols_m: float = 0.0
+    ground: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    turn: Rotation,
+    parasols_m: float = 0.0,
+    relief: Relief = plane,
 ) -> NDArray[np.uint8]:
     """What a camera at `eye` sees, [HEIGHT, WIDTH, 3]; parasols so high hide a quarter of the ground."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
     rays = turn.apply(np.stack([x, y, np.full_like(x, FOCAL)], axis=-1).reshape(-1, 3))
-    grey, _ = _painted(ground, eye, rays)
+    grey, _ = _painted(ground, eye, rays, relief)
     if parasols_m:
         cloth, (east, north) = _painted(paint(seed=4), eye - [0.0, 0.0, parasols_m], rays)
         grey = np.where((east % 8.0 < 4.0) & (north % 8.0 < 4.0), cloth, grey)
@@ -61,12 +71,15 @@ def photograph(
 
 
 def _painted(
-    ground: NDArray[np.float64], eye: NDArray[np.float64], rays: NDArray[np.float64]
+    ground: NDArray[np.float64], eye: NDArray[np.float64], rays: NDArray[np.float64], relief: Relief = plane
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Grey of the plane z = 0 on each ray, and where that is [2, N]."""
-    with np.errstate(divide="ignore"):
-        reach = np.where(rays[:, 2] < -1e-6, -eye[2] / rays[:, 2], np.nan)
-    at = (eye[:2] + reach[:, None] * rays[:, :2]).T
+    """Grey of the ground on each ray, and where that is [2, N]."""
+    height = np.zeros(len(rays))
+    for _ in range(1 if relief is plane else 25):
+        with np.errstate(divide="ignore"):
+            reach = np.where(rays[:, 2] < -1e-6, (height - eye[2]) / rays[:, 2], np.nan)
+        at = (eye[:2] + reach[:, None] * rays[:, :2]).T
+        height = (height + np.nan_to_num(relief(*at))) / 2
     place = np.nan_to_num((at + SIDE_M / 2) / CELL_M - 0.5, nan=-1.0)
     return map_coordinates(ground, place, order=1, cval=128.0), at
 
@@ -124,6 +137,7 @@ def write_fleet(
     *,
     frames: int = 18,
     parasols_m: float = 0.0,
+    relief: Relief = plane,
 ) -> Path:
     """A folder of `frames` pictures of each drone, 0.8 s apart, whose telemetry is wrong."""
     (folder / "images").mkdir(parents=True)
@@ -133,7 +147,7 @@ def write_fleet(
         for k in range(frames):
             t_s = 1.0 + 0.8 * k
             eye, logged = flown.way(t_s + flown.late_s)
-            picture = photograph(ground, eye + flown.moved_m, logged * off, parasols_m)
+            picture = photograph(ground, eye + flown.moved_m, logged * off, parasols_m, relief)
             Image.fromarray(picture).save(folder / "images" / f"{name}_{EPOCH_NS + round(1e9 * t_s)}.png")
         for t_s in np.arange(0.0, 0.8 * frames + 2.0, 0.05):
             eye, logged = flown.way(t_s)
@@ -154,8 +168,14 @@ def write_fleet(
 
 def level() -> Terrain:
     """The plane z = 0."""
-    cells = round(SIDE_M)
-    return Terrain.from_height_map(np.zeros((cells, cells)), 1.0, origin=(-SIDE_M / 2, -SIDE_M / 2, 0.0))
+    return shaped(plane, 1.0)
+
+
+def shaped(relief: Relief, cell_m: float = 0.5) -> Terrain:
+    """The map of a relief."""
+    middles = (np.arange(round(SIDE_M / cell_m)) + 0.5) * cell_m - SIDE_M / 2
+    heights = relief(*np.meshgrid(middles, middles, indexing="ij"))
+    return Terrain.from_height_map(heights, cell_m, origin=(-SIDE_M / 2, -SIDE_M / 2, 0.0))
 
 
 def write_level(path: Path) -> Path:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from crowdfence._core import Terrain
 from crowdfence.alignment.frame_pairs import MOST_FRAMES, chosen_frames, frame_pairs
@@ -21,7 +22,8 @@ from crowdfence.sources.recording import Frame, Recording
 SURE_ENOUGH = {"pitch": 0.35, "yaw": 0.35, "roll": 0.35, "time": 0.05, "east": 0.5, "north": 0.5, "up": 0.5}
 """An offset counts as told up to this standard deviation, in degrees, seconds and metres."""
 FEWEST_SHARED = 50
-"""Matches with other drones from which a drone's east and north are told: against theirs, on the mean."""
+"""Matches with other drones from which a drone's east and north are told: against theirs, on the mean of all
+that see the same ground."""
 FEWEST_MATCHES = 100
 """Per drone."""
 FEWEST_FRAMES = 6
@@ -124,23 +126,27 @@ def align(
         for frame, grey in zip(frames, greys, strict=True)
     ]
     matches = _matches(seen)
-    counts = _counts(names, frames, matches)
-    reasons = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in names}
-    if all(reasons.values()):
-        nothing = [DroneAlignment(name, counts[name], np.nan, np.nan, (), reasons[name]) for name in names]
-        return Alignment(tuple(nothing), len(frames), len(matches))
-    tracks = [settled.tracks()[name] for name in names]
-    free = np.ones((len(names), 7), bool)
-    for number, (name, track) in enumerate(zip(names, tracks, strict=True)):
+    pairs = len(matches)
+    counts, reasons = _left_out(names, frames, matches)
+    told = [name for name in names if not reasons[name]]
+    nothing = {
+        name: DroneAlignment(name, counts[name], np.nan, np.nan, (), why) for name, why in reasons.items()
+    }
+    if not told:
+        return Alignment(tuple(nothing.values()), len(seen), pairs)
+    frames, matches = _of_drones(told, frames, matches)
+    tracks = [settled.tracks()[name] for name in told]
+    groups = _groups(told, frames, matches)
+    free = np.ones((len(told), 7), bool)
+    for number, track in enumerate(tracks):
         rows_s = np.diff(track.stamps_ns) / 1e9
         free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
-        free[number] &= not reasons[name]
-    fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), len(names), free)
+    fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), free, groups)
     shown = free.copy()
-    for number, name in enumerate(names):
-        shown[number, 4:6] &= _shared(name, frames, matches) >= FEWEST_SHARED
-    drones = [_drone(name, k, counts[name], fit, shown[k], reasons[name]) for k, name in enumerate(names)]
-    return Alignment(tuple(drones), len(frames), len(matches))
+    shown[:, 4:6] &= (np.bincount(groups)[groups] > 1)[:, None]
+    found = {name: _drone(name, k, counts[name], fit, shown[k]) for k, name in enumerate(told)}
+    drones = tuple((nothing | found)[name] for name in names)
+    return Alignment(drones, len(seen), pairs)
 
 
 def step_count(recording: Recording, most_frames: int = MOST_FRAMES) -> int:
@@ -174,10 +180,50 @@ def _counts(
     return counts
 
 
-def _shared(name: str, frames: Sequence[Frame], matches: Sequence[GroundMatches]) -> int:
-    """Matches of a drone with others."""
-    ends = ((pair, {frames[pair.first].drone, frames[pair.second].drone}) for pair in matches)
-    return sum(len(pair) for pair, drones in ends if name in drones and len(drones) > 1)
+def _of_drones(
+    names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
+) -> tuple[list[Frame], list[GroundMatches]]:
+    """The frames of some drones, and the matches between those, numbered anew."""
+    kept = [number for number, frame in enumerate(frames) if frame.drone in names]
+    place = {number: k for k, number in enumerate(kept)}
+    among = [
+        replace(pair, first=place[pair.first], second=place[pair.second])
+        for pair in matches
+        if pair.first in place and pair.second in place
+    ]
+    return [frames[number] for number in kept], among
+
+
+def _left_out(
+    names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
+) -> tuple[dict[str, int], dict[str, str]]:
+    """Matches of every drone, and why nothing can be told of it. A drone of which nothing can be told takes
+    no part: others would be laid on its poses as if they were right."""
+    counts, reasons = dict.fromkeys(names, 0), dict.fromkeys(names, "")
+    while True:
+        left = [name for name in names if not reasons[name]]
+        found = _counts(left, *_of_drones(left, frames, matches))
+        counts |= found
+        more = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in left}
+        if not any(more.values()):
+            return counts, reasons
+        reasons |= more
+
+
+def _groups(
+    names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
+) -> NDArray[np.int64]:
+    """Which drones are told against each other, because they see the same ground: a number for each [D]. One
+    that shares too little with others is alone."""
+    shared = np.zeros((len(names), len(names)), np.int64)
+    for pair in matches:
+        first, second = (names.index(frames[end].drone) for end in (pair.first, pair.second))
+        if first != second:
+            shared[first, second] += len(pair)
+            shared[second, first] += len(pair)
+    enough = shared.sum(axis=1) >= FEWEST_SHARED
+    _, groups = connected_components(shared * enough * enough[:, None], directed=False)
+    return np.asarray(groups, np.int64)
 
 
 def _too_little(frames: Sequence[Frame], matches: int) -> str:
@@ -191,20 +237,17 @@ def _too_little(frames: Sequence[Frame], matches: int) -> str:
     return ""
 
 
-def _drone(
-    name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.bool_], why_not: str
-) -> DroneAlignment:
+def _drone(name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.bool_]) -> DroneAlignment:
     mine = (fit.drones == number).any(axis=1)
     before, after = (
         float(np.nanmedian(px[mine])) if np.isfinite(px[mine]).any() else np.nan
         for px in (fit.before_px, fit.after_px)
     )
-    if not why_not and not after <= _WORSE * before + _NOISE_PX:
+    if not after <= _WORSE * before + _NOISE_PX:
         why_not = (
             f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
             f"{after:.2f} after)"
         )
-    if why_not:
         return DroneAlignment(name, matches, before, after, (), why_not)
     estimates = []
     for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):

@@ -46,8 +46,8 @@ _GROUND = 0.15
 _TALL_M, _LOWER, _ANYWHERE = 3.0, 0.001, 0.005
 """Mean height of the others, and the density per metre of those that seem to lie lower, or anywhere."""
 _SHARED_M = 0.05
-"""East and north that all drones have in common, as good as held at 0: nothing but the relief shows them, and
-what stands on it pulls harder."""
+"""East and north that all drones over the same ground have in common, as good as held at 0: nothing but the
+relief shows them, and what stands on it pulls harder."""
 _POINTS_A_PAIR = 15.0
 """What the matches of two frames weigh at most: their errors are largely common."""
 _STEPS = 7
@@ -261,10 +261,11 @@ class Linear:
         return -covariance @ gradient, covariance
 
 
-def fit_offsets(disagreement: Disagreement, drones: int, free: NDArray[np.bool_]) -> Fit:
-    """The offsets of `drones` drones that explain the disagreement best; those not `free` [D, 7] stay 0."""
-    count = len(disagreement.frames)
-    prior = _prior(free, count)
+def fit_offsets(disagreement: Disagreement, free: NDArray[np.bool_], groups: NDArray[np.int64]) -> Fit:
+    """The offsets of the drones that explain the disagreement best; those not `free` [D, 7] stay 0. `groups`
+    [D] numbers the drones that see the same ground: east and north are 0 on the mean of each."""
+    drones, count = len(free), len(disagreement.frames)
+    prior = _prior(free, groups, count)
     state = np.zeros(len(prior))
 
     def split(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -312,14 +313,15 @@ def _trust(
     return np.stack([across * ground / (ground + others), across], axis=1)
 
 
-def _prior(free: NDArray[np.bool_], frames: int) -> NDArray[np.float64]:
+def _prior(free: NDArray[np.bool_], groups: NDArray[np.int64], frames: int) -> NDArray[np.float64]:
     """Weight of 0 [P, P] for offsets, `free` [D, 7] or not, and for the noise of frames."""
     fixed = np.where(free, PRIOR**-2.0, 1e12).ravel()
     prior = np.diag(np.concatenate([fixed, np.tile(JITTER**-2.0, frames)]))
     for quantity in (QUANTITIES.index("east"), QUANTITIES.index("north")):
-        together = 7 * np.flatnonzero(free[:, quantity]) + quantity
-        if len(together):
-            prior[np.ix_(together, together)] += (len(together) * _SHARED_M) ** -2.0
+        for group in np.unique(groups):
+            together = 7 * np.flatnonzero(free[:, quantity] & (groups == group)) + quantity
+            if len(together):
+                prior[np.ix_(together, together)] += (len(together) * _SHARED_M) ** -2.0
     return prior
 
 
