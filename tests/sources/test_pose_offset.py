@@ -111,6 +111,16 @@ def test_the_file_gives_back_what_was_written(flown: Recording, tmp_path: Path) 
         ('{"kind": "crowdfence alignment", "drones": {"a": {"pitch_deg": "1"}}}', "a has '1' where"),
         ('{"kind": "crowdfence alignment", "drones": {"a": {"position_m": [1, 2]}}}', "east, north and up"),
         ('{"kind": "crowdfence alignment", "drones": {"a": {"time_s": NaN}}}', "finite"),
+        ('{"kind": "crowdfence alignment", "drones": {"a": {"time_s": 1e300}}}', "time_s of a is 1e.*86400"),
+        (
+            '{"kind": "crowdfence alignment", "drones": {"a": {"yaw_deg": 1%s}}}' % ("0" * 400),
+            "yaw_deg of a is 10+, beyond 180",
+        ),
+        (
+            '{"kind": "crowdfence alignment", "drones": {"a": {"position_m": [0, -1500, 0]}}}',
+            "position_m of a is -1500, beyond 1000",
+        ),
+        ("[" * 100_000, "is no alignment"),
     ],
 )
 def test_a_file_that_is_none_says_why(text: str, said: str, tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from crowdfence.sources.pose_offset import PoseOffset
 
 KIND = "crowdfence alignment"
 _NUMBERS = ("pitch_deg", "yaw_deg", "roll_deg", "time_s")
+_MOST = {"pitch_deg": 180.0, "yaw_deg": 180.0, "roll_deg": 180.0, "time_s": 86_400.0, "position_m": 1000.0}
+"""Beyond that nothing is an offset of poses that are roughly right, but another unit or a slip."""
 
 
 def write_alignment(
@@ -31,7 +33,7 @@ def read_alignment(path: str | PathLike[str]) -> dict[str, PoseOffset]:
     """The offsets of each drone. OSError when it cannot be read, ValueError that names what is wrong."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no alignment: {error}") from error
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ValueError(f"{path} is no alignment; `crowdfence align` writes one")
@@ -53,9 +55,11 @@ def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:
         raise ValueError(
             f"{path}: position_m of {drone} must be east, north and up in metres, got {position}"
         )
-    for number in (*numbers, *position):
+    for name, number in zip((*_NUMBERS, *["position_m"] * 3), (*numbers, *position), strict=True):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise ValueError(f"{path}: {drone} has {number!r} where a number is needed")
+        if abs(number) > _MOST[name]:
+            raise ValueError(f"{path}: {name} of {drone} is {str(number)[:20]}, beyond {_MOST[name]:g}")
     pitch, yaw, roll, time_s = map(float, numbers)
     east, north, up = map(float, position)
     return PoseOffset(pitch, yaw, roll, time_s, (east, north, up))
