@@ -147,6 +147,38 @@ def test_a_drone_of_too_few_pictures_moves_nobody(pictures: int, tmp_path: Path)
     assert "other drones" in first.estimates[4].why_not
 
 
+def test_a_clock_that_jumps_is_refused(tmp_path: Path) -> None:
+    """From the middle of the flight on, the pictures of uav2 belong to telemetry 0.2 s later: no constant is
+    right, and uav1, whose poses are, is not laid on it; which of the two it is, they do not tell."""
+    steady, jumped = Flown(opposite), Flown(opposite, late_s=0.2)
+    folder, later = (
+        write_fleet(tmp_path / name, {"uav1": Flown(circling), "uav2": second}, paint(), frames=14)
+        for name, second in (("flight", steady), ("later", jumped))
+    )
+    for picture in sorted((later / "images").glob("uav2_*"))[7:]:
+        picture.replace(folder / "images" / picture.name)
+    first, second = align(open_recording(folder), level()).drones
+    assert not second.told and "does not hold for the rest" in second.why_not
+    assert not first.told
+
+
+def test_water_that_flows_is_refused(tmp_path: Path) -> None:
+    """All that is seen drifts eastwards by 0.3 m/s, as a river does. To a camera that circles this looks like
+    one that is turned, though by no constant angle."""
+
+    def upstream(t_s: float) -> tuple[np.ndarray, Rotation]:
+        eye, turn = circling(t_s)
+        return eye - np.array([0.3 * t_s, 0.0, 0.0]), turn
+
+    flown, shown = (
+        write_flight(tmp_path / name, way, paint())
+        for name, way in (("flight", circling), ("shown", upstream))
+    )
+    for picture in (shown / "images").iterdir():
+        picture.replace(flown / "images" / picture.name)
+    assert not only(flown).told
+
+
 def test_what_stands_on_the_ground_does_not_lift_it(tmp_path: Path) -> None:
     """A market's parasols at 1.5 m, which no map knows, hide a quarter of the ground: the drone is not put
     lower for it, nor turned."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from crowdfence.alignment.offset_fit import PRIOR, QUANTITIES, UNITS, Disagreeme
 from crowdfence.errors import FrameError
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.pose_offset import PoseOffset
+from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recording import Frame, Recording
 
 SURE_ENOUGH = {"pitch": 0.35, "yaw": 0.35, "roll": 0.35, "time": 0.05, "east": 0.5, "north": 0.5, "up": 0.5}
@@ -34,6 +35,9 @@ _LONGEST_ROW_S = 0.3
 """Telemetry with rows further apart does not say where a camera was a tenth of a second later."""
 _WORSE, _NOISE_PX = 1.05, 0.5
 """Left-out stretches may disagree so much more than before, where little or nothing was wrong."""
+_MUCH_PX, _LEAST_BETTER = 3.0, 0.75
+"""Beyond so much, offsets that leave more than this part of the disagreement are not what is wrong: it is
+something that changes, or ground that moves, as water does."""
 _ALIKE = 0.8
 
 Progress = Callable[[int], None]
@@ -64,7 +68,7 @@ class DroneAlignment:
     before_px: float
     """Median disagreement of its pictures with others, in pixels of a picture 640 wide."""
     after_px: float
-    """The same by offsets that were estimated from other stretches of time."""
+    """The same by what is told, estimated from other stretches of time."""
     estimates: tuple[Estimate, ...]
     why_not: str = ""
     """Why nothing can be told of it at all."""
@@ -126,27 +130,11 @@ def align(
         for frame, grey in zip(frames, greys, strict=True)
     ]
     matches = _matches(seen)
-    pairs = len(matches)
-    counts, reasons = _left_out(names, frames, matches)
-    told = [name for name in names if not reasons[name]]
-    nothing = {
-        name: DroneAlignment(name, counts[name], np.nan, np.nan, (), why) for name, why in reasons.items()
-    }
-    if not told:
-        return Alignment(tuple(nothing.values()), len(seen), pairs)
-    frames, matches = _of_drones(told, frames, matches)
-    tracks = [settled.tracks()[name] for name in told]
-    groups = _groups(told, frames, matches)
-    free = np.ones((len(told), 7), bool)
-    for number, track in enumerate(tracks):
-        rows_s = np.diff(track.stamps_ns) / 1e9
-        free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
-    fit = fit_offsets(Disagreement(frames, tracks, matches, terrain), free, groups)
-    shown = free.copy()
-    shown[:, 4:6] &= (np.bincount(groups)[groups] > 1)[:, None]
-    found = {name: _drone(name, k, counts[name], fit, shown[k]) for k, name in enumerate(told)}
-    drones = tuple((nothing | found)[name] for name in names)
-    return Alignment(drones, len(seen), pairs)
+    tracks = settled.tracks()
+    found: dict[str, DroneAlignment] = {}
+    while left := [name for name in names if name not in found]:
+        found |= _told_or_left_out(*_of_drones(left, frames, matches), tracks, terrain)
+    return Alignment(tuple(found[name] for name in names), len(frames), len(matches))
 
 
 def step_count(recording: Recording, most_frames: int = MOST_FRAMES) -> int:
@@ -194,20 +182,33 @@ def _of_drones(
     return [frames[number] for number in kept], among
 
 
-def _left_out(
-    names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
-) -> tuple[dict[str, int], dict[str, str]]:
-    """Matches of every drone, and why nothing can be told of it. A drone of which nothing can be told takes
-    no part: others would be laid on its poses as if they were right."""
-    counts, reasons = dict.fromkeys(names, 0), dict.fromkeys(names, "")
-    while True:
-        left = [name for name in names if not reasons[name]]
-        found = _counts(left, *_of_drones(left, frames, matches))
-        counts |= found
-        more = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in left}
-        if not any(more.values()):
-            return counts, reasons
-        reasons |= more
+def _told_or_left_out(
+    frames: Sequence[Frame],
+    matches: Sequence[GroundMatches],
+    tracks: Mapping[str, PoseTrack],
+    terrain: Terrain,
+) -> dict[str, DroneAlignment]:
+    """What is found of drones that are compared with one another; only those of which nothing can be told, if
+    there are any: the others would be laid on their poses as if these were right."""
+    names = sorted({frame.drone for frame in frames})
+    counts = _counts(names, frames, matches)
+    reasons = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in names}
+    nothing = {
+        name: DroneAlignment(name, counts[name], np.nan, np.nan, (), why)
+        for name, why in reasons.items()
+        if why
+    }
+    if nothing:
+        return nothing
+    free = np.ones((len(names), 7), bool)
+    for number, name in enumerate(names):
+        rows_s = np.diff(tracks[name].stamps_ns) / 1e9
+        free[number, 3] = len(rows_s) > 0 and float(np.median(rows_s)) <= _LONGEST_ROW_S
+    disagreement = Disagreement(frames, [tracks[name] for name in names], matches, terrain)
+    sure = np.array([SURE_ENOUGH[quantity] for quantity in QUANTITIES])
+    fit = fit_offsets(disagreement, free, _groups(names, frames, matches), sure)
+    found = {name: _drone(name, number, counts[name], fit) for number, name in enumerate(names)}
+    return {name: one for name, one in found.items() if one.why_not} or found
 
 
 def _groups(
@@ -237,13 +238,13 @@ def _too_little(frames: Sequence[Frame], matches: int) -> str:
     return ""
 
 
-def _drone(name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.bool_]) -> DroneAlignment:
+def _drone(name: str, number: int, matches: int, fit: Fit) -> DroneAlignment:
     mine = (fit.drones == number).any(axis=1)
     before, after = (
         float(np.nanmedian(px[mine])) if np.isfinite(px[mine]).any() else np.nan
         for px in (fit.before_px, fit.after_px)
     )
-    if not after <= _WORSE * before + _NOISE_PX:
+    if not (after <= _WORSE * before + _NOISE_PX and after <= max(_MUCH_PX, _LEAST_BETTER * before)):
         why_not = (
             f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
             f"{after:.2f} after)"
@@ -251,10 +252,10 @@ def _drone(name: str, number: int, matches: int, fit: Fit, shown: NDArray[np.boo
         return DroneAlignment(name, matches, before, after, (), why_not)
     estimates = []
     for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
-        value, error = float(fit.values[number, q]), float(fit.error[number, q] if shown[q] else PRIOR[q])
-        told = bool(shown[q]) and error <= SURE_ENOUGH[quantity]
-        reason = "" if told else _untold(quantity, number, q, bool(shown[q]), fit)
-        estimates.append(Estimate(quantity, unit, value if shown[q] else 0.0, error, told, reason))
+        shown, told = bool(fit.shown[number, q]), bool(fit.told[number, q])
+        value, error = (fit.values[number, q], fit.error[number, q]) if shown else (0.0, PRIOR[q])
+        reason = "" if told else _untold(quantity, number, q, shown, fit)
+        estimates.append(Estimate(quantity, unit, float(value), float(error), told, reason))
     return DroneAlignment(name, matches, before, after, tuple(estimates))
 
 

@@ -70,20 +70,19 @@ class Fit:
     """[D, 7]"""
     covariance: NDArray[np.float64]
     """[7 D, 7 D] by the Jacobian and the prior."""
-    left_out: NDArray[np.float64]
-    """[D, 7] standard deviation when stretches of time are left out in turn."""
     before_px: NDArray[np.float64]
     """Disagreement of each match without offsets, in pixels of a picture 640 wide."""
     after_px: NDArray[np.float64]
-    """The same by offsets that were estimated from other stretches of time."""
+    """The same by what is told, estimated from other stretches of time."""
     drones: NDArray[np.int64]
     """[M, 2] numbers of the drones of each match."""
-
-    @property
-    def error(self) -> NDArray[np.float64]:
-        """Standard deviations [D, 7]: the larger of what both say, and what neither can show."""
-        jacobian = np.sqrt(np.diag(self.covariance)).reshape(self.values.shape)
-        return np.asarray(np.hypot(np.maximum(jacobian, self.left_out), COMMON))
+    error: NDArray[np.float64]
+    """Standard deviations [D, 7]: the larger of what the covariance says and of what changes when stretches
+    of time are left out in turn, and what neither can show."""
+    shown: NDArray[np.bool_]
+    """[D, 7] what the pictures show at all."""
+    told: NDArray[np.bool_]
+    """[D, 7] what they show surely enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,9 +260,15 @@ class Linear:
         return -covariance @ gradient, covariance
 
 
-def fit_offsets(disagreement: Disagreement, free: NDArray[np.bool_], groups: NDArray[np.int64]) -> Fit:
+def fit_offsets(
+    disagreement: Disagreement,
+    free: NDArray[np.bool_],
+    groups: NDArray[np.int64],
+    sure: NDArray[np.float64],
+) -> Fit:
     """The offsets of the drones that explain the disagreement best; those not `free` [D, 7] stay 0. `groups`
-    [D] numbers the drones that see the same ground: east and north are 0 on the mean of each."""
+    [D] numbers the drones that see the same ground: east and north are 0 on the mean of each. `sure` [7]:
+    largest errors of what counts as told."""
     drones, count = len(free), len(disagreement.frames)
     prior = _prior(free, groups, count)
     state = np.zeros(len(prior))
@@ -281,21 +286,29 @@ def fit_offsets(disagreement: Disagreement, free: NDArray[np.bool_], groups: NDA
     _, covariance = linear.step(state, prior)
     others = np.array([(state + linear.step(state, prior, k)[0])[: 7 * drones] for k in range(SLICES)])
     spread = np.sqrt((SLICES - 1) / SLICES * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
+    covariance = covariance[: 7 * drones, : 7 * drones]
+    jacobian = np.sqrt(np.diag(covariance))
+    error = np.hypot(np.maximum(jacobian, spread).reshape(drones, 7), COMMON)
+    shown = free.copy()
+    shown[:, 4:6] &= (np.bincount(groups)[groups] > 1)[:, None]
+    told = shown & (error <= sure)
     zero = np.zeros((count, 6))
     poses = disagreement.poses(np.zeros((drones, 7)), zero)
     before = np.linalg.norm(disagreement.pixels(disagreement.points(poses), poses), axis=1)
     after = np.full(len(before), np.nan)
     for k, other in enumerate(others):
-        poses = disagreement.poses(other.reshape(drones, 7), zero)
+        poses = disagreement.poses(np.where(told, other.reshape(drones, 7), 0.0), zero)
         mine = (linear.slices == k).any(axis=1)
         after[mine] = np.linalg.norm(disagreement.pixels(disagreement.points(poses), poses), axis=1)[mine]
     return Fit(
         split(state)[0],
-        covariance[: 7 * drones, : 7 * drones],
-        spread.reshape(drones, 7),
+        covariance,
         before,
         after,
         disagreement.drone[np.stack([disagreement.first, disagreement.second], axis=1)],
+        error,
+        shown,
+        told,
     )
 
 
