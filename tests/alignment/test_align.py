@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,20 @@ def test_a_known_error_is_found_again(found: DroneAlignment) -> None:
 
 def test_pictures_agree_better_by_offsets_that_they_had_no_part_in(found: DroneAlignment) -> None:
     assert found.after_px < 0.5 * found.before_px
+
+
+def test_a_row_of_a_clock_that_was_not_set_yet_is_no_matter(
+    wrong_flight: Path, found: DroneAlignment, tmp_path: Path
+) -> None:
+    """A first row of 2001: years of poses would not fit into memory."""
+    folder = tmp_path / "flight"
+    shutil.copytree(wrong_flight, folder)
+    head, first, *rows = (folder / "poses.csv").read_text().splitlines()
+    drone, _, pose = first.split(",", 2)
+    early = f"{drone},1000000000000000000,{pose}"
+    (folder / "poses.csv").write_text("\n".join([head, early, first, *rows]) + "\n")
+    for one, before in zip(only(folder).estimates, found.estimates, strict=True):
+        assert one.value == pytest.approx(before.value, abs=1e-4)
 
 
 def test_a_lone_drone_cannot_tell_east_and_north(found: DroneAlignment) -> None:

@@ -53,7 +53,7 @@ _POINTS_A_PAIR = 15.0
 _STEPS = 7
 _RISE_M = 0.3
 """Step of the derivative by height."""
-_ROW_S, _SMOOTH_S = 0.02, 0.1
+_ROW_S, _SMOOTH_S, _AROUND_S = 0.02, 0.1, 3.0
 
 COMMON = np.array([0.1, 0.1, 0.1, 0.005, 0.15, 0.15, 0.2])
 """What is the same all over a flight, and so in no spread of its matches: heights of trees and of the map,
@@ -95,11 +95,16 @@ class SmoothTrack:
     positions: NDArray[np.float64]
 
     @classmethod
-    def of(cls, track: PoseTrack) -> SmoothTrack:
-        start = int(track.stamps_ns[0])
+    def of(cls, track: PoseTrack, stamps_ns: NDArray[np.int64]) -> SmoothTrack:
+        """Around the stamps of frames only: between them lie hours where a drone was away, and years where a
+        row is of a clock that was not set yet."""
+        start = int(stamps_ns[0])
         rows_s = (track.stamps_ns - start) / 1e9
-        times = np.arange(0.0, rows_s[-1] + _ROW_S, _ROW_S)
-        at = np.minimum(times, rows_s[-1])
+        near = np.arange(-_AROUND_S, _AROUND_S, _ROW_S)
+        steps = np.unique(np.rint(((stamps_ns - start)[:, None] / 1e9 + near) / _ROW_S).astype(np.int64))
+        times = steps * _ROW_S
+        times = times[(times > rows_s[0] - _ROW_S) & (times < rows_s[-1] + _ROW_S)]
+        at = np.clip(times, rows_s[0], rows_s[-1])
         turns = Slerp(rows_s, Rotation.from_quat(track.quaternions[:, [1, 2, 3, 0]]))(at).as_quat()
         ahead = np.sign(np.sum(turns[1:] * turns[:-1], axis=1))
         turns[1:] *= np.cumprod(np.where(ahead == 0, 1.0, ahead))[:, None]
@@ -112,7 +117,7 @@ class SmoothTrack:
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Rotation, NDArray[np.float64]]:
         """Attitudes and positions [N, 3]; nothing is extrapolated."""
-        at = np.clip((stamps_ns - self.start_ns) / 1e9, 0.0, self.times_s[-1])
+        at = np.clip((stamps_ns - self.start_ns) / 1e9, self.times_s[0], self.times_s[-1])
         flown = [np.interp(at, self.times_s, self.positions[:, axis]) for axis in range(3)]
         return self.turns(at), np.stack(flown, axis=1)
 
@@ -142,7 +147,9 @@ class Disagreement:
         self.camera = np.array([self.cameras.index(frame.camera) for frame in frames])
         self.stamps_ns = np.array([frame.stamp_ns for frame in frames])
         self.slice = _slices(self.stamps_ns)
-        self.smooth = [SmoothTrack.of(track) for track in tracks]
+        self.smooth = [
+            SmoothTrack.of(track, self.stamps_ns[self.drone == number]) for number, track in enumerate(tracks)
+        ]
 
     def __len__(self) -> int:
         return len(self.first)
