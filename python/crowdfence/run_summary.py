@@ -34,6 +34,7 @@ def run_facts(run: Run) -> dict[str, Any]:
             "seen_voxels": run.rows[-1].voxels_seen_so_far,
             "holes": None if run.holes is None else asdict(run.holes),
         },
+        "alignment": run.recording.manifest.get("alignment"),
         "method": description.method,
         "parameters": description.parameters,
         "threshold": run.threshold,

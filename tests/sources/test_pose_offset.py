@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 
 from crowdfence import open_recording
 from crowdfence.sources.alignment_file import read_alignment, write_alignment
+from crowdfence.sources.convert import convert
 from crowdfence.sources.pose_offset import PoseOffset, without_offsets
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recording import Recording
@@ -88,6 +91,43 @@ def test_frames_that_leave_the_telemetry_are_refused(flown: Recording) -> None:
 def test_a_drone_of_another_recording_is_named(flown: Recording) -> None:
     with pytest.raises(ValueError, match="another recording: .* has no drone 'uav9', it holds uav1"):
         without_offsets(flown, {"uav9": PoseOffset()})
+
+
+def test_nothing_is_put_right_twice_by_one_alignment(flown: Recording, tmp_path: Path) -> None:
+    """As by `convert --alignment` and then `run --alignment`, which moved every zone as far again."""
+    drone, other = flown.drones[:2]
+    write_alignment(tmp_path / "a.json", {drone: PoseOffset(0.1, time_s=0.05, position_m=(1.0, 2.0, -3.0))})
+    write_alignment(tmp_path / "b.json", {drone: PoseOffset(0.2), other: PoseOffset(yaw_deg=1.0)})
+    folder = tmp_path / "flight"
+    righted = open_recording(folder, alignment=tmp_path / "a.json")
+    convert(righted, tmp_path / "righted.mcap")
+    assert len(open_recording(tmp_path / "righted.mcap").frames) == len(righted.frames)
+    with pytest.raises(ValueError, match=f"the poses of {drone} in righted were put right by this alignment"):
+        open_recording(tmp_path / "righted.mcap", alignment=tmp_path / "a.json")
+    # What is found of righted poses is another alignment; both are told, and neither is taken again.
+    finer = open_recording(tmp_path / "righted.mcap", alignment=tmp_path / "b.json")
+    assert [one["pitch_deg"] for one in finer.manifest["alignment"][drone]] == [0.1, 0.2]
+    convert(finer, tmp_path / "finer.mcap")
+    for file in ("a.json", "b.json"):
+        with pytest.raises(ValueError, match="before: it would move them once more"):
+            open_recording(tmp_path / "finer.mcap", alignment=tmp_path / file)
+
+
+def test_an_alignment_of_another_day_is_doubted(flown: Recording, tmp_path: Path) -> None:
+    path, offsets = tmp_path / "a.json", {flown.drones[0]: PoseOffset(0.1)}
+    folder = tmp_path / "flight"
+    day_ns = 86_400 * 10**9
+    for later_ns, doubted in ((0, False), (day_ns, True), (-day_ns, True)):
+        frames = tuple(replace(one, stamp_ns=one.stamp_ns + later_ns) for one in flown.frames)
+        write_alignment(path, offsets, None, replace(flown, name="monday", frames=frames))
+        told = [
+            one for one in open_recording(folder, alignment=path).warnings if "was found on monday" in one
+        ]
+        assert len(told) == doubted
+    content = json.loads(path.read_text())
+    for damaged in (None, [], {"span_ns": 3}, {"span_ns": [1e300, "x"]}, {"span_ns": [-(10**30), 10**30]}):
+        path.write_text(json.dumps({**content, "recording": damaged}))
+        assert len(open_recording(folder, alignment=path).frames) == len(flown.frames)
 
 
 def test_the_file_gives_back_what_was_written(flown: Recording, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def align(
         with console.progress("reading", step_count(source, frames), "pictures") as advance:
             found = estimate(source, ground.terrain, most_frames=frames, progress=advance)
         if found.told:
-            write_alignment(output, found.offsets(), told_in_json(found))
+            write_alignment(output, found.offsets(), told_in_json(found), source)
     warnings = [*source.warnings, *ground.doubts]
     if as_json:
         file = str(output) if found.told else None

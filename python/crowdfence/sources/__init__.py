@@ -222,10 +222,12 @@ def _film_beside(path: Path) -> str:
 
 
 def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
-    from crowdfence.sources.alignment_file import read_alignment
+    from crowdfence.sources.alignment_file import doubt_of, read_alignment
     from crowdfence.sources.pose_offset import without_offsets
 
-    return without_offsets(recording, read_alignment(alignment))
+    righted = without_offsets(recording, read_alignment(alignment))
+    doubt = doubt_of(alignment, recording)
+    return righted if doubt is None else replace(righted, warnings=(*righted.warnings, doubt))
 
 
 def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, float] | None) -> Recording:

@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from crowdfence.atomic_file import write_bytes
+from crowdfence.iso_time import iso_utc
 from crowdfence.sources.pose_offset import PoseOffset
+from crowdfence.sources.recording import Recording
+from crowdfence.sources.stamps import LAST_STAMP_NS
 
 KIND = "crowdfence alignment"
 _NUMBERS = ("pitch_deg", "yaw_deg", "roll_deg", "time_s")
@@ -19,28 +22,57 @@ _MOST = {"pitch_deg": 180.0, "yaw_deg": 180.0, "roll_deg": 180.0, "time_s": 86_4
 
 
 def write_alignment(
-    path: str | PathLike[str], offsets: Mapping[str, PoseOffset], found: Mapping[str, Any] | None = None
+    path: str | PathLike[str],
+    offsets: Mapping[str, PoseOffset],
+    found: Mapping[str, Any] | None = None,
+    recording: Recording | None = None,
 ) -> None:
-    """JSON with the offsets of each drone, and beside them what is to be told of how they were found.
+    """JSON with the offsets of each drone, and beside them what is to be told of how they were found, and on
+    which flight.
 
     OSError when it cannot be written."""
     drones = {drone: asdict(offset) for drone, offset in offsets.items()}
-    content = {"kind": KIND, "drones": drones, "found": dict(found or {})}
+    content: dict[str, Any] = {"kind": KIND, "drones": drones, "found": dict(found or {})}
+    if recording is not None:
+        content["recording"] = {"name": recording.name, "span_ns": recording.span_ns}
     write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
 
 
 def read_alignment(path: str | PathLike[str]) -> dict[str, PoseOffset]:
     """The offsets of each drone. OSError when it cannot be read, ValueError that names what is wrong."""
+    content = _content(path)
+    drones = content.get("drones")
+    if not isinstance(drones, dict):
+        raise ValueError(f"{path}: drones must be names with their offsets")
+    return {str(drone): _offset(path, drone, values) for drone, values in drones.items()}
+
+
+def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
+    """Why an alignment may not hold for a recording: it was found on a flight of another time. None where it
+    was found on this one, and for a file that does not say. Errors as for `read_alignment`."""
+    found_on = _content(path).get("recording")
+    here = recording.span_ns
+    if not isinstance(found_on, dict) or here is None:
+        return None
+    match found_on.get("span_ns"):
+        case [int(first_ns), int(last_ns)] if 0 <= first_ns <= last_ns <= LAST_STAMP_NS and (
+            last_ns < here[0] or here[1] < first_ns
+        ):
+            return (
+                f"{path} was found on {found_on.get('name')}, from {iso_utc(first_ns)} on, and not on this "
+                "flight: what is off in how a camera is mounted is off here too, places and clocks may not be"
+            )
+    return None
+
+
+def _content(path: str | PathLike[str]) -> dict[str, Any]:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no alignment: {error}") from error
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ValueError(f"{path} is no alignment; `crowdfence align` writes one")
-    drones = content.get("drones")
-    if not isinstance(drones, dict):
-        raise ValueError(f"{path}: drones must be names with their offsets")
-    return {str(drone): _offset(path, drone, values) for drone, values in drones.items()}
+    return content
 
 
 def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:

@@ -91,6 +91,8 @@ def convert(
     ) as writer:
         if "simulation" in recording.manifest:
             writer.add_simulation(recording.manifest["simulation"])
+        if "alignment" in recording.manifest:
+            writer.add_alignment(recording.manifest["alignment"])
         for drone in recording.drones:
             writer.add_drone(drone)
         for layer, ground in recording.layer_grounds.items():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,8 @@ def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> 
     """The recording with every drone's poses put right; drones that are not named stay as they are.
 
     A frame that its time offset moves out of the telemetry is refused. ValueError for a drone that the
-    recording has not.
+    recording has not, and for one whose poses were put right by the same offset before (`convert` keeps it in
+    the file). The manifest tells what was put right.
     """
     unknown = sorted(set(offsets) - set(recording.drones))
     if unknown:
@@ -76,6 +78,29 @@ def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> 
             f"the alignment is of another recording: {recording.name} has no drone {unknown[0]!r}, it holds "
             f"{', '.join(recording.drones) or 'none'}"
         )
+    righted_before = {drone: alignments_of(recording.manifest, drone) for drone in offsets}
+    if twice := [drone for drone, offset in offsets.items() if _told(offset) in righted_before[drone]]:
+        raise ValueError(
+            f"the poses of {twice[0]} in {recording.name} were put right by this alignment before: it would "
+            "move them once more; leave the alignment out"
+        )
     tracks = recording.tracks()
     righted = {drone: offset.track(tracks[drone]) for drone, offset in offsets.items() if drone in tracks}
-    return placed_again(recording, righted, "its time offset")
+    told = {drone: [*righted_before[drone], _told(offset)] for drone, offset in offsets.items()}
+    others = recording.manifest.get("alignment")
+    alignment = {**(others if isinstance(others, Mapping) else {}), **told}
+    manifest = {**recording.manifest, "alignment": alignment}
+    return replace(placed_again(recording, righted, "its time offset"), manifest=manifest)
+
+
+def alignments_of(manifest: Mapping[str, Any], drone: str) -> list[Any]:
+    """By what the poses of a drone were put right already, one after the other, also in a part of a fleet."""
+    parts = (manifest, *manifest.get("recordings", ()))
+    told = (part.get("alignment") for part in parts)
+    found = (one.get(drone) for one in told if isinstance(one, Mapping))
+    return [offset for some in found if isinstance(some, list) for offset in some]
+
+
+def _told(offset: PoseOffset) -> dict[str, Any]:
+    """As JSON gives it back."""
+    return {**asdict(offset), "position_m": list(offset.position_m)}

@@ -66,6 +66,7 @@ METADATA_LAYER = "crowdfence.layer"
 METADATA_REFUSED = "crowdfence.refused"
 METADATA_SIMULATION = "crowdfence.simulation"
 METADATA_STATISTICS = "crowdfence.statistics"
+METADATA_ALIGNMENT = "crowdfence.alignment"
 
 MAP_FRAME = "map"
 

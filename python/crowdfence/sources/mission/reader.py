@@ -27,6 +27,7 @@ from crowdfence.sources.mission.layout import (
     CROWD_CLASS,
     FORMAT_VERSION,
     METADATA,
+    METADATA_ALIGNMENT,
     METADATA_DRONE,
     METADATA_LAYER,
     METADATA_REFUSED,
@@ -98,8 +99,8 @@ class _Content:
         self.drones: dict[str, _DroneContent] = {}
         self.refused: list[RefusedFrame] = []
         self.warnings: list[str] = []
-        self.simulation: dict[str, Any] = {}
-        """What a simulated mission says about itself, by "simulation" and "statistics"."""
+        self.told: dict[str, Any] = {}
+        """What the mission says about itself, by "simulation", "statistics" and "alignment"."""
         self.people: dict[int, MessageLocation] = {}
         """Everybody in the world, by stamp."""
         self.layer_people_m: dict[str, float] = {}
@@ -125,9 +126,11 @@ class _Content:
         elif record.name == METADATA_REFUSED:
             self._take_refused(record.metadata.get("frames", ""))
         elif record.name == METADATA_SIMULATION:
-            self._take_simulation("simulation", record.metadata.get("manifest", ""))
+            self._take_told("simulation", record.metadata.get("manifest", ""))
         elif record.name == METADATA_STATISTICS:
-            self._take_simulation("statistics", record.metadata.get("statistics", ""))
+            self._take_told("statistics", record.metadata.get("statistics", ""))
+        elif record.name == METADATA_ALIGNMENT:
+            self._take_told("alignment", record.metadata.get("offsets", ""))
 
     def take_message(self, message: StoredMessage) -> None:
         if message.topic == PEOPLE_TOPIC:
@@ -186,9 +189,9 @@ class _Content:
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             self.warnings.append(f"the list of refused frames in the file is damaged: {error!r}")
 
-    def _take_simulation(self, what: str, text: str) -> None:
+    def _take_told(self, what: str, text: str) -> None:
         try:
-            self.simulation[what] = json.loads(text)
+            self.told[what] = json.loads(text)
         except (ValueError, RecursionError) as error:
             self.warnings.append(f"the {what} record in the file is damaged: {error!r}")
 
@@ -255,7 +258,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         terrain=_terrain(mcap.path, description, warnings),
         refused=(*content.refused, *refused),
         warnings=tuple(warnings),
-        manifest={"kind": "mission", "path": str(mcap.path), **description, **content.simulation},
+        manifest={"kind": "mission", "path": str(mcap.path), **description, **content.told},
         pose_tracks=tracks,
         people=_people_log(mcap, content.people),
         layer_grounds=grounds,

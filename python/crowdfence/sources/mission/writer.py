@@ -19,6 +19,7 @@ from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     MAP_FRAME,
     METADATA,
+    METADATA_ALIGNMENT,
     METADATA_DRONE,
     METADATA_LAYER,
     METADATA_REFUSED,
@@ -179,6 +180,10 @@ class MissionWriter(TopicWriter):
     def add_statistics(self, statistics: Mapping[str, Any]) -> None:
         """What came out of a simulation, ready for JSON; goes behind its last message."""
         self.add_metadata(METADATA_STATISTICS, {"statistics": json.dumps(statistics)})
+
+    def add_alignment(self, offsets: Mapping[str, Any]) -> None:
+        """By what the poses of each drone were put right before they were written, ready for JSON."""
+        self.add_metadata(METADATA_ALIGNMENT, {"offsets": json.dumps(offsets)})
 
     def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
         """Frames that the source of this mission had but could not pass on; readers report them again."""
