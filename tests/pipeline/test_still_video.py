@@ -1,12 +1,20 @@
 """Views of a video that stands still while the drone flies on are refused; what may be is used."""
 
+import io
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import crowdfence as cf
+from crowdfence.pipeline.detect import heatmap_source
 from crowdfence.pipeline.still_video import StillVideo
+from crowdfence.sources.recording import PixelSources
+from support.small_recordings import flight, write_folder
 
 CAMERA = cf.Camera.pinhole(64, 48, 40.0, 40.0, 32.0, 24.0)
 BEGIN_NS = 1_760_000_000_000_000_000
@@ -80,6 +88,69 @@ def test_what_may_be_is_used(heatmaps: list[NDArray[np.float32]], east_m: float)
     video = StillVideo()
     assert refused(video, views(heatmaps, east_m=east_m)) == []
     assert video.standing() == {"uav1": None}
+
+
+NOBODY = np.zeros((12, 16), np.float32)
+
+
+def png(seed: int, camera: cf.Camera = CAMERA, *, brightest: int = 256) -> bytes:
+    """A picture of noise."""
+    file = io.BytesIO()
+    pixels = (
+        np.random.default_rng(seed).integers(0, brightest, (camera.height, camera.width, 3)).astype(np.uint8)
+    )
+    Image.fromarray(pixels).save(file, format="PNG")
+    return file.getvalue()
+
+
+def test_masks_that_cannot_be_told_apart_are_told_by_their_pictures() -> None:
+    flown = views([NOBODY] * 8, east_m=1.0)
+    shown = [png(number) for number in (1, 2, 2, 2, 2, 3, 4, 4)]
+    for restart_before in range(len(flown) + 1):
+        video, still = StillVideo(), []
+        for number, (view, picture_bytes) in enumerate(zip(flown, shown, strict=True)):
+            if number == restart_before:
+                kept, video = video.to_json(), StillVideo()
+                video.restore(kept)
+            refusal = video.refusal_of(view, lambda encoded=picture_bytes: encoded)
+            if refusal is not None:
+                assert "its picture is the one before" in refusal.reason
+                still.append(number)
+        assert still == [2, 3, 4, 7]
+    hover, dark, broken = StillVideo(), StillVideo(), StillVideo()
+    black = png(0, brightest=1)
+    assert [hover.refusal_of(view, lambda: shown[0]) for view in views([NOBODY] * 4, east_m=0.0)] == [
+        None
+    ] * 4
+    assert [dark.refusal_of(view, lambda: black) for view in flown] == [None] * 8, "of another sensor"
+    assert [broken.refusal_of(view, lambda: b"none") for view in flown] == [None] * 8
+
+
+def test_no_picture_is_read_where_the_heatmap_tells() -> None:
+    def unread() -> bytes:
+        raise AssertionError("read")
+
+    video = StillVideo()
+    assert all(
+        video.refusal_of(view, unread) is None for view in views([picture(n) for n in range(4)], east_m=1.0)
+    )
+
+
+def test_a_run_refuses_masks_of_pictures_that_stand_still(tmp_path: Path) -> None:
+    recording = cf.open_recording(write_folder(tmp_path / "flight", flight()))
+    drone, camera = recording.drones[0], recording.frames[0].camera
+
+    def used(is_still: bool) -> int:
+        frames = [
+            replace(frame, pixels=PixelSources(image=lambda n=0 if is_still else number: png(n, camera)))
+            for number, frame in enumerate(recording.frames_of(drone))
+        ]
+        instants = replace(recording, frames=tuple(frames), drones=(drone,)).instants()
+        source = heatmap_source(lambda frame: np.zeros((12, 16), np.uint8), None, 100.0)
+        return sum(len(found.views) for _, found in source.detected(instants, 1))
+
+    assert used(is_still=False) == len(recording.frames_of(drone)) > 2
+    assert used(is_still=True) == 1
 
 
 def test_what_was_seen_is_known_after_a_restart() -> None:

@@ -63,7 +63,7 @@ class HeatmapSource:
         video = StillVideo() if video is None else video
         if self.model is None and not any(member.path for member in self.members):
             for instant in instants:
-                yield instant, video.moving(instant.views(self.heatmap_of))
+                yield instant, video.moving(instant.views(self.heatmap_of), instant)
             return
         begun: deque[tuple[Instant, Callable[[], InstantViews]]] = deque()
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
@@ -71,9 +71,9 @@ class HeatmapSource:
                 begun.append((instant, instant.views_begun(self.heatmap_of, executor)))
                 if len(begun) > 1:
                     earlier, views = begun.popleft()
-                    yield earlier, video.moving(views())
+                    yield earlier, video.moving(views(), earlier)
             for earlier, views in begun:
-                yield earlier, video.moving(views())
+                yield earlier, video.moving(views(), earlier)
 
     @property
     def of_detectors(self) -> list[str]:

@@ -3,14 +3,15 @@
 A stream whose encoder hangs, or a decoder that repeats its last picture, goes on giving pictures. Put where
 the camera is by now, they are looks at ground that nobody looked at: crowd would move along with the drone,
 and what lies below would be called free. No camera that moves takes the same picture twice, so that no two
-heatmaps are the same either, but for those that show next to nothing. A view that shows the heatmap of the
-one before, from elsewhere, is therefore refused.
+heatmaps are the same either, but for those that show next to nothing, and masks of nobody. A view that shows
+the heatmap of the one before, from elsewhere, is therefore refused; where heatmaps have too few values to be
+told apart, one that shows the very picture.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import View
-from crowdfence.sources.recording import InstantViews, RefusedFrame
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Instant, InstantViews, RefusedFrame
 from crowdfence.sources.rotation_angle import angle_between_deg
 
 FEWEST = 3
@@ -26,6 +28,9 @@ FEWEST = 3
 _FEWEST_VALUES = 16
 """Different values of a heatmap that can be told from another one."""
 _MOVED_M, _TURNED_DEG = 0.5, 1.0
+
+Picture = Callable[[], bytes | None]
+"""The bytes of a picture as they came, None where there is none; read where they are needed only."""
 
 
 @dataclass(slots=True)
@@ -37,12 +42,10 @@ class _Drone:
     digest: bytes
     heatmap: NDArray[np.float32] | None
     """None after a restart, which keeps no more than the digest."""
+    picture: bytes | None
+    """Digest of its picture; None where there is none, or the heatmap tells enough."""
     repeated: int = 0
     """How often it has come again since, from elsewhere."""
-
-    @staticmethod
-    def of(view: View, heatmap: NDArray[np.float32]) -> _Drone:
-        return _Drone(view.world_from_camera, b"", heatmap)
 
     def shows(self, heatmap: NDArray[np.float32]) -> bool:
         if self.heatmap is None:
@@ -56,28 +59,30 @@ class StillVideo:
     def __init__(self) -> None:
         self._drones: dict[str, _Drone] = {}
 
-    def refusal_of(self, view: View) -> RefusedFrame | None:
-        """Of a view that shows the heatmap of its drone's view before, though the camera has moved by half a
-        metre or turned by a degree since that came first."""
+    def refusal_of(self, view: View, picture: Picture = lambda: None) -> RefusedFrame | None:
+        """Of a view that shows the heatmap of its drone's view before, or the picture where heatmaps have few
+        values, though the camera has moved by half a metre or turned by a degree since that came first."""
         heatmap, known = view.heatmap, self._drones.get(view.drone)
-        if known is None or not known.shows(heatmap):
-            self._drones[view.drone] = _Drone.of(view, heatmap)
+        tells = _tells(heatmap)
+        encoded = None if tells else picture()
+        shown = None if encoded is None else _digest_of(encoded)
+        if known is None or known.picture != shown or not known.shows(heatmap):
+            self._drones[view.drone] = _Drone(view.world_from_camera, b"", heatmap, shown)
             return None
         known.heatmap = heatmap
         moved = _moved(known.world_from_camera, view.world_from_camera)
-        if moved is None or not _tells(heatmap):
+        if moved is None or not (tells or (encoded is not None and _shows_something(encoded, view))):
             return None
         known.repeated += 1
-        reason = (
-            f"its heatmap is that of the picture before, though the camera {moved}: the video stands still"
-        )
+        what = "heatmap is that of the picture before" if tells else "picture is the one before"
+        reason = f"its {what}, though the camera {moved}: the video stands still"
         return RefusedFrame(view.drone, view.stamp_ns, reason)
 
-    def moving(self, found: InstantViews) -> InstantViews:
+    def moving(self, found: InstantViews, instant: Instant) -> InstantViews:
         """The views of an instant, those of videos that stand still among the refused."""
         views, refused = list[View](), list(found.refused)
         for view in found.views:
-            refusal = self.refusal_of(view)
+            refusal = self.refusal_of(view, lambda drone=view.drone: _picture(instant, drone))  # type: ignore[misc]
             if refusal is None:
                 views.append(view)
             else:
@@ -100,6 +105,7 @@ class StillVideo:
             name: {
                 "pose": drone.world_from_camera.tolist(),
                 "digest": (drone.digest if drone.heatmap is None else _digest(drone.heatmap)).hex(),
+                "picture": None if drone.picture is None else drone.picture.hex(),
                 "repeated": drone.repeated,
             }
             for name, drone in sorted(self._drones.items())
@@ -108,7 +114,13 @@ class StillVideo:
     def restore(self, state: Mapping[str, Any]) -> None:
         """What `to_json` gave."""
         self._drones = {
-            name: _Drone(np.array(kept["pose"]), bytes.fromhex(kept["digest"]), None, kept["repeated"])
+            name: _Drone(
+                np.array(kept["pose"]),
+                bytes.fromhex(kept["digest"]),
+                None,
+                bytes.fromhex(kept["picture"]) if kept.get("picture") else None,  # builds of before had none
+                kept["repeated"],
+            )
             for name, kept in state.items()
         }
 
@@ -123,9 +135,36 @@ def _moved(before: NDArray[np.float64], after: NDArray[np.float64]) -> str | Non
 
 
 def _tells(heatmap: NDArray[np.float32]) -> bool:
-    return len(np.unique(heatmap)) >= _FEWEST_VALUES
+    parts = (heatmap[:: max(1, len(heatmap) // 8)], heatmap)  # a few rows are enough as a rule
+    return any(len(np.unique(part)) >= _FEWEST_VALUES for part in parts)
 
 
 def _digest(heatmap: NDArray[np.float32]) -> bytes:
     shape = np.array(heatmap.shape, np.int64).tobytes()
-    return hashlib.blake2b(shape + np.ascontiguousarray(heatmap).tobytes(), digest_size=16).digest()
+    return _digest_of(shape + np.ascontiguousarray(heatmap).tobytes())
+
+
+def _digest_of(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=16).digest()
+
+
+def _shows_something(encoded: bytes, view: View) -> bool:
+    """A black picture is no evidence: the heatmap beside it may be of another sensor."""
+    from crowdfence.detector.blank_picture import blank_reason
+    from crowdfence.sources.pictures.decoding import decode_rgb
+
+    try:
+        return blank_reason(decode_rgb(encoded, (view.camera.width, view.camera.height))) is None
+    except (OSError, ValueError):
+        return False
+
+
+def _picture(instant: Instant, drone: str) -> bytes | None:
+    """What was recorded of a drone at an instant."""
+    frame = next(one for one in instant.frames if one.drone == drone)
+    if frame.pixels.image is None:
+        return None
+    try:
+        return frame.encoded_image()
+    except FrameError:  # then the heatmap came from elsewhere
+        return None

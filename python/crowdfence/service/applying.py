@@ -255,7 +255,7 @@ class Applying:
         acknowledged_s = [self._acknowledged_s.pop(arrival.seq, None) for arrival in group]
         try:
             # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
-            contents = [self._unless_still(arrival.arrived()) for arrival in group]
+            contents = [self._unless_still(arrival) for arrival in group]
             with self._mission.lock:
                 self._step_with(group, contents, stamp_ns)
         except Exception as error:  # a mistake of ours
@@ -267,10 +267,11 @@ class Applying:
             if then_s is not None:
                 self._heard.publishing.took(time.monotonic() - then_s)
 
-    def _unless_still(self, content: Content) -> Content:
+    def _unless_still(self, arrival: Arrival) -> Content:
+        content = arrival.arrived()
         if not isinstance(content, View):
             return content
-        return self._mission.still_video.refusal_of(content) or content
+        return self._mission.still_video.refusal_of(content, lambda: arrival.image) or content
 
     def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
