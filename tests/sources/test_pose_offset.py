@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from crowdfence import open_recording
 from crowdfence.sources.alignment_file import read_alignment, write_alignment
 from crowdfence.sources.convert import convert
+from crowdfence.sources.fleet import joined
 from crowdfence.sources.pose_offset import PoseOffset, without_offsets
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recording import Recording
@@ -111,6 +112,23 @@ def test_nothing_is_put_right_twice_by_one_alignment(flown: Recording, tmp_path:
     for file in ("a.json", "b.json"):
         with pytest.raises(ValueError, match="before: it would move them once more"):
             open_recording(tmp_path / "finer.mcap", alignment=tmp_path / file)
+
+
+def test_a_fleet_keeps_what_was_put_right_in_its_parts(flown: Recording, tmp_path: Path) -> None:
+    drone, other = flown.drones[:2]
+    offsets = {drone: PoseOffset(0.1)}
+    parts = [
+        replace(
+            flown, name=name, drones=(name,), frames=tuple(flown.frames_of(name)), pose_tracks={name: track}
+        )
+        for name, track in flown.tracks().items()
+        if name in (drone, other)
+    ]
+    righted = [without_offsets(one, offsets) if one.name == drone else one for one in parts]
+    convert(joined(righted), tmp_path / "fleet.mcap")
+    write_alignment(tmp_path / "a.json", offsets)
+    with pytest.raises(ValueError, match=f"the poses of {drone} in fleet were put right by this alignment"):
+        open_recording(tmp_path / "fleet.mcap", alignment=tmp_path / "a.json")
 
 
 def test_an_alignment_of_another_day_is_doubted(flown: Recording, tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from crowdfence.georeference import Georeference
+from crowdfence.sources.pose_offset import alignments_of
 from crowdfence.sources.recording import Recording
 
 
@@ -35,13 +37,25 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         terrain=next((one.terrain for one in recordings if one.terrain is not None), None),
         refused=tuple(refusal for one in recordings for refusal in one.refused),
         warnings=tuple(warning for one in recordings for warning in one.warnings),
-        manifest={"kind": "fleet", "recordings": [one.manifest for one in recordings]},
+        manifest=_manifest(recordings),
         pose_tracks={drone: track for one in recordings for drone, track in one.tracks().items()},
         ground_contacts={
             drone: contact for one in recordings for drone, contact in one.ground_contacts.items()
         },
         longest_gap_s=max(one.longest_gap_s for one in recordings),
     )
+
+
+def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """What each says, and by what the poses of any drone were put right: that goes with the poses."""
+    manifest: dict[str, Any] = {"kind": "fleet", "recordings": [one.manifest for one in recordings]}
+    righted = {
+        drone: offsets
+        for one in recordings
+        for drone in one.drones
+        if (offsets := alignments_of(one.manifest, drone))
+    }
+    return {**manifest, "alignment": righted} if righted else manifest
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:

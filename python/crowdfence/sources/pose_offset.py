@@ -94,11 +94,10 @@ def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> 
 
 
 def alignments_of(manifest: Mapping[str, Any], drone: str) -> list[Any]:
-    """By what the poses of a drone were put right already, one after the other, also in a part of a fleet."""
-    parts = (manifest, *manifest.get("recordings", ()))
-    told = (part.get("alignment") for part in parts)
-    found = (one.get(drone) for one in told if isinstance(one, Mapping))
-    return [offset for some in found if isinstance(some, list) for offset in some]
+    """By what the poses of a drone were put right already, one after the other."""
+    told = manifest.get("alignment")
+    found = told.get(drone) if isinstance(told, Mapping) else None
+    return found if isinstance(found, list) else []
 
 
 def _told(offset: PoseOffset) -> dict[str, Any]:
