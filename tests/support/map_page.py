@@ -137,6 +137,14 @@ class Console:
         stamp = str(self.state("time.stamp_ns"))
         return str(self.wait("moment.stamp_ns", lambda shown: shown == stamp))
 
+    def rewind(self) -> None:
+        """Stays at the first instant of the mission, once the map shows it."""
+        stamp = ""
+        while stamp != (stamp := self.pause()):
+            pass
+        self.wait("belief.stamp_ns", lambda shown: shown == stamp)
+        self.page.evaluate(_THREE_FRAMES)
+
     def drawn(self, after: int) -> None:
         """Until the ground was painted once more than `after` times (`drapes`) and the map has shown it,
         however busy the machine is."""
