@@ -118,11 +118,11 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation --resume \
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/first/crowdnet-s.onnx
-	$(BIN)/crowdfence calibrate $(MISSIONS)/first/crowdnet-s.onnx --data $(MISSIONS)/calibration \
+	$(BIN)/crowdfence calibrate $(MISSIONS)/first/crowdnet-s.onnx --data $(MISSIONS)/calibration --force \
 	  -o $(MODELS)/crowdnet-s.onnx
 	$(BIN)/python training/picture_sizes.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/calibration
 	$(BIN)/python training/model_card.py $(MODELS)/crowdnet-s.onnx --version 0.1.0
-	$(BIN)/crowdfence model quantize $(MODELS)/crowdnet-s.onnx --data $(MISSIONS)/calibration -o $(MODELS)/crowdnet-s-int8.onnx
+	$(BIN)/crowdfence model quantize $(MODELS)/crowdnet-s.onnx --data $(MISSIONS)/calibration --force -o $(MODELS)/crowdnet-s-int8.onnx
 	$(BIN)/crowdfence train $$(ls $(MISSIONS)/train/*.mcap $(MISSIONS)/varied/*.mcap | grep -v 'roadside-15\(1[5-9]\|2\)' | \
 	  sed 's/^/--data /') $(NO_CROWD:%=--data %) --validation $(MISSIONS)/validation --resume --wide \
 	  --initial $(MODELS)/crowdnet-s.onnx --target ground --steps 5000 --learning-rate 4e-4 \
@@ -130,10 +130,10 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	$(BIN)/python training/between_weights.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/second/crowdnet-s-wide.onnx \
 	  $(MISSIONS)/halfway.onnx
 	$(BIN)/python training/shown_vibrant.py $(MISSIONS)/halfway.onnx
-	$(BIN)/crowdfence calibrate $(MISSIONS)/halfway.onnx --data $(MISSIONS)/calibration -o $(MISSIONS)/crowdnet-s-wide.onnx
+	$(BIN)/crowdfence calibrate $(MISSIONS)/halfway.onnx --data $(MISSIONS)/calibration --force -o $(MISSIONS)/crowdnet-s-wide.onnx
 	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration --doubt 0.4
 	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.2.0
-	$(BIN)/crowdfence model quantize $(MISSIONS)/crowdnet-s-wide.onnx --data $(MISSIONS)/calibration \
+	$(BIN)/crowdfence model quantize $(MISSIONS)/crowdnet-s-wide.onnx --data $(MISSIONS)/calibration --force \
 	  -o $(MODELS)/crowdnet-s-wide-int8.onnx
 
 # A site of its own, with an environment of its own: nothing else needs its packages, and `make test` not the site.

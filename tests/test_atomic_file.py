@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from crowdfence.atomic_file import atomic_path, writable_file, writable_folder, write_bytes
-from support.command_line import crowdfence
+from crowdfence.atomic_file import atomic_path, replaceable_file, writable_folder, write_bytes
+from support.command_line import commands, crowdfence
 from support.onnx_models import contract, write_map_model
 
 
@@ -49,13 +49,11 @@ def test_a_mistyped_path_is_noticed(tmp_path: Path) -> None:
         raise AssertionError
     with (
         pytest.raises(FileNotFoundError, match="typo does not exist"),
-        writable_file(tmp_path / "typo" / "out" / "a.mcap"),
+        replaceable_file(tmp_path / "typo" / "out" / "a.mcap", force=False),
     ):
         raise AssertionError
-    with writable_file(tmp_path / "out" / "a.mcap"):
+    with replaceable_file(tmp_path / "out" / "a.mcap", force=False):
         (tmp_path / "out" / "a.mcap").touch()
-    with writable_file(tmp_path / "out" / "a.mcap"):  # it may be there already
-        pass
     assert everything_below(tmp_path) == ["out", "out/a.mcap"]
 
 
@@ -64,7 +62,7 @@ def test_files_and_folders_are_not_mistaken_for_each_other(tmp_path: Path) -> No
     for folder in (tmp_path / "notes", tmp_path / "notes" / "out"):
         with pytest.raises(NotADirectoryError, match="notes"), writable_folder(folder, parents=True):
             raise AssertionError
-    with pytest.raises(IsADirectoryError, match="is a folder"), writable_file(tmp_path):
+    with pytest.raises(IsADirectoryError, match="is a folder"), replaceable_file(tmp_path, force=True):
         raise AssertionError
     assert everything_below(tmp_path) == ["notes"]
 
@@ -147,13 +145,80 @@ def test_commands_look_at_their_output_before_their_input(tmp_path: Path, comman
     assert str(tmp_path / "file") in line and ("it is a file" in line or "Not a directory" in line)
 
 
+REPLACING = {
+    "run": ["run", "nowhere.mcap", "-o", "{run}"],
+    "convert": ["convert", "nowhere.mcap", "-o", "{place}.mcap"],
+    "align": ["align", "nowhere.mcap", "-o", "{place}.json"],
+    "detect": ["detect", "{damaged}", "-o", "{place}.mcap"],
+    "inspect": ["inspect", "nowhere.mcap", "--picture", "{place}.png"],
+    "evaluate": ["evaluate", "nowhere.mcap", "--report", "{report}"],
+    "export": ["export", "nowhere", "-f", "kml", "-o", "{place}.kml"],
+    "route": ["route", "nowhere", "--from", "0,0", "--to", "1,1", "-o", "{place}.geojson"],
+    "route picture": ["route", "nowhere", "--from", "0,0", "--to", "1,1", "--picture", "{place}.png"],
+    "fence pull": ["fence", "pull", "--link", "nowhere", "-o", "{place}.geojson"],
+    "calibrate": ["calibrate", "{model}", "--data", "nowhere.mcap", "-o", "{place}.onnx"],
+    "train": ["train", "--data", "a.mcap", "--validation", "b.mcap", "-o", "{place}.onnx"],
+    "model check": ["model", "check", "nowhere.onnx", "--overlay", "{place}.png"],
+    "model evaluate": ["model", "evaluate", "--data", "nowhere.mcap", "--examples", "{place}.png"],
+    "model quantize": ["model", "quantize", "{model}", "--data", "nowhere.mcap", "-o", "{place}.onnx"],
+}
+WRITES = {"--output", "--picture", "--overlay", "--examples", "--report"}
+
+
+@pytest.mark.parametrize("command", REPLACING)
+def test_commands_replace_what_is_there_only_when_told_to(tmp_path: Path, command: str) -> None:
+    """It is known before the work: what they read is missing or damaged; without --force nobody notices."""
+    earlier = [tmp_path / "run" / "summary.json", tmp_path / "report" / "scores.json"]
+    earlier += [tmp_path / f"a.{suffix}" for suffix in ("mcap", "json", "png", "kml", "geojson", "onnx")]
+    for path in earlier:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("earlier")
+    (tmp_path / "damaged.mcap").write_bytes(b"not MCAP")
+    model = write_map_model(tmp_path / "model.onnx", contract("logits"))
+    places = {name: tmp_path / name for name in ("run", "report")}
+    places |= {"place": tmp_path / "a", "damaged": tmp_path / "damaged.mcap", "model": model}
+    words = [argument.format(**places) for argument in REPLACING[command]]
+    there = everything_below(tmp_path)
+    done = crowdfence(*words, columns=300)
+    assert done.returncode == 1 and done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert f"{words[-1]} exists; --force replaces it" in line
+    told = crowdfence(*words, "--force", columns=300)
+    assert told.returncode == 1 and "exists" not in told.stderr and len(told.stderr.splitlines()) == 1
+    assert everything_below(tmp_path) == there and {path.read_text() for path in earlier} == {"earlier"}
+
+
+def test_every_command_that_writes_is_told_whether_to_replace() -> None:
+    """`data import` only adds to what is empty."""
+    writing = {name for name, options in commands().items() if options & WRITES} - {"data import"}
+    assert {name for name in writing if "--force" not in commands()[name]} == set()
+    named = {command.removesuffix(" picture") for command in REPLACING}
+    # `demo` writes as `run` does, `simulate` tells of --resume, too.
+    assert writing == named | {"demo", "simulate"}
+
+
+def test_a_training_goes_on_or_begins_anew_only_when_told_to(tmp_path: Path) -> None:
+    """Hours of work are in the checkpoint. --resume without one is no way to replace another model."""
+    words = ("train", "--data", "a.mcap", "--validation", "b.mcap", "-o", tmp_path / "a.onnx")
+    (tmp_path / "a.checkpoint").write_text("hours")
+    done = crowdfence(*words, columns=300)
+    assert done.returncode == 1
+    assert "a.checkpoint exists; --resume goes on with it, --force replaces it" in done.stderr
+    for option in ("--resume", "--force"):
+        assert "exists" not in crowdfence(*words, option, columns=300).stderr
+    (tmp_path / "a.onnx").write_text("model")
+    assert "exists" not in crowdfence(*words, "--resume", columns=300).stderr
+    (tmp_path / "a.checkpoint").unlink()
+    assert "a.onnx exists; --force" in crowdfence(*words, "--resume", columns=300).stderr
+
+
 def test_a_link_stays_a_link_and_leads_to_what_was_written(tmp_path: Path) -> None:
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "real.kml").write_text("old")
     links = {"to_file.kml": "kept/real.kml", "to_link.kml": "to_file.kml", "to_nothing.kml": "kept/new.kml"}
     for name, target in links.items():
         (tmp_path / name).symlink_to(target)
-        with writable_file(tmp_path / name):
+        with replaceable_file(tmp_path / name, force=True):
             write_bytes(tmp_path / name, name.encode())
         assert (tmp_path / name).is_symlink() and (tmp_path / name).read_text() == name
     assert (tmp_path / "kept" / "real.kml").read_text() == "to_link.kml"
@@ -171,7 +236,7 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
         ("ring.kml", "a link that leads to itself"),
     ):
         before = os.lstat(tmp_path / name)
-        with pytest.raises(OSError, match=f"{name} is {why}"), writable_file(tmp_path / name):
+        with pytest.raises(OSError, match=f"{name} is {why}"), replaceable_file(tmp_path / name, force=True):
             raise AssertionError
         with pytest.raises(OSError, match=f"{name} is {why}"):
             write_bytes(tmp_path / name, b"lost")
@@ -186,10 +251,12 @@ def test_what_is_read_is_not_written(tmp_path: Path) -> None:
     for name in ("history.jsonl", "link.kml", "same.kml"):
         with (
             pytest.raises(FileExistsError, match=f"{name} is read for this"),
-            writable_file(tmp_path / name, reads=[None, tmp_path / "absent", tmp_path / "history.jsonl"]),
+            replaceable_file(
+                tmp_path / name, force=True, reads=[None, tmp_path / "absent", tmp_path / "history.jsonl"]
+            ),
         ):
             raise AssertionError
-    with writable_file(tmp_path / "other.kml", reads=[tmp_path / "history.jsonl"]):
+    with replaceable_file(tmp_path / "other.kml", force=False, reads=[tmp_path / "history.jsonl"]):
         pass
 
 

@@ -67,16 +67,24 @@ def writable_folder(folder: str | PathLike[str], *, parents: bool = False) -> It
 
 
 @contextmanager
-def writable_file(
-    path: str | PathLike[str], *, reads: Iterable[str | PathLike[str] | None] = ()
+def replaceable_file(
+    path: str | PathLike[str], *, force: bool, reads: Iterable[str | PathLike[str] | None] = ()
 ) -> Iterator[None]:
-    """The same for one file, which may be there already and is none of those that the block `reads`."""
+    """The same for one file, which is none of those that the block `reads`, and is there already only with
+    `force`."""
     target = _file_at(path)
     for read in reads:
         if read is not None and target.exists() and Path(read).exists() and target.samefile(read):
             raise FileExistsError(f"{path} is read for this, and would be lost; name another file to write")
+    require_replaceable(target, force=force)
     with writable_folder(target.parent):
         yield
+
+
+def require_replaceable(path: Path, *, force: bool) -> None:
+    """FileExistsError for what is there, unless somebody said that it may be replaced."""
+    if os.path.lexists(path) and not force:
+        raise FileExistsError(f"{path} exists; --force replaces it")
 
 
 def _file_at(path: str | PathLike[str]) -> Path:

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
-from crowdfence.atomic_file import NO_ROOM, writable_folder
+from crowdfence.atomic_file import NO_ROOM, require_replaceable, writable_folder
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -87,8 +87,8 @@ def _require_replaceable(target: Path, contents: Collection[str], force: bool) -
         raise FileExistsError(
             f"{target} holds {foreign[0]}, which is no result and would be lost; choose another folder"
         )
-    if found and not force:
-        raise FileExistsError(f"{target} exists; --force replaces it")
+    if found:
+        require_replaceable(target, force=force)
 
 
 def _prefix(target: Path) -> str:

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from crowdfence.atomic_file import require_replaceable
 from crowdfence.detector.blank_picture import blank_reason
 from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
-from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder, require_free
+from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline.detect import HeatmapSource
@@ -126,8 +127,8 @@ def detect_recording(
     that name is there and not to be replaced.
     """
     check_every(every)
-    if video and not replace_existing:
-        require_free(*(_film_path(path, drone) for drone in recording.drones))
+    for drone in recording.drones if video else ():
+        require_replaceable(_film_path(path, drone), force=replace_existing)
     kept = sorted(
         (frame for drone in recording.drones for frame in recording.frames_of(drone)[::every]),
         key=lambda frame: frame.stamp_ns,
@@ -154,8 +155,7 @@ def _require_place(folder: Path, source: Path | None, *, replace_existing: bool)
     for path in written:
         if path.resolve() in looked_at:
             raise FileExistsError(f"{path} is looked at and would be replaced; choose another folder")
-    if not replace_existing:
-        require_free(*written)
+        require_replaceable(path, force=replace_existing)
 
 
 def _unknown_scale(detector: Detector, gsd_m: float | None) -> Iterator[str]:

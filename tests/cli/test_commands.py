@@ -78,7 +78,7 @@ def test_convert_replaces_a_file_only_by_force(airsim: Path, mission: Path, tmp_
     assert output.read_bytes() == mission.read_bytes()
     before = output.read_bytes()
     line = error_line(crowdfence("convert", output, "-o", output, "--force"))
-    assert "is the recording itself" in line and output.read_bytes() == before
+    assert "is read for this" in line and output.read_bytes() == before
 
 
 def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdfence.atomic_file import writable_file
+from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.option_sets import MapOptions, SourceOptions, map_options, takes
@@ -40,9 +40,7 @@ def align(
     from crowdfence.pipeline import read_map
     from crowdfence.sources.alignment_file import write_alignment
 
-    if output.exists() and not force:
-        raise FileExistsError(f"{output} exists; --force replaces it")
-    with writable_file(output, reads=[*recording, context.params["terrain"]]):
+    with replaceable_file(output, force=force, reads=[*recording, context.params["terrain"]]):
         source = source_options.open_source(recording, context.params)
         ground = read_map(source, context.params["terrain"], **map_options(context.params))
         with console.progress("reading", step_count(source, frames), "pictures") as advance:

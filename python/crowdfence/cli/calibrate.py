@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file
+from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
 from crowdfence.cli.wording import counted
@@ -59,6 +59,7 @@ def calibrate(
     surface: options.SurfaceOption = options.Surface.planes,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Fit a model's probabilities to labelled missions and write the measured rates into it.
@@ -89,7 +90,7 @@ def calibrate(
     )
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    with writable_file(output, reads=data):
+    with replaceable_file(output, force=force, reads=data):
         paths = options.recordings_in(data)
         frames = frames_looked_at(paths, every)
         with console.progress("calibrating", 2 * frames, "frames") as advance:

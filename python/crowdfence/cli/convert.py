@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdfence.atomic_file import NO_ROOM, writable_file
+from crowdfence.atomic_file import NO_ROOM, replaceable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.refusals import refusal_lines
@@ -61,8 +61,7 @@ def convert(
         raise ValueError(f"{output}: convert writes mission files, whose name ends in .mcap")
     if terrain is not None:
         stated_place(terrain)  # a map, before anything is read
-    with writable_file(output, reads=[terrain]):
-        _require_place(output, recording, force)
+    with replaceable_file(output, force=force, reads=[*recording, terrain]):
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
         lacking = None if results is None else _heatmaps_told(results, source)
@@ -164,12 +163,3 @@ def _on_map(source: Recording, terrain: Path) -> tuple[Recording, tuple[str, ...
         return source, ()
     ground = read_map(source, terrain)
     return on_ground(source, ground.terrain), ground.doubts
-
-
-def _require_place(output: Path, recordings: list[Path], force: bool) -> None:
-    if not output.exists():
-        return
-    if any(recording.exists() and output.samefile(recording) for recording in recordings):
-        raise FileExistsError(f"{output} is the recording itself; choose another file")
-    if not force:
-        raise FileExistsError(f"{output} exists; --force replaces it")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file, writable_folder
+from crowdfence.atomic_file import replaceable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.refusals import refusal_lines
@@ -71,7 +71,7 @@ def detect(
     terrain: options.TerrainPath = None,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
@@ -92,25 +92,17 @@ def detect(
         raise ValueError("--gsd-m: a recording knows its metres per pixel from poses and map")
     if output.suffix.lower() != ".mcap" and not output.is_dir():
         raise ValueError(f"{output}: for a recording the output is a mission file, whose name ends in .mcap")
-    _require_place(output, source, force)
-    with writable_file(output):
+    if output.is_dir():
+        raise ValueError(
+            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
+        )
+    with replaceable_file(output, force=force, reads=[source]):
         recording = source_options.open_source(source, context.params)
         detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         _detect_recording(
             recording, detector, terrain, map_options, output, every, bool(video), force, as_json
         )
-
-
-def _require_place(output: Path, source: Path, force: bool) -> None:
-    """The mission file is no folder, and nothing is replaced without being asked to."""
-    if output.is_dir():
-        raise ValueError(
-            f"{output} is a folder; for a recording the output is a mission file: give a name.mcap"
-        )
-    if output.exists() and (output.samefile(source) or not force):
-        same = " and it is the recording itself" if output.samefile(source) else "; --force replaces it"
-        raise FileExistsError(f"{output} exists{same}")
 
 
 def _detect_pictures(

@@ -100,6 +100,7 @@ def evaluate(
         Path | None,
         typer.Option("--report", help="Folder for a page with tables and plots (index.html)."),
     ] = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Mean IoU (equation 4) of the methods against the truth that the recording holds, and who stands in a
@@ -116,12 +117,13 @@ def evaluate(
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
     from crowdfence.sources.layers import CROWD, checked_layer
 
+    if report is not None:
+        with replaceable_folder(report, contents=CONTENTS, force=force):
+            pass  # known before the work
     layer = checked_layer(context.params["layer"])
     source = source_options.open_source(recording, context.params).of_layer(layer)
     if report is not None:
         require_people(source)
-        with replaceable_folder(report, contents=CONTENTS, force=True):
-            pass
     told = context.params
     chosen = choose_detector(
         source, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
@@ -196,7 +198,8 @@ def evaluate(
     }
     if report is not None:
         labels = [_label(row.config) for row in scores]
-        write_report(report, source.name, _against(truth, layer), labels, scores, summary, knobs)
+        against = _against(truth, layer)
+        write_report(report, source.name, against, labels, scores, summary, knobs, force=force)
     if as_json:
         console.print_json(summary)
     else:

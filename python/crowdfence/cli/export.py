@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.atomic_file import replaceable_file, write_bytes
 from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.unused_options import refuse_of
@@ -123,9 +123,7 @@ def export(
     with ExitStack() as stack:
         for path in written:
             reads = [*files_read_of(run), plan, *(static_zones or [])]
-            stack.enter_context(writable_file(path, reads=reads))
-            if path.exists() and not force:
-                raise FileExistsError(f"{path} exists; --force replaces it")
+            stack.enter_context(replaceable_file(path, force=force, reads=reads))
         history = open_history(run)
         taken = {zone.id for zones in history.sets for zone in zones.closed}
         others, left_out = read_static_zones(static_zones or [], history.georeference, taken)

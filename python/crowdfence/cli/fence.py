@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.atomic_file import replaceable_file, write_bytes
 from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.exit_codes import GATE_NOT_MET
@@ -125,9 +125,7 @@ def pull(
 
     from crowdfence.fence_sync import fence_geojson
 
-    if output is not None and output.exists() and not force:
-        raise FileExistsError(f"{output} exists; --force replaces it")
-    with nullcontext() if output is None else writable_file(output):
+    with nullcontext() if output is None else replaceable_file(output, force=force):
         with _keeper(link, system, None, state, timeout_s) as keeper:
             shapes, ours = keeper.read()
         text = fence_geojson(shapes, ours, keeper.station.vehicle.name)

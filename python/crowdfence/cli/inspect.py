@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file
+from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.wording import in_options
@@ -59,6 +59,7 @@ def inspect(
             "--picture", help="Contact sheet of a recording (.png): frames, labels, footprints on the map."
         ),
     ] = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Say what is in a file: size, time span, gaps, cameras, flight, and how the views overlap."""
@@ -71,7 +72,7 @@ def inspect(
     )
     with ExitStack() as stack:
         if picture is not None:
-            stack.enter_context(writable_file(picture, reads=[file, terrain]))
+            stack.enter_context(replaceable_file(picture, force=force, reads=[file, terrain]))
         tell = stack.enter_context(console.working())
         report = inspect_file(
             file,

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from crowdfence.atomic_file import atomic_path, writable_file
+from crowdfence.atomic_file import atomic_path, replaceable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.wording import counted
 
@@ -52,6 +52,7 @@ def check(
     overlay: Annotated[
         Path | None, typer.Option("--overlay", help="Write the picture with its heatmap (.png).")
     ] = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Run a model on one picture: its contract, its heatmap, its latency.
@@ -63,11 +64,14 @@ def check(
     from crowdfence.detector.shipped import model_path
 
     _require_png("--overlay", overlay)
-    with console.working() as tell:
+    with ExitStack() as stack:
+        if overlay is not None:
+            stack.enter_context(replaceable_file(overlay, force=force, reads=[image]))
+        tell = stack.enter_context(console.working())
         tell("running the model")
         report = check_model(model_path(model), contract, image, gsd_m, threads)
-    if overlay is not None:
-        _write_overlay(overlay, report)
+        if overlay is not None:
+            _write_overlay(overlay, report)
     if as_json:
         console.print_json(report.to_json())
         return
@@ -119,6 +123,7 @@ def evaluate(
     examples: Annotated[
         Path | None, typer.Option("--examples", help="Write a page of example pictures (.png).")
     ] = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Measure a model on labelled missions: IoU, rates, calibration, by distance, tilt and mission.
@@ -148,7 +153,7 @@ def evaluate(
     plan = plan_for(detector.contract, replace(plan, **given), **dict.fromkeys(given, True))
     with ExitStack() as stack:
         if examples is not None:
-            stack.enter_context(writable_file(examples, reads=data))
+            stack.enter_context(replaceable_file(examples, force=force, reads=data))
         frames = frames_looked_at(paths, every)
         advance = stack.enter_context(console.progress("evaluating", frames, "frames"))
         result = model_quality(detector, paths, plan, on_frame=advance)
@@ -180,6 +185,7 @@ def quantize(
     pictures: Annotated[
         int, typer.Option("--pictures", min=1, help="Pictures to take the ranges of the layers from.")
     ] = 64,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a model that computes in eight bits: twice as fast and more on a CPU, and a quarter of the size.
@@ -191,7 +197,9 @@ def quantize(
 
     paths = options.recordings_in(data)
     detector = Detector(model, contract)
-    with writable_file(output, reads=data), console.progress("looking", 2 * pictures, "pictures") as advance:
+    with ExitStack() as stack:
+        stack.enter_context(replaceable_file(output, force=force, reads=[model, *data]))
+        advance = stack.enter_context(console.progress("looking", 2 * pictures, "pictures"))
         result = quantize_model(detector, model, paths, output, pictures=pictures, on_picture=advance)
     if as_json:
         console.print_json(asdict(result))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from crowdfence.atomic_file import writable_file, write_bytes
+from crowdfence.atomic_file import replaceable_file, write_bytes
 from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.exit_codes import GATE_NOT_MET
@@ -85,6 +85,7 @@ def route(
     ] = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="PNG of the way and the zones.")] = None,
     static_zones: options.StaticZones = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """The shortest way round the no-fly zones of a run as they were at an instant, over ground that its map
@@ -104,7 +105,7 @@ def route(
     with ExitStack() as stack:
         for path in filter(None, (output, picture)):
             reads = [*files_read_of(run), *(static_zones or [])]
-            stack.enter_context(writable_file(path, reads=reads))
+            stack.enter_context(replaceable_file(path, force=force, reads=reads))
         history = open_history(run)
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file, writable_folder
+from crowdfence.atomic_file import replaceable_file, writable_folder
 from crowdfence.cli import console, options
 from crowdfence.cli.exit_codes import INTERRUPTED
 
@@ -174,9 +174,10 @@ def _size(size: str | None) -> tuple[int, int]:
 
 
 def _writable(output: Path, kind: RecordingFormat) -> AbstractContextManager[None]:
-    """An AirSim folder that is not there yet is left to the recorder, which takes one for an earlier run."""
+    """The recorder says what may be replaced or gone on with. An AirSim folder that is not there yet is left
+    to it too: it takes one for an earlier run."""
     if kind is RecordingFormat.mcap:
-        return writable_file(output)
+        return replaceable_file(output, force=True)
     return writable_folder(output if output.exists() else output.parent)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdfence.atomic_file import writable_file, writable_folder
+from crowdfence.atomic_file import replaceable_file, require_replaceable, writable_folder
 from crowdfence.cli import console, options
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ def train(
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted training.")] = False,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Train the crowd detector on labelled missions (needs `crowdfence\\[train]`).
@@ -71,31 +74,31 @@ def train(
     Writes the model, <model>.checkpoint while it runs, and a folder <model>.report with figures, curves and
     example pictures. Run `crowdfence calibrate` on other missions before you rely on its probabilities.
     """
-    from crowdfence.detector_training.frame_store import store_missions
-    from crowdfence.detector_training.onnx_export import export_onnx
-    from crowdfence.detector_training.report import training_facts, write_report
-    from crowdfence.detector_training.trainer import train as train_network
-
     if not (initial is None or initial.is_file()):
         raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
-    plan = _plan(
-        target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
-    )
-    if wide:
-        plan = replace(
-            plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
-        )
-    if initial is not None and initial.suffix == ".onnx":
-        plan = replace(plan, frozen_statistics=True)
-    paths, held_out = options.recordings_in(data), options.recordings_in(validation)
-    twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
-    if twice:
-        raise ValueError(
-            f"{min(twice)} is given for training and for validation; it can serve only one of them"
-        )
-    map_options = options.terrain_options(origin=origin, assume_local=assume_local)
     folder = store or output.with_suffix(".frames")
-    with writable_file(output), writable_folder(folder, parents=True):
+    with _writable(output, resume=resume, force=force), writable_folder(folder, parents=True):
+        from crowdfence.detector_training.frame_store import store_missions
+        from crowdfence.detector_training.onnx_export import export_onnx
+        from crowdfence.detector_training.report import training_facts, write_report
+        from crowdfence.detector_training.trainer import train as train_network
+
+        plan = _plan(
+            target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
+        )
+        if wide:
+            plan = replace(
+                plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
+            )
+        if initial is not None and initial.suffix == ".onnx":
+            plan = replace(plan, frozen_statistics=True)
+        paths, held_out = options.recordings_in(data), options.recordings_in(validation)
+        twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
+        if twice:
+            raise ValueError(
+                f"{min(twice)} is given for training and for validation; it can serve only one of them"
+            )
+        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         stored: list[StoredMission] = []
         with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
             for some in (paths, held_out):
@@ -128,6 +131,20 @@ def train(
         console.print_json(facts)
     else:
         _report(trained, plan, output)
+
+
+@contextmanager
+def _writable(output: Path, *, resume: bool, force: bool) -> Iterator[None]:
+    """The model, and what is written beside it. What an earlier training left is its own to go on with."""
+    checkpoint = output.with_suffix(".checkpoint")
+    if checkpoint.exists() and not (resume or force):
+        raise FileExistsError(f"{checkpoint} exists; --resume goes on with it, --force replaces it")
+    force = force or checkpoint.exists()
+    require_replaceable(output.with_suffix(".report"), force=force)
+    with ExitStack() as stack:
+        for path in (output, checkpoint):
+            stack.enter_context(replaceable_file(path, force=force))
+        yield
 
 
 def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed: int) -> TrainingPlan:

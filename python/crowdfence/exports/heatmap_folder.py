@@ -14,18 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from crowdfence.atomic_file import atomic_path
+from crowdfence.atomic_file import atomic_path, require_replaceable
 
 HEATMAPS, INDEX = "heatmaps", "index.csv"
 COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest", "unlike_tested")
 CROWD_FROM = 0.5
-
-
-def require_free(*paths: Path) -> None:
-    """FileExistsError that names the first of the paths where something is."""
-    for path in paths:
-        if os.path.lexists(path):
-            raise FileExistsError(f"{path} exists; choose another folder, or replace it with --force")
 
 
 class HeatmapFolder:
@@ -40,8 +33,8 @@ class HeatmapFolder:
     def __init__(self, folder: Path, *, replace: bool = False) -> None:
         """FileExistsError when the folder holds heatmaps or a table, unless they are to be replaced."""
         self.folder = folder
-        if not replace:
-            require_free(folder / HEATMAPS, folder / INDEX)
+        for name in (HEATMAPS, INDEX):
+            require_replaceable(folder / name, force=replace)
         self._stack = ExitStack()
 
     def __enter__(self) -> HeatmapFolder:

@@ -40,8 +40,11 @@ def write_report(
     scores: list[Score],
     summary: Mapping[str, Any],
     knobs: Sequence[Sequence[Turned]] = (),
+    *,
+    force: bool = False,
 ) -> None:
-    """Write the report of a recording into a folder, which is whole or absent; an older report is replaced.
+    """Write the report of a recording into a folder, which is whole or absent; an older report is replaced
+    with `force`.
 
     against  what the truth is, in words
     names    of the methods, one per score
@@ -49,9 +52,9 @@ def write_report(
     knobs    of each method, where they were turned; else nothing
 
     The scores hold measures and safety, or what is counted of a layer. FileExistsError where the folder holds
-    anything else, OSError where it cannot be written.
+    anything else or may not be replaced, OSError where it cannot be written.
     """
-    with whole_folder(folder, contents=CONTENTS, force=True) as beside:
+    with whole_folder(folder, contents=CONTENTS, force=force) as beside:
         write_plots(beside, names, scores)
         (beside / "scores.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
         (beside / "index.html").write_text(_page(name, against, names, scores, knobs), encoding="utf-8")
