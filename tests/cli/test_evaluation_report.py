@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from crowdfence.cli.demo import RECORDING
-from crowdfence.evaluation.report.plots import draw_iou
+from crowdfence.evaluation.report import plots
 from support.command_line import crowdfence
 from support.small_recordings import flight, write_airsim
 
@@ -67,9 +67,31 @@ def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
 def test_every_method_is_drawn_however_many_are_asked_for() -> None:
     iou = SimpleNamespace(per_frame=np.ones(2), mean=1.0)
     axes = Figure().add_subplot()
-    draw_iou(axes, [f"paper, alpha {number}" for number in range(13)], [SimpleNamespace(iou=iou)] * 13)
+    plots.draw_iou(axes, [f"paper, alpha {number}" for number in range(13)], [SimpleNamespace(iou=iou)] * 13)
     looks = {(line.get_color(), line.get_linestyle()) for line in axes.lines}
     assert len(axes.lines) == len(looks) == 13
+
+
+@pytest.mark.parametrize(
+    ("cost", "told"),
+    [
+        ([9.0, 4.0, 1.0], "or"),
+        ([np.nan, 12.0, 1.0], "or"),  # on the very edge
+        ([30.0, 12.1, 1.0], "or, above 12 x below 30 %"),
+        ([np.nan, 30.0, 1.0], "or, above 12 x below 30 %"),
+        ([60.0, 30.0, 13.0], "or, above 12 x throughout"),
+        ([np.nan] * 3, "or, always misses more than 30 %"),
+    ],
+)
+def test_the_plot_of_costs_says_what_it_does_not_show(
+    cost: list[float], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plots, "MISSED", np.array([0.0, 0.15, 0.3]))
+    measures = SimpleNamespace(cost=SimpleNamespace(curve=lambda missed: np.array(cost)))
+    axes = Figure().add_subplot()
+    plots.draw_cost(axes, ["or"], [SimpleNamespace(measures=measures)])
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [told]
+    assert axes.get_ylim() == (0.0, 12.0)
 
 
 def test_only_a_report_is_replaced(tmp_path: Path) -> None:

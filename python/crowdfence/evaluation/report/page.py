@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.atomic_folder import whole_folder
-from crowdfence.evaluation.report.plots import DRAWN, OF_LAYERS, write_plots
+from crowdfence.evaluation.report.plots import DRAWN, MOST_COST, OF_LAYERS, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
 from crowdfence.evaluation.text_table import percent
 
@@ -88,7 +88,8 @@ def _page(
         _paragraph(
             "Missed ground: what crowds stand on, in view and in no zone with 5 m around it. For "
             "nothing: ground farther than 5 m from any crowd that is closed, times the crowds' own, "
-            "where the threshold misses 5 or 1 % of the people; a dash where none misses so few. To "
+            "where the threshold misses 5 or 1 % of the people; a dash where none misses so few. Its plot "
+            f"ends at {MOST_COST:g} times; the legend there says whose curve goes on above. To "
             "mark: from when a crowd's ground is in view until it is in a zone. To clear: from when "
             "the crowd left it until it is open. Both are medians, with the share where that had not "
             "come by the end. Over a crowd: ways of a planner that goes round the zones with 5 m to "

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crowdfence.evaluation.safety import BUFFERS_M
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 COLOURS = ("#d9480f", "#1d5fa8", "#2b8a3e", "#862e9c", "#868e96", "#e8b90c", "#0b7285", "#5c3c1e")
 MISSED = np.linspace(0.0, 0.3, 61)
 """Shares of people, along the curve of what few misses cost."""
+MOST_COST = 12.0
+"""Where that plot ends: what lies far above the rest would flatten what matters."""
 
 Names = list[str]
 
@@ -73,17 +76,27 @@ def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
 def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
     for name, row, look in zip(names, scores, _looks(), strict=False):
         assert row.measures is not None
-        axes.plot(100.0 * MISSED, row.measures.cost.curve(MISSED), **look, linewidth=1.4, label=name)
+        cost = row.measures.cost.curve(MISSED)
+        axes.plot(100.0 * MISSED, cost, **look, linewidth=1.4, label=f"{name}{_not_shown(cost)}")
     axes.axvline(5.0, color="#adb5bd", linewidth=1.0, linestyle=":")
     axes.set(
         xlabel="% of people missed, 5 m buffer",
         ylabel="ground closed for nothing, times the crowds' own",
         title="What few misses cost, over all thresholds",
         xlim=(0, 30),
+        ylim=(0.0, MOST_COST),
     )
-    # What lies far above the rest would flatten what matters.
-    axes.set_ylim(0.0, 12.0)
     axes.legend(frameon=False, fontsize=8)
+
+
+def _not_shown(cost: NDArray[np.float64]) -> str:
+    """What of a curve, which falls, the plot leaves out."""
+    if np.isnan(cost).all():
+        return f", always misses more than {100.0 * MISSED[-1]:g} %"
+    if not (cost > MOST_COST).any():
+        return ""
+    shown = 100.0 * MISSED[cost <= MOST_COST]
+    return f", above {MOST_COST:g} x " + (f"below {shown[0]:g} %" if len(shown) else "throughout")
 
 
 DRAWN: dict[str, Callable[[Axes, Names, list[Score]], None]] = {
