@@ -1,6 +1,7 @@
 """A model in eight bits against itself in floating point, and what of it stays in floating point."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,16 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from crowdfence import Detector, open_recording
+from crowdfence import Detector, Terrain, _core, open_recording
 from crowdfence.calibration.quantization import quantize_model
+from crowdfence.detector.combination import COMBINATIONS
 from crowdfence.errors import DetectorError
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import flight, write_airsim
+from support.small_recordings import flight, ground, write_airsim
 
 CHANNELS = 8
+MODELS = COMBINATIONS.parent
 
 
 def write_convolutions(path: Path, bias: float = 0.0) -> Path:
@@ -53,7 +56,9 @@ def write_convolutions(path: Path, bias: float = 0.0) -> Path:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_airsim(tmp_path_factory.mktemp("flight") / "flight", flight(6))
+    folder = write_airsim(tmp_path_factory.mktemp("flight") / "flight", flight(6))
+    shutil.rmtree(folder / "terrain")
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +105,74 @@ def test_by_command(model: Path, recording: Path, tmp_path: Path) -> None:
     )
     assert "in eight bits" in told.stdout and output.is_file()
     assert "arithmetic" in crowdfence("model", "check", output).stdout
+
+
+RATES = {
+    "true_positive": {"rate": 0.999, "low": 0.99, "high": 1.0},
+    "false_positive": {"rate": 0.001, "low": 0.0, "high": 0.01},
+}
+
+
+def quantized(folder: Path, model: Path, data: list[Path], **told: object) -> tuple[dict, dict]:
+    """What the command says of a model whose contract tells more, and the rates in what it wrote."""
+    (folder / "c.json").write_text(json.dumps({**contract(), **told}))
+    words = ["--contract", folder / "c.json", *(word for path in data for word in ("--data", path))]
+    done = crowdfence("model", "quantize", model, *words, "-o", folder / "int8.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), Detector(folder / "int8.onnx").contract.to_json()
+
+
+@pytest.fixture(scope="module")
+def labelled(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two missions over a plane."""
+    terrain = Terrain.from_points(ground(), 2.0)
+    folders = [tmp_path_factory.mktemp("labelled") / f"mission-{number}" for number in range(2)]
+    for folder in folders:
+        write_airsim(folder, flight(frames=4))
+        written = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+        (folder / "terrain" / "terrain.bt").write_bytes(written)
+    return folders
+
+
+def test_rates_are_measured_in_eight_bits(model: Path, labelled: list[Path], tmp_path: Path) -> None:
+    """As `model evaluate` measures the model that was written; not those of the model in floating point."""
+    told, written = quantized(tmp_path, model, labelled, rates={**RATES, "missions": 2})
+    measured = crowdfence(
+        "model", "evaluate", tmp_path / "int8.onnx", *(w for p in labelled for w in ("--data", p)), "--json"
+    )
+    rates = json.loads(measured.stdout)["rates"]
+    assert rates["true_positive"]["rate"] not in (None, 0.999)
+    for stated in (told["rates"], written["rates"]):
+        assert {name: stated[name] for name in rates} == rates
+        assert stated["missions"] == 2 and stated["arithmetic"] == "int8"
+    assert "likelihood_ratio" in written["rates"] and told["rates_not_measured"] is None
+    assert "floating point" not in crowdfence("model", "check", tmp_path / "int8.onnx").stdout
+
+
+def test_rates_that_are_not_measured_say_whose_they_are(
+    model: Path, recording: Path, labelled: list[Path], tmp_path: Path
+) -> None:
+    photographs = {"mean_recall": 0.5}
+    told, written = quantized(tmp_path, model, [recording], rates=RATES, about={"photographs": photographs})
+    assert told["rates_not_measured"] == "no recording comes with a map"
+    assert told["rates"] == written["rates"] == {**RATES, "arithmetic": "float32"}
+    assert written["about"]["photographs"] == {**photographs, "arithmetic": "float32"}
+    shown = crowdfence("model", "check", tmp_path / "int8.onnx", columns=300).stdout
+    assert "true positive 0.999 (0.99 to 1), " in shown
+    assert "measured in floating point, not in eight bits" in shown
+    (tmp_path / "int8.onnx").unlink()
+    told, _ = quantized(tmp_path, model, labelled, rates={**RATES, "missions": 9})
+    assert told["rates_not_measured"] == "they rest on 9 missions, --data has 2"
+    assert told["rates"]["arithmetic"] == "float32"
+    (tmp_path / "int8.onnx").unlink()
+    assert quantized(tmp_path, model, [recording])[0]["rates"] is None
+
+
+@pytest.mark.parametrize("name", ["crowdnet-s-int8.onnx", "crowdnet-s-wide-int8.onnx"])
+def test_shipped_models_in_eight_bits_say_whose_rates_they_state(name: str) -> None:
+    contract = Detector(MODELS / name).contract
+    assert (contract.about or {})["arithmetic"] == "int8"
+    assert (contract.rates or {})["arithmetic"] in ("int8", "float32")
 
 
 def test_a_share_of_nothing_is_null_and_said(recording: Path, tmp_path: Path) -> None:

@@ -53,20 +53,25 @@ def calibrated_contract(
     document = {"temperature": 1.0 if by_graph else 1.0 / calibration.chosen.scale, **document}
     if contract.calibration is not None:
         document["earlier"] = {key: old for key, old in contract.calibration.items() if key != "earlier"}
-    validity = contract.validity
-    if rates is not None:
-        spans = {name: span and tuple(span) for name, span in rates.validity.items()}
-        validity = Validity(**cast(dict[str, Any], spans))
     completed = replace(
-        contract,
+        with_measured_rates(contract, rates, settings),
         sizes=_sizes_after(contract.sizes, calibration.chosen),
         about=about_after(contract.about, calibration.chosen),
         calibration=document,
-        rates=None if rates is None or settings is None else rates.to_json(settings),
-        validity=validity,
         target_height_m=target_height_m,
     )
     return Contract.from_json(completed.to_json())
+
+
+def with_measured_rates(
+    contract: Contract, rates: VoxelRates | None, settings: ProjectionSettings | None
+) -> Contract:
+    """The contract with these rates, or with none, and the range that they were measured in."""
+    if rates is None or settings is None:
+        return replace(contract, rates=None)
+    spans = {name: span and tuple(span) for name, span in rates.validity.items()}
+    validity = Validity(**cast(dict[str, Any], spans))
+    return replace(contract, rates=rates.to_json(settings), validity=validity)
 
 
 def _sizes_after(sizes: PictureSizes | None, chosen: LogitMap) -> PictureSizes | None:

@@ -12,22 +12,24 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.calibration.graph import write_contract
+from crowdfence.calibration.rates_in_eight_bits import ARITHMETIC, in_eight_bits, with_own_rates
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.lookup import sidecar_path
 from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
 from crowdfence.detector.inference.patches import patches
 from crowdfence.errors import DetectorError, FrameError
+from crowdfence.evaluation.labelled_missions import MeasurementPlan
 from crowdfence.sources import open_recording
 from crowdfence.sources.recording import Frame
 
@@ -44,7 +46,7 @@ CALLED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Quantization:
-    """What became of the model, on pictures between those that the ranges were taken from."""
+    """What became of the model; its heatmaps on pictures between those that the ranges were taken from."""
 
     pictures: int
     """From which the ranges were taken."""
@@ -55,6 +57,10 @@ class Quantization:
     cpu_ms: tuple[float, float]
     """CPU time of the first picture before and after, the least of several."""
     size_bytes: tuple[int, int]
+    rates: dict[str, Any] | None
+    """What its contract states of them: true_positive, false_positive, missions, arithmetic."""
+    rates_not_measured: str | None
+    """Why they are those in floating point, or none."""
 
 
 def quantize_model(
@@ -64,12 +70,14 @@ def quantize_model(
     output: Path,
     *,
     pictures: int = PICTURES,
+    plan: MeasurementPlan | None = None,
     on_picture: Callable[[], None] = lambda: None,
 ) -> Quantization:
     """Write `model`, which `detector` has loaded, in eight bits to `output`, with its contract; atomically.
 
     The ranges come from `pictures` frames spread evenly over the recordings; as many others judge the result.
-    `on_picture` is called for each of them.
+    Where the recordings are labelled missions with maps, the frames that `plan` looks at tell its rates.
+    `on_picture` is called for each of all these.
 
     ModuleNotFoundError without the package onnx; DetectorError for a model without convolutions; ValueError
     for recordings without a picture, or with a contract beside `output` that would hide the model's own.
@@ -81,10 +89,31 @@ def quantize_model(
     frames = _spread(data, 2 * pictures)
     ranges, judges = frames[::2], frames[1::2] or frames[:1]
     tensors = _tensors(ranges, detector.contract, on_picture)
-    quantized = _quantized(model, tensors, detector.contract)
+    quantized = _quantized(model, tensors, in_eight_bits(detector.contract))
+    why_not = None
     with atomic_path(output) as temporary:
-        Path(temporary).write_bytes(quantized.SerializeToString())
-    return _judged(detector, Detector(output), model, output, judges, len(ranges), on_picture)
+        temporary.write_bytes(quantized.SerializeToString())
+        after = Detector(temporary)
+        agreement, mean_difference, cpu_ms = _judged(detector, after, judges, on_picture)
+        contract = after.contract
+        try:
+            contract = with_own_rates(after, data, plan or MeasurementPlan(), on_picture)
+        except DetectorError:
+            raise
+        except ValueError as reason:
+            why_not = str(reason)
+        write_contract(quantized, contract.to_json())
+        temporary.write_bytes(quantized.SerializeToString())
+    told = ("true_positive", "false_positive", "missions", ARITHMETIC)
+    return Quantization(
+        len(ranges),
+        agreement,
+        mean_difference,
+        cpu_ms,
+        (model.stat().st_size, output.stat().st_size),
+        contract.rates and {name: contract.rates[name] for name in told if name in contract.rates},
+        why_not,
+    )
 
 
 def _spread(data: Sequence[Path], count: int) -> list[Frame]:
@@ -149,8 +178,7 @@ def _quantized(
     original = onnx.load(str(model))
     del quantized.metadata_props[:]
     quantized.metadata_props.extend(original.metadata_props)
-    about = {**(contract.about or {}), "arithmetic": "int8"}
-    write_contract(quantized, replace(contract, about=about).to_json())
+    write_contract(quantized, contract.to_json())
     return quantized
 
 
@@ -174,14 +202,9 @@ def _kept_in_floating_point(model: ModelProto) -> list[str]:
 
 
 def _judged(
-    before: Detector,
-    after: Detector,
-    model: Path,
-    output: Path,
-    judges: Sequence[Frame],
-    pictures: int,
-    on_picture: Callable[[], None],
-) -> Quantization:
+    before: Detector, after: Detector, judges: Sequence[Frame], on_picture: Callable[[], None]
+) -> tuple[float, float, tuple[float, float]]:
+    """Agreement, mean difference and CPU times, as in `Quantization`."""
     both = either = cells = 0
     difference = 0.0
     cpu_ms = (np.inf, np.inf)
@@ -193,13 +216,7 @@ def _judged(
         either += int((called[0] | called[1]).sum())
         difference += float(np.abs(maps[0] - maps[1]).sum())
         cells += maps[0].size
-    return Quantization(
-        pictures,
-        both / either if either else np.nan,
-        difference / max(cells, 1),
-        cpu_ms,
-        (model.stat().st_size, output.stat().st_size),
-    )
+    return both / either if either else np.nan, difference / max(cells, 1), cpu_ms
 
 
 def _cpu_ms(detector: Detector, image: Image, runs: int = 5) -> float:

@@ -185,22 +185,34 @@ def quantize(
     pictures: Annotated[
         int, typer.Option("--pictures", min=1, help="Pictures to take the ranges of the layers from.")
     ] = 64,
+    every: Annotated[
+        int, typer.Option("--every", help="Measure rates on every n-th frame of each drone only.", min=1)
+    ] = 1,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a model that computes in eight bits: twice as fast and more on a CPU, and a quarter of the size.
 
-    As many other pictures tell what that changes. Measure the result with `model evaluate` before it flies.
+    As many other pictures tell what that changes. On labelled missions with maps, such as those that the
+    model was calibrated on, its rates are measured anew; else it states the old ones, and whose they are.
     """
     from crowdfence.calibration.quantization import quantize_model
     from crowdfence.detector.detector import Detector
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
 
     paths = options.recordings_in(data)
     detector = Detector(model, contract)
     with ExitStack() as stack:
         stack.enter_context(replaceable_file(output, force=force, reads=[model, *data]))
-        advance = stack.enter_context(console.progress("looking", 2 * pictures, "pictures"))
-        result = quantize_model(detector, model, paths, output, pictures=pictures, on_picture=advance)
+        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+        plan = MeasurementPlan(every=every, terrain_options=map_options)
+        count = 2 * pictures + frames_looked_at(paths, every)
+        advance = stack.enter_context(console.progress("looking", count, "pictures"))
+        result = quantize_model(
+            detector, model, paths, output, pictures=pictures, plan=plan, on_picture=advance
+        )
     if as_json:
         console.print_json(asdict(result))
         return
@@ -213,7 +225,10 @@ def quantize(
         "heatmaps differ by": f"{result.mean_difference:.2g} on average",
         "CPU time of a picture": f"{before_ms:.1f} -> {after_ms:.1f} ms",
         "size": f"{before / 1e6:.2f} -> {after / 1e6:.2f} MB",
+        "rates": _rates(result.rates) if result.rates else "none",
     }
+    if result.rates_not_measured:
+        facts["rates not measured"] = result.rates_not_measured
     console.stdout().print(console.facts(f"{output}: {detector.contract.name} in eight bits", facts))
 
 
@@ -240,7 +255,7 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     if (contract.about or {}).get("arithmetic") is not None:
         rows["arithmetic"] = str((contract.about or {})["arithmetic"])
     rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
-    rows["rates"] = _rates(contract)
+    rows["rates"] = _rates(contract.rates or {})
     rows["valid for"] = _spans(contract.validity)
     rows["on photographs"] = _photographs(contract)
     if contract.sizes is not None and contract.sizes.gsd_m is not None:
@@ -278,8 +293,7 @@ def _run_facts(report: ModelCheck) -> dict[str, str]:
     }
 
 
-def _rates(contract: Contract) -> str:
-    rates = contract.rates or {}
+def _rates(rates: dict[str, Any]) -> str:
     parts = []
     for name in ("true_positive", "false_positive"):
         if isinstance(rates.get(name), dict):
@@ -288,6 +302,8 @@ def _rates(contract: Contract) -> str:
                 f"{name.replace('_', ' ')} {rate['rate']:.4g} ({rate.get('low', rate['rate']):.4g} to "
                 f"{rate.get('high', rate['rate']):.4g})"
             )
+    if rates.get("arithmetic") == "float32":
+        parts.append("measured in floating point, not in eight bits")
     return ", ".join(parts) or _plain(rates) or "none: equation 1 takes the defaults of the run"
 
 

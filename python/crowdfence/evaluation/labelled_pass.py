@@ -68,9 +68,9 @@ def measure(
             groups: dict[str, str] = mission_groups(mission.recording),  # noqa: B008
             projection: LabelledProjection | None = projection,
         ) -> None:
+            mask, ignored = mission.mask_of(frame), mission.ignored(frame)
             heatmaps = heatmaps_of(mission, frame)
             judged, unit = judged_cells(heatmaps[-1], frame, stride), missions.unit(mission, frame)
-            mask, ignored = mission.mask_of(frame), mission.ignored(frame)
             gsd_m = tilt_deg = None
             if projection is not None and mission.terrain is not None:
                 gsd_m, tilt_deg = cell_sampling(frame, mission.terrain, judged.shape, plan.max_range_m)
