@@ -1,12 +1,20 @@
-"""The file of the service, asked by several at once."""
+"""The file of the service: opened where it should not or cannot be, asked by several at once."""
 
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Thread
 from time import sleep
 
 import pytest
 
-from crowdfence.service.store import Store, StoreError
+from crowdfence.service.store import FILE, Store, StoreError
+from support.served import ORIGIN, write_level_ground
 
 # Instructions of SQLite that take seconds, as a look through a day of moments does.
 LONG = "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 6000000) SELECT MAX(i) FROM n"
@@ -30,3 +38,98 @@ def test_who_asks_a_closed_store_is_told_so(tmp_path: Path) -> None:
     for _ in range(9):
         with pytest.raises(StoreError, match="closed"):
             store.rows("SELECT 1")
+
+
+def bytes_below(folder: Path) -> dict[str, bytes]:
+    """Of every file that was not made by opening."""
+    return {one.name: one.read_bytes() for one in folder.iterdir() if one.name in (FILE, "notes.txt")}
+
+
+@pytest.mark.parametrize("mode", ["DELETE", "WAL"])
+def test_a_database_of_another_program_is_left_as_it_is(tmp_path: Path, mode: str) -> None:
+    with closing(sqlite3.connect(tmp_path / FILE)) as theirs:
+        theirs.execute(f"PRAGMA journal_mode = {mode}")
+        theirs.executescript("CREATE TABLE people (name TEXT); INSERT INTO people VALUES ('Ada')")
+    before = bytes_below(tmp_path)
+    for _ in range(2):  # and the lock is free again
+        with pytest.raises(StoreError) as refused:
+            Store(tmp_path)
+        assert str(refused.value) == (
+            f"{tmp_path / FILE} is a database of another program (it has a table people): name another "
+            "folder with --data"
+        )
+    assert bytes_below(tmp_path) == before
+    with closing(sqlite3.connect(tmp_path / FILE)) as theirs:
+        assert theirs.execute("SELECT name FROM sqlite_master").fetchall() == [("people",)]
+
+
+def test_a_store_of_a_later_version_is_left_as_it_is(tmp_path: Path) -> None:
+    Store(tmp_path).close()
+    with closing(sqlite3.connect(tmp_path / FILE, isolation_level=None)) as later:
+        later.execute("UPDATE about SET value = '2' WHERE name = 'version'")
+        later.execute("DROP TABLE alerts")  # that it keeps elsewhere
+    before = bytes_below(tmp_path)
+    with pytest.raises(StoreError, match="has version 2; this crowdfence reads 1: name another folder"):
+        Store(tmp_path)
+    assert bytes_below(tmp_path) == before
+
+
+@contextmanager
+def as_nobody() -> Iterator[None]:
+    """Root may write everywhere."""
+    is_root = os.geteuid() == 0
+    if is_root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+
+
+def test_a_folder_that_may_not_be_written_is_one_line(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    theirs.chmod(0o555)
+    tmp_path.chmod(0o755)
+    for folder in (theirs, theirs / "data"):
+        with as_nobody(), pytest.raises(StoreError) as refused:
+            Store(folder)
+        assert str(refused.value) == (
+            f"{folder}: Permission denied; --data needs a folder that the service can write, on a disk with "
+            "room"
+        )
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("no folder")
+    with pytest.raises(StoreError, match=r"data: File exists; --data needs a folder"):
+        Store(tmp_path / "data")
+
+
+def on_a_disk_of(size: str, folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """The command line in a process that sees a disk of this size at `folder`; skipped where none can be."""
+    folder.mkdir()
+    alone = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
+    mounting = f"mount -t tmpfs -o size={size} none '{folder}'"
+    if shutil.which("unshare") is None or subprocess.run([*alone, mounting], check=False).returncode != 0:
+        pytest.skip("no disk can be mounted here")
+    return subprocess.run(
+        [*alone, f'{mounting} && exec "$@"', "sh", sys.executable, "-m", "crowdfence", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("size", ["4k", "24k", "80k"])
+def test_a_full_disk_is_one_line(tmp_path: Path, size: str) -> None:
+    """Whichever of its files has no room: SQLite says something else of each."""
+    ground = write_level_ground(tmp_path / "ground.tif")
+    how = ("--terrain", ground, "--origin", ORIGIN, "--voxel-size-m", 2, "--port", 0)
+    done = on_a_disk_of(size, tmp_path / "disk", "serve", *how, "--data", tmp_path / "disk" / "data")
+    errors = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
+    assert done.returncode == 1 and len(errors) == 1, done.stderr
+    assert errors[0].startswith(f"error: {tmp_path / 'disk' / 'data'}")
+    assert "0.0 MB are free; make room there, or name a folder on another disk with --data" in errors[0]

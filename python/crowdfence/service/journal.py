@@ -127,7 +127,7 @@ class Journal:
             connection.execute("DELETE FROM journal WHERE seq >= ?", (first,))
             connection.execute("UPDATE sqlite_sequence SET seq = ? WHERE name = 'journal'", (first - 1,))
 
-        self._store.submit(write).result()
+        self._store.written(write)
 
     def record(self, seq: int) -> Record | None:
         """One record; None where it is gone or damaged."""

@@ -10,13 +10,14 @@ from __future__ import annotations
 import fcntl
 import logging
 import queue
+import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, TextIO
 
 FILE = "crowdfence.sqlite"
 LOCK = "crowdfence.lock"
@@ -29,6 +30,16 @@ flying, and views, which are looked up before they are taken, must not wait for 
 
 BEGIN_ANEW = "move the folder away to begin anew, or restore a copy"
 """What to do about a file that cannot be gone on with."""
+_NEEDS_BYTES = 1_000_000
+"""What a disk must have free for a new file, its log and its index; with less, SQLite says many things."""
+_REMEDIES = {
+    "full": "make room there, or name a folder on another disk with --data",
+    "unable to open": "the service must be able to read and write it",
+    "readonly": "the service must be able to write it and its folder",
+    "locked": "end the program that has it open",
+    "disk I/O": "the system's log says what the disk has",
+}
+"""What to do about an error of SQLite by a word of its text, which is the same in every build."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -66,14 +77,10 @@ class Store:
     """Open until `close`. `durable=False` is for replays, which can be had again."""
 
     def __init__(self, folder: Path, *, durable: bool = True) -> None:
-        """StoreError for a file that is damaged, of another version, or locked by another service."""
-        folder.mkdir(parents=True, exist_ok=True)
-        self._lock_file = (folder / LOCK).open("w")
-        try:
-            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise StoreError(f"{folder} is in use by another service") from error
+        """StoreError for a folder that cannot be written or is in use, and for a file that is damaged, of
+        another version or of another program, which is left as it is."""
         self.path = folder / FILE
+        self._lock_file = _locked(folder)
         self.on_trouble: Callable[[str | None], None] = lambda trouble: None
         """Called with what went wrong when writes fail, and with None when they work again."""
         self._writes: queue.Queue[tuple[Write, Future[Any]] | None] = queue.Queue()
@@ -86,11 +93,24 @@ class Store:
                 self._readers.put(reader)
                 reader.execute("PRAGMA query_only = 1")
         except sqlite3.Error as error:
-            raise StoreError(f"{self.path}: {error}") from error
+            self._lock_file.close()
+            raise self._refusal(error) from error
+        except StoreError:
+            self._lock_file.close()
+            raise
         self._thread = Thread(target=self._write_all, name="store", daemon=True)
         self._thread.start()
 
+    def _refusal(self, error: sqlite3.Error) -> StoreError:
+        """What is wrong, where, and what to do."""
+        free = shutil.disk_usage(self.path.parent).free
+        if free < _NEEDS_BYTES:
+            return StoreError(f"{self.path}: {error}, {free / 1e6:.1f} MB are free; {_REMEDIES['full']}")
+        remedy = next((told for word, told in _REMEDIES.items() if word in str(error)), BEGIN_ANEW)
+        return StoreError(f"{self.path}: {error}; {remedy}")
+
     def _opened(self, durable: bool) -> sqlite3.Connection:
+        self._check_ours()
         connection = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None, timeout=2.0)
         # Before the first page is written, which WAL does: it cannot be chosen later.
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
@@ -99,13 +119,31 @@ class Store:
         (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":
             raise StoreError(f"{self.path} is damaged ({found}); {BEGIN_ANEW}")
-        connection.executescript(_TABLES)
-        version = connection.execute("SELECT value FROM about WHERE name = 'version'").fetchone()
-        if version is None:
-            connection.execute("INSERT INTO about VALUES ('version', ?)", (str(VERSION),))
-        elif version[0] != str(VERSION):
-            raise StoreError(f"{self.path} has version {version[0]}; this crowdfence reads {VERSION}")
+        # Together: a file that was begun half would be taken for one of another program.
+        connection.executescript(
+            f"BEGIN; {_TABLES} INSERT OR IGNORE INTO about VALUES ('version', '{VERSION}'); COMMIT"
+        )
         return connection
+
+    def _check_ours(self) -> None:
+        """StoreError for a file that others write, which ours would be written into; it is only read here."""
+        if not self.path.exists() or self.path.stat().st_size == 0:
+            return
+        with closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro", uri=True)) as peeking:
+            tables = {
+                name for (name,) in peeking.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+            }
+            if tables and not tables >= {"about", "journal"}:
+                raise StoreError(
+                    f"{self.path} is a database of another program (it has a table {min(tables)}): name "
+                    "another folder with --data"
+                )
+            version = tables and peeking.execute("SELECT value FROM about WHERE name = 'version'").fetchone()
+        if version and version[0] != str(VERSION):
+            raise StoreError(
+                f"{self.path} has version {version[0]}; this crowdfence reads {VERSION}: name another folder "
+                "with --data, or serve it with the crowdfence that wrote it"
+            )
 
     def belongs_to(self, **what: str) -> None:
         """Written when the file is new, compared when it is not. StoreError names what differs."""
@@ -116,9 +154,9 @@ class Store:
                     f"{self.path} was begun with another {name}: name another folder with --data"
                 )
         rows = list(what.items())
-        self.submit(
+        self.written(
             lambda connection: connection.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", rows)
-        ).result()
+        )
 
     def submit(self, write: Write, then: Callable[[Future[Any]], None] | None = None) -> Future[Any]:
         """Write with the next commit; the result of `write` comes once it is on disk. Its error comes instead
@@ -129,6 +167,13 @@ class Store:
             future.add_done_callback(then)
         self._writes.put((write, future))
         return future
+
+    def written(self, write: Write) -> Any:
+        """The result of a write that nothing can go on without, once it is on disk. StoreError."""
+        try:
+            return self.submit(write).result()
+        except sqlite3.Error as error:
+            raise self._refusal(error) from error
 
     def note(self, write: Write) -> None:
         """`submit` for what nobody waits for: a failure is told to `on_trouble` alone."""
@@ -220,6 +265,24 @@ class Store:
         if trouble is not None or self._failing:
             self._failing = trouble is not None
             self.on_trouble(trouble)
+
+
+def _locked(folder: Path) -> TextIO:
+    """The lock of a folder, which is made; held until it is closed. StoreError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / LOCK).open("w")
+    except OSError as error:
+        raise StoreError(
+            f"{folder}: {error.strerror}; --data needs a folder that the service can write, on a disk with "
+            "room"
+        ) from error
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        file.close()
+        raise StoreError(f"{folder} is in use by another service") from error
+    return file
 
 
 def _is_trouble(error: Exception | None) -> bool:
