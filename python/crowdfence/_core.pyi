@@ -207,8 +207,9 @@ class Terrain:
 
     `Terrain.open` reads map files, the `from_` constructors take arrays; all of them raise CrowdfenceError
     for a terrain without a voxel, with more than 2^31 of them or more than 2^20 along an axis, for a
-    voxel_size_m that is not positive, for values that are not finite and for arrays of another shape or
-    element type. The voxels cannot change. A terrain can be pickled (16 bytes per voxel).
+    voxel_size_m that is not positive, for values that are not finite, for heights beyond +-9000 m, which no
+    ground has, and for arrays of another shape or element type. The voxels cannot change. A terrain can be
+    pickled (16 bytes per voxel).
     """
 
     @staticmethod

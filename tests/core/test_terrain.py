@@ -298,7 +298,26 @@ ONE_CELL = np.ones((1, 1, 1), bool)
         ),
         (
             lambda: Terrain.from_height_map([[0.0, 1e10]], 1.0),
-            "height at cell (0, 1) is 10000000000; heights must be within 2^31 voxels of the origin, or NaN",
+            "height at cell (0, 1) is 1e10; heights must be within 9000 m of the origin, or NaN for a hole",
+        ),
+        *(
+            (
+                lambda mark=mark: Terrain.from_height_map([[0.0, 1.0], [mark, 2.0]], 1.0),
+                f"cell (1, 0) is {said};",
+            )
+            for mark, said in [(-32768, "-32768"), (-9999, "-9999"), (9999, "9999"), (1e30, "1e30")]
+        ),
+        (
+            lambda: Terrain.from_height_map([[0.0, 8000.0]], 1e-6),
+            "height at cell (0, 1) is 8000; heights must be within 2^31 voxels of the origin, or NaN",
+        ),
+        (
+            lambda: Terrain.from_points([[0, 0, 0], [1, 0, -9999]], 1.0),
+            "point 1 has the height -9999; heights of ground are within 9000 m. Is it a mark of missing data",
+        ),
+        (
+            lambda: Terrain.from_triangles([[0, 0, 0], [1, 0, 0], [0, 1, 1e30]], [[0, 1, 2]], 1.0),
+            "vertex 2 has the height 1e30; heights of ground are within 9000 m.",
         ),
         (lambda: Terrain.from_height_map([[math.nan]], 1.0), "terrain has no occupied voxel"),
         (lambda: Terrain.from_height_map(np.zeros((0, 3)), 1.0), "terrain has no occupied voxel"),

@@ -234,7 +234,7 @@ def test_nothing_is_interpolated_across_what_splits_the_map(tmp_path):
     assert set(z[west]) == {10.125} and set(z[east]) == {90.125}
 
 
-@pytest.mark.parametrize("mark", [-32768, -999])
+@pytest.mark.parametrize("mark", [-32768, -999, 9999])
 def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path, mark):
     heights = np.full((5, 6), -430.0)  # the lowest land there is
     heights[3, 1] = mark

@@ -292,3 +292,30 @@ def test_triangles_cover_the_outline_once():
     areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
     assert areas.sum() == pytest.approx(100)
     assert len(triangulate(np.zeros((2, 3)), 1.0)) == 0
+
+
+@pytest.mark.parametrize("crs", [None, "EPSG:32632"])
+@pytest.mark.parametrize("surface", ["ground", "all"])
+@pytest.mark.parametrize("height", [-32768.0, -9999.0, 9999.0, 1e6])
+def test_a_point_where_no_land_is_can_only_be_noise(tmp_path, crs, surface, height):
+    points = grid_points(20, lambda x, y: 5.3) + ([500_000.0, 5_000_000.0, 0.0] if crs else 0.0)
+    outlier = np.append(points[150, :2], height)
+    options = {"surface": surface, "voxel_size_m": 1.0, "assume_local": crs is None}
+    options["georeference"] = (
+        Georeference.from_projected("EPSG:32632", 500_000.0, 5_000_000.0, 0.0) if crs else None
+    )
+    path = write_las(tmp_path / "a.las", np.vstack([points, outlier]), crs=crs)
+    with pytest.raises(
+        MapError, match=rf"point 400 has the height {height:.10g}, outside \[-500, 9000\] m.*class 7"
+    ):
+        open_terrain(path, **options)
+    as_noise = write_las(tmp_path / "b.las", np.vstack([points, outlier]), [2] * 400 + [7], crs=crs)
+    without = write_las(tmp_path / "c.las", points, crs=crs)
+    assert voxel_set(open_terrain(as_noise, **options)) == voxel_set(open_terrain(without, **options))
+
+
+def test_noise_far_below_does_not_place_the_map(tmp_path):
+    ground = grid_points(20, lambda x, y: 5.3) + np.array([500_000.0, 5_000_000.0, 0.0])
+    points = np.vstack([ground, (500_010.0, 5_000_010.0, -32768.0)])
+    path = write_las(tmp_path / "a.las", points, [2] * 400 + [7], crs="EPSG:32632")
+    assert open_terrain(path).georeference.height_m == -500.0

@@ -174,3 +174,11 @@ def test_impossible_options_are_refused(tmp_path, options, message):
     path.write_bytes(ascii_ply())
     with pytest.raises(MapError, match=message):
         open_terrain(path, **options)
+
+
+@pytest.mark.parametrize(("name", "data"), [("a.ply", ascii_ply), ("b.ply", binary_ply), ("c.obj", obj)])
+def test_a_mark_of_missing_data_is_no_pit(tmp_path, name, data):
+    path = tmp_path / name
+    path.write_bytes(data(vertices=np.vstack([SQUARE[:3], [0.5, 3.5, -32768.0]])))
+    with pytest.raises(MapError, match="vertex 3 has the height -32768; heights of ground are within 9000 m"):
+        open_terrain(path, voxel_size_m=1.0)

@@ -1,8 +1,11 @@
 //! Every way the core can refuse its input. Each message names the offending value and its bound.
 
+use std::fmt::{Display, LowerExp};
+
 use thiserror::Error;
 
 use crate::camera::CameraError;
+use crate::terrain::MAX_HEIGHT;
 use crate::terrain::octomap::OctomapError;
 use crate::terrain::triangles::TrianglesError;
 
@@ -53,9 +56,15 @@ pub enum Error {
     )]
     PointOffGrid { index: usize, x: f64, y: f64, z: f64 },
     #[error(
-        "height at cell ({column}, {row}) is {value}; heights must be within 2^31 voxels of the origin, or NaN for a hole"
+        "height at cell ({column}, {row}) is {}; heights must be within {bound} of the origin, or NaN for a hole",
+        short(*value)
     )]
-    Height { column: usize, row: usize, value: f32 },
+    Height { column: usize, row: usize, value: f32, bound: &'static str },
+    #[error(
+        "{what} {index} has the height {}; heights of ground are within {MAX_HEIGHT}. Is it a mark of missing data, or in another unit?",
+        short(*height)
+    )]
+    NoGround { what: &'static str, index: usize, height: f64 },
     #[error("voxel id {id} does not exist; the terrain has ids 0 to {last}")]
     VoxelId { id: i64, last: usize },
     #[error("{what} belongs to another terrain (fingerprint {found:016x}, this terrain has {expected:016x})")]
@@ -160,6 +169,7 @@ impl Error {
             | Error::TooManyVoxels { .. }
             | Error::PointOffGrid { .. }
             | Error::Height { .. }
+            | Error::NoGround { .. }
             | Error::VoxelId { .. }
             | Error::IdsNotSorted { .. }
             | Error::SeenAndOccluded { .. }
@@ -175,8 +185,8 @@ pub(crate) fn require(ok: bool, name: &'static str, value: f64, bound: &'static 
 }
 
 /// A number as people write it: 1e308 rather than its 309 digits.
-fn short(value: f64) -> String {
-    match value.abs() {
+fn short<T: Into<f64> + Copy + Display + LowerExp>(value: T) -> String {
+    match value.into().abs() {
         0.0 | 1e-4..1e9 => value.to_string(),
         size if size.is_finite() => format!("{value:e}"),
         _ => value.to_string(), // NaN, inf

@@ -43,6 +43,12 @@ pub const MAX_VOXELS: u64 = 1 << 31;
 /// about 3 GB while they are sorted in.
 pub const MAX_OCTOMAP_VOXELS: u64 = 1 << 27;
 
+/// Bound of a height that is given for ground, metres: all of Earth's lies within. The usual marks of missing data
+/// (-9999, -32768, 1e30) lie beyond, and would be walls and pits.
+pub const MAX_HEIGHT_M: f64 = 9000.0;
+/// The same in words.
+pub(crate) const MAX_HEIGHT: &str = "9000 m";
+
 /// What places the grid in the world.
 const FRAME: [&str; 4] = ["voxel_size_m", "origin x", "origin y", "origin z"];
 
@@ -167,6 +173,7 @@ impl Terrain {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
+        check_heights("point", points)?;
         let terrain = Terrain::of_cubes(&indices, voxel_size_m, origin)?;
         let means = PointMeans::of(&terrain, points.iter().map(in_voxels), &indices);
         let planes = estimate::planes(&terrain, Some(&means));
@@ -182,6 +189,7 @@ impl Terrain {
         origin: DVec3,
     ) -> Result<Terrain> {
         check_frame(voxel_size_m, origin)?;
+        check_heights("vertex", vertices)?;
         let vertices: Vec<DVec3> = vertices.iter().map(|&vertex| (vertex - origin) / voxel_size_m).collect();
         let indices = triangles::voxelize_triangles(&vertices, triangles)?;
         let terrain = Terrain::of_cubes(&indices, voxel_size_m, origin)?;
@@ -389,6 +397,14 @@ fn check_frame(voxel_size_m: f64, origin: DVec3) -> Result<()> {
     Ok(())
 }
 
+/// Refuses points of which one is higher or lower than ground; what is not finite is found where it is placed.
+fn check_heights(what: &'static str, points: &[DVec3]) -> Result<()> {
+    match points.par_iter().position_first(|point| point.z.is_finite() && point.z.abs() > MAX_HEIGHT_M) {
+        None => Ok(()),
+        Some(index) => Err(Error::NoGround { what, index, height: points[index].z }),
+    }
+}
+
 fn bounds(indices: &[[i32; 3]]) -> Result<([i32; 3], [u32; 3])> {
     let (low, high) = indices
         .par_iter()
@@ -506,6 +522,11 @@ mod tests {
         assert!(refused(Terrain::from_indices(&far, 1.0, DVec3::ZERO)).contains("1048577 voxels along y"));
         let nan = [DVec3::ZERO, DVec3::new(0.0, f64::NAN, 0.0)];
         assert!(refused(Terrain::from_points(&nan, 1.0, DVec3::ZERO)).contains("point 1 at (0, NaN, 0)"));
+        let mark = [DVec3::ZERO, DVec3::X, DVec3::new(0.0, 1.0, -32768.0)];
+        let words = " 2 has the height -32768; heights of ground are within 9000 m.";
+        assert!(refused(Terrain::from_points(&mark, 1.0, DVec3::ZERO)).starts_with(&format!("point{words}")));
+        let triangles = Terrain::from_triangles(&mark, &[[0, 1, 2]], 1.0, DVec3::ZERO);
+        assert!(refused(triangles).starts_with(&format!("vertex{words}")));
     }
 
     #[test]

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from crowdfence.maps.map_error import MapError
 
 # Land lies between -430 m (the shore of the Dead Sea) and 8850 m. Values outside these bounds are undeclared
-# marks of missing data, of which -999 is the nearest.
+# marks of missing data, of which -999 and 9999 are the nearest.
 LOWEST_PLAUSIBLE_M = -500.0
-HIGHEST_PLAUSIBLE_M = 10_000.0
+HIGHEST_PLAUSIBLE_M = 9000.0
 
 _STRIP_PIXELS = 1 << 24
 
@@ -85,7 +85,7 @@ class HeightRaster:
     def range(self, unit_m: float) -> tuple[float, float]:
         """Lowest and highest height as written in the file.
 
-        MapError when no pixel has a height, or when one lies outside the plausible -500 to 10000 m: that is
+        MapError when no pixel has a height, or when one lies outside the plausible -500 to 9000 m: that is
         how missing data looks that the file does not declare.
         """
         lowest, highest = math.inf, -math.inf

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.ground_surface import triangulate
+from crowdfence.maps.height_raster import HIGHEST_PLAUSIBLE_M, LOWEST_PLAUSIBLE_M
 from crowdfence.maps.las_header import check_las_header
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
@@ -76,7 +77,8 @@ def open_lidar(
     down to whole metres.
 
     MapError for a file without reference system, without usable points, with fewer points than its header
-    says, more than 200 km from the anchor, too large for the voxel size, or damaged.
+    says or at heights that no land has, more than 200 km from the anchor, too large for the voxel size, or
+    damaged.
     """
     if surface not in (None, "ground", "all"):
         raise MapError(path, f"surface is {surface!r}, must be 'ground' or 'all'")
@@ -214,9 +216,9 @@ def _frame(
     high: NDArray[np.float64],
 ) -> SourceFrame:
     x, y = ((low + high) / 2)[:2].tolist()
-    return source_frame(
-        crs, georeference, rules, rules.metres_per_height(crs), centre=(x, y), lowest=float(low[2])
-    )
+    metres_per_height = rules.metres_per_height(crs)
+    lowest = max(float(low[2]), LOWEST_PLAUSIBLE_M / metres_per_height)  # what lies below is noise
+    return source_frame(crs, georeference, rules, metres_per_height, centre=(x, y), lowest=lowest)
 
 
 def _chunks(path: Path, reader: Any, frame: SourceFrame) -> Chunks:
@@ -231,6 +233,16 @@ def _chunks(path: Path, reader: Any, frame: SourceFrame) -> Chunks:
             x, y, z = (np.asarray(values, np.float64) for values in (chunk.x, chunk.y, chunk.z))
             kind = np.asarray(chunk.classification)
             usable = ~(np.isin(kind, NOISE) | np.asarray(chunk.withheld, bool))
+        height_m = z * frame.metres_per_height
+        no_land = usable & ((height_m < LOWEST_PLAUSIBLE_M) | (height_m > HIGHEST_PLAUSIBLE_M))
+        if no_land.any():
+            first = int(np.argmax(no_land))
+            raise MapError(
+                path,
+                f"point {count + first} has the height {z[first]:.10g}, outside [{LOWEST_PLAUSIBLE_M:g}, "
+                f"{HIGHEST_PLAUSIBLE_M:g}] m: mark such points as noise (class 7) or leave them out, or "
+                "check height_unit",
+            )
         points = frame.local_from_source(x, y, z)
         far = np.abs(points[:, :2]).max(axis=1) > MAX_DISTANCE_M
         if frame.crs is not None and far.any():

@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 
-use super::MAX_VOXELS;
 use super::plane::Plane;
 use super::tree::MAX_EXTENT;
+use super::{MAX_HEIGHT, MAX_HEIGHT_M, MAX_VOXELS};
 
 /// Heights [X, Y] above the terrain's origin, row-major (first axis east, second north). Cell (i, j) covers
 /// [i, i + 1) x [j, j + 1) cells of `cell_size_m`; its height belongs to its centre; NaN is a hole.
@@ -27,8 +27,10 @@ impl<'a> HeightMap<'a> {
                 expected: shape[0] * shape[1],
             });
         }
-        if let Some(at) = heights_m.iter().position(|height| height.is_infinite()) {
-            return Err(Error::Height { column: at / shape[1], row: at % shape[1], value: heights_m[at] });
+        let no_ground = |height: &f32| f64::from(height.abs()) > MAX_HEIGHT_M;
+        if let Some(at) = heights_m.par_iter().position_first(no_ground) {
+            let [column, row] = [at / shape[1], at % shape[1]];
+            return Err(Error::Height { column, row, value: heights_m[at], bound: MAX_HEIGHT });
         }
         Ok(HeightMap { heights_m, shape, cell_size_m })
     }
@@ -57,7 +59,8 @@ impl<'a> HeightMap<'a> {
                 let height = height_m / voxel_size_m;
                 if height.abs() >= f64::from(i32::MAX) - 1.0 {
                     let cell = |at: usize| (at as f64 / columns_per_cell) as usize;
-                    return Err(Error::Height { column: cell(i), row: cell(j), value: height_m as f32 });
+                    let (column, row, value) = (cell(i), cell(j), height_m as f32);
+                    return Err(Error::Height { column, row, value, bound: "2^31 voxels" });
                 }
                 *top = Top::new(height);
                 Ok(())
@@ -231,9 +234,18 @@ mod tests {
     }
 
     #[test]
-    fn infinite_heights_are_refused_with_their_cell() {
-        let error = HeightMap::new(&[0.0, 0.0, f32::INFINITY, 0.0], [2, 2], 1.0).unwrap_err();
-        assert!(error.to_string().contains("cell (1, 0) is inf"), "{error}");
+    fn heights_that_no_ground_has_are_refused_with_their_cell() {
+        for (height, words) in [
+            (f32::INFINITY, "is inf; heights must be within 9000 m of the origin, or NaN for a hole"),
+            (-32768.0, "is -32768;"),
+            (-9999.0, "is -9999;"),
+            (f32::MIN, "is -3.4028235e38;"),
+            (9000.001, "is 9000.001;"),
+        ] {
+            let error = HeightMap::new(&[0.0, f32::NAN, height, 0.0], [2, 2], 1.0).unwrap_err();
+            assert!(error.to_string().contains(&format!("cell (1, 0) {words}")), "{error}");
+        }
+        assert!(HeightMap::new(&[-9000.0, f32::NAN, 9000.0, 8849.0], [2, 2], 1.0).is_ok());
     }
 
     #[test]
@@ -243,7 +255,7 @@ mod tests {
             map.columns(voxel).err().unwrap().to_string()
         };
         assert!(message(&[0.0; 4], [2, 2], 0.5, 1e-6).contains("has 1000000000000 voxels; the bound is"));
-        let high = message(&[0.0, 1e10], [1, 2], 1.0, 1.0);
-        assert!(high.contains("cell (0, 1) is 10000000000") && high.contains("within 2^31 voxels"), "{high}");
+        let high = message(&[0.0, 8000.0], [1, 2], 1e-6, 1e-6);
+        assert!(high.contains("cell (0, 1) is 8000;") && high.contains("within 2^31 voxels"), "{high}");
     }
 }
