@@ -8,12 +8,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from time import sleep
+from types import SimpleNamespace
 
 import pytest
 
 from crowdfence.service.store import FILE, Store, StoreError
+from crowdfence.service.write_trouble import WriteTrouble
 from support.served import ORIGIN, write_level_ground
 
 # Instructions of SQLite that take seconds, as a look through a day of moments does.
@@ -133,3 +135,70 @@ def test_a_full_disk_is_one_line(tmp_path: Path, size: str) -> None:
     assert done.returncode == 1 and len(errors) == 1, done.stderr
     assert errors[0].startswith(f"error: {tmp_path / 'disk' / 'data'}")
     assert "0.0 MB are free; make room there, or name a folder on another disk with --data" in errors[0]
+
+
+FULL = sqlite3.OperationalError("database or disk is full")
+
+
+def test_a_full_disk_is_told_until_as_much_goes_through_as_was_refused(tmp_path: Path) -> None:
+    trouble = WriteTrouble(tmp_path)
+    trouble.passed(0)
+    assert trouble.text is None
+    trouble.refused(FULL, 50_000)
+    trouble.refused(FULL, 9_000)
+    for size in (0, 300, 9_000, 40_000):
+        trouble.passed(size)
+        assert trouble.text == "database or disk is full", size
+    trouble.refused(FULL, 0)  # what went through before it says nothing about now
+    trouble.passed(49_999)
+    assert trouble.text is not None
+    trouble.passed(1)
+    assert trouble.text is None
+    trouble.refused(FULL, 0)
+    trouble.passed(4095)
+    assert trouble.text is not None, "what nobody told the size of needs a page"
+    trouble.passed(1)
+    assert trouble.text is None
+
+
+def test_a_full_disk_is_told_until_there_is_room_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That was not there at the refusal: a quota is full on a disk with room."""
+    free = 0
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
+    trouble = WriteTrouble(tmp_path)
+    trouble.refused(FULL, 50_000)
+    for free in (0, 199_999_999):
+        trouble.passed(0)
+        assert trouble.text is not None, free
+    free = 200_000_000
+    trouble.passed(0)
+    assert trouble.text is None
+    trouble.refused(FULL, 50_000)
+    trouble.passed(0)
+    assert trouble.text is not None
+
+
+def test_a_write_that_finds_no_room_takes_none_that_does_with_it(tmp_path: Path) -> None:
+    """They come in one commit, which the large one ends; what is small fits into the pages that are there."""
+    store = Store(tmp_path, durable=False)
+    store.submit(lambda connection: connection.execute("PRAGMA max_page_count = 1")).result()
+    goes_on, told = Event(), []
+    store.on_trouble = told.append
+    insert = "INSERT INTO about VALUES (?, ?)"
+    first = store.submit(lambda connection: goes_on.wait(20.0))
+    sizes = {"alert": 100, "view": 100_000, "alert after it": 100}
+    futures = {
+        name: store.submit(
+            lambda connection, row=(name, "x" * size): connection.execute(insert, row), size=size
+        )
+        for name, size in sizes.items()
+    }
+    goes_on.set()
+    assert first.result() and "full" in str(futures["view"].exception())
+    store.flush()
+    kept = {name for (name,) in store.rows("SELECT name FROM about")}
+    assert kept & {*sizes} == {"alert", "alert after it"}
+    assert futures["alert"].exception() is None and "full" in told[-1], "the small ones do not call it well"
+    store.close()

@@ -77,7 +77,7 @@ class Journal:
                 row,
             ).lastrowid
 
-        return self._store.submit(write, then)
+        return self._store.submit(write, then, size=len(record.body))
 
     def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
         """Of a view that is there already."""
@@ -163,7 +163,7 @@ class Journal:
                     (oldest, needed_from, forget_before_ns),
                 )
 
-        return self._store.submit(write)
+        return self._store.submit(write, size=len(body))
 
     def restore_newest(self, restore: Callable[[int, bytes], None]) -> None:
         """Call `restore` with place and state of the newest snapshot, and with older ones until one can be

@@ -30,7 +30,8 @@ class Media:
         self._kept_ns[drone] = stamp_ns
         row = (kind, drone, stamp_ns, body)
         self._store.note(
-            lambda connection: connection.execute("INSERT OR REPLACE INTO media VALUES (?, ?, ?, ?)", row)
+            lambda connection: connection.execute("INSERT OR REPLACE INTO media VALUES (?, ?, ?, ?)", row),
+            size=len(body),
         )
 
     def at(self, kind: MediaKind, drone: str, stamp_ns: int) -> tuple[int, bytes] | None:

@@ -17,7 +17,9 @@ from concurrent.futures import Future
 from contextlib import closing, suppress
 from pathlib import Path
 from threading import Thread
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
+
+from crowdfence.service.write_trouble import WriteTrouble
 
 FILE = "crowdfence.sqlite"
 LOCK = "crowdfence.lock"
@@ -44,6 +46,23 @@ _REMEDIES = {
 _LOG = logging.getLogger(__name__)
 
 Write = Callable[[sqlite3.Connection], Any]
+
+
+class _Entry(NamedTuple):
+    """A write that waits."""
+
+    write: Write
+    future: Future[Any]
+    size: int
+
+
+class _Outcome(NamedTuple):
+    """What became of it."""
+
+    entry: _Entry
+    result: Any
+    failure: Exception | None
+
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -83,9 +102,9 @@ class Store:
         self._lock_file = _locked(folder)
         self.on_trouble: Callable[[str | None], None] = lambda trouble: None
         """Called with what went wrong when writes fail, and with None when they work again."""
-        self._writes: queue.Queue[tuple[Write, Future[Any]] | None] = queue.Queue()
+        self._trouble = WriteTrouble(folder)
+        self._writes: queue.Queue[_Entry | None] = queue.Queue()
         self._readers: queue.LifoQueue[sqlite3.Connection] = queue.LifoQueue()
-        self._failing = False
         try:
             self._writer = self._opened(durable)
             for _ in range(_READERS):
@@ -158,14 +177,17 @@ class Store:
             lambda connection: connection.executemany("INSERT OR IGNORE INTO about VALUES (?, ?)", rows)
         )
 
-    def submit(self, write: Write, then: Callable[[Future[Any]], None] | None = None) -> Future[Any]:
+    def submit(
+        self, write: Write, then: Callable[[Future[Any]], None] | None = None, *, size: int = 0
+    ) -> Future[Any]:
         """Write with the next commit; the result of `write` comes once it is on disk. Its error comes instead
         where it failed, sqlite3.Error where that was the file's; nothing of it was written then. `then` is
-        called in the thread that writes, in the order of the writes."""
+        called in the thread that writes, in the order of the writes. `size`: about how many bytes it needs,
+        0 for few."""
         future: Future[Any] = Future()
         if then is not None:
             future.add_done_callback(then)
-        self._writes.put((write, future))
+        self._writes.put(_Entry(write, future, size))
         return future
 
     def written(self, write: Write) -> Any:
@@ -175,9 +197,9 @@ class Store:
         except sqlite3.Error as error:
             raise self._refusal(error) from error
 
-    def note(self, write: Write) -> None:
+    def note(self, write: Write, *, size: int = 0) -> None:
         """`submit` for what nobody waits for: a failure is told to `on_trouble` alone."""
-        self.submit(write)
+        self.submit(write, size=size)
 
     def flush(self) -> None:
         """Wait until all that was handed in is on disk, or was refused."""
@@ -224,26 +246,29 @@ class Store:
             open_ = None not in batch
             self._commit([entry for entry in batch if entry is not None])
 
-    def _commit(self, batch: list[tuple[Write, Future[Any]]]) -> None:
+    def _commit(self, batch: list[_Entry]) -> None:
         """All answers come after the commit, also that something is there already."""
-        done: list[tuple[Future[Any], Any, Exception | None]] = []
+        outcomes = self._together(batch)
+        self._tell(outcomes)
+        for entry, result, failure in outcomes:
+            if failure is None:
+                entry.future.set_result(result)
+            else:
+                entry.future.set_exception(failure)
+
+    def _together(self, batch: list[_Entry]) -> list[_Outcome]:
+        """In one commit; each by itself where the disk has no room for all."""
         try:
             self._writer.execute("BEGIN IMMEDIATE")
-            for write, future in batch:
-                done.append((future, *self._alone(write)))
+            outcomes = [_Outcome(entry, *self._alone(entry.write)) for entry in batch]
             self._writer.execute("COMMIT")
         except Exception as error:  # whatever it is: those who wait hear of it, and the next writes follow
             with suppress(sqlite3.Error):
                 self._writer.execute("ROLLBACK")
-            done = [(future, None, error) for _, future in batch]
-        trouble = [error for *_, error in done if _is_trouble(error)]
-        if done:
-            self._tell(str(trouble[0]) if trouble else None)
-        for future, result, failure in done:
-            if failure is None:
-                future.set_result(result)
-            else:
-                future.set_exception(failure)
+            if len(batch) > 1 and "full" in str(error):
+                return [outcome for entry in batch for outcome in self._together([entry])]
+            return [_Outcome(entry, None, error) for entry in batch]
+        return outcomes
 
     def _alone(self, write: Write) -> tuple[Any, Exception | None]:
         """The write by itself: one that fails takes back nothing but its own."""
@@ -261,10 +286,14 @@ class Store:
         self._writer.execute("RELEASE one")
         return result, None
 
-    def _tell(self, trouble: str | None) -> None:
-        if trouble is not None or self._failing:
-            self._failing = trouble is not None
-            self.on_trouble(trouble)
+    def _tell(self, outcomes: list[_Outcome]) -> None:
+        before = self._trouble.text
+        self._trouble.passed(sum(one.entry.size for one in outcomes if one.failure is None))
+        for one in outcomes:
+            if one.failure is not None and _is_trouble(one.failure):
+                self._trouble.refused(one.failure, one.entry.size)
+        if self._trouble.text is not None or before is not None:
+            self.on_trouble(self._trouble.text)
 
 
 def _locked(folder: Path) -> TextIO:
@@ -285,6 +314,6 @@ def _locked(folder: Path) -> TextIO:
     return file
 
 
-def _is_trouble(error: Exception | None) -> bool:
+def _is_trouble(error: Exception) -> bool:
     """Whether the file cannot be written, rather than one write refused."""
     return isinstance(error, sqlite3.Error) and not isinstance(error, sqlite3.IntegrityError)

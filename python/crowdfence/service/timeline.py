@@ -57,18 +57,13 @@ class Timeline:
             },
             "events": line["events"],
         }
-        row = (
-            moment.number,
-            moment.stamp_ns,
-            whole,
-            zlib.compress(_json(line).encode(), 1),
-            _json(moment.marks),
-            _json(figures),
-        )
+        body = zlib.compress(_json(line).encode(), 1)
+        row = (moment.number, moment.stamp_ns, whole, body, _json(moment.marks), _json(figures))
         self._store.note(
             lambda connection: connection.execute(
                 "INSERT OR REPLACE INTO moments VALUES (?, ?, ?, ?, ?, ?)", row
-            )
+            ),
+            size=len(body),
         )
 
     def begin_whole(self) -> None:
@@ -159,7 +154,8 @@ class Timeline:
         self._store.note(
             lambda connection: connection.execute(
                 "INSERT OR REPLACE INTO beliefs VALUES (?, ?, ?)", (number, stamp_ns, body)
-            )
+            ),
+            size=len(body),
         )
 
     def belief_at(self, stamp_ns: int) -> tuple[int, bytes] | None:

@@ -21,6 +21,7 @@ from crowdfence.service.alerts import AlertKind, Level
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
+from crowdfence.service.write_trouble import LEAST_FREE_BYTES
 from crowdfence.zones import Zone
 from crowdfence.zones.square_metres import square_metres
 
@@ -28,7 +29,6 @@ _LOG = logging.getLogger(__name__)
 _EVERY_S = 1.0
 _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
-_LEAST_FREE_BYTES = 200_000_000
 _DETECTOR_STALE_S = 10.0
 _SMALL_SHARE = 0.05
 """Of lost crowd: what is less counts as so much where it is told that the share has doubled."""
@@ -211,11 +211,12 @@ class Watch:
         if service.store_trouble is not None:
             text = f"nothing can be written, views are refused: {service.store_trouble}"
             self._set(True, "disk", "alarm", text, measure=_NO_ROOM)
+            service.store.note(lambda connection: None)  # tells whether there is room again, if nobody writes
             return
         free = shutil.disk_usage(service.store.path.parent).free
         text = f"only {free / 1e6:.0f} MB are free for the journal"
-        short = min(_LEAST_FREE_BYTES / max(free, 1), _NO_ROOM / 2)
-        self._set(free < _LEAST_FREE_BYTES, "disk", "alarm", text, measure=short)
+        short = min(LEAST_FREE_BYTES / max(free, 1), _NO_ROOM / 2)
+        self._set(free < LEAST_FREE_BYTES, "disk", "alarm", text, measure=short)
 
     def _dismissals(self) -> None:
         """A dismissed zone comes back when its time is over, also when no view comes."""
