@@ -128,11 +128,31 @@ def test_a_damaged_tail_is_put_aside_and_told(tmp_path: Path) -> None:
         expected = state(service)
     with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
         assert state(service) == expected
-        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "disk"]
-        assert alert.level == "alarm" and alert.text.startswith("4 records")
+        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "records_damaged"]
+        assert alert.level == "alarm" and alert.text.startswith("4 records") and alert.is_open
         assert service.store.rows("SELECT COUNT(*) FROM damaged") == [(4,)]
         give(service, flown[8:])  # they were lost, so they are no duplicates
         assert service.live is not None and sum(service.live.heard.accepted.values()) == 4
+
+
+def test_damaged_records_are_told_each_time_also_while_the_disk_is_nearly_full(tmp_path: Path) -> None:
+    """Whatever was told before and is not over, and whether somebody has looked or not."""
+    with running(tmp_path / "0", settings=_no_snapshots()) as service:
+        give(service, views(4))
+        service.alerts.raise_("disk", "alarm", "only 90 MB are free for the journal", START_NS)
+        service.store.flush()
+        crash(tmp_path / "0", tmp_path / "1")
+    told = []
+    for start, (lost, first) in enumerate(((4, 9), (2, 7)), 1):
+        folder = tmp_path / str(start)
+        damage(folder, f"UPDATE journal SET body = x'00' WHERE seq = {first}")
+        with running(folder, settings=_no_snapshots()) as service, asked(service) as http:
+            told.insert(0, f"{lost} records at the end of the journal are damaged")
+            alerts = http.get("/api/v1/alerts").json()["alerts"]
+            texts = [alert["text"].split(" and put")[0] for alert in alerts if alert["kind"] != "disk"]
+            assert texts == told
+            service.store.flush()
+            crash(folder, tmp_path / str(start + 1))
 
 
 def test_a_damaged_snapshot_falls_back_on_the_one_before(tmp_path: Path) -> None:

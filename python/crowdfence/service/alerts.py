@@ -24,6 +24,7 @@ AlertKind = Literal[
     "heatmap_units",
     "clock",
     "disk",
+    "records_damaged",
     "refused_views",
     "watch_failed",
 ]

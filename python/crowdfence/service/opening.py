@@ -172,7 +172,9 @@ def live(
         _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
         if damaged:
             text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
-            service.alerts.raise_("disk", "alarm", text, clock.now_ns())
+            service.alerts.raise_("records_damaged", "alarm", text, clock.now_ns())
+            # It happened, and does not hold: the next time is told anew, and this one until somebody looked.
+            service.alerts.clear("records_damaged", clock.now_ns())
         service.live = going
         if service.mission.newest is not None or clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
