@@ -259,12 +259,17 @@ def test_pictures_go_to_the_detector_which_holds_up_nobody(tmp_path: Path) -> No
 def test_drones_may_be_called_as_their_namespaces_and_not_so_that_alarms_read_otherwise(
     tmp_path: Path,
 ) -> None:
+    """Nor so that two look alike."""
+
     def called(name: str) -> bytes:
         one = view("uav1", 0)
         return message(View(name, one.stamp_ns, one.camera, one.world_from_camera, one.heatmap))
 
     with running(tmp_path) as service, asked(service) as http:
-        for name, character in (("\u202eevil", "U+202E"), ("uav\x001", "U+0000"), ("uav\n1", "U+000A")):
+        odd = {"\u202e": "202E", "\x00": "0000", "\n": "000A", "\u2066": "2066", "\u2028": "2028"}
+        invisible = {"\u200b": "200B", "\u2060": "2060", "\ufeff": "FEFF", "\xad": "00AD", "\xa0": "00A0"}
+        refused = {f"uav{one}1": f"the character U+{told}," for one, told in {**odd, **invisible}.items()}
+        for name, character in {**refused, "uav1 ": "'uav1 ' begins or ends with a space"}.items():
             answer = http.post("/api/v1/views", content=called(name))
             assert answer.status_code == 422 and character in answer.json()["detail"]
         names = ("/fleet/uav1", "dröne ü&?#", "طائرة")

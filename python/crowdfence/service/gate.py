@@ -4,7 +4,6 @@ Each drone has its own room, so that one that floods only stops itself."""
 
 from __future__ import annotations
 
-import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
 from threading import Lock
@@ -19,11 +18,6 @@ _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
 _LATEST_NS = 4_000_000_000 * _SECOND_NS
 """A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
-
-
-_NO_TEXT = ("Cc", "Cs", "Zl", "Zp")
-_TURNS = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
-"""Bidirectional classes of characters that turn the text behind them round: an alarm would read otherwise."""
 
 
 class Refused(ValueError):
@@ -107,10 +101,14 @@ class Gate:
 
 
 def _check_name(drone: str) -> None:
-    """Names stand in alarms, on the page and in files of other formats."""
+    """Names stand in alarms, on the page and in files of other formats: none turns the text behind it round,
+    and no two look alike for what nobody sees."""
     for character in drone:
-        if unicodedata.category(character) in _NO_TEXT or unicodedata.bidirectional(character) in _TURNS:
+        if not character.isprintable():
             raise Refused(
                 422,
-                f"the drone's name has the character U+{ord(character):04X}, which is no text: leave it out",
+                f"the drone's name has the character U+{ord(character):04X}, which shows as no text: "
+                "leave it out",
             )
+    if drone != drone.strip():
+        raise Refused(422, f"the drone's name {drone!r} begins or ends with a space: leave it out")
