@@ -112,6 +112,81 @@ def test_a_wrong_clock_is_refused_and_told_and_the_others_go_on(tmp_path: Path) 
         assert service.alerts.active("clock", "uav2") is None
 
 
+NOW_S = START_NS // SECOND_NS
+
+
+@pytest.mark.parametrize(
+    ("per_second", "period_s", "unit", "apart_ms"),
+    [
+        (10**6, 0.2, "microseconds", "0.2"),
+        (10**6, 3.0, "microseconds", "3"),
+        (10**3, 10.0, "milliseconds", "0.01"),
+        (1, 2000.0, "seconds", "0.002"),
+    ],
+)
+def test_stamps_in_another_unit_are_refused_on_the_clock_of_the_views(
+    tmp_path: Path, per_second: int, period_s: float, unit: str, apart_ms: str
+) -> None:
+    """Else its time would run a thousand times too slowly, and what was seen once would stay open."""
+    stamps = [NOW_S * per_second + round(k * period_s * per_second) for k in range(60)]
+    with running(tmp_path) as service, asked(service) as http:
+        answers = [http.post("/api/v1/views", content=at("uav1", stamp)) for stamp in stamps]
+        assert [answer.status_code for answer in answers] == [202] + [422] * 59, "one alone tells nothing"
+        said = f"the stamps of uav1 look like {unit}, not nanoseconds: "
+        for answer in answers[1:]:
+            told = answer.json()["detail"]
+            assert told.startswith(said) and f" {apart_ms} ms apart" in told
+            assert told.endswith(f"multiply them by {10**9 // per_second}")
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert (alert.level, alert.drone, alert.cleared_ns) == ("alarm", "uav1", None)
+        assert unit in alert.text
+
+
+def test_a_slow_camera_in_microseconds_is_taken_and_doubted(tmp_path: Path) -> None:
+    """Every 10 s: as far apart as frames of a fast camera, by a clock that would run since 20 days."""
+    with running(tmp_path) as service:
+        for k in range(9):
+            live_of(service).intake.give_view(at("uav1", NOW_S * 10**6 + k * 10**7))
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert alert.cleared_ns is None and "20 days into 1970; if they are microseconds" in alert.text
+
+
+@pytest.mark.parametrize("start_s", [0.0, 1.5, 1500.0, float(NOW_S)])
+def test_fast_cameras_bursts_and_doubles_are_no_other_unit(tmp_path: Path, start_s: float) -> None:
+    """On clocks of simulations, whose stamps pass through the numbers of the other units."""
+    first = round(start_s * SECOND_NS)
+    frames = [first + round(k / 240 * SECOND_NS) for k in range(24)]
+    burst = [first + SECOND_NS + k * 200_000_000 for k in (0, 3, 1, 2, 4)]
+    with running(tmp_path) as service, asked(service) as http:
+        for stamp in (*frames, *burst):
+            assert http.post("/api/v1/views", content=at("uav1", stamp)).status_code == 202
+            assert http.post("/api/v1/views", content=at("uav1", stamp)).status_code == 200
+        assert not [one for one in service.alerts.all() if one.kind == "clock"]
+
+
+@pytest.mark.parametrize(
+    ("stamp", "hint"),
+    [
+        (NOW_S, "looks like seconds since 1970: stamps are nanoseconds, multiply by 1000000000"),
+        (NOW_S * 10**3, "looks like milliseconds since 1970: stamps are nanoseconds, multiply by 1000000"),
+        (NOW_S * 10**6, "looks like microseconds since 1970: stamps are nanoseconds, multiply by 1000"),
+        (START_NS - 3600 * SECOND_NS, "at most 60 s are taken"),
+        (NOW_S * 10**5, "at most 60 s are taken"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["system", "views"])
+def test_a_stamp_that_is_far_off_says_which_unit_it_looks_like(
+    tmp_path: Path, stamp: int, hint: str, kind: str
+) -> None:
+    clock = Now(START_NS).clock() if kind == "system" else Clock("views")
+    with running(tmp_path, clock=clock) as service:
+        live_of(service).intake.give_view(at("uav1", START_NS))
+        with pytest.raises(Refused, match=f"{hint}$"):
+            live_of(service).intake.give_view(at("uav2", stamp))
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert alert.text.endswith(hint)
+
+
 def test_a_fleet_that_was_away_for_days_is_taken_again(tmp_path: Path) -> None:
     now = Now(START_NS)
     with running(tmp_path, clock=now.clock()) as service:

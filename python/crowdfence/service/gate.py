@@ -4,7 +4,7 @@ Each drone has its own room, so that one that floods only stops itself."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from threading import Lock
 
@@ -12,10 +12,12 @@ from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
 from crowdfence.service.settings import ServiceSettings
+from crowdfence.sources.stamp_unit import unit_hint, unit_warning
 
 _SECOND_NS = 1_000_000_000
 _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
+_STAMPS_OF_A_DRONE = 8
 _LATEST_NS = 4_000_000_000 * _SECOND_NS
 """A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
 
@@ -45,6 +47,8 @@ class Gate:
         self._fleet, self._most_drones = fleet, most_drones
         self._rate = Rate(settings.views_per_s)
         self._on_the_way: Counter[str] = Counter()
+        self._stamps_ns: dict[str, deque[int]] = {}
+        """Newest of each drone, taken or not, where their clock is all that tells time."""
         self._counting = Lock()
 
     def enter(self, drone: str, stamp_ns: int) -> None:
@@ -54,6 +58,7 @@ class Gate:
         # Together: two newcomers must not both find the last place of the fleet free.
         with self._counting:
             self._check_fleet(drone)
+            self._check_unit(drone, stamp_ns)
             self._reserve(drone)
 
     def leave(self, drone: str) -> None:
@@ -72,14 +77,36 @@ class Gate:
         ahead_s = _FUTURE_OF_VIEWS_S if by_views else self._settings.max_ahead_s
         off_s = (stamp_ns - now_ns) / _SECOND_NS
         if -self._settings.max_age_s <= off_s <= ahead_s:
-            self._alerts.clear("clock", now_ns, drone=drone)
+            if not by_views:
+                self._alerts.clear("clock", now_ns, drone=drone)
             return
         side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
         reason = (
             f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
+            + unit_hint(stamp_ns)
         )
         self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone, measure=abs(off_s))
         raise Refused(422, reason)
+
+    def _check_unit(self, drone: str, stamp_ns: int) -> None:
+        """On the clock of the views nothing else shows that it runs a thousand times too slowly, so that
+        nothing ever gets old. Held against what was heard, not what was taken: a pause of those that are
+        refused would look like one of a slow camera."""
+        if self._clock.kind != "views":
+            return
+        heard = self._stamps_ns.setdefault(drone, deque(maxlen=_STAMPS_OF_A_DRONE))
+        if stamp_ns not in heard:
+            heard.append(stamp_ns)
+        now_ns = self._clock.now_ns() or stamp_ns
+        try:
+            doubt = unit_warning(drone, heard)
+        except ValueError as error:
+            self._alerts.raise_("clock", "alarm", str(error), now_ns, drone=drone)
+            raise Refused(422, str(error)) from error
+        if doubt is None:
+            self._alerts.clear("clock", now_ns, drone=drone)
+        else:
+            self._alerts.raise_("clock", "alarm", doubt, now_ns, drone=drone)
 
     def _check_fleet(self, drone: str) -> None:
         known = {*self._fleet(), *self._on_the_way}

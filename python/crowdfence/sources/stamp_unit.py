@@ -40,6 +40,15 @@ def unit_warning(drone: str, stamps_ns: Sequence[int]) -> str | None:
     )
 
 
+def unit_hint(stamp_ns: int) -> str:
+    """What to add to the words that a stamp is far off; empty where it looks like no other unit."""
+    unit = _looks_like([stamp_ns])
+    if unit is None:
+        return ""
+    factor = 10**9 // _OTHER_UNITS[unit]
+    return f"; {stamp_ns} looks like {unit} since 1970: stamps are nanoseconds, multiply by {factor}"
+
+
 def _looks_like(stamps_ns: Sequence[int]) -> str | None:
     """The unit in which all are stamps of this century."""
     for unit, per_second in _OTHER_UNITS.items():
