@@ -204,6 +204,28 @@ def test_a_gimbal_and_a_companion_with_clocks_of_their_own(later_ms: int) -> Non
         assert np.degrees(Rotation.from_matrix(true[:3, :3].T @ pose[:3, :3]).magnitude()) < 0.1
 
 
+def test_an_autopilot_that_counts_from_1970_is_laid_by_when_it_speaks_and_that_is_said_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """It hears no satellites yet; its views were refused as gaps in the poses, without the cause."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    for row in rows():
+        for message in (
+            position(row),
+            gimbal(row),
+            mavlink.MAVLink_system_time_message(boot_ms(row) * 1000, boot_ms(row)),
+        ):
+            feed.heard(message, row.stamp_ns + 1_000_000)
+    for frame in frames()[1:]:
+        pose, true = feed.pose_at(frame.stamp_ns), frame.world_from_camera
+        assert np.linalg.norm(pose[:3, 3] - true[:3, 3]) < 0.1
+    (said,) = [record.getMessage() for record in caplog.records]
+    after_s = boot_ms(rows()[0]) / 1e3
+    assert said.startswith(
+        f"the autopilot of uav1 does not know the time of day: its SYSTEM_TIME is {after_s:.0f} s after 1970"
+    )
+
+
 def test_only_the_autopilot_answers_for_its_time(tmp_path: Path) -> None:
     """Every component that hears TIMESYNC answers with a clock of its own."""
     feed = Telemetry("uav1", ground(), mission().georeference, SEA)
@@ -431,10 +453,13 @@ def test_the_better_source_of_time_counts() -> None:
     for boot, late_ns in ((1000, 80_000_000), (1100, 30_000_000), (1200, 200_000_000)):
         clock.arrived(boot, 5 * SECOND_NS + boot * 1_000_000 + late_ns)
     assert (clock.source, clock.offset_ns) == ("arrival", 5 * SECOND_NS + 30_000_000)
-    clock.told(0, 1300)  # no satellites yet
-    assert clock.source == "arrival"
-    clock.told(8 * SECOND_NS + 1_300_000_000, 1300)
-    assert (clock.source, clock.offset_ns) == ("system_time", 8 * SECOND_NS)
+    century = 10**18, 4 * 10**18  # 2001 to 2096
+    for no_time in (0, 1_300_000_000, century[0] - 1, century[1], 2**64 - 1):  # no satellites yet
+        assert clock.told(no_time, 1300) is False
+        assert clock.source == "arrival"
+    for time_of_day in (century[1] - 1, century[0]):
+        assert clock.told(time_of_day, 1300) is True
+        assert (clock.source, clock.offset_ns) == ("system_time", time_of_day - 1_300_000_000)
     clock.answered(10 * SECOND_NS, 4 * SECOND_NS, 10 * SECOND_NS + 2_000_000)
     assert (clock.source, clock.offset_ns) == ("timesync", 6 * SECOND_NS + 1_000_000)
     clock.answered(10 * SECOND_NS, 4 * SECOND_NS, 12 * SECOND_NS)  # two seconds on its way: says nothing

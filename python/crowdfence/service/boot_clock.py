@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Literal
 
+from crowdfence.sources.stamp_unit import THIS_CENTURY_S
+
 BootSource = Literal["timesync", "system_time", "arrival"]
 
 _KEPT = 16
@@ -34,10 +36,13 @@ class BootClock:
         if 0 <= way_ns <= _LONGEST_WAY_NS:
             self._asked.append((way_ns, sent_ns + way_ns // 2 - boot_ns))
 
-    def told(self, unix_ns: int, boot_ms: int) -> None:
-        """SYSTEM_TIME; 0 where the autopilot does not know the time of day."""
-        if unix_ns > 0:
-            self._told_ns = unix_ns - boot_ms * 1_000_000
+    def told(self, unix_ns: int, boot_ms: int) -> bool:
+        """SYSTEM_TIME; False where it is no time of day: until satellites tell it, autopilots say 0, or count
+        from 1970."""
+        if unix_ns // 1_000_000_000 not in THIS_CENTURY_S:
+            return False
+        self._told_ns = unix_ns - boot_ms * 1_000_000
+        return True
 
     def arrived(self, boot_ms: int, now_ns: int) -> bool:
         """Any message with a time; True if it is the first since the autopilot started anew, so that all

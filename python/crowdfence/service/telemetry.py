@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 
+_LOG = logging.getLogger(__name__)
 _KEPT_MS = 70_000
 """As long as a view may be late, and a little more."""
 _AROUND_MS = 2500
@@ -61,6 +63,8 @@ class Telemetry:
         self.clock = BootClock()
         self._autopilot: int | None = None
         """The component that tells positions."""
+        self._doubted_clock = False
+        """Whether it was said that its time of day is none."""
         self._others: dict[int, BootClock] = {}
         """Clocks of gimbals that are components of their own."""
 
@@ -75,7 +79,7 @@ class Telemetry:
                 self.changed.notify_all()
                 return
             if kind == "SYSTEM_TIME":
-                self.clock.told(message.time_unix_usec * 1000, message.time_boot_ms)
+                self._told(message.time_unix_usec * 1000, message.time_boot_ms)
             if kind == "HOME_POSITION":
                 self._messages[kind].append(message)
                 while len(self._messages[kind]) > 1:
@@ -86,6 +90,17 @@ class Telemetry:
                         others.clear()
                 self._keep(self._messages[kind], message)
             self.changed.notify_all()
+
+    def _told(self, unix_ns: int, boot_ms: int) -> None:
+        if self.clock.told(unix_ns, boot_ms) or unix_ns == 0 or self._doubted_clock:
+            return
+        self._doubted_clock = True
+        # Not in ISO 8601, which ends before the largest of 64 bits does.
+        _LOG.warning(
+            "the autopilot of %s does not know the time of day: its SYSTEM_TIME is %.0f s after 1970. Its "
+            "poses are laid on the clock by TIMESYNC, or by when they arrive, which is late by their way",
+            *(self._drone, unix_ns / 1e9),
+        )
 
     def is_autopilot(self, component: int) -> bool:
         """Whether a component of the drone is taken for its autopilot."""

@@ -11,7 +11,7 @@ from statistics import median_low
 
 _OTHER_UNITS = {"seconds": 1, "milliseconds": 10**3, "microseconds": 10**6}
 """How many make a second."""
-_THIS_CENTURY_S = range(1_000_000_000, 4_000_000_000)
+THIS_CENTURY_S = range(1_000_000_000, 4_000_000_000)
 """September 2001 to October 2096, since the epoch."""
 _FASTEST_FRAMES_NS = 4_000_000
 """Cameras of drones take up to 240 frames a second."""
@@ -52,7 +52,7 @@ def unit_hint(stamp_ns: int) -> str:
 def _looks_like(stamps_ns: Sequence[int]) -> str | None:
     """The unit in which all are stamps of this century."""
     for unit, per_second in _OTHER_UNITS.items():
-        if stamps_ns and all(stamp // per_second in _THIS_CENTURY_S for stamp in stamps_ns):
+        if stamps_ns and all(stamp // per_second in THIS_CENTURY_S for stamp in stamps_ns):
             return unit
     return None
 
