@@ -15,10 +15,12 @@ from crowdfence.service import opening
 from crowdfence.service.gate import Refused
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.poses import Poses
+from crowdfence.service.service import Service
+from crowdfence.service.watch import Watch
 from crowdfence.sources.alignment_file import write_alignment
 from crowdfence.sources.pose_offset import PoseOffset
 from support.served import ORIGIN, write_level_ground
-from support.small_service import CONFIG, START_NS, message, plain, running, settle, view, views
+from support.small_service import CONFIG, SECOND_NS, START_NS, message, plain, running, settle, view, views
 
 TURNED = PoseOffset(pitch_deg=3.0, yaw_deg=-2.0, roll_deg=20.0, position_m=(1.5, -2.0, 0.5))
 
@@ -83,6 +85,39 @@ def test_what_cannot_be_put_right_is_refused(tmp_path: Path) -> None:
             service.live.intake.give_observation(seen.to_bytes())
         service.live.intake.give_view(message(view("uav3", 0)))
         assert service.live.heard.refused == {"(unknown)": 1} and service.live.heard.accepted == {"uav3": 1}
+
+
+def test_a_drone_that_is_aligned_and_never_comes_is_told_once_the_fleet_is_there(tmp_path: Path) -> None:
+    """A misspelled name leaves wrong poses as they are. One that is expected is told as silent."""
+    offsets = dict.fromkeys(("UAV1", "uav2", "uav3"), TURNED)
+
+    def give(service: Service, drone: str, after_s: float) -> None:
+        assert service.live is not None
+        one = view("uav1", 0)
+        stamp_ns = START_NS + round(after_s * SECOND_NS)
+        moved = View(drone, stamp_ns, one.camera, one.world_from_camera, one.heatmap)
+        service.live.intake.give_view(message(moved))
+        settle(service)
+
+    def told(service: Service, *, active: bool = True) -> dict[str | None, str]:
+        found = [one for one in service.alerts.all() if one.kind == "alignment_unused"]
+        return {one.drone: one.text for one in found if (one.cleared_ns is None) == active}
+
+    with running(tmp_path, inputs=Inputs(offsets=offsets), drones=["uav3"]) as service:
+        watch = Watch(service)
+        steps = ((None, 0.0, 0), ("uav1", 0.0, 0), ("uav1", 50.0, 0), ("uav4", 55.0, 0), ("uav1", 114.0, 0))
+        for drone, after_s, count in (*steps, ("uav1", 115.0, 2), ("uav1", 120.0, 2)):
+            if drone is not None:
+                give(service, drone, after_s)
+            watch.look()
+            assert len(told(service)) == count, (drone, after_s)
+        assert told(service)["UAV1"] == (
+            "--alignment names UAV1, which has not come; there are uav1, uav3, uav4: under a misspelled name "
+            "poses stay as wrong as they are"
+        )
+        give(service, "uav2", 121.0)
+        watch.look()
+        assert (set(told(service)), set(told(service, active=False))) == ({"UAV1"}, {"uav2"})
 
 
 def test_serve_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ AlertKind = Literal[
     "new_zone",
     "detector_stale",
     "pose_gap",
+    "alignment_unused",
     "lost_crowd",
     "heatmap_units",
     "clock",

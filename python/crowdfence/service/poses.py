@@ -52,6 +52,11 @@ class Poses:
         self._gaps: dict[str, tuple[int, str]] = {}
         """The last view of each drone that got no pose: when, and why."""
 
+    @property
+    def aligned(self) -> tuple[str, ...]:
+        """Drones whose poses are to be put right."""
+        return tuple(sorted(self._offsets))
+
     def aligns(self, drone: str) -> bool:
         """Whether poses of this drone need to be put right."""
         return drone in self._offsets

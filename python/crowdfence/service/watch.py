@@ -30,6 +30,8 @@ _EVERY_S = 1.0
 _TIDY_EVERY_S = 60.0
 _SECOND_NS = 1_000_000_000
 _DETECTOR_STALE_S = 10.0
+_FLEET_IS_THERE_S = 60.0
+"""Without a new drone."""
 _SMALL_SHARE = 0.05
 """Of lost crowd: what is less counts as so much where it is told that the share has doubled."""
 _NO_ROOM = 1e9
@@ -46,6 +48,8 @@ class Watch:
         self._tidied_s = time.monotonic()
         self._dismissed: set[str] = set()
         """Zones that drones may pass, at the moment before."""
+        self._met: tuple[set[str], int] = set(), 0
+        """All drones that came or are expected, and when the last one was new."""
 
     def start(self) -> None:
         self._thread.start()
@@ -76,6 +80,7 @@ class Watch:
         if service.mode != "finished":
             self._silence()
         self._poses()
+        self._alignment()
         self._detector()
         self._lost_crowd()
         self._drones_and_zones()
@@ -133,6 +138,23 @@ class Watch:
         for drone in live.poses.feeds:
             text = live.poses.trouble(drone, now_ns)
             self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
+
+    def _alignment(self) -> None:
+        """Offsets for a drone that does not come: misspelled, they leave the poses of another as they are."""
+        live, now_ns = self._service.live, self._service.now_ns()
+        if live is None or not live.poses.aligned:
+            return
+        drones = {*self._service.mission.drones, *live.heard.last_view_ns, *live.poses.feeds}
+        if drones != self._met[0]:
+            self._met = drones, now_ns
+        fleet_is_there = bool(drones) and now_ns - self._met[1] >= _FLEET_IS_THERE_S * _SECOND_NS
+        for drone in live.poses.aligned:
+            text = (
+                f"--alignment names {drone}, which has not come; there are {', '.join(sorted(drones))}: "
+                "under a misspelled name poses stay as wrong as they are"
+            )
+            if drone in drones or fleet_is_there:
+                self._set(drone not in drones, "alignment_unused", "warning", text, drone=drone)
 
     def _detector(self) -> None:
         live = self._service.live
