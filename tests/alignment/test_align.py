@@ -162,19 +162,45 @@ def test_a_drone_of_too_few_pictures_moves_nobody(pictures: int, tmp_path: Path)
     assert "other drones" in first.estimates[4].why_not
 
 
-def test_a_clock_that_jumps_is_refused(tmp_path: Path) -> None:
-    """From the middle of the flight on, the pictures of uav2 belong to telemetry 0.2 s later: no constant is
-    right, and uav1, whose poses are, is not laid on it; which of the two it is, they do not tell."""
-    steady, jumped = Flown(opposite), Flown(opposite, late_s=0.2)
+JUMPS = {
+    "heading": Flown(opposite, turned_deg=(0.0, 2.0, 0.0)),
+    "place": Flown(opposite, moved_m=(2.0, 0.0, 0.0)),
+    "height": Flown(opposite, moved_m=(0.0, 0.0, -1.5)),
+    "clock": Flown(opposite, late_s=0.2),
+}
+
+
+@pytest.mark.parametrize("jump", JUMPS)
+def test_a_drone_whose_poses_jump_is_refused_alone(jump: str, tmp_path: Path) -> None:
+    """From its eighth picture on, 5.6 s later, uav2 is off: no constant is right for it. uav1, whose poses
+    are right all the time, is not laid on it, and is not refused for it."""
     folder, later = (
         write_fleet(tmp_path / name, {"uav1": Flown(circling), "uav2": second}, paint(), frames=14)
-        for name, second in (("flight", steady), ("later", jumped))
+        for name, second in (("flight", Flown(opposite)), ("later", JUMPS[jump]))
     )
     for picture in sorted((later / "images").glob("uav2_*"))[7:]:
         picture.replace(folder / "images" / picture.name)
     first, second = align(open_recording(folder), level()).drones
-    assert not second.told and "does not hold for the rest" in second.why_not
-    assert not first.told
+    assert not second.told and "jump between 2025-10-09T08:53:25.800Z and 2025-10-09T08:53:26.600Z" in (
+        second.why_not
+    )
+    assert first.told and not first.why_not
+    off = first.offset
+    assert np.abs([off.pitch_deg, off.yaw_deg, off.roll_deg, *off.position_m]).max() < 0.05
+
+
+def test_a_heading_that_jumps_is_told_by_the_command(tmp_path: Path) -> None:
+    folder, later = (
+        write_flight(tmp_path / name, circling, paint(), turned_deg=(0.0, yaw_deg, 0.0), frames=14)
+        for name, yaw_deg in (("flight", 0.0), ("later", 2.0))
+    )
+    for picture in sorted((later / "images").iterdir())[7:]:
+        picture.replace(folder / "images" / picture.name)
+    output = tmp_path / "offsets.json"
+    done = crowdfence("align", folder, "-t", write_level(tmp_path / "level.tif"), "-o", output, columns=300)
+    assert done.returncode == 3 and not output.exists()
+    assert "uav1: cannot tell: its poses, or its clock, jump between 2025-10-09T08:53:25.800Z" in done.stdout
+    assert "(yaw by +1." in done.stdout
 
 
 def test_water_that_flows_is_refused(tmp_path: Path) -> None:

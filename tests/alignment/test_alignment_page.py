@@ -14,6 +14,7 @@ from crowdfence import open_recording
 from crowdfence.alignment.estimate import SURE_ENOUGH
 from crowdfence.alignment.frame_pairs import MOST_FRAMES
 from crowdfence.alignment.offset_fit import COMMON
+from crowdfence.alignment.pose_jump import LEAST
 from crowdfence.cli.app import app
 from crowdfence.sources.convert import convert
 from support.painted_flights import circling, paint, write_flight, write_level
@@ -44,5 +45,6 @@ def test_the_page_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_the_numbers_on_the_page_are_those_of_the_code() -> None:
     assert f"Up to {MOST_FRAMES} pictures of each drone" in PAGE
     assert f"({COMMON[0]:g} degrees, {1e3 * COMMON[3]:g} ms, {COMMON[6]:g} m)" in PAGE
+    assert f"Jumps below {LEAST[0]:g}\n  degrees or {LEAST[-1]:g} m" in PAGE
     told = re.findall(r"^\| ([a-z, ]+) \| .* \| put right", PAGE, re.MULTILINE)
     assert {name for row in told for name in row.split(", ")} == set(SURE_ENOUGH)

@@ -14,6 +14,7 @@ from crowdfence._core import Terrain
 from crowdfence.alignment.frame_pairs import MOST_FRAMES, chosen_frames, frame_pairs
 from crowdfence.alignment.ground_matches import GroundMatches, SeenGround, match_ground, working_picture
 from crowdfence.alignment.offset_fit import PRIOR, QUANTITIES, UNITS, Disagreement, Fit, fit_offsets
+from crowdfence.alignment.pose_jump import PoseJump, find_jump
 from crowdfence.errors import FrameError
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.pose_offset import PoseOffset
@@ -189,7 +190,8 @@ def _told_or_left_out(
     terrain: Terrain,
 ) -> dict[str, DroneAlignment]:
     """What is found of drones that are compared with one another; only those of which nothing can be told, if
-    there are any: the others would be laid on their poses as if these were right."""
+    there are any: the others would be laid on their poses as if these were right. Of those whose poses jump
+    the surest alone: its step shows in others."""
     names = sorted({frame.drone for frame in frames})
     counts = _counts(names, frames, matches)
     reasons = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in names}
@@ -207,8 +209,21 @@ def _told_or_left_out(
     disagreement = Disagreement(frames, [tracks[name] for name in names], matches, terrain)
     sure = np.array([SURE_ENOUGH[quantity] for quantity in QUANTITIES])
     fit = fit_offsets(disagreement, free, _groups(names, frames, matches), sure)
+    if jumps := _jumps(names, disagreement, fit):
+        name = max(jumps, key=lambda one: jumps[one].sigmas)
+        before, after = _median_px(names.index(name), fit)
+        return {name: DroneAlignment(name, counts[name], before, after, (), str(jumps[name]))}
     found = {name: _drone(name, number, counts[name], fit) for number, name in enumerate(names)}
     return {name: one for name, one in found.items() if one.why_not} or found
+
+
+def _jumps(names: Sequence[str], disagreement: Disagreement, fit: Fit) -> dict[str, PoseJump]:
+    found = {}
+    for number, name in enumerate(names):
+        mine = disagreement.drone == number
+        if jump := find_jump(disagreement.stamps_ns[mine], fit.jitter[mine]):
+            found[name] = jump
+    return found
 
 
 def _groups(
@@ -239,11 +254,7 @@ def _too_little(frames: Sequence[Frame], matches: int) -> str:
 
 
 def _drone(name: str, number: int, matches: int, fit: Fit) -> DroneAlignment:
-    mine = (fit.drones == number).any(axis=1)
-    before, after = (
-        float(np.nanmedian(px[mine])) if np.isfinite(px[mine]).any() else np.nan
-        for px in (fit.before_px, fit.after_px)
-    )
+    before, after = _median_px(number, fit)
     if not (after <= _WORSE * before + _NOISE_PX and after <= max(_MUCH_PX, _LEAST_BETTER * before)):
         why_not = (
             f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
@@ -257,6 +268,16 @@ def _drone(name: str, number: int, matches: int, fit: Fit) -> DroneAlignment:
         reason = "" if told else _untold(quantity, number, q, shown, fit)
         estimates.append(Estimate(quantity, unit, float(value), float(error), told, reason))
     return DroneAlignment(name, matches, before, after, tuple(estimates))
+
+
+def _median_px(number: int, fit: Fit) -> tuple[float, float]:
+    """Disagreement of a drone's matches, before and after."""
+    mine = (fit.drones == number).any(axis=1)
+    before, after = (
+        float(np.nanmedian(px[mine])) if np.isfinite(px[mine]).any() else np.nan
+        for px in (fit.before_px, fit.after_px)
+    )
+    return before, after
 
 
 def _untold(quantity: str, number: int, q: int, shown: bool, fit: Fit) -> str:

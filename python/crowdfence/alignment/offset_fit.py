@@ -33,7 +33,7 @@ PRIOR = np.array([2.0, 2.0, 2.0, 0.3, 1.0, 1.0, 1.0])
 JITTER = np.array([0.15, 0.15, 0.15, 0.1, 0.1, 0.1])
 """Noise of each frame's pose: pitch, yaw, roll, east, north, up."""
 
-_OF_FRAME = [0, 1, 2, 4, 5, 6]
+OF_FRAME = [0, 1, 2, 4, 5, 6]
 """Quantities that each frame has besides its drone."""
 _DIFFERENCE = np.array([0.3, 0.3, 0.3, 0.05, 0.3, 0.3, 0.3])
 """Steps of the derivatives, wide enough to look past the facets of the surface."""
@@ -83,6 +83,8 @@ class Fit:
     """[D, 7] what the pictures show at all."""
     told: NDArray[np.bool_]
     """[D, 7] what they show surely enough."""
+    jitter: NDArray[np.float64]
+    """[F, 6] what each frame's pose is off besides: pitch, yaw, roll, east, north, up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +234,7 @@ class Disagreement:
             own = 7 * self.drone[frame][:, None] + np.arange(7)
             jitter = drones + 6 * frame[:, None] + np.arange(6)
             columns.append(np.repeat(np.hstack([own, jitter]), 2, axis=0))
-            values.append(np.concatenate([by, by[..., _OF_FRAME]], axis=2).reshape(-1, 13))
+            values.append(np.concatenate([by, by[..., OF_FRAME]], axis=2).reshape(-1, 13))
         column, value = np.hstack(columns), np.hstack(values)
         row = np.repeat(np.arange(len(column)), column.shape[1])
         shape = (len(column), drones + 6 * len(self.frames))
@@ -316,6 +318,7 @@ def fit_offsets(
         error,
         shown,
         told,
+        split(state)[1],
     )
 
 
