@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -40,6 +41,40 @@ def test_who_asks_a_closed_store_is_told_so(tmp_path: Path) -> None:
     for _ in range(9):
         with pytest.raises(StoreError, match="closed"):
             store.rows("SELECT 1")
+    told = []
+    late = store.submit(lambda connection: None, told.append)
+    with pytest.raises(sqlite3.Error, match="the service has ended"):
+        late.result(timeout=10.0)
+    assert told == [late]
+
+
+def test_what_is_handed_in_while_it_closes_is_written_or_refused(tmp_path: Path) -> None:
+    """Requests that outlast the end of the server: their threads must end, and know."""
+    store = Store(tmp_path, durable=False)
+    futures: list[Future[object]] = []
+
+    def give(giver: int) -> None:
+        for number in range(100_000):
+            row = (f"{giver} {number}", "")
+            futures.append(
+                store.submit(
+                    lambda connection, row=row: connection.execute("INSERT INTO about VALUES (?, ?)", row)
+                )
+            )
+            if futures[-1].done() and futures[-1].exception():
+                return
+
+    givers = [Thread(target=give, args=(giver,)) for giver in range(4)]
+    for thread in givers:
+        thread.start()
+    sleep(0.2)
+    store.close()
+    for thread in givers:
+        thread.join()
+    written = sum(one.exception(timeout=10.0) is None for one in futures)
+    assert 0 < written < len(futures)
+    with closing(sqlite3.connect(tmp_path / FILE)) as kept:
+        assert kept.execute("SELECT COUNT(*) FROM about WHERE value = ''").fetchone() == (written,)
 
 
 def bytes_below(folder: Path) -> dict[str, bytes]:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import closing, suppress
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from typing import Any, NamedTuple, TextIO
 
 from crowdfence.service.write_trouble import WriteTrouble
@@ -104,6 +104,7 @@ class Store:
         """Called with what went wrong when writes fail, and with None when they work again."""
         self._trouble = WriteTrouble(folder)
         self._writes: queue.Queue[_Entry | None] = queue.Queue()
+        self._closing, self._is_closed = Lock(), False
         self._readers: queue.LifoQueue[sqlite3.Connection] = queue.LifoQueue()
         try:
             self._writer = self._opened(durable)
@@ -187,7 +188,11 @@ class Store:
         future: Future[Any] = Future()
         if then is not None:
             future.add_done_callback(then)
-        self._writes.put(_Entry(write, future, size))
+        with self._closing:
+            if not self._is_closed:
+                self._writes.put(_Entry(write, future, size))
+                return future
+        future.set_exception(sqlite3.ProgrammingError("the service has ended"))
         return future
 
     def written(self, write: Write) -> Any:
@@ -227,7 +232,9 @@ class Store:
 
     def close(self) -> None:
         """Write what waits, then close."""
-        self._writes.put(None)
+        with self._closing:  # nothing comes behind the last one, whose giver would wait for good
+            self._is_closed = True
+            self._writes.put(None)
         self._thread.join()
         readers = [self._readers.get() for _ in range(_READERS)]
         for connection in (*readers, self._writer):
