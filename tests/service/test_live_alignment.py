@@ -112,8 +112,8 @@ def test_a_drone_that_is_aligned_and_never_comes_is_told_once_the_fleet_is_there
             watch.look()
             assert len(told(service)) == count, (drone, after_s)
         assert told(service)["UAV1"] == (
-            "--alignment names UAV1, which has not come; there are uav1, uav3, uav4: under a misspelled name "
-            "poses stay as wrong as they are"
+            "--alignment names UAV1, of which no view was taken; there are uav1, uav3, uav4: under a "
+            "misspelled name poses stay as wrong as they are"
         )
         give(service, "uav2", 121.0)
         watch.look()

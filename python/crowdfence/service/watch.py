@@ -150,8 +150,8 @@ class Watch:
         fleet_is_there = bool(drones) and now_ns - self._met[1] >= _FLEET_IS_THERE_S * _SECOND_NS
         for drone in live.poses.aligned:
             text = (
-                f"--alignment names {drone}, which has not come; there are {', '.join(sorted(drones))}: "
-                "under a misspelled name poses stay as wrong as they are"
+                f"--alignment names {drone}, of which no view was taken; there are "
+                f"{', '.join(sorted(drones))}: under a misspelled name poses stay as wrong as they are"
             )
             if drone in drones or fleet_is_there:
                 self._set(drone not in drones, "alignment_unused", "warning", text, drone=drone)
