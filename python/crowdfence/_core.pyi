@@ -273,11 +273,12 @@ class Terrain:
         planes: ArrayLike,
         voxel_size_m: float,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
+        unmeasured: ArrayLike | None = None,
     ) -> Terrain:
         """Voxels by their grid indices (i, j, k) [N, 3], with the surface in them as `planes` [N] gives it.
 
-        From `voxel_indices` of all ids and `planes` comes the very terrain that they were taken from.
-        CrowdfenceError as for the class.
+        From `voxel_indices` of all ids, `planes` and `unmeasured` comes the very terrain that they were taken
+        from. CrowdfenceError as for the class.
         """
     @staticmethod
     def from_octomap(data: bytes, *, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Terrain:
@@ -324,6 +325,11 @@ class Terrain:
     @property
     def planes(self) -> NDArray[np.uint32]:
         """Where in each voxel the surface lies [V] uint32: numbers for `from_voxels`."""
+    @property
+    def unmeasured(self) -> NDArray[np.int64]:
+        """Columns (i, j) [U, 2] int64, sorted, whose surface nobody measured: it was bridged from what lies
+        around when the map was read, and no landing site holds it.
+        """
     @property
     def fingerprint(self) -> int:
         """Checksum of geometry and voxels; equal terrains have equal fingerprints."""
@@ -382,6 +388,11 @@ class Terrain:
         """The same voxels in a frame shifted so that grid index (0, 0, 0) starts at `origin` (x, y, z).
 
         CrowdfenceError for an origin that is not finite.
+        """
+    def with_unmeasured(self, columns: ArrayLike) -> Terrain:
+        """The same terrain, of which nobody measured the surface in the columns (i, j) [N, 2] either.
+
+        CrowdfenceError for another shape.
         """
     def joined(self, other: Terrain) -> Terrain:
         """The voxels of this terrain and of another one of the same grid, with their surfaces.

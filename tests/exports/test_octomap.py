@@ -1,6 +1,7 @@
 """OctoMap exports, read back by the OctoMap library itself (pyoctomap)."""
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,39 @@ def test_the_terrain_file_holds_exactly_the_voxels(tmp_path: Path, terrain: Terr
     assert comment(path)["origin_m"] == [0.0, 0.0, 0.0]
     again = Terrain.open(path)
     assert (again.fingerprint, again.voxel_count) == (terrain.fingerprint, 7)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), ORIGIN, (1e6, 0.0, 0.0)])
+def test_what_nobody_measured_of_the_map_comes_back(
+    tmp_path: Path, origin: tuple[float, float, float]
+) -> None:
+    columns = np.array([[-1, 4], [-1, 5], [-1, 7], [0, 0], [0, 1], [3, 5]])
+    ground = Terrain.from_indices([(i, j, 0) for i in range(-2, 5) for j in range(9)], 0.5, origin)
+    path = tmp_path / "terrain.bt"
+    write_terrain_octomap(path, ground)
+    assert "unmeasured" not in comment(path)
+    marked = ground.with_unmeasured(columns)
+    write_terrain_octomap(path, marked)
+    again = Terrain.open(path)
+    assert again.fingerprint == ground.fingerprint and again.unmeasured.tolist() == columns.tolist()
+    assert pyoctomap.OcTree(0.1).readBinary(str(path))
+    # Where the caller says where the file lies, its own columns count.
+    moved = Terrain.open(path, origin=(5.0, 5.0, 5.0))
+    at = [tuple(ground.voxel_centers(ground.voxel_ids([[i, j, 0]]))[0, :2]) for i, j in columns]
+    assert len(moved.unmeasured) == len(columns) == len(set(at))
+    assert pickle.loads(pickle.dumps(marked)).unmeasured.tolist() == columns.tolist()
+
+
+@pytest.mark.parametrize(
+    "claim", ["[[0, 0, 9e18]]", "[[0, -9223372036854775808, 9223372036854775807]]", "[[-5, 0, 1]]"]
+)
+def test_what_a_file_claims_of_its_columns_costs_no_more_than_its_map(
+    tmp_path: Path, terrain: Terrain, claim: str
+) -> None:
+    path = tmp_path / "terrain.bt"
+    write_terrain_octomap(path, terrain)
+    path.write_bytes(path.read_bytes().replace(b', "moved"', f', "unmeasured": {claim}, "moved"'.encode(), 1))
+    assert len(Terrain.open(path).unmeasured) <= 6
 
 
 def test_every_voxel_that_was_seen_is_occupied_and_has_the_colour_of_its_state(

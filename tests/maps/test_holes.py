@@ -1,17 +1,19 @@
 """Small holes of height models are bridged, the others stay, and all are counted; by hand."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
 from numpy.typing import NDArray
-from rasterio.transform import from_origin
+from rasterio.transform import Affine, from_origin
 from scipy import ndimage
 from typer.testing import CliRunner
 
-from crowdfence import Terrain
+from crowdfence import Georeference, Terrain
 from crowdfence.cli.app import app
 from crowdfence.maps import MapError, MapHoles, geotiff, height_raster, read_map
 
@@ -60,6 +62,73 @@ def test_a_tilted_plane_goes_on_as_if_there_were_no_hole(tmp_path: Path, voxel_s
     assert whole.holes == MapHoles(25.0, 0, 0.0, 0, 0.0)
     assert holed.terrain.fingerprint == whole.terrain.fingerprint
     assert str(holed.holes) == "2 bridged (10.0 m2), 0 left open (0.0 m2), limit 25 m2"
+
+
+def test_what_was_bridged_stays_known_as_not_measured(tmp_path: Path) -> None:
+    heights = tilted()
+    path = write_local(tmp_path / "a.tif", heights)
+    assert read_map(path, assume_local=True).terrain.unmeasured.shape == (0, 2)
+    heights[2, 3] = heights[5:7, 6:9] = NAN
+    heights[0, 13] = NAN  # at the edge: no ground at all
+    path = write_local(path, heights)
+    bridged = {(3, 9)} | {(i, j) for i in (6, 7, 8) for j in (5, 6)}
+    # As fine as the file: each pixel for itself.
+    assert unmeasured(read_map(path, assume_local=True, voxel_size_m=1.0).terrain) == bridged
+    # Finer: bilinear heights between the last pixel that was measured and one that was not are not either.
+    fine = unmeasured(read_map(path, assume_local=True, voxel_size_m=0.5).terrain)
+    assert fine == {
+        (i, j) for a, b in bridged for i in range(2 * a - 1, 2 * a + 3) for j in range(2 * b - 1, 2 * b + 3)
+    }
+    # Coarser: every column that holds a part of one.
+    coarse = unmeasured(read_map(path, assume_local=True, voxel_size_m=2.0).terrain)
+    assert coarse == {(a // 2, b // 2) for a, b in bridged}
+    assert len(read_map(path, assume_local=True, max_hole_m2=0).terrain.unmeasured) == 0
+
+
+def unmeasured(terrain: Terrain) -> set[tuple[int, int]]:
+    return {(int(i), int(j)) for i, j in terrain.unmeasured}
+
+
+@pytest.mark.parametrize("voxel_size_m", [0.3, 1.0, 1.7, 4.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0, 45.0])
+def test_whatever_rests_on_a_bridge_is_marked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, turn_deg: float, voxel_size_m: float
+) -> None:
+    """On Earth, turned and on a slope: a column whose height another bridge would change is not measured."""
+    random = np.random.default_rng(3)
+    heights = 0.3 * np.add.outer(np.arange(30.0), np.arange(40.0)) + random.uniform(0, 0.3, (30, 40))
+    heights[5:9, 8:12] = heights[20, 20] = heights[14:17, 30] = NAN
+    path = tmp_path / "a.tif"
+    transform = (
+        Affine.translation(500_100.0, 5_100_000.0) @ Affine.rotation(turn_deg) @ Affine.scale(1.0, -1.0)
+    )
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "nodata": -9999.0, "crs": "EPSG:32632"}
+    with rasterio.open(path, "w", width=40, height=30, transform=transform, **profile) as dataset:
+        dataset.write(np.where(np.isnan(heights), -9999.0, heights).astype(np.float32), 1)
+    anchor = Georeference.from_projected("EPSG:32632", 500_100.0, 5_100_000.0, 0.0)
+
+    def top() -> tuple[Terrain, dict[tuple[int, int], float]]:
+        terrain = read_map(path, voxel_size_m=voxel_size_m, georeference=anchor).terrain
+        i, j, _, k = terrain.columns().T
+        ids = terrain.voxel_ids(np.column_stack([i, j, k]))
+        return terrain, dict(
+            zip(zip(i.tolist(), j.tolist(), strict=True), terrain.surface_heights(ids), strict=True)
+        )
+
+    terrain, as_bridged = top()
+    bridge = geotiff.bridge_holes
+
+    def higher(*arguments: Any) -> tuple[height_raster.Bridges, MapHoles]:
+        bridges, holes = bridge(*arguments)
+        return replace(bridges, height=bridges.height + 50.0), holes
+
+    monkeypatch.setattr(geotiff, "bridge_holes", higher)
+    changed = {place for place, height in top()[1].items() if abs(height - as_bridged[place]) > 1e-3}
+    marked = unmeasured(terrain)
+    assert changed <= marked and len(changed) >= 5
+    # Three boxes of 4 x 4, 1 x 1 and 1 x 3 m, turned, and what lies beside them.
+    sides_m = 1.42 * (np.array([[4, 4], [1, 1], [1, 3]]) + 2) + 3 * voxel_size_m
+    assert len(marked) * voxel_size_m**2 <= sides_m.prod(axis=1).sum()
 
 
 def test_water_and_the_edge_of_the_data_stay(tmp_path: Path) -> None:

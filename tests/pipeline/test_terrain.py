@@ -16,12 +16,14 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
+import shapely
 from PIL import Image
 from rasterio.transform import from_origin
 from typer.testing import CliRunner
 
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.app import app
+from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.georeference import Georeference
 from crowdfence.octomap_frame import annotated, described
 from crowdfence.pipeline import open_terrain
@@ -184,6 +186,37 @@ def test_a_crowd_over_a_bridged_hole_is_on_the_map(tmp_path: Path) -> None:
     }
     done = CliRunner().invoke(app, [*arguments, "--force", "--terrain-option", "max_hole_m2=0", "--json"])
     assert json.loads(done.stdout)["area_m2"]["crowd"] == 0.0
+
+
+def test_no_landing_site_lies_on_a_bridged_hole(tmp_path: Path) -> None:
+    """4 x 4 m without height in the middle of a meadow may be a water tank or a pit. An OctoMap of the map
+    knows it too."""
+    recording, dem = write_recording(tmp_path / "recording"), write_dem(tmp_path / "dem.tif", None)
+    layer = recording / "layers" / "landing-site"
+    layer.mkdir(parents=True)
+    Image.fromarray(np.full((10, 10), 255, np.uint8)).save(layer / f"uav1_{EPOCH_NS}.png")
+    pose = f"uav1,{EPOCH_NS},10,10,20.5,0,1,0,0"
+    (recording / "poses.csv").write_text(f"drone,stamp_ns,x,y,z,qw,qx,qy,qz\n{pose}\n")
+    tank = shapely.box(8.0, 8.0, 12.0, 12.0)
+
+    def sites(terrain: Path, name: str) -> shapely.MultiPolygon:
+        arguments = ["run", str(recording), "-t", str(terrain), "--assume-local", "--layer", "landing-site"]
+        done = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / name)])
+        assert done.exit_code == 0, done.exception
+        found = json.loads((tmp_path / name / "sites.geojson").read_text())["features"]
+        return shapely.union_all([shapely.geometry.shape(feature["geometry"]) for feature in found])
+
+    whole = sites(dem, "whole")
+    assert whole.covers(tank)
+    with rasterio.open(dem, "r+") as raster:
+        heights = raster.read(1)
+        heights[18:22, 38:42] = np.nan
+        raster.write(heights, 1)
+    found = sites(dem, "holed")
+    assert found.intersection(tank).area == 0.0 and whole.covers(found)
+    assert whole.difference(tank).difference(found).area < 0.2  # outlines are rounded inwards by 1 cm
+    write_terrain_octomap(tmp_path / "again.bt", Terrain.open(dem, assume_local=True))
+    assert sites(tmp_path / "again.bt", "again").equals(found)
 
 
 def write_las(path: Path, crs: int | None) -> Path:

@@ -53,22 +53,28 @@ pub fn checked_ids(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u3
         .collect()
 }
 
-fn grid_index(index: &[i64]) -> Option<[i32; 3]> {
-    Some([i32::try_from(index[0]).ok()?, i32::try_from(index[1]).ok()?, i32::try_from(index[2]).ok()?])
+fn grid_index<const N: usize>(index: &[i64]) -> Option<[i32; N]> {
+    let mut own = [0; N];
+    for (own, &given) in own.iter_mut().zip(index) {
+        *own = i32::try_from(given).ok()?;
+    }
+    Some(own)
 }
 
-fn grid_indices(indices: &Bound<'_, PyAny>) -> PyResult<Vec<[i32; 3]>> {
-    let flat = Array::<i64>::new(indices, "indices", &[None, Some(3)])?.to_vec()?;
-    let rows = flat.chunks_exact(3).enumerate();
+/// Rows of N grid indices each: N = 3 for voxels, 2 for columns.
+fn grid_indices<const N: usize>(indices: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<[i32; N]>> {
+    let flat = Array::<i64>::new(indices, name, &[None, Some(N)])?.to_vec()?;
+    let rows = flat.chunks_exact(N).enumerate();
     rows.map(|(row, index)| grid_index(index).ok_or_else(|| index_too_large(row, index))).collect()
 }
 
 fn index_too_large(row: usize, index: &[i64]) -> PyErr {
-    CrowdfenceError::new_err(format!("grid index {row} is {index:?}; each of the three must fit in 32 bits"))
+    CrowdfenceError::new_err(format!("grid index {row} is {index:?}; each must fit in 32 bits"))
 }
 
-/// Grid indices, planes, voxel size and origin.
-type Parts<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<u32>>, f64, (f64, f64, f64));
+/// Grid indices, planes, voxel size, origin and columns that nobody measured.
+type Parts<'py> =
+    (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<u32>>, f64, (f64, f64, f64), Bound<'py, PyArray2<i64>>);
 /// What makes the same terrain again: `from_voxels`, its arguments, and the georeference to be set.
 type Reduced<'py> = (Bound<'py, PyAny>, Parts<'py>, Option<Py<PyAny>>);
 
@@ -176,7 +182,7 @@ impl PyTerrain {
         voxel_size_m: f64,
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
-        let indices = grid_indices(indices)?;
+        let indices = grid_indices(indices, "indices")?;
         py.detach(|| Terrain::from_indices(&indices, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
@@ -184,22 +190,25 @@ impl PyTerrain {
 
     /// Voxels by their grid indices (i, j, k) [N, 3], with the surface in them as `planes` [N] gives it.
     ///
-    /// From `voxel_indices` of all ids and `planes` comes the very terrain that they were taken from.
-    /// CrowdfenceError as for the class.
+    /// From `voxel_indices` of all ids, `planes` and `unmeasured` comes the very terrain that they were taken
+    /// from. CrowdfenceError as for the class.
     #[staticmethod]
-    #[pyo3(signature = (indices, planes, voxel_size_m, origin=[0.0; 3]), text_signature = "(indices, planes, voxel_size_m, origin=(0.0, 0.0, 0.0))")]
+    #[pyo3(signature = (indices, planes, voxel_size_m, origin=[0.0; 3], unmeasured=None), text_signature = "(indices, planes, voxel_size_m, origin=(0.0, 0.0, 0.0), unmeasured=None)")]
     fn from_voxels(
         py: Python<'_>,
         indices: &Bound<'_, PyAny>,
         planes: &Bound<'_, PyAny>,
         voxel_size_m: f64,
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
+        unmeasured: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let indices = grid_indices(indices)?;
+        let indices = grid_indices(indices, "indices")?;
+        let unmeasured = unmeasured.map_or(Ok(Vec::new()), |columns| grid_indices(columns, "unmeasured"))?;
         let planes = Array::<u32>::new(planes, "planes", &[Some(indices.len())])?.to_vec()?;
         py.detach(|| {
             let planes: Vec<Plane> = planes.into_iter().map(Plane::from_bits).collect();
             Terrain::from_voxels(&indices, &planes, voxel_size_m, origin.into())
+                .map(|terrain| terrain.with_unmeasured(&unmeasured))
         })
         .map(PyTerrain::new)
         .map_err(refuse)
@@ -282,6 +291,13 @@ impl PyTerrain {
     fn planes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         let planes: Vec<u32> = self.terrain.planes().iter().map(|plane| plane.to_bits()).collect();
         planes.into_pyarray(py)
+    }
+
+    /// Columns (i, j) [U, 2] int64, sorted, whose surface nobody measured: it was bridged from what lies
+    /// around when the map was read, and no landing site holds it.
+    #[getter]
+    fn unmeasured<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        rows(py, self.terrain.unmeasured().iter().flatten().copied().map(i64::from).collect(), 2)
     }
 
     /// Checksum of geometry and voxels; equal terrains have equal fingerprints.
@@ -414,6 +430,17 @@ impl PyTerrain {
         Ok(moved)
     }
 
+    /// The same terrain, of which nobody measured the surface in the columns (i, j) [N, 2] either.
+    ///
+    /// CrowdfenceError for another shape.
+    fn with_unmeasured(&self, py: Python<'_>, columns: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let columns = grid_indices(columns, "columns")?;
+        let marked = py.detach(|| Terrain::clone(&self.terrain).with_unmeasured(&columns));
+        let marked = PyTerrain::new(marked);
+        marked.set_georeference(self.georeference(py));
+        Ok(marked)
+    }
+
     /// The voxels of this terrain and of another one of the same grid, with their surfaces.
     ///
     /// In a voxel of both, this terrain's surface counts. The georeference is this one's.
@@ -430,7 +457,9 @@ impl PyTerrain {
         let ids: Vec<u32> = (0..terrain.voxel_count() as u32).collect();
         let indices = py.detach(|| terrain.indices_of(&ids).into_iter().flatten().collect());
         let planes = slf.get().planes(py);
-        let parts = (rows(py, indices, 3)?, planes, terrain.voxel_size_m(), slf.get().origin());
+        let this = slf.get();
+        let parts =
+            (rows(py, indices, 3)?, planes, terrain.voxel_size_m(), this.origin(), this.unmeasured(py)?);
         Ok((slf.get_type().getattr("from_voxels")?, parts, slf.get().georeference(py)))
     }
 

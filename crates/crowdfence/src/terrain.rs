@@ -67,6 +67,8 @@ pub struct Terrain {
     /// Occupied extent in voxels along each axis, counted from `base`.
     extent: [u32; 3],
     fingerprint: u64,
+    /// Columns (i, j) whose surface nobody measured, sorted and distinct.
+    unmeasured: Vec<[i32; 2]>,
     /// Worked out when it is first asked for: only views that lose crowd do.
     outline: OnceLock<Outline>,
 }
@@ -105,6 +107,7 @@ impl Terrain {
             base,
             extent,
             fingerprint,
+            unmeasured: Vec::new(),
             outline: OnceLock::new(),
         })
     }
@@ -120,6 +123,15 @@ impl Terrain {
             }
         });
         Terrain { planes, ..self }
+    }
+
+    /// The same terrain, of which nobody measured the surface in some columns (i, j) besides those known: it was
+    /// bridged from what lies around. It holds people and hides ground as any other, and is no place to land on.
+    pub fn with_unmeasured(mut self, columns: &[[i32; 2]]) -> Terrain {
+        self.unmeasured.extend_from_slice(columns);
+        self.unmeasured.sort_unstable();
+        self.unmeasured.dedup();
+        self
     }
 
     /// Occupied cells of a row-major [X, Y, Z] array.
@@ -236,7 +248,8 @@ impl Terrain {
             |terrain: &Terrain| terrain.indices_of(&Vec::from_iter(0..terrain.voxel_count() as u32));
         let indices = [indices_of(self), indices_of(other)].concat();
         let planes = [self.planes(), other.planes()].concat();
-        Terrain::from_voxels(&indices, &planes, self.voxel_size_m, self.origin)
+        let joined = Terrain::from_voxels(&indices, &planes, self.voxel_size_m, self.origin)?;
+        Ok(joined.with_unmeasured(&self.unmeasured).with_unmeasured(&other.unmeasured))
     }
 
     /// The same voxels in a frame in which grid index (0, 0, 0) starts at `origin`.
@@ -292,6 +305,11 @@ impl Terrain {
     /// The planes by voxel id.
     pub fn planes(&self) -> &[Plane] {
         &self.planes
+    }
+
+    /// Columns (i, j) whose surface nobody measured, sorted.
+    pub fn unmeasured(&self) -> &[[i32; 2]] {
+        &self.unmeasured
     }
 
     /// Lowest and highest corner of the occupied voxels, world metres.
@@ -508,6 +526,19 @@ mod tests {
         let moved = canopy.with_origin(DVec3::Y).unwrap();
         let refusal = ground.joined(&moved).unwrap_err().to_string();
         assert_eq!(refusal, "origin y is 1; it must be the same in both terrains");
+    }
+
+    #[test]
+    fn what_nobody_measured_stays_known_as_such() {
+        let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let terrain = Terrain::from_indices(&row, 1.0, DVec3::ZERO).unwrap();
+        assert_eq!(terrain.unmeasured(), [[0; 2]; 0]);
+        let bridged = terrain.clone().with_unmeasured(&[[2, 0], [0, 0]]).with_unmeasured(&[[0, 0]]);
+        assert_eq!(bridged.unmeasured(), [[0, 0], [2, 0]]);
+        assert_eq!(bridged.fingerprint(), terrain.fingerprint());
+        assert_eq!(bridged.with_origin(DVec3::X).unwrap().unmeasured(), bridged.unmeasured());
+        let other = terrain.clone().with_unmeasured(&[[1, 0]]);
+        assert_eq!(other.joined(&bridged).unwrap().unmeasured(), [[0, 0], [1, 0], [2, 0]]);
     }
 
     #[test]

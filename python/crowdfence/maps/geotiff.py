@@ -64,7 +64,8 @@ def open_geotiff(
     - `nodata`: a value that marks missing data besides the one that the file declares. Missing pixels are
       holes, never height zero.
     - `max_hole_m2`: holes up to this size with heights all around are bridged (see `maps.holes`), 0 for none;
-      across larger ones and at the edge of the data nothing is interpolated.
+      across larger ones and at the edge of the data nothing is interpolated. Columns whose height rests on
+      such a bridge are `unmeasured`.
     - `crs`: takes precedence over the one in the file, for instance where that names no datum: it is refused,
       or taken as WGS84 where it names the ellipsoid of GNSS. `assume_local=True`: for files without one;
       pixels then lie in local metres as their transform says.
@@ -191,8 +192,9 @@ def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain
             f"a voxel_size_m above {fitting_m:.3g}, or cut the file to the area of the flight",
         )
     origin = low * size_m
+    grid = LocalGrid(origin[0], origin[1], size_m, (int(columns[0]), int(columns[1])))
     heights = resample(
-        LocalGrid(origin[0], origin[1], size_m, (int(columns[0]), int(columns[1]))),
+        grid,
         projection.source_from_local,
         projection.sample,
         up_range_m=(float(bounds[0, 2]), float(bounds[1, 2])),
@@ -201,4 +203,8 @@ def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain
         node_spacing_m=0.0 if projection.bends else NODE_SPACING_M,
         highest=partial(projection.highest, side_m=size_m) if size_m > COARSER * pixel_size_m else None,
     )
-    return Terrain.from_height_map(heights, size_m, size_m, origin=origin.tolist())
+    terrain = Terrain.from_height_map(heights, size_m, size_m, origin=origin.tolist())
+    bridges = projection.raster.bridges
+    if bridges is None or not len(bridges.row):
+        return terrain
+    return terrain.with_unmeasured(np.argwhere(grid.cells_near(*projection.reach_of(bridges, size_m))))

@@ -10,7 +10,7 @@ from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
-from crowdfence.octomap_frame import LONGEST_HEADER, moved_back, read_frame
+from crowdfence.octomap_frame import LONGEST_HEADER, marked, moved_back, read_frame
 
 
 def open_octomap(
@@ -29,10 +29,13 @@ def open_octomap(
     """
     data = path.read_bytes()
     frame = read_frame(data)
-    if origin is None and frame is not None:
-        terrain = moved_back(Terrain.from_octomap(data, origin=frame.origin_m), frame)
-    else:
-        terrain = Terrain.from_octomap(data, origin=(0.0, 0.0, 0.0) if origin is None else origin)
+    known = frame if origin is None else None
+    place = (known.origin_m if known else (0.0, 0.0, 0.0)) if origin is None else origin
+    terrain = Terrain.from_octomap(data, origin=place)
+    if frame is not None:
+        terrain = marked(terrain, frame)
+    if known is not None:
+        terrain = moved_back(terrain, known)
     if voxel_size_m is not None and not math.isclose(voxel_size_m, terrain.voxel_size_m, rel_tol=1e-6):
         raise MapError(
             path,

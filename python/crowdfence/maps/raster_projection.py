@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
-from crowdfence.maps.height_raster import HeightRaster
+from crowdfence.maps.height_raster import Bridges, HeightRaster
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.source_frame import HeightRules, SourceFrame, source_frame
 
@@ -79,9 +79,21 @@ class RasterProjection:
 
     def highest(self, x: NDArray[np.float64], y: NDArray[np.float64], side_m: float) -> NDArray[np.float64]:
         """Greatest height in local squares of `side_m` around source coordinates, NaN where there is none."""
-        pixels_per_m = np.abs(np.linalg.inv(self._middle_pixel()[:, :2].T))  # [column, row] by [east, north]
-        wide, high = pixels_per_m.sum(axis=1) * side_m
+        wide, high = self._box(side_m)
         return self.raster.highest(*_applied(~self.source_from_pixel, x, y), (float(wide), float(high)))
+
+    def reach_of(
+        self, pixels: Bridges, cell_size_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Middles [N, 2] of pixels, local metres, and how near (east, north) to one the middle of a cell is
+        that the pixel lies in or takes part in the height of."""
+        column, row = (np.asarray(index + 0.5, np.float64) for index in (pixels.column, pixels.row))
+        middles = self._local_from_pixel(column, row, pixels.height)[:, :2]
+        sides_m = np.abs(self._middle_pixel()[:, :2])
+        to_next_m = sides_m.sum(axis=0)
+        box = self._box(cell_size_m)
+        to_highest_m = (np.ceil(box) - box / 2) @ sides_m  # of a number of pixels that is rounded up
+        return middles, np.maximum.reduce([to_next_m, (to_next_m + cell_size_m) / 2, to_highest_m])
 
     def pixel_size_m(self) -> float:
         """Shorter side of the middle pixel."""
@@ -90,6 +102,11 @@ class RasterProjection:
     def pixel_area_m2(self) -> float:
         """Area of the middle pixel."""
         return float(np.linalg.norm(np.cross(*self._middle_pixel())))
+
+    def _box(self, side_m: float) -> NDArray[np.float64]:
+        """Columns and rows [2] of the pixels that a local square of `side_m` spans."""
+        pixels_per_m = np.abs(np.linalg.inv(self._middle_pixel()[:, :2].T))  # [column, row] by [east, north]
+        return np.asarray(pixels_per_m.sum(axis=1) * side_m)
 
     def _middle_pixel(self) -> NDArray[np.float64]:
         """Sides of the middle pixel [2, 3], local metres."""
@@ -109,7 +126,7 @@ class RasterProjection:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def _local_from_pixel(
-        self, column: NDArray[np.float64], row: NDArray[np.float64], height: float
+        self, column: NDArray[np.float64], row: NDArray[np.float64], height: NDArray[np.float64] | float
     ) -> NDArray[np.float64]:
         x, y = _applied(self.source_from_pixel, column, row)
         return self.frame.local_from_source(x, y, np.full(x.shape, height))

@@ -43,6 +43,19 @@ class LocalGrid:
     def north_centres_m(self, first: int, last: int) -> Array:
         return self.south_m + (np.arange(first, last, dtype=np.float64) + 0.5) * self.cell_size_m
 
+    def cells_near(self, places: Array, reach_m: Array) -> NDArray[np.bool_]:
+        """Cells [X, Y] whose middle is nearer than `reach_m` (east, north) to one of the places [N, 2], to
+        the micrometre, as heights are."""
+        near = np.zeros(self.shape, np.bool_)
+        corner, reach = np.array([self.west_m, self.south_m]), reach_m - 1e-6
+        first = np.ceil((places - reach - corner) / self.cell_size_m - 0.5).astype(np.int64)
+        last = np.floor((places + reach - corner) / self.cell_size_m - 0.5).astype(np.int64)
+        first, last = np.maximum(first, 0), np.minimum(last, np.array(self.shape) - 1)
+        for step in np.ndindex(*(last - first).max(axis=0, initial=-1) + 1):
+            cells = first + step
+            near[tuple(cells[(cells <= last).all(axis=1)].T)] = True
+        return near
+
 
 def resample(
     grid: LocalGrid,

@@ -1,9 +1,9 @@
 """A map of landing ground at one stamp -> the sites where a drone could land.
 
 Everything is rounded against landing: a column counts when its own top was found fit by looks that are not
-stale, whatever lies below it; when the known map is level there and has no step; and when no closed zone
-touches it. What no drone of the fleet has in room for itself is left out. A site is what looks and map speak
-for, no promise.
+stale, whatever lies below it; when the known map was measured there, is level and has no step; and when no
+closed zone touches it. What no drone of the fleet has in room for itself is left out. A site is what looks
+and map speak for, no promise.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from crowdfence._core import CrowdMap, Terrain
 from crowdfence.landing_area import column_surface_m, slope_deg
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.sorted_keys import are_among
+from crowdfence.zones.tracker import column_keys
 from crowdfence.zones.zone import Zone, closed_of
 
 if TYPE_CHECKING:
@@ -117,7 +119,7 @@ def require_takes_back(method: str) -> None:
 
 
 def _fit(landing_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float) -> _Columns:
-    """Columns whose top was found fit by a look that is not stale, on level map."""
+    """Columns whose top was found fit by a look that is not stale, on level map that somebody measured."""
     terrain = landing_map.terrain
     found = landing_map.crowd_columns(stamp_ns, threshold=threshold)
     top_ids = terrain.voxel_ids(np.column_stack([found.indices, found.top_index]))
@@ -128,7 +130,9 @@ def _fit(landing_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: 
     slope, height = _slope_and_height(terrain, indices)
     probability = landing_map.probability(stamp_ns, top_ids)
     columns = _Columns(indices, probability, last_seen_ns[fits], slope, height, top_ids)
-    return _some(columns, slope <= MAX_SLOPE_DEG)
+    # What the reader of the map bridged may be a tank or a pit.
+    measured = ~are_among(column_keys(indices), column_keys(terrain.unmeasured))
+    return _some(columns, measured & (slope <= MAX_SLOPE_DEG))
 
 
 def _slope_and_height(
