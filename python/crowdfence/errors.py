@@ -12,6 +12,8 @@ from crowdfence._core import CrowdfenceError, MapFileError, StampError, ViewErro
 
 __all__ = ["CrowdfenceError", "DetectorError", "FrameError", "MapFileError", "StampError", "ViewError"]
 
+_LONGEST_QUOTE = 300
+
 
 class FrameError(CrowdfenceError):
     """Something of this frame cannot be used; the message names drone, stamp and reason."""
@@ -29,3 +31,10 @@ class FrameError(CrowdfenceError):
 class DetectorError(CrowdfenceError):
     """A model that cannot be used, a contract that does not hold, an image of a wrong kind, or output that
     is no heatmap. The message is one line and names the model or key, the value and what is allowed."""
+
+
+def one_line(error: BaseException) -> str:
+    """What a library says of a file, for a message of ours: it may be of several lines, or as long as the
+    file."""
+    said = " ".join(str(error).split()) or type(error).__name__
+    return said if len(said) <= _LONGEST_QUOTE else f"{said[:_LONGEST_QUOTE]} ..."

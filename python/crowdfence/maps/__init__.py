@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from crowdfence.errors import one_line
 from crowdfence.maps.holes import MapHoles
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
@@ -131,7 +132,7 @@ def _naming(path: Path) -> Iterator[None]:
     except MapError:
         raise
     except (ValueError, OSError, MemoryError) as error:
-        raise MapError(path, str(error) or type(error).__name__) from error
+        raise MapError(path, one_line(error)) from error
 
 
 def _suffix(path: Path) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence._core import Terrain
+from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
 from crowdfence.maps.height_raster import HeightRaster
 from crowdfence.maps.holes import MAX_HOLE_M2, bridge_holes
@@ -112,7 +113,7 @@ def _dataset(path: Path) -> Iterator[Any]:
             # Only this driver: other formats (VRT) can name further files and addresses.
             dataset = rasterio.open(path, driver="GTiff")
         except RasterioError as error:
-            raise MapError(path, f"not a readable GeoTIFF ({error})") from error
+            raise MapError(path, f"not a readable GeoTIFF ({one_line(error)})") from error
     with dataset:
         _check_size(path, dataset)
         try:
@@ -121,7 +122,7 @@ def _dataset(path: Path) -> Iterator[Any]:
             # GDAL complains about damage late, at any access, and with types that have no public name.
             if not type(error).__module__.startswith("rasterio."):
                 raise
-            raise MapError(path, f"truncated or damaged ({error})") from error
+            raise MapError(path, f"truncated or damaged ({one_line(error)})") from error
 
 
 def _check_size(path: Path, dataset: Any) -> None:
@@ -166,7 +167,7 @@ def _crs(path: Path, dataset: Any) -> CRS | None:
     try:
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
     except CRSError as error:
-        raise MapError(path, f"its coordinate reference system is damaged ({error}); pass crs") from error
+        raise MapError(path, "its coordinate reference system is damaged; pass crs") from error
     return None if crs.is_engineering else crs  # "local" or "unnamed" systems have no place on Earth
 
 

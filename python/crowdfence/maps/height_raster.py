@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import one_line
 from crowdfence.maps.map_error import MapError
 
 # Land lies between -430 m (the shore of the Dead Sea) and 8850 m. Values outside these bounds are undeclared
@@ -67,8 +68,8 @@ class HeightRaster:
         except RasterioError as error:
             raise MapError(
                 self.path,
-                f"rows {rows.start} to {rows.stop - 1} cannot be read ({error.__cause__ or error}): the file "
-                "is truncated or damaged",
+                f"rows {rows.start} to {rows.stop - 1} cannot be read "
+                f"({one_line(error.__cause__ or error)}): the file is truncated or damaged",
             ) from error
         missing = np.ma.getmaskarray(raw).copy()
         values = np.ma.getdata(raw).astype(np.float64)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
 from crowdfence.maps.ground_surface import triangulate
 from crowdfence.maps.height_raster import HIGHEST_PLAUSIBLE_M, LOWEST_PLAUSIBLE_M
@@ -191,7 +192,8 @@ def _damage(path: Path) -> Iterator[None]:
         raise
     except BaseException as error:
         raise MapError(
-            path, f"not a readable lidar file ({type(error).__name__}: {error}): truncated or damaged"
+            path,
+            f"not a readable lidar file ({type(error).__name__}: {one_line(error)}): truncated or damaged",
         ) from error
 
 
@@ -203,8 +205,13 @@ def _bounds(path: Path, header: Any) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def _crs(path: Path, header: Any) -> CRS | None:
+    from pyproj.exceptions import CRSError
+
     with _damage(path):
-        crs: CRS | None = header.parse_crs()
+        try:
+            crs: CRS | None = header.parse_crs()
+        except CRSError as error:
+            raise MapError(path, "its coordinate reference system is damaged; pass crs") from error
     return crs
 
 

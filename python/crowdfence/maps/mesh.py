@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
@@ -118,7 +119,7 @@ def _parse(path: Path) -> Any:
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         if kind == "ply" and "unexpected length" in str(error):
             raise MapError(path, _UNEVEN) from error
-        raise MapError(path, f"not a readable mesh ({type(error).__name__}: {error})") from error
+        raise MapError(path, f"not a readable mesh ({type(error).__name__}: {one_line(error)})") from error
     if kind == "ply" and _has_uneven_faces(mesh):
         raise MapError(path, _UNEVEN)
     return mesh

@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
 from crowdfence.static_zones.given_zone import GivenZone, StaticZones, local_zones
 from crowdfence.static_zones.kml_polygons import kml_zones
@@ -42,8 +43,9 @@ def open_static_zones(
         zones = local_zones(given, georeference, set() if taken is None else taken, left_out)
     except RecursionError as error:
         raise StaticZoneError(f"{path}: it is nested too deeply") from error
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+    # A LookupError is also what KML in an unknown encoding ends in.
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        what = f"{one_line(error)} is missing" if isinstance(error, KeyError) else one_line(error)
         raise StaticZoneError(f"{path}: {what}") from error
     if not zones and not left_out:
         left_out.append("it holds no zone")
