@@ -13,7 +13,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Timer
+from threading import Thread, Timer
+from time import sleep
 
 from httpx import TransportError
 
@@ -22,7 +23,17 @@ from crowdfence.service.client import ServiceError
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE
 from crowdfence.zones.history import history_line
-from support.small_service import CONFIG, message, plain, recording, running, settle, views
+from support.small_service import (
+    CONFIG,
+    DRONES,
+    message,
+    plain,
+    recording,
+    running,
+    settle,
+    view,
+    views,
+)
 
 KILLS = int(os.environ.get("CROWDFENCE_KILLS", "6"))
 SERVER = Path(__file__).with_name("crash_server.py")
@@ -85,6 +96,36 @@ def test_told_to_end_it_leaves_a_snapshot(tmp_path: Path) -> None:
         service.send_signal(signal.SIGTERM)
         assert service.wait(60) == 0
     with sqlite3.connect(tmp_path / FILE) as connection:
+        (applied,) = connection.execute("SELECT MAX(seq) FROM snapshots").fetchone()
+        assert connection.execute("SELECT MAX(seq) FROM journal").fetchone() == (applied,)
+
+
+def test_told_to_end_while_views_come_it_keeps_all_that_it_acknowledged(tmp_path: Path) -> None:
+    port = free_port()
+    acknowledged: dict[tuple[str, int], int] = {}
+
+    def give(drone: str) -> None:
+        with Client(f"http://127.0.0.1:{port}", patience_s=0.0) as client:
+            for number in range(400):  # the journal keeps two minutes of stamps
+                one = view(drone, number)
+                try:
+                    acknowledged[drone, one.stamp_ns] = client.give(one)
+                except (ServiceError, TransportError):
+                    return
+
+    with process(tmp_path, port) as service:
+        givers = [Thread(target=give, args=(drone,)) for drone in DRONES]
+        for thread in givers:
+            thread.start()
+        sleep(0.5)
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(60) == 0
+        for thread in givers:
+            thread.join()
+    with sqlite3.connect(tmp_path / FILE) as connection:
+        query = "SELECT drone, stamp_ns, seq FROM journal WHERE kind = 'view'"
+        kept = {(drone, stamp_ns): seq for drone, stamp_ns, seq in connection.execute(query)}
+        assert acknowledged and acknowledged.items() <= kept.items()
         (applied,) = connection.execute("SELECT MAX(seq) FROM snapshots").fetchone()
         assert connection.execute("SELECT MAX(seq) FROM journal").fetchone() == (applied,)
 
