@@ -181,6 +181,7 @@ def test_a_stamp_that_is_far_off_says_which_unit_it_looks_like(
     clock = Now(START_NS).clock() if kind == "system" else Clock("views")
     with running(tmp_path, clock=clock) as service:
         live_of(service).intake.give_view(at("uav1", START_NS))
+        settle(service)
         with pytest.raises(Refused, match=f"{hint}$"):
             live_of(service).intake.give_view(at("uav2", stamp))
         (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
@@ -284,6 +285,30 @@ def test_a_full_disk_refuses_views_tells_it_and_goes_on_when_there_is_room(tmp_p
         assert http.post("/api/v1/views", content=at("uav1", START_NS + 3 * SECOND_NS)).status_code == 202
         settle(service)
         assert http.get("/healthz").status_code == 200
+
+
+def test_alerts_that_a_full_disk_did_not_take_are_kept_once_there_is_room(tmp_path: Path) -> None:
+    """Else nobody hears of them after a restart: a crowd that was lost, say, while views were refused."""
+
+    def limit(pages: int):
+        return lambda connection: connection.execute(f"PRAGMA max_page_count = {pages}")
+
+    with running(tmp_path) as service:
+        store, alerts = service.store, service.alerts
+        before = alerts.raise_("clock", "alarm", "uav1 is ahead", START_NS, drone="uav1")
+        store.submit(limit(1)).result()
+        long = "50 % of the crowd met no ground " * 1000
+        raised = [alerts.raise_("lost_crowd", "alarm", long, START_NS, drone=drone) for drone in DRONES]
+        alerts.clear("lost_crowd", START_NS + 5, drone="uav2")
+        store.flush()
+        assert store.rows("SELECT id FROM alerts") == [(before.id,)] and "full" in str(service.store_trouble)
+        store.submit(limit(1 << 30), size=100_000).result()  # stands for a view as large as that
+        store.flush()
+        assert service.store_trouble is None
+    with running(tmp_path) as service:
+        kept = {one.id: (one.text, one.cleared_ns) for one in service.alerts.all()}
+        for one in raised:
+            assert kept[one.id] == (long, START_NS + 5 if one.drone == "uav2" else None)
 
 
 def picture() -> bytes:

@@ -6,6 +6,7 @@ import json
 import logging
 import sqlite3
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Any, Literal
@@ -94,6 +95,8 @@ class Alerts:
         self._store = store
         self._lock = Lock()
         self._alerts: dict[str, Alert] = {}
+        self._unwritten: set[str] = set()
+        """Ids of those whose last change is not on disk, because there was no room."""
         self._uncleared: dict[tuple[AlertKind, str | None], dict[str, Alert]] = {}
         """Those of them that are active by kind and drone, in the same order: every view asks for some."""
         for (body,) in store.rows(
@@ -213,10 +216,26 @@ class Alerts:
     def _keep(self, alert: Alert) -> Alert:
         """Under the lock, so that memory and disk get changes in the same order."""
         self._remember(alert)
+        self._write(alert)
+        return alert
+
+    def _write(self, alert: Alert) -> None:
         row = (alert.id, alert.raised_ns, json.dumps(asdict(alert)))
-        self._store.note(
+
+        def written(done: Future[None]) -> None:
+            if done.exception() is not None:
+                self._unwritten.add(alert.id)
+
+        self._store.submit(
             lambda connection: connection.execute(
                 "INSERT INTO alerts VALUES (?, ?, ?) ON CONFLICT (id) DO UPDATE SET body = excluded.body", row
-            )
+            ),
+            written,
         )
-        return alert
+
+    def write_again(self) -> None:
+        """There is room again: what the disk did not take would be missing after a restart."""
+        with self._lock:
+            names, self._unwritten = self._unwritten, set()
+            for name in names & self._alerts.keys():
+                self._write(self._alerts[name])

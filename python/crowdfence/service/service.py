@@ -64,6 +64,8 @@ class Service:
     def _trouble(self, trouble: str | None) -> None:
         if trouble is not None:
             self.mission.timeline.begin_whole()
+        else:
+            self.alerts.write_again()
         self.store_trouble = trouble
 
     def decide(self, user: User, action: Action, zone: str, reason: str, **drawn: Any) -> str:
