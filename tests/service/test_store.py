@@ -78,8 +78,23 @@ def test_what_is_handed_in_while_it_closes_is_written_or_refused(tmp_path: Path)
 
 
 def bytes_below(folder: Path) -> dict[str, bytes]:
-    """Of every file that was not made by opening."""
-    return {one.name: one.read_bytes() for one in folder.iterdir() if one.name in (FILE, "notes.txt")}
+    """Of the file and the journal of a write that was cut off."""
+    names = (FILE, f"{FILE}-journal")
+    return {one.name: one.read_bytes() for one in folder.iterdir() if one.name in names}
+
+
+def cut_off(folder: Path, begun: str) -> None:
+    """A file that held what `begun` wrote, as a kill in the middle of the next, large write leaves it."""
+    whole = folder / "whole"
+    whole.mkdir()
+    with closing(sqlite3.connect(whole / FILE, isolation_level=None)) as writing:
+        writing.executescript(f"{begun}; PRAGMA cache_size = 1; BEGIN; CREATE TABLE large (a)")
+        writing.execute("INSERT INTO large VALUES (zeroblob(1000000))")
+        for name in (FILE, f"{FILE}-journal"):
+            shutil.copy(whole / name, folder / name)
+    peeking = sqlite3.connect(f"file:{folder / FILE}?mode=ro", uri=True)
+    with closing(peeking), pytest.raises(sqlite3.Error, match="readonly"):
+        peeking.execute("SELECT name FROM sqlite_master")
 
 
 @pytest.mark.parametrize("mode", ["DELETE", "WAL"])
@@ -98,6 +113,23 @@ def test_a_database_of_another_program_is_left_as_it_is(tmp_path: Path, mode: st
     assert bytes_below(tmp_path) == before
     with closing(sqlite3.connect(tmp_path / FILE)) as theirs:
         assert theirs.execute("SELECT name FROM sqlite_master").fetchall() == [("people",)]
+
+
+def test_also_where_a_write_of_that_program_was_cut_off(tmp_path: Path) -> None:
+    cut_off(tmp_path, "CREATE TABLE people (name TEXT)")
+    before = bytes_below(tmp_path)
+    with pytest.raises(StoreError, match="a database of another program"):
+        Store(tmp_path)
+    assert bytes_below(tmp_path) == before and len(before) == 2
+
+
+def test_a_store_whose_making_was_cut_off_is_made(tmp_path: Path) -> None:
+    """Its first page is there, and the journal of the write that should have made the rest."""
+    cut_off(tmp_path, "PRAGMA user_version = 1")
+    store = Store(tmp_path)
+    tables = {name for (name,) in store.rows("SELECT name FROM sqlite_master")}
+    assert {"about", "journal", "alerts"} <= tables and "large" not in tables
+    store.close()
 
 
 def test_a_store_of_a_later_version_is_left_as_it_is(tmp_path: Path) -> None:

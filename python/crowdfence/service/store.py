@@ -149,7 +149,9 @@ class Store:
         """StoreError for a file that others write, which ours would be written into; it is only read here."""
         if not self.path.exists() or self.path.stat().st_size == 0:
             return
-        with closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro", uri=True)) as peeking:
+        # Beside a journal of a write that was cut off SQLite reads a file only after it has rolled that back.
+        how = "immutable=1" if self.path.with_name(f"{FILE}-journal").exists() else "mode=ro"
+        with closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?{how}", uri=True)) as peeking:
             tables = {
                 name for (name,) in peeking.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
             }
