@@ -1,5 +1,6 @@
 """The file of the service: opened where it should not or cannot be, asked by several at once."""
 
+import errno
 import os
 import shutil
 import sqlite3
@@ -174,6 +175,17 @@ def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("no folder")
     with pytest.raises(StoreError, match=r"data: File exists; --data needs a folder"):
         Store(tmp_path / "data")
+
+
+def test_a_disk_that_cannot_lock_is_not_told_as_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("crowdfence.service.store.fcntl.flock", refused)
+    with pytest.raises(StoreError, match=r"cannot be locked: No locks available; --data needs a folder on"):
+        Store(tmp_path)
 
 
 def on_a_disk_of(size: str, folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:

@@ -319,7 +319,12 @@ def _locked(folder: Path) -> TextIO:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         file.close()
-        raise StoreError(f"{folder} is in use by another service") from error
+        if isinstance(error, BlockingIOError):
+            raise StoreError(f"{folder} is in use by another service") from error
+        raise StoreError(
+            f"{folder} cannot be locked: {error.strerror}; --data needs a folder on a disk that can, which "
+            "some of other machines cannot"
+        ) from error
     return file
 
 
