@@ -279,6 +279,15 @@ def test_a_log_without_a_gimbal_needs_a_mount(tmp_path: Path) -> None:
     assert fixed[2] != pytest.approx(-np.sin(np.radians(60)), abs=1e-3)  # the body pitches by 3 degrees
 
 
+def test_the_time_of_day_is_known_from_the_first_fix_on(tmp_path: Path) -> None:
+    """Two thirds of the log were flown before, when the receiver counted from 1970."""
+    rows_of_it = len(rows())
+    path, zero_ns = write_ulog(tmp_path / "late.ulg", first_fix=rows_of_it * 2 // 3)
+    assert read_ulog(path).start_ns == zero_ns // 1000 * 1000
+    path, _ = write_ulog(tmp_path / "never.ulg", first_fix=rows_of_it)
+    assert read_ulog(path).start_ns is None
+
+
 @pytest.mark.parametrize("kind", ["ulg", "tlog"])
 def test_a_log_that_was_read_is_closed(tmp_path: Path, kind: str) -> None:
     path, _ = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"flight.{kind}")

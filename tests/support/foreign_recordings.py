@@ -360,9 +360,10 @@ def write_subtitles(path: Path, start_ns: int, dialect: Dialect | None = None, *
     return path
 
 
-def write_ulog(path: Path, *, gimbal: bool = True) -> tuple[Path, int]:
+def write_ulog(path: Path, *, gimbal: bool = True, first_fix: int = 0) -> tuple[Path, int]:
     """A ULog by its specification (docs.px4.io/main/en/dev_log/ulog_file_format): (path, stamp of its
-    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's."""
+    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's.
+    Before the row `first_fix` the receiver counts its time from 1970."""
     zero_us = 5_000_000
     flown = rows()
     begin_us = flown[0].stamp_ns // 1000
@@ -392,7 +393,8 @@ def write_ulog(path: Path, *, gimbal: bool = True) -> tuple[Path, int]:
             add(b"D", struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
         if count % 5 == 0:
             add(b"D", struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
-            add(b"D", struct.pack("<HQQ", 3, stamp_us, row.stamp_ns // 1000))
+            utc_us = row.stamp_ns // 1000 if count >= first_fix else stamp_us
+            add(b"D", struct.pack("<HQQ", 3, stamp_us, utc_us))
     path.write_bytes(bytes(data))
     return path, flown[0].stamp_ns
 

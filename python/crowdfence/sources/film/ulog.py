@@ -19,6 +19,7 @@ from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.stamp_unit import THIS_CENTURY_S
 
 _TOPICS = [
     "vehicle_global_position",
@@ -100,8 +101,11 @@ def _quaternions(topic: dict[str, Any]) -> NDArray[np.float64]:
 def _start_ns(topics: dict[str, dict[str, Any]], zero_us: int) -> int | None:
     for name in ("vehicle_gps_position", "sensor_gps"):
         gps = topics.get(name, {})
-        utc = np.asarray(gps.get("time_utc_usec", []), np.int64)
-        if (utc > 0).any():
-            apart = utc[utc > 0] - gps["timestamp"][utc > 0].astype(np.int64)
-            return (int(np.median(apart)) + zero_us) * 1000
+        utc_us = np.asarray(gps.get("time_utc_usec", []), np.int64)
+        # Until satellites tell it, a receiver says 0, or counts from 1970.
+        utc_s = utc_us // 1_000_000
+        known = (utc_s >= THIS_CENTURY_S.start) & (utc_s < THIS_CENTURY_S.stop)
+        if known.any():
+            apart_us = utc_us[known] - gps["timestamp"][known].astype(np.int64)
+            return (int(np.median(apart_us)) + zero_us) * 1000
     return None
