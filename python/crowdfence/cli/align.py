@@ -65,10 +65,11 @@ def _report(found: Alignment, output: Path) -> None:
 
     out = console.stdout()
     for drone in found.drones:
+        name = f"[bold]{console.escaped(drone.drone)}[/]"
         if drone.why_not:
-            out.print(f"[bold]{drone.drone}[/]: cannot tell: {drone.why_not}", soft_wrap=True)
+            out.print(f"{name}: cannot tell: {drone.why_not}", soft_wrap=True)
             continue
-        out.print(_title(drone), soft_wrap=True)
+        out.print(f"{name}: {_agreement(drone)}", soft_wrap=True)
         table = Table("", "off by", "+-", "", box=None)
         for one in drone.estimates:
             verdict = _verdict(one)
@@ -78,7 +79,8 @@ def _report(found: Alignment, output: Path) -> None:
             )
         out.print(table)
     if found.told:
-        out.print(f"\nalignment in [bold]{output}[/]; use it with --alignment {output}", soft_wrap=True)
+        file = console.escaped(output)
+        out.print(f"\nalignment in [bold]{file}[/]; use it with --alignment {file}", soft_wrap=True)
 
 
 def _verdict(one: Estimate) -> str:
@@ -87,8 +89,8 @@ def _verdict(one: Estimate) -> str:
     return "put right" + (" against the other drones" if one.quantity in ("east", "north") else "")
 
 
-def _title(drone: DroneAlignment) -> str:
+def _agreement(drone: DroneAlignment) -> str:
     return (
-        f"[bold]{drone.drone}[/]: {counted(drone.matches, 'place')} in several pictures, apart by "
+        f"{counted(drone.matches, 'place')} in several pictures, apart by "
         f"{drone.before_px:.2f} px before, {drone.after_px:.2f} px after"
     )

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from crowdfence.legible import shown
+
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
@@ -26,11 +28,11 @@ def stderr() -> Console:
 
 
 def fail(message: str) -> None:
-    stderr().print(f"[bold red]error[/]: {_escaped(message)}", soft_wrap=True)
+    stderr().print(f"[bold red]error[/]: {escaped(message)}", soft_wrap=True)
 
 
 def warn(message: str) -> None:
-    stderr().print(f"[yellow]warning[/]: {_escaped(message)}", soft_wrap=True)
+    stderr().print(f"[yellow]warning[/]: {escaped(message)}", soft_wrap=True)
 
 
 def one_line(error: BaseException) -> str:
@@ -63,8 +65,8 @@ def facts(title: str, rows: dict[str, str]) -> RenderableType:
     table.add_column(style="dim")
     table.add_column(overflow="fold")
     for name, value in rows.items():
-        table.add_row(name, _escaped(value))
-    return Group(Text(title, style="bold"), table)  # a table's own title wraps at the table's width
+        table.add_row(name, escaped(value))
+    return Group(Text(shown(title), style="bold"), table)  # a table's own title wraps at the table's width
 
 
 @contextmanager
@@ -106,10 +108,11 @@ def working() -> Iterator[Callable[[str], None]]:
         yield lambda step: None
         return
     with stderr().status("") as status:
-        yield lambda step: status.update(_escaped(step))
+        yield lambda step: status.update(escaped(step))
 
 
-def _escaped(text: str) -> str:
+def escaped(text: object) -> str:
+    """As it stands: brackets are no style, and what a terminal obeys is told by its number."""
     from rich.markup import escape
 
-    return escape(text)
+    return escape(shown(str(text)))

@@ -38,7 +38,8 @@ def demo(
             recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json, show=show
         )
     if not as_json:
-        console.stdout().print(f"see it on the map page: [bold]{serve_command()}[/]", soft_wrap=True)
+        how = console.escaped(serve_command())
+        console.stdout().print(f"see it on the map page: [bold]{how}[/]", soft_wrap=True)
 
 
 def serve_command() -> str:

@@ -326,7 +326,7 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
 
     out = console.stdout()
     table = Table(
-        title=f"{name}: mean IoU inside what was seen so far, against {against}",
+        title=f"{console.escaped(name)}: mean IoU inside what was seen so far, against {against}",
         title_justify="left",
         title_style="bold",
         box=None,

@@ -55,7 +55,7 @@ def explain(
         if event.kind in _HAPPENED:
             other = event.other if event.id == zone else event.id
             verb = _HAPPENED[event.kind] if event.id == zone else _of_others(event)
-            out.print(f"{iso_utc(event.stamp_ns)}  {verb.format(other=other)}")
+            out.print(console.escaped(f"{iso_utc(event.stamp_ns)}  {verb.format(other=other)}"))
 
 
 def _concerns(event: ZoneEvent, zone: str) -> bool:
@@ -130,7 +130,7 @@ def _evidence_table(zone: Zone, stamp_ns: int) -> Any:
         table.add_column(name, justify="left" if name == "drone" else "right")
     for look in zone.evidence:
         table.add_row(
-            look.drone,
+            console.escaped(look.drone),
             _ago(look.last_look_ns, stamp_ns),
             f"{look.value:.2f}",
             f"{look.seen_share:.0%}",

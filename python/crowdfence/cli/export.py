@@ -258,10 +258,11 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
     out = console.stdout()
     if "messages" in report:
         count, topics = sum(report["messages"].values()), len(report["messages"])
-        out.print(f"{count} messages on {topics} topics in {report['file']}", soft_wrap=True)
+        out.print(f"{count} messages on {topics} topics in {console.escaped(report['file'])}", soft_wrap=True)
     else:
         out.print(
-            f"{counted(report['zones'], 'zone')} of {iso_utc(report['stamp_ns'])} in {report['file']}",
+            f"{counted(report['zones'], 'zone')} of {iso_utc(report['stamp_ns'])} in "
+            f"{console.escaped(report['file'])}",
             soft_wrap=True,
         )
     if "fence_items" in report:

@@ -139,7 +139,8 @@ def pull(
         console.print_json(told)
         return
     console.stdout().print(
-        f"{len(shapes)} shapes in {items} items, {len(ours)} of them ours, in {output}", soft_wrap=True
+        f"{len(shapes)} shapes in {items} items, {len(ours)} of them ours, in {console.escaped(output)}",
+        soft_wrap=True,
     )
 
 
@@ -242,7 +243,7 @@ def _tell_report(report: FenceReport, keeper: FenceKeeper, as_json: bool) -> Non
         told: dict[str, Any] = {"vehicle": keeper.station.vehicle.name, **report.to_json()}
         console.print_json(told)
     else:
-        console.stdout().print(keeper.station.vehicle.name)
+        console.stdout().print(console.escaped(keeper.station.vehicle.name))
         _tell(report.events, as_json=False)
     if report.alarms:
         raise typer.Exit(GATE_NOT_MET)
@@ -251,13 +252,11 @@ def _tell_report(report: FenceReport, keeper: FenceKeeper, as_json: bool) -> Non
 def _tell(events: Iterable[FenceEvent], as_json: bool) -> None:
     import json
 
-    from rich.markup import escape
-
     for event in events:
         if as_json:
             print(json.dumps(event.to_json()), flush=True)
         elif event.alarm:
-            console.stdout().print(f"[bold red]alarm[/]: {escape(event.text)}", soft_wrap=True)
+            console.stdout().print(f"[bold red]alarm[/]: {console.escaped(event.text)}", soft_wrap=True)
         else:
-            console.stdout().print(escape(event.text), soft_wrap=True)
+            console.stdout().print(console.escaped(event.text), soft_wrap=True)
     sys.stdout.flush()  # who follows a log sees an alarm when it happens

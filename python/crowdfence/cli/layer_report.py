@@ -40,7 +40,7 @@ def report_layer(summary: dict[str, Any], run: Run, seconds: float, output: Path
         out.print(_site_table(summary))
     for reason in [*summary["warnings"], *refusal_lines(run.refused)]:
         console.warn(reason)
-    out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
+    out.print(f"\nresults in [bold]{console.escaped(output)}[/]: {', '.join(written)}", soft_wrap=True)
 
 
 def _closed(summary: dict[str, Any]) -> dict[str, str]:

@@ -169,7 +169,6 @@ def _table(
     text_columns: tuple[str, ...] = (),
 ) -> RenderableType:
     from rich.console import Group
-    from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
@@ -178,7 +177,7 @@ def _table(
         left = number == 0 or column in text_columns
         table.add_column(column, justify="left" if left else "right")
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*map(console.escaped, row))
     return Group(Text(title, style="bold"), table)  # a table's own title wraps at the table's width
 
 

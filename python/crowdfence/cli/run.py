@@ -156,7 +156,7 @@ def _look_first(output: Path, written: list[str], *, show: bool, quiet: bool) ->
         return
     if not quiet:
         hint = "" if show else " (--open shows it)"
-        console.stdout().print(f"look first at [bold]{first}[/]{hint}", soft_wrap=True)
+        console.stdout().print(f"look first at [bold]{console.escaped(first)}[/]{hint}", soft_wrap=True)
     if show and typer.launch(str(first.resolve())) != 0:
         console.warn(f"nothing here opens {first}; copy it to where a browser is")
 
@@ -188,7 +188,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
     out.print(_zone_table(summary))
     for reason in [*map(in_options, summary["warnings"]), *refusal_lines(run.refused)]:
         console.warn(reason)
-    out.print(f"\nresults in [bold]{output}[/]: {', '.join(written)}", soft_wrap=True)
+    out.print(f"\nresults in [bold]{console.escaped(output)}[/]: {', '.join(written)}", soft_wrap=True)
 
 
 def _left_out(summary: dict[str, Any]) -> str:

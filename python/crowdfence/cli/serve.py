@@ -203,7 +203,7 @@ def _ready(url: str, service: Service, as_json: bool) -> None:
     if as_json:
         console.print_json({"url": url, "mode": service.mode, "mission": service.mission.name})
     else:
-        console.stdout().print(f"{service.mission.name}: [bold]{url}[/]", soft_wrap=True)
+        console.stdout().print(f"{console.escaped(service.mission.name)}: [bold]{url}[/]", soft_wrap=True)
 
 
 @contextmanager

@@ -59,7 +59,7 @@ def show(tokens: Tokens = DEFAULT_TOKENS, as_json: options.Json = False) -> None
         return
     for user in users:
         of = f" of {', '.join(user.drones)}" if user.drones else ""
-        console.stdout().print(f"{user.name}: {user.role}{of}", soft_wrap=True)
+        console.stdout().print(console.escaped(f"{user.name}: {user.role}{of}"), soft_wrap=True)
 
 
 @app.command("remove")

@@ -7,6 +7,7 @@ from os import PathLike
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.iso_time import iso_utc
+from crowdfence.legible import table_cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,5 +65,5 @@ def _cell(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, tuple):
-        return " ".join(value)
+        return table_cell(" ".join(value))
     return repr(float(value)) if isinstance(value, float) else str(value)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from crowdfence.atomic_file import atomic_path, require_replaceable
+from crowdfence.legible import table_cell
 
 HEATMAPS, INDEX = "heatmaps", "index.csv"
 COLUMNS = ("frame", "source", "time_s", "file", "crowd_share", "largest", "unlike_tested")
@@ -64,7 +65,7 @@ class HeatmapFolder:
         self._rows.writerow(
             [
                 number,
-                source,
+                table_cell(source),
                 "" if time_s is None else f"{time_s:.6f}",
                 f"{HEATMAPS}/{name}",
                 f"{share:.6f}",

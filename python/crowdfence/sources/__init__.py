@@ -82,6 +82,7 @@ def open_recording(
         recording = _in_time(_open_one(Path(path), limits, options), limits)
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
+    recording = _with_readable_names(recording)
     recording = _with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise)))
     if ground_start:
         recording = _from_the_ground(recording)
@@ -174,6 +175,22 @@ def _in_time(recording: Recording, limits: Limits) -> Recording:
         warnings=(*recording.warnings, *(text for text in said if text is not None)),
         longest_gap_s=max(limits.max_jump_s, gap_s),
     )
+
+
+def _with_readable_names(recording: Recording) -> Recording:
+    """Names stand in zones, on pages and in files of other formats. ValueError for one of a drone that nobody
+    can read: another may look the same."""
+    from crowdfence.legible import legible, unreadable
+
+    name = legible(recording.name)
+    drones = {frame.drone for frame in recording.frames} | {one.drone for one in recording.refused}
+    for drone in sorted(drones | set(recording.tracks())):
+        if character := unreadable(drone):
+            raise ValueError(
+                f"{name}: the name of drone {drone!a} has the character {character}, which nobody can see: "
+                "leave it out"
+            )
+    return recording if name == recording.name else replace(recording, name=name)
 
 
 def _with_lens_doubts(recording: Recording) -> Recording:

@@ -11,6 +11,7 @@ from typing import Any
 
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
+from crowdfence.legible import legible
 from crowdfence.static_zones.given_zone import GivenZone, StaticZones, local_zones
 from crowdfence.static_zones.kml_polygons import kml_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
@@ -78,5 +79,5 @@ def read_static_zones(
     for path in paths:
         read = open_static_zones(path, georeference, taken)
         zones += read.zones
-        left_out += [f"{path.name}: {reason}" for reason in read.left_out]
+        left_out += [legible(f"{path.name}: {reason}") for reason in read.left_out]
     return tuple(zones), left_out

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
+from crowdfence.legible import legible
 from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
 from crowdfence.zones.altitude_band import LOWEST_GROUND_M
 from crowdfence.zones.rules import Restriction
@@ -54,6 +55,11 @@ class GivenZone:
     radius_m: float = 0.0
     title: str = ""
     """What people call it, where the name is a code."""
+
+    def __post_init__(self) -> None:
+        """Names of others as everybody can read them."""
+        object.__setattr__(self, "name", legible(self.name))
+        object.__setattr__(self, "title", legible(self.title))
 
 
 @dataclass(frozen=True, slots=True)

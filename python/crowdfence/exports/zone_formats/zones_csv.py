@@ -7,6 +7,7 @@ import io
 
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
+from crowdfence.legible import table_cell
 from crowdfence.zones import Zone
 
 COLUMNS = (
@@ -48,7 +49,7 @@ def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
     band, is_crowd = export.band(zone), zone.kind == "crowd"
     low, high = zone.interval or ("", "")
     return {
-        "id": zone.id,
+        "id": table_cell(zone.id),
         "kind": zone.kind,
         "restriction": zone.restriction,
         "valid_from": rfc3339(export.stamp_ns),
@@ -65,7 +66,7 @@ def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
         "probability_high": high,
         "forgotten_at": "" if zone.forgotten_ns is None else rfc3339(zone.forgotten_ns),
         "last_seen": rfc3339(zone.last_seen_ns) if is_crowd else "",
-        "seen_by": " ".join(zone.seen_by),
+        "seen_by": table_cell(" ".join(zone.seen_by)),
         "reason": zone.reason or "",
         "wkt": export.outline(zone).wkt,
     }
