@@ -92,6 +92,10 @@ def main() -> None:
         _reraise_for_debugging()
         console.fail(f"{error.name} is not installed; `crowdfence doctor` says how to get it")
         sys.exit(FAILED)
+    except MemoryError:
+        _reraise_for_debugging()
+        console.fail("this machine's memory does not hold what was given; is one of the files too large?")
+        sys.exit(FAILED)
     except (OSError, ValueError) as error:
         _reraise_for_debugging()
         console.fail(in_options(console.one_line(error)))

@@ -125,7 +125,11 @@ def convert(
 def _heatmaps_told(run: Path, recording: Recording) -> str | None:
     """What the file lacks of a run whose heatmaps a detector made."""
     summary = run / "summary.json"
-    detector = json.loads(summary.read_bytes()).get("detector") if summary.is_file() else None
+    try:
+        told = json.loads(summary.read_bytes()) if summary.is_file() else None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{summary} is no summary of a run: {error}") from error
+    detector = told.get("detector") if isinstance(told, dict) else None
     if not isinstance(detector, dict) or detector.get("heatmaps") != "model":
         return None
     recorded = any(frame.pixels.heatmap is not None for frame in recording.frames)

@@ -242,7 +242,7 @@ def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict
 def _read_plan(path: Path) -> dict[str, Any]:
     try:
         plan = json.loads(path.read_bytes())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no plan: {error}") from error
     if not isinstance(plan, dict):
         raise ValueError(f"{path} is no plan: it holds no object")

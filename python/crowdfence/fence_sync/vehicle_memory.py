@@ -56,7 +56,7 @@ def recall(path: Path) -> VehicleMemory:
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it is {told['format']} version {told['version']}")
         return VehicleMemory(_shapes(told["ours"]), _shapes(told["others"]), told["most"], is_first=False)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FenceError(
             f"{path} does not say what was written last ({type(error).__name__} {error}); remove it, then "
             "everything on the vehicle counts as somebody else's and is kept"

@@ -86,7 +86,7 @@ def read_tokens(path: Path) -> dict[str, User]:
             if entry["role"] not in ROLES:
                 raise ValueError(f"role {entry['role']!r} is none of {', '.join(ROLES)}")
             users[entry["sha256"]] = User(entry["name"], entry["role"], tuple(entry.get("drones", ())))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise TokenFileError(f"{path} holds no tokens: {type(error).__name__} {error}") from error
     return users
 

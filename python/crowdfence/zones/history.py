@@ -32,6 +32,7 @@ _FORMAT = "crowdfence zone history"
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
 _OF_LOOKS = tuple(field.name for field in fields(DroneEvidence))
+_NOT_AS_WRITTEN = (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError)
 
 
 class ZoneHistoryError(ValueError):
@@ -144,7 +145,7 @@ class ZoneHistory:
                 )
             except ZoneHistoryError:
                 raise
-            except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+            except _NOT_AS_WRITTEN as error:
                 what = "is no zone history" if number == 1 else f"is damaged in line {number}"
                 raise ZoneHistoryError(f"{path} {what}: {_said(error)}") from error
 

@@ -98,4 +98,5 @@ def _parsed(data: bytes) -> Attachment:
     try:
         return Attachment.read(ReadDataStream(BytesIO(data)))
     except (struct.error, OverflowError, UnicodeDecodeError, ValueError, McapError) as error:
-        raise ValueError(f"the map inside the file is damaged: {error or type(error).__name__}") from error
+        why = str(error) or type(error).__name__
+        raise ValueError(f"the map inside the file is damaged: {why}") from error

@@ -190,7 +190,8 @@ class _Scan:
                 if chunk_offset is None
                 else f"byte {offset} of the chunk at byte {chunk_offset}"
             )
-            self._note(f"the record at {where} (type {opcode}) is damaged: {error or type(error).__name__}")
+            why = str(error) or type(error).__name__
+            self._note(f"the record at {where} (type {opcode}) is damaged: {why}")
 
     def _message(self, payload: memoryview, chunk_offset: int | None, offset: int) -> StoredMessage:
         channel_id, _, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(payload)
