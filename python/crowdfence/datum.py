@@ -46,7 +46,15 @@ def wgs84_from(crs: CRS) -> Transformer:
             f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: {why}. {cure}, or use the "
             "horizontal part of the CRS and add the height of the geoid yourself (for maps: height_offset_m)"
         )
-    return _transformer(crs, allow_ballpark=True)
+    from pyproj.exceptions import ProjError
+
+    try:
+        return _transformer(crs, allow_ballpark=True)
+    except ProjError as error:  # of a projection that it does not know, or without some of its numbers
+        raise ValueError(
+            f"PROJ cannot tell where places in {crs.name!r} are ({error}); pass crs='EPSG:...', the "
+            "reference system as a register has it"
+        ) from error
 
 
 @lru_cache(maxsize=64)

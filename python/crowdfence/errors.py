@@ -36,5 +36,7 @@ class DetectorError(CrowdfenceError):
 def one_line(error: BaseException) -> str:
     """What a library says of a file, for a message of ours: it may be of several lines, or as long as the
     file."""
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
     said = " ".join(str(error).split()) or type(error).__name__
     return said if len(said) <= _LONGEST_QUOTE else f"{said[:_LONGEST_QUOTE]} ..."

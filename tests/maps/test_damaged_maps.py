@@ -95,3 +95,42 @@ def test_a_damaged_map_is_read_or_refused_in_one_line(tmp_path: Path, name: str,
         outcome(lambda: stated_place(path))
         refused += bool(said)
     assert refused > 30
+
+
+@pytest.mark.parametrize("layer", range(9))
+def test_a_layer_of_points_longer_than_its_chunk_is_refused_before_memory_is_taken(
+    tmp_path: Path, layer: int
+) -> None:
+    """The decompressor would ask for 4 GB, and the process would end where there are none."""
+    path = tmp_path / "a.laz"
+    write_lidar(path)
+    data = bytearray(path.read_bytes())
+    (points_at,) = struct.unpack_from("<I", data, 96)
+    struct.pack_into("<I", data, points_at + 8 + 30 + 4 + 4 * layer, 0xFFFF_0000)
+    path.write_bytes(bytes(data))
+    said = outcome(lambda: open_terrain(path))
+    assert "as length of the layers of a chunk, at most" in said
+
+
+@pytest.mark.parametrize("at", [179, 187, 195, 203, 211, 219])
+@pytest.mark.parametrize("value", [1e300, -1e300, float("inf"), float("nan")])
+def test_bounds_that_no_reference_system_has_are_refused(tmp_path: Path, at: int, value: float) -> None:
+    path = tmp_path / "a.las"
+    write_lidar(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<d", data, at, value)
+    path.write_bytes(bytes(data))
+    assert "its header gives the bounds" in outcome(lambda: open_terrain(path))
+
+
+def test_a_projection_that_proj_does_not_know_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.las"
+    write_lidar(path)
+    data = path.read_bytes()
+    assert data.count(b'METHOD["Transverse Mercator"') == 1
+    unknown = data.replace(
+        b'METHOD["Transverse Mercator",ID["EPSG",9807]]', b'METHOD["Transverse Merrator",ID["EPSX",9807]]'
+    )
+    path.write_bytes(unknown)
+    said = outcome(lambda: open_terrain(path))
+    assert "PROJ cannot tell where places in 'WGS 84 / UTM zone 32N' are" in said and "pass crs=" in said

@@ -13,6 +13,8 @@ from pathlib import Path
 from crowdfence.maps.map_error import MapError
 
 _INDENTED = (b"\n ", b"\n\t", b"\nf\t", b"\nv\t")
+_QUOTED = 40
+"""Bytes of a corner in a message."""
 _CONTINUED = (b"\\\n", b"\\\r")
 
 
@@ -82,7 +84,8 @@ def _absolute(path: Path, corner: bytes, number: int, vertices: int) -> int:
     if index == 0 or index < -vertices:
         raise MapError(
             path,
-            f"line {number} gives a face the corner {corner.decode(errors='replace')!r}, and {vertices} "
-            "vertices come before it; indices count from 1, or from -1 backwards: the file is damaged",
+            f"line {number} gives a face the corner {corner[:_QUOTED].decode(errors='replace')!r}, and "
+            f"{vertices} vertices come before it; indices count from 1, or from -1 backwards: the file is "
+            "damaged",
         )
     return index if index > 0 else vertices + 1 + index

@@ -82,7 +82,7 @@ def georeference_of(description: Mapping[str, Any], path: Path) -> Georeference 
 def _check_keys(whose: str, entry: Iterable[str], known: tuple[str, ...]) -> None:
     unknown = [key for key in entry if key not in known]
     if unknown:
-        raise ValueError(f"{whose} has an unknown key {unknown[0]!r}; known are {', '.join(known)}")
+        raise ValueError(f"{whose} has an unknown key {unknown[0][:80]!r}; known are {', '.join(known)}")
 
 
 def _pixels(entry: Mapping[str, Any], name: str) -> int:

@@ -13,6 +13,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from crowdfence.errors import one_line
 from crowdfence.sources.film.boots import PLACE, Boot, boots_of
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
@@ -85,7 +86,7 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
                     systems.append(message.get_srcSystem())
     except Exception as error:  # whatever the library meets in a damaged file
         if len(systems) < 2:
-            raise ValueError(f"{path} is no MAVLink log, or damaged: {error}") from error
+            raise ValueError(f"{path} is no MAVLink log, or damaged: {one_line(error)}") from error
     if systems.count(systems[0] if systems else 0) < 2:
         raise ValueError(f"{path} holds no positions ({PLACE}): no MAVLink log, or a damaged one")
     if others := sorted(set(systems) - {systems[0]}):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import one_line
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
@@ -45,9 +46,7 @@ def read_ulog(path: Path) -> FlightLog:
         topics = {data.name: data.data for data in reversed(log.data_list)}
         zero_us = int(log.start_timestamp)
     except Exception as error:  # whatever the library meets in a damaged file
-        raise ValueError(
-            f"{path} is damaged: {' '.join(str(error).split()) or type(error).__name__}"
-        ) from error
+        raise ValueError(f"{path} is damaged: {one_line(error)}") from error
     try:
         found = _flight_log(topics, zero_us)
     except KeyError as error:

@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from crowdfence.errors import one_line
 from crowdfence.sources.mission.layout import MAGIC
 from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
 
@@ -164,7 +165,7 @@ class RosBag:
         except GeneratorExit:
             raise
         except Exception as error:  # whatever a library meets in a damaged file
-            self.damage.append(f"it cannot be read any further: {_said(error)}")
+            self.damage.append(f"it cannot be read any further: {one_line(error)}")
 
     def read(self, place: tuple[str, int, int]) -> bytes:
         topic, log_ns, number = place
@@ -196,7 +197,7 @@ class RosBag:
         except (OSError, ModuleNotFoundError):
             raise
         except Exception as error:
-            raise ValueError(f"{self.path} cannot be read as a bag: {_said(error)}") from error
+            raise ValueError(f"{self.path} cannot be read as a bag: {one_line(error)}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +229,7 @@ def decode(data: bytes, type_name: str, *, ros1: bool) -> Any:
     try:
         return (store.deserialize_ros1 if ros1 else store.deserialize_cdr)(data, type_name)
     except Exception as error:  # whatever a library meets in damaged bytes
-        raise ValueError(f"no {type_name}: {_said(error)}") from error
+        raise ValueError(f"no {type_name}: {one_line(error)}") from error
 
 
 @lru_cache(maxsize=2)
@@ -260,7 +261,3 @@ def _begins_like_mcap(path: Path) -> bool:
 def _ros2_name(schema: str) -> str:
     package, _, name = schema.rpartition("/")
     return schema if not package or package.endswith("/msg") else f"{package}/msg/{name}"
-
-
-def _said(error: BaseException) -> str:
-    return " ".join(str(error).split())[:300] or type(error).__name__
