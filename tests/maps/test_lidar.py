@@ -319,3 +319,49 @@ def test_noise_far_below_does_not_place_the_map(tmp_path):
     points = np.vstack([ground, (500_010.0, 5_000_010.0, -32768.0)])
     path = write_las(tmp_path / "a.las", points, [2] * 400 + [7], crs="EPSG:32632")
     assert open_terrain(path).georeference.height_m == -500.0
+
+
+def test_ground_in_a_gap_was_measured_by_nobody(tmp_path):
+    """A tank without echoes, 4 x 4 m between points 0.5 m apart, and a house of which no point is ground."""
+    points = grid_points(30, lambda x, y: 5.3 + 0.1 * x, step=0.5)
+    tank = (np.abs(points[:, :2] - 8) < 2).all(axis=1)
+    house = (np.abs(points[:, :2] - 20) < 4).all(axis=1)
+    kinds, points[house, 2] = np.where(house, 6, 2), 12.0
+    path = write_las(tmp_path / "a.las", points[~tank], kinds[~tank])
+    options = {"assume_local": True, "voxel_size_m": 0.5}
+
+    def columns(low, high):
+        return {(i, j) for i in range(2 * low, 2 * high) for j in range(2 * low, 2 * high)}
+
+    ground = {tuple(column) for column in open_terrain(path, **options).unmeasured.tolist()}
+    corners = columns(6, 10) | columns(16, 24)
+    assert ground <= corners and len(corners - ground) <= 2 * 4 * 3  # discs do not reach into corners
+    all_points = {
+        tuple(column) for column in open_terrain(path, surface="all", **options).unmeasured.tolist()
+    }
+    assert all_points == ground & columns(6, 10)
+    whole = write_las(tmp_path / "b.las", grid_points(30, lambda x, y: 5.3))
+    assert len(open_terrain(whole, **options).unmeasured) == 0
+
+
+def test_points_at_random_leave_no_gaps_of_note(tmp_path):
+    plan = np.random.default_rng(4).uniform(0, 100, (10_000, 2))  # one a square metre
+    path = write_las(tmp_path / "a.las", np.column_stack([plan, np.full(10_000, 3.0)]))
+    terrain = open_terrain(path, assume_local=True, voxel_size_m=0.5)
+    assert len(terrain.unmeasured) < 0.01 * terrain.voxel_count
+
+
+@pytest.mark.parametrize("point_format", [1, 3, 6, 7, 8])
+def test_compressed_points_of_any_fields_in_several_chunks_are_read(tmp_path, point_format):
+    """The lengths of layers are checked by chunks of 50,000 points, of which each kind has others."""
+    header = laspy.LasHeader(point_format=point_format, version="1.4")
+    header.scales = np.full(3, 0.01)
+    header.add_extra_dim(laspy.ExtraBytesParams("echo", "uint16"))
+    cloud = laspy.LasData(header)
+    points = grid_points(33, lambda x, y: 5.3, step=0.1)
+    cloud.x, cloud.y, cloud.z = points.T
+    cloud.classification = np.full(len(points), 2)
+    cloud.echo = np.arange(len(points)) % 7
+    path = tmp_path / "a.laz"
+    cloud.write(path)
+    assert open_terrain(path, assume_local=True, voxel_size_m=1.0).voxel_count == 33**2

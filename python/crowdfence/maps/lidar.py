@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
-from crowdfence.maps.ground_surface import triangulate
+from crowdfence.maps.ground_surface import triangulate, unmeasured
 from crowdfence.maps.height_raster import HIGHEST_PLAUSIBLE_M, LOWEST_PLAUSIBLE_M
 from crowdfence.maps.las_header import check_las_header
 from crowdfence.maps.map_error import MapError
@@ -70,7 +70,8 @@ def open_lidar(
       with air below) on top of that ground; without ground class the lowest point of a column is its ground.
       None: "ground" where the file has that class, else "all". Points marked as noise (classes 7 and 18) or
       withheld are left out.
-    - `max_hole_m`: wider gaps stay holes.
+    - `max_hole_m`: wider gaps stay holes. In narrower ones, where points are far apart for the file, the
+      ground is `unmeasured`.
     - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
 
     Without `voxel_size_m` it follows the mean distance of neighbouring points, rounded up to 1, 2 or 5 times
@@ -146,6 +147,16 @@ class _Survey:
                 f"{len(vertices)} columns of {size_m:g} m hold ground, the bound is {MAX_GROUND_COLUMNS}; "
                 f"pass a voxel_size_m above {fitting_m:.3g}",
             )
+        terrain = self._surface(path, surface, vertices, max_hole_m)
+        with_point = self.voxel_points if surface == "all" or not len(self.ground) else self.ground
+        measured = np.floor(with_point[:, :2] / self.keys.voxel_size_m).astype(np.int64)
+        columns = unmeasured(terrain.columns()[:, :2], np.unique(measured, axis=0))
+        return terrain.with_unmeasured(columns) if len(columns) else terrain
+
+    def _surface(
+        self, path: Path, surface: Surface | None, vertices: NDArray[np.float64], max_hole_m: float
+    ) -> Terrain:
+        size_m = self.keys.voxel_size_m
         triangles = triangulate(vertices, max_hole_m)
         ground = Terrain.from_triangles(vertices, triangles, size_m) if len(triangles) else None
         if surface == "all" or len(self.ground) == 0:
