@@ -9,12 +9,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, open_recording
+from crowdfence.sources.alignment_file import read_alignment, write_alignment
 from crowdfence.sources.film.subtitles import read_subtitles
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
+from crowdfence.sources.lens.calibration_file import read_calibration
 from crowdfence.sources.mission.writer import MissionWriter
+from crowdfence.sources.pictures.decoding import read_heatmap
+from crowdfence.sources.pose_offset import PoseOffset
 from support.damaged_files import damaged, outcome
 from support.foreign_recordings import header, pose, write_bag, write_photograph
+from support.small_data_sets import DataSet, write_data_set
 from support.small_recordings import EPOCH_NS, flight, write_airsim, write_folder
 
 CAMERA = Camera.pinhole(32, 24, 19.0, 19.5, 16.25, 11.75)
@@ -180,3 +185,47 @@ def test_damaged_photographs(tmp_path: Path) -> None:
     for data in damaged(picture.read_bytes(), 200):
         picture.write_bytes(data)
         outcome(lambda: read_all(tmp_path))
+
+
+@pytest.mark.parametrize("kind", ["intrinsic", "extrinsic", "annotations"])
+def test_damaged_files_of_fixed_cameras(tmp_path: Path, kind: str) -> None:
+    eyes = [(0.0, -8.0, 6.0), (8.0, 0.0, 6.0)]
+    data = DataSet(False, eyes, (2.0, 2.0, 0.0), [[(1.0, 1.0), (2.0, 1.0)]])
+    folder = write_data_set(tmp_path / "a", data)
+    name = {"intrinsic": "intr_Camera1.xml", "extrinsic": "extr_Camera1.xml", "annotations": "*.json"}[kind]
+    (file,) = folder.rglob(name)
+    # What is annotated is read with each picture, and refused with it.
+    check(file, 200, lambda: read_all(folder), 0 if kind == "annotations" else 10)
+
+
+CALIBRATION = """\
+image_width: 1280
+image_height: 720
+camera_matrix: {rows: 3, cols: 3, data: [700.5, 0, 639.25, 0, 701.25, 359.75, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.02, 0.001, -0.002, 0.003]}
+"""
+
+
+def test_a_damaged_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(CALIBRATION)
+    check(path, 400, lambda: read_calibration(path), 100)
+    text = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]\n"
+    for number in range(1, 12):  # 9 to the power of 12 numbers, if somebody counted them out
+        text += f"a{number}: &a{number} [{', '.join([f'*a{number - 1}'] * 9)}]\n"
+    path.write_text(text + "image_width: *a11\nimage_height: *a11\ncamera_matrix: {data: *a11}\n")
+    assert outcome(lambda: read_calibration(path))
+
+
+def test_a_damaged_alignment(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    offset = PoseOffset(1.5, -2.0, 0.5, 0.25, (0.5, 1.0, -2.0))
+    write_alignment(path, {"uav1": offset, "uav2": offset})
+    check(path, 400, lambda: read_alignment(path), 100)
+
+
+def test_a_damaged_heatmap_of_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.zeros((6, 8), np.float32))
+    check(path, 300, lambda: read_heatmap(path, (32, 24)), 100)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdfence._core import Camera
+from crowdfence.errors import one_line
 
 _HALF_PIXEL = 0.5
 _LARGEST_BYTES = 1 << 20
@@ -31,7 +32,7 @@ def read_calibration(path: Path) -> Camera:
             "camera_info, or kalibr camchain)"
         ) from error
     except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{path} cannot be used as a calibration: {error}") from error
+        raise ValueError(f"{path} cannot be used as a calibration: {one_line(error)}") from error
 
 
 def _named_camera(path: Path) -> tuple[Path, str | None]:
@@ -50,7 +51,7 @@ def _load(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise ValueError(f"{path} is not YAML: {one_line(error)}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path} is no calibration: a table of names is expected")
     return content

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
+from crowdfence.errors import one_line
 from crowdfence.sources.multi_camera.layout import CALIBRATIONS, Layout
 
 
@@ -76,8 +77,8 @@ def _numbers(path: Path, name: str, count: int) -> NDArray[np.float64]:
         matrix = element.find("data")
         text = (element if matrix is None else matrix).text or ""
         values = np.array([float(number) for number in text.split()])
-    except (xml.ParseError, ValueError) as error:
-        raise ValueError(f"{path} cannot be read: {error}") from error
+    except (xml.ParseError, ValueError, LookupError) as error:  # the last of an unknown encoding
+        raise ValueError(f"{path} cannot be read: {one_line(error)}") from error
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(f"{path}: {name} must hold {count} finite numbers, got {len(values)}")
     return values

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
+from crowdfence.errors import one_line
 from crowdfence.sources.pictures.intact_jpeg import require_intact
 
 Size = tuple[int, int]
@@ -259,8 +260,8 @@ def _read_npy(path: Path) -> NDArray[Any]:
         try:
             read_header = _NPY_HEADERS[np.lib.format.read_magic(file)]
             shape, fortran_order, dtype = read_header(file)
-        except (ValueError, KeyError, EOFError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path.name} is not a usable .npy file: {error}") from error
+        except Exception as error:  # whatever numpy meets: it reads the header as Python
+            raise ValueError(f"{path.name} is not a usable .npy file: {one_line(error)}") from error
         if dtype != np.uint8 and not np.issubdtype(dtype, np.floating):
             raise ValueError(f"{path.name} holds {dtype}: a heatmap is uint8 or float")
         expected = math.prod(shape) * dtype.itemsize
