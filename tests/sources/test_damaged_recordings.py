@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -107,15 +108,34 @@ def test_damaged_pictures_of_a_folder(tmp_path: Path) -> None:
         read_all(folder)
 
 
+SUBTITLE = (
+    '{0}\n00:00:{1:02},000 --> 00:00:{1:02},033\n<font size="28">FrameCnt: {0}, DiffTime: 33ms\n'
+    "2026-05-01 10:00:{1:02}.000\n[iso: 110] [focal_len: 24.00] [latitude: 46.5{0:03}] [longitude: 8.0] "
+    "[rel_alt: 30.000 abs_alt: 1230.000] [gb_yaw: 10.0 gb_pitch: -60.0 gb_roll: 0.0] </font>\n\n"
+)
+
+
+def write_subtitles(path: Path) -> None:
+    path.write_text("".join(SUBTITLE.format(number + 1, number) for number in range(8)))
+
+
 def test_damaged_subtitles(tmp_path: Path) -> None:
-    row = (
-        '{0}\n00:00:{1:02},000 --> 00:00:{1:02},033\n<font size="28">FrameCnt: {0}, DiffTime: 33ms\n'
-        "2026-05-01 10:00:{1:02}.000\n[iso: 110] [focal_len: 24.00] [latitude: 46.5{0:03}] [longitude: 8.0] "
-        "[rel_alt: 30.000 abs_alt: 1230.000] [gb_yaw: 10.0 gb_pitch: -60.0 gb_roll: 0.0] </font>\n\n"
-    )
     path = tmp_path / "a.SRT"
-    path.write_text("".join(row.format(number + 1, number) for number in range(8)))
-    check(path, 400, lambda: read_subtitles(path), 10)
+    write_subtitles(path)
+    check(path, 200, lambda: read_subtitles(path), 10)
+
+
+def test_a_damaged_film(tmp_path: Path) -> None:
+    path = tmp_path / "a.MP4"
+    with av.open(str(path), "w", format="mp4") as container:
+        stream = container.add_stream("mpeg4", rate=1)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(6):
+            picture = np.full((48, 64, 3), 40 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+    write_subtitles(tmp_path / "a.SRT")
+    check(path, 60, lambda: read_all(path), 5)
 
 
 def ulog() -> bytes:

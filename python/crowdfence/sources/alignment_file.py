@@ -79,13 +79,13 @@ def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:
     known = {*_NUMBERS, "position_m"}
     if not isinstance(values, dict) or not set(values) <= known:
         raise ValueError(
-            f"{path}: {drone} must have {', '.join(sorted(known))} and nothing else, got {values}"
+            f"{path}: {drone} must have {', '.join(sorted(known))} and nothing else, got {str(values)[:80]}"
         )
     position = values.get("position_m", [0.0, 0.0, 0.0])
     numbers = [values.get(name, 0.0) for name in _NUMBERS]
     if not isinstance(position, list) or len(position) != 3:
         raise ValueError(
-            f"{path}: position_m of {drone} must be east, north and up in metres, got {position}"
+            f"{path}: position_m of {drone} must be east, north and up in metres, got {str(position)[:80]}"
         )
     for name, number in zip((*_NUMBERS, *["position_m"] * 3), (*numbers, *position), strict=True):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
