@@ -135,7 +135,12 @@ def test_a_damaged_film(tmp_path: Path) -> None:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
     write_subtitles(tmp_path / "a.SRT")
+    intact = path.read_bytes()
     check(path, 60, lambda: read_all(path), 5)
+    layer = b"\x00\x00\x01\x20"  # ISO/IEC 14496-2: with it begins what says how large pictures are
+    assert intact.count(layer) == 1
+    path.write_bytes(intact.replace(layer, b"\x00\x00\x01\xff"))
+    assert outcome(lambda: read_all(path)).endswith("does not say how large its pictures are: it is damaged")
 
 
 def ulog() -> bytes:

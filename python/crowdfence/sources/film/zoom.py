@@ -87,9 +87,11 @@ class _Zoom:
 def film_cameras(
     path: Path, size: tuple[int, int], log: FlightLog, calibration: Camera | None
 ) -> FilmCameras:
-    """ValueError when nothing says how wide the camera of the film `path` sees, or a calibration is for
-    another part of the sensor."""
+    """ValueError when nothing says how wide the camera of the film `path` sees or how large its pictures are,
+    or a calibration is for another part of the sensor."""
     width, height = size
+    if not (width > 0 and height > 0):
+        raise ValueError(f"{path} does not say how large its pictures are: it is damaged")
     if log.focal_35mm is None:
         if calibration is None:
             raise ValueError(
