@@ -16,8 +16,8 @@ _FORMULA = ("=", "+", "-", "@")
 
 
 def unreadable(name: str) -> str | None:
-    """The first character that nobody sees, as U+200B."""
-    return next((_told(character) for character in name if _is_unreadable(character)), None)
+    """The first character that nobody sees, or tells from a space, as U+200B."""
+    return next((_told(c) for c in name if _is_unreadable(c) or (c.isspace() and c != " ")), None)
 
 
 def legible(text: str) -> str:

@@ -99,8 +99,9 @@ def test_an_alignment_tells_names_as_they_are(tmp_path: Path) -> None:
 
 
 def test_what_is_read_and_what_is_not() -> None:
-    for name in ("uav-1", "Zürich Süd", "飛行禁止", "مطار", "TMA 1/2 (A) 🚁", "a\u00a0b"):
+    for name in ("uav-1", "Zürich Süd", "飛行禁止", "مطار", "TMA 1/2 (A) 🚁"):
         assert unreadable(name) is None and shown(name) == name
+    assert unreadable("a\u00a0b") == "U+00A0" and shown("a\u00a0b") == "a\u00a0b"
     for character in "\x00\x1b\x7f\x85\u00ad\u034f\u200b\u200e\u202e\u2028\u2060\u2066\u3164\ufeff\ud800":
         assert unreadable(f"a{character}") == f"U+{ord(character):04X}"
     assert shown("a\u200bb\nc") == "a<U+200B>b\nc"

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from threading import Lock
 
+from crowdfence.legible import unreadable
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
@@ -130,12 +131,9 @@ class Gate:
 def _check_name(drone: str) -> None:
     """Names stand in alarms, on the page and in files of other formats: none turns the text behind it round,
     and no two look alike for what nobody sees."""
-    for character in drone:
-        if not character.isprintable():
-            raise Refused(
-                422,
-                f"the drone's name has the character U+{ord(character):04X}, which shows as no text: "
-                "leave it out",
-            )
+    if character := unreadable(drone):
+        raise Refused(
+            422, f"the drone's name has the character {character}, which shows as no text: leave it out"
+        )
     if drone != drone.strip():
         raise Refused(422, f"the drone's name {drone!r} begins or ends with a space: leave it out")
