@@ -47,7 +47,7 @@ def detect(
         ),
     ] = None,
     contract: options.ContractPath = None,
-    threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,
+    threads: Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of the model.")] = 1,
     every: Annotated[
         int,
         typer.Option("--every", min=1, help="Only every N-th frame (of each drone); the rest is left out."),

@@ -48,7 +48,7 @@ def check(
             help="Metres per pixel of the picture. Default: 0.1 for density, points and boxes, else unknown.",
         ),
     ] = None,
-    threads: Annotated[int, typer.Option("--threads", min=1, help="Threads of the model.")] = 1,
+    threads: Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of the model.")] = 1,
     overlay: Annotated[
         Path | None, typer.Option("--overlay", help="Write the picture with its heatmap (.png).")
     ] = None,

@@ -23,6 +23,7 @@ from crowdfence.zones.zone import closed_of
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
+MOST_CLEARANCE_M = 1e6
 MOST_CORNERS = 350
 TURN_M = 0.05
 """Corners of the way lie so far outside the zones and their clearance."""
@@ -85,8 +86,8 @@ def safe_route(
     ends = np.asarray([start, goal], dtype=np.float64)
     if ends.shape != (2, 2) or not np.isfinite(ends).all():
         raise ValueError(f"start and goal must be two finite places [2], got {start!r} and {goal!r}")
-    if not 0.0 <= clearance_m < np.inf:
-        raise ValueError(f"clearance_m is {clearance_m:g}; it must be finite and >= 0")
+    if not 0.0 <= clearance_m <= MOST_CLEARANCE_M:
+        raise ValueError(f"clearance_m is {clearance_m:g}; it must lie between 0 and {MOST_CLEARANCE_M:g}")
     _require_clock(departure_ns, speed_m_s, expires)
     ending = [zone for zone in zones if expires and zone.valid_until_ns is not None]
     lasting = [zone for zone in zones if not (expires and zone.valid_until_ns is not None)]

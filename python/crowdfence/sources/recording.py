@@ -22,6 +22,7 @@ from crowdfence.sources.synchronize import group_instants
 
 Pixels = NDArray[Any]
 PixelsT = TypeVar("PixelsT")
+MOST_TOLERANCE_MS = 86_400_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,8 +315,11 @@ class Recording:
         Every usable frame is in exactly one instant, and the stamps of the instants increase. `drones` limits
         the fleet. ValueError for a negative tolerance or an unknown drone.
         """
-        if not 0 <= tolerance_ms < float("inf"):
-            raise ValueError(f"tolerance_ms must be finite and not negative, got {tolerance_ms}")
+        if not 0.0 <= tolerance_ms <= MOST_TOLERANCE_MS:
+            raise ValueError(
+                f"tolerance_ms must be finite and not negative, at most {MOST_TOLERANCE_MS:.0f} (a day), got "
+                f"{tolerance_ms:g}"
+            )
         fleet = set(self.drones if drones is None else drones)
         self._check_drones(fleet)
         frames = (frame for frame in self.frames if frame.drone in fleet)
