@@ -138,9 +138,7 @@ def test_a_link_leads_to_the_same_moment_and_zone(
     console: Console, context: BrowserContext, server: Server
 ) -> None:
     stamp = console.pause()
-    console.page.wait_for_timeout(700)
-    link = console.page.evaluate("location.hash")
-    other = open_console(context, server, "operator", link)
+    other = open_console(context, server, "operator", console.link_to(stamp))
     assert other.wait("moment.stamp_ns", lambda shown: shown == stamp)
     assert other.state("selection") == console.state("selection")
     assert other.state("camera.zoom") == pytest.approx(console.state("camera.zoom"), abs=0.01)

@@ -145,6 +145,15 @@ class Console:
         self.wait("belief.stamp_ns", lambda shown: shown == stamp)
         self.page.evaluate(_THREE_FRAMES)
 
+    def link_to(self, stamp: str) -> str:
+        """What follows the address of the page, once it names the moment."""
+        for _ in range(600):
+            link = str(self.page.evaluate("location.hash"))
+            if f"t={stamp}" in link:
+                return link
+            self.page.wait_for_timeout(150)
+        raise AssertionError(f"the address is still {link!r}")
+
     def drawn(self, after: int) -> None:
         """Until the ground was painted once more than `after` times (`drapes`) and the map has shown it,
         however busy the machine is."""
