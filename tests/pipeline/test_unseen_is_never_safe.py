@@ -46,10 +46,11 @@ def heatmap(
 
 def could_see(flown: Flown, ground: RandomGround, centre: NDArray[np.float64], max_range_m: float) -> bool:
     """Whether any point in or just around a voxel is in the picture, in range and in sight, by a margin: the
-    ground in between counts at the lowest height of its neighbours, a third of a voxel deeper, and a wall of
-    up to a voxel below belongs to the voxel."""
+    ground in between counts at the lowest height of its neighbours, a third of a voxel deeper. What holes and
+    slopes show of a column, down to two voxels below it, belongs to its lowest voxel (`Solid::SKIRT`).
+    """
     size_m = ground.voxel_size_m
-    across, along, up = np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5), np.linspace(-1.4, 0.8, 9)
+    across, along, up = np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5), np.linspace(-2.5, 0.8, 12)
     points = centre + size_m * np.stack(np.meshgrid(across, along, up, indexing="ij"), -1).reshape(-1, 3)
     u, v = pixels_of(flown.camera, flown.pose, points).T
     away = points - flown.pose[:3, 3]
