@@ -7,6 +7,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, open_recording
@@ -19,6 +20,7 @@ from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.pictures.decoding import read_heatmap
 from crowdfence.sources.pose_offset import PoseOffset
 from support.damaged_files import damaged, outcome
+from support.flight_logs import tlog, ulog
 from support.foreign_recordings import header, pose, write_bag, write_photograph
 from support.small_data_sets import DataSet, write_data_set
 from support.small_recordings import EPOCH_NS, flight, write_airsim, write_folder
@@ -143,52 +145,39 @@ def test_a_damaged_film(tmp_path: Path) -> None:
     assert outcome(lambda: read_all(path)).endswith("does not say how large its pictures are: it is damaged")
 
 
-def ulog() -> bytes:
+def hanging_ulog() -> bytes:
     """Four seconds of a drone that hangs over a place."""
-    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 5_000_000))
-
-    def add(kind: bytes, body: bytes) -> None:
-        data.extend(struct.pack("<HB", len(body), kind[0]) + body)
-
-    formats = {
+    topics = {
         "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
         "vehicle_attitude": "float[4] q;",
         "vehicle_gps_position": "uint64_t time_utc_usec;",
     }
-    for name, fields in formats.items():
-        add(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
-    for number, name in enumerate(formats):
-        add(b"A", struct.pack("<BH", 0, number) + name.encode())
+    records = []
     for number in range(20):
         at_us = 5_000_000 + number * 200_000
-        add(b"D", struct.pack("<HQddff", 0, at_us, 46.5, 8.0, 1200.0, 1250.0))
-        add(b"D", struct.pack("<HQ4f", 1, at_us, 1.0, 0.0, 0.0, 0.0))
-        add(b"D", struct.pack("<HQQ", 2, at_us, EPOCH_NS // 1000 + number * 200_000))
-    return bytes(data)
+        records.append(struct.pack("<HQddff", 0, at_us, 46.5, 8.0, 1200.0, 1250.0))
+        records.append(struct.pack("<HQ4f", 1, at_us, 1.0, 0.0, 0.0, 0.0))
+        records.append(struct.pack("<HQQ", 2, at_us, EPOCH_NS // 1000 + number * 200_000))
+    return ulog(5_000_000, topics, records)
 
 
 def test_a_damaged_ulog(tmp_path: Path) -> None:
     path = tmp_path / "a.ulg"
-    path.write_bytes(ulog())
+    path.write_bytes(hanging_ulog())
     check(path, 300, lambda: read_ulog(path), 30)
 
 
 def test_a_damaged_tlog(tmp_path: Path) -> None:
-    from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    data = bytearray()
+    told = []
     for number in range(20):
         boot_ms = 60_000 + number * 200
-        for message in (
-            mavlink.MAVLink_global_position_int_message(
-                boot_ms, 465_000_000, 80_000_000, 1_200_000, 30_000, 0, 0, 0, 0
-            ),
-            mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        ):
-            data += struct.pack(">Q", EPOCH_NS // 1000 + number * 200_000) + message.pack(sender)
+        place = mavlink.MAVLink_global_position_int_message(
+            boot_ms, 465_000_000, 80_000_000, 1_200_000, 30_000, 0, 0, 0, 0
+        )
+        turned = mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        told.append((EPOCH_NS // 1000 + number * 200_000, [place, turned]))
     path = tmp_path / "a.tlog"
-    path.write_bytes(bytes(data))
+    path.write_bytes(tlog(told))
     check(path, 200, lambda: read_tlog(path), 5)
 
 

@@ -29,6 +29,7 @@ from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Recording
+from support.flight_logs import tlog, ulog
 from support.foreign_recordings import (
     Dialect,
     beyond,
@@ -146,8 +147,7 @@ def write_tlog(path: Path) -> tuple[Path, int]:
     """A MAVLink log by pymavlink: (path, stamp of its first position); heights above sea and start."""
     flown = rows()
     start = flown[0].position[2]
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    data = bytearray()
+    told = []
     for row in flown:
         boot_ms = 60_000 + (row.stamp_ns - flown[0].stamp_ns) // 1_000_000
         latitude, longitude, height = row.geodetic
@@ -164,9 +164,8 @@ def write_tlog(path: Path) -> tuple[Path, int]:
             mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, np.radians(yaw), 0.0, 0.0, 0.0),
             mavlink.MAVLink_mount_orientation_message(boot_ms, roll, pitch, 0.0, yaw),
         ]
-        for message in messages:
-            data += struct.pack(">Q", row.stamp_ns // 1000) + message.pack(sender)
-    path.write_bytes(bytes(data))
+        told.append((row.stamp_ns // 1000, messages))
+    path.write_bytes(tlog(told))
     return path, flown[0].stamp_ns
 
 
@@ -219,23 +218,19 @@ def turning_flight(folder: Path, swing_deg: float) -> tuple[Path, float]:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(grey), format="rgb24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
-    lines = ["vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;"]
-    lines += ["gimbal_device_attitude_status:uint64_t timestamp;float[4] q;uint16_t device_flags;"]
-    bodies = [(b"F", line.encode()) for line in lines]
-    bodies += [
-        (b"A", struct.pack("<BH", 0, n) + line.partition(":")[0].encode()) for n, line in enumerate(lines)
-    ]
+    topics = {
+        "vehicle_global_position": "double lat;double lon;float alt;",
+        "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
+    }
+    records = []
     for number in range(1000):
         stamp_us = number * 20_000
         yaw, pitch = angles(stamp_us / 1e6)
         w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, 0], degrees=True).as_quat()[[3, 0, 1, 2]]
-        bodies.append((b"D", struct.pack("<HQ4fH", 1, stamp_us, w, x, y, z, 16)))
+        records.append(struct.pack("<HQ4fH", 1, stamp_us, w, x, y, z, 16))
         if number % 10 == 0:
-            bodies.append((b"D", struct.pack("<HQddf", 0, stamp_us, 46.5, 8.0, 30.0)))
-    for kind, body in bodies:
-        data += struct.pack("<HB", len(body), kind[0]) + body
-    (folder / "turning.ulg").write_bytes(bytes(data))
+            records.append(struct.pack("<HQddf", 0, stamp_us, 46.5, 8.0, 30.0))
+    (folder / "turning.ulg").write_bytes(ulog(zero_us, topics, records))
     return film, begin_s
 
 

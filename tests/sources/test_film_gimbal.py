@@ -12,6 +12,7 @@ from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
+from support.flight_logs import tlog
 
 EAST = [np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)]
 """A turn of 90 degrees about down: whoever looked north looks east."""
@@ -72,11 +73,10 @@ LOCKED_TO_THE_VEHICLE = OTHERS | LOCK | VEHICLE
 
 
 def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> None:
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    data = bytearray()
+    arrived = []
     for number in range(10):
         boot_ms = 5000 + number * 100
-        for message in (
+        messages = (
             mavlink.MAVLink_global_position_int_message(
                 boot_ms, 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
             ),
@@ -84,9 +84,9 @@ def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path)
             mavlink.MAVLink_gimbal_device_attitude_status_message(
                 0, 0, boot_ms, LOCKED_TO_THE_VEHICLE, DOWN_45, 0.0, 0.0, 0.0, 0
             ),
-        ):
-            data += struct.pack(">Q", 1_760_000_000_000_000 + number * 100_000) + message.pack(sender)
-    (tmp_path / "a.tlog").write_bytes(bytes(data))
+        )
+        arrived.append((1_760_000_000_000_000 + number * 100_000, messages))
+    (tmp_path / "a.tlog").write_bytes(tlog(arrived))
     camera = read_tlog(tmp_path / "a.tlog").camera_ned
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
 
@@ -180,20 +180,19 @@ def test_attitudes_of_a_payload_are_not_those_of_the_drone(tmp_path: Path) -> No
 @pytest.mark.parametrize("told", [True, False])
 def test_a_mount_that_does_not_tell_its_yaw_from_north_looks_nowhere(tmp_path: Path, told: bool) -> None:
     """`yaw_absolute` is a later extension: who sends no such field sends 0, and looks east all the same."""
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    data = bytearray()
+    arrived = []
     for number in range(10):
         boot_ms = 5000 + number * 100
-        for message in (
+        messages = (
             mavlink.MAVLink_global_position_int_message(
                 boot_ms, 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
             ),
             mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0),
             mavlink.MAVLink_mount_orientation_message(boot_ms, 0.0, -45.0, 0.0, 90.0 if told else 0.0),
-        ):
-            data += struct.pack(">Q", 1_700_000_000_000_000 + number * 100_000) + message.pack(sender)
+        )
+        arrived.append((1_700_000_000_000_000 + number * 100_000, messages))
     path = tmp_path / "flight.tlog"
-    path.write_bytes(data)
+    path.write_bytes(tlog(arrived))
     log = read_tlog(path)
     if told:
         assert log.camera_ned is not None and not log.remarks

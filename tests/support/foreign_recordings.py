@@ -31,6 +31,7 @@ from shapely import unary_union
 import crowdfence
 from crowdfence import RunConfig, Terrain, ZoneConfig, open_recording
 from crowdfence.sources.recording import Frame, Recording
+from support.flight_logs import ulog
 
 DEMO = Path(crowdfence.__file__).parent / "demo_data" / "race.mcap"
 DRONE = "uav1"
@@ -361,41 +362,32 @@ def write_subtitles(path: Path, start_ns: int, dialect: Dialect | None = None, *
 
 
 def write_ulog(path: Path, *, gimbal: bool = True, first_fix: int = 0) -> tuple[Path, int]:
-    """A ULog by its specification (docs.px4.io/main/en/dev_log/ulog_file_format): (path, stamp of its
-    beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees off the camera's.
-    Before the row `first_fix` the receiver counts its time from 1970."""
+    """(path, stamp of its beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees
+    off the camera's. Before the row `first_fix` the receiver counts its time from 1970."""
     zero_us = 5_000_000
     flown = rows()
     begin_us = flown[0].stamp_ns // 1000
-    data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", zero_us))
-
-    def add(kind: bytes, body: bytes) -> None:
-        data.extend(struct.pack("<HB", len(body), kind[0]) + body)
-
-    formats = {
+    topics = {
         "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
         "vehicle_attitude": "float[4] q;",
         "gimbal_device_attitude_status": "float[4] q;uint16_t device_flags;",
         "vehicle_gps_position": "uint64_t time_utc_usec;",
     }
-    for name, fields in formats.items():
-        add(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
-    for number, name in enumerate(formats):
-        add(b"A", struct.pack("<BH", 0, number) + name.encode())
+    records = []
     for count, row in enumerate(flown):
         stamp_us = zero_us + row.stamp_ns // 1000 - begin_us
         latitude, longitude, height = row.geodetic
         yaw, pitch, roll = row.yaw_pitch_roll_deg
         w, x, y, z = Rotation.from_euler("ZYX", [yaw + 30, 3, -2], degrees=True).as_quat()[[3, 0, 1, 2]]
-        add(b"D", struct.pack("<HQ4f", 1, stamp_us, w, x, y, z))
+        records.append(struct.pack("<HQ4f", 1, stamp_us, w, x, y, z))
         if gimbal:
             w, x, y, z = Rotation.from_euler("ZYX", [-30, pitch, roll], degrees=True).as_quat()[[3, 0, 1, 2]]
-            add(b"D", struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
+            records.append(struct.pack("<HQ4fH", 2, stamp_us, w, x, y, z, 0))
         if count % 5 == 0:
-            add(b"D", struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
+            records.append(struct.pack("<HQddff", 0, stamp_us, latitude, longitude, height - 48.0, height))
             utc_us = row.stamp_ns // 1000 if count >= first_fix else stamp_us
-            add(b"D", struct.pack("<HQQ", 3, stamp_us, utc_us))
-    path.write_bytes(bytes(data))
+            records.append(struct.pack("<HQQ", 3, stamp_us, utc_us))
+    path.write_bytes(ulog(zero_us, topics, records))
     return path, flown[0].stamp_ns
 
 
