@@ -362,8 +362,8 @@ def write_subtitles(path: Path, start_ns: int, dialect: Dialect | None = None, *
 
 
 def write_ulog(path: Path, *, gimbal: bool = True, first_fix: int = 0) -> tuple[Path, int]:
-    """(path, stamp of its beginning). The gimbal tells its yaw against the drone's heading, which is 30 degrees
-    off the camera's. Before the row `first_fix` the receiver counts its time from 1970."""
+    """(path, stamp of its beginning). The gimbal tells its yaw against the drone's heading, which is 30
+    degrees off the camera's. Before the row `first_fix` the receiver counts its time from 1970."""
     zero_us = 5_000_000
     flown = rows()
     begin_us = flown[0].stamp_ns // 1000

@@ -13,13 +13,13 @@ from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
 from crowdfence.service.settings import ServiceSettings
-from crowdfence.sources.stamp_unit import unit_hint, unit_warning
+from crowdfence.sources.stamp_unit import THIS_CENTURY_S, unit_hint, unit_warning
 
 _SECOND_NS = 1_000_000_000
 _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
 _STAMPS_OF_A_DRONE = 8
-_LATEST_NS = 4_000_000_000 * _SECOND_NS
+_LATEST_NS = THIS_CENTURY_S.stop * _SECOND_NS
 """A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
 
 

@@ -19,6 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment
 
+from crowdfence.errors import one_line
 from crowdfence.sources.mission.layout import MAGIC
 
 if TYPE_CHECKING:
@@ -98,5 +99,4 @@ def _parsed(data: bytes) -> Attachment:
     try:
         return Attachment.read(ReadDataStream(BytesIO(data)))
     except (struct.error, OverflowError, UnicodeDecodeError, ValueError, McapError) as error:
-        why = str(error) or type(error).__name__
-        raise ValueError(f"the map inside the file is damaged: {why}") from error
+        raise ValueError(f"the map inside the file is damaged: {one_line(error)}") from error

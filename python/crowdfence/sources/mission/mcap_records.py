@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 
+from crowdfence.errors import one_line
 from crowdfence.sources.mission.layout import MAGIC
 
 MAX_CHUNK_BYTES = 2**28
@@ -190,8 +191,7 @@ class _Scan:
                 if chunk_offset is None
                 else f"byte {offset} of the chunk at byte {chunk_offset}"
             )
-            why = str(error) or type(error).__name__
-            self._note(f"the record at {where} (type {opcode}) is damaged: {why}")
+            self._note(f"the record at {where} (type {opcode}) is damaged: {one_line(error)}")
 
     def _message(self, payload: memoryview, chunk_offset: int | None, offset: int) -> StoredMessage:
         channel_id, _, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(payload)
