@@ -74,11 +74,12 @@ def test_each_pixel_shows_the_cell_that_it_meets() -> None:
     camera = Camera.pinhole(6, 4, 8.0, 8.0, 3.0, 2.0)
     down = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 10], [0, 0, 0, 1]])
     depth = np.full((4, 6), 10.0, np.float32)
-    depth[0, 2] = np.nan
-    seen = shown(ground, values, depth, camera, down)
+    depth[0, 2], depth[0, 3] = np.nan, np.inf  # nothing was drawn there; the sky
+    with np.errstate(all="raise"):  # a warning would stand in the output of `simulate`
+        seen = shown(ground, values, depth, camera, down)
     expected = np.zeros((4, 6))
     expected[:, 1:5] = values.T[::-1]
-    expected[0, 2] = 0.0
+    expected[0, 2:4] = 0.0
     assert np.array_equal(seen, expected)
 
 

@@ -77,7 +77,7 @@ def shown(
     rays = camera.unproject(np.stack([u.ravel(), v.ravel()], axis=-1))
     with np.errstate(invalid="ignore"):
         along = rays * (depth_m.ravel().astype(np.float64) / rays[:, 2])[:, None]
-    xy = (along @ world_from_camera[:3, :3].T + world_from_camera[:3, 3])[:, :2]
+        xy = (along @ world_from_camera[:3, :3].T + world_from_camera[:3, 3])[:, :2]
     return ground.values_at(values, xy).reshape(depth_m.shape)
 
 
