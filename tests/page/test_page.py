@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext
 
-from support.map_page import Console, Server, open_console
+from support.map_page import THREE_FRAMES, Console, Server, open_console
 
 THIN_SPACE = "\u2009"
 MOST_PICTURE_BYTES = 600_000
@@ -252,6 +252,37 @@ def test_every_button_above_the_map_and_of_drawing_is_on_a_phone(browser: Browse
     phone.page.get_by_label("Help").click()
     phone.find("panel-help").wait_for()
     context.close()
+
+
+def test_on_a_phone_no_label_covers_another_and_the_surest_crowd_keeps_its_own(
+    browser: Browser, server: Server
+) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, reduced_motion="reduce")
+    phone = open_console(context, server, "operator")
+    phone.pause()
+    zones, drones = phone.state("moment.zones.zones"), phone.state("moment.drones")
+    surest = max(zones, key=lambda zone: zone["probability_max"] or 0.0)
+    for _ in range(4):  # until all of the mission is hardly larger than a label
+        zoom = phone.state("camera.zoom")
+        phone.page.get_by_label("Farther").click()
+        phone.wait("camera.zoom", lambda now, before=zoom: now < before)
+        phone.page.evaluate(THREE_FRAMES)
+        shown = phone.page.evaluate(LABELS_SHOWN)
+        assert any(text.startswith(surest["id"]) for text, *_ in shown)
+        for number, (text, *box) in enumerate(shown):
+            assert [other for other, *its in shown[:number] if overlap(box, its)] == [], text
+    assert len(shown) < len(zones) + len(drones), "there is no room for all"
+    context.close()
+
+
+LABELS_SHOWN = """() => [...document.querySelectorAll(".label span")]
+  .filter(one => one.checkVisibility({ visibilityProperty: true }))
+  .map(one => [one, one.getBoundingClientRect()])
+  .map(([one, box]) => [one.textContent, box.left, box.top, box.right, box.bottom])"""
+
+
+def overlap(one: list[float], other: list[float]) -> bool:
+    return all(one[low] < other[low + 2] and other[low] < one[low + 2] for low in (0, 1))
 
 
 def test_it_comes_back_when_the_server_does(console: Console, server: Server) -> None:

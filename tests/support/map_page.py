@@ -90,7 +90,7 @@ class Server:
             return json.load(answer)
 
 
-_THREE_FRAMES = """() => new Promise(shown => {
+THREE_FRAMES = """() => new Promise(shown => {
   let left = 3;
   const next = () => (left-- > 0 ? requestAnimationFrame(next) : shown());
   next();
@@ -143,7 +143,7 @@ class Console:
         while stamp != (stamp := self.pause()):
             pass
         self.wait("belief.stamp_ns", lambda shown: shown == stamp)
-        self.page.evaluate(_THREE_FRAMES)
+        self.page.evaluate(THREE_FRAMES)
 
     def link_to(self, stamp: str) -> str:
         """What follows the address of the page, once it names the moment."""
@@ -158,7 +158,7 @@ class Console:
         """Until the ground was painted once more than `after` times (`drapes`) and the map has shown it,
         however busy the machine is."""
         self.wait("drapes", lambda drapes: drapes > after)
-        self.page.evaluate(_THREE_FRAMES)
+        self.page.evaluate(THREE_FRAMES)
 
     def choose(self, zone: str) -> None:
         self.page.locator(f'[data-zone="{zone}"]').click()

@@ -4,6 +4,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { BeliefIndex, VoxelState, type Reading } from "../map/belief";
 import type { Viewport } from "../map/camera";
 import { crossesItself, middleOf, ringArea } from "../map/geometry";
+import { byWeight, labelOffsets } from "../map/label_places";
 import { MapView, type Pointed } from "../map/map_view";
 import { isNarrow, select } from "../state/session";
 import { store, useStore, type State } from "../state/store";
@@ -74,32 +75,31 @@ function Attribution() {
   return attribution && shown ? <small class="attribution">{attribution}</small> : null;
 }
 
-const LABEL_HEIGHT = 23;
 const MARKER_PIXELS = 18;
 
-/** Where a label stands from its place, the first that covers no other label and no drone; right before left. */
-const NUDGES = [[0, 0], [0, -12], [0, 36], [0, -24], [60, 0], [-60, 0], [60, -24], [-60, -24], [60, 36], [-60, 36], [0, 48], [0, -48]];
-
+/** In the order in which they choose their room: what is selected, then as they are listed. */
 function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
-  const taken = (store.state.moment?.drones ?? []).flatMap(({ position }) => {
+  const markers = (store.state.moment?.drones ?? []).flatMap(({ position }) => {
     if (!position) return [];
     const [x, y] = viewport.project(position);
-    return [{ x, y, half: MARKER_PIXELS / 2, tall: MARKER_PIXELS }];
+    return [{ x, y, width: MARKER_PIXELS, height: MARKER_PIXELS }];
   });
-  for (const label of parent?.children ?? []) {
-    if (!(label instanceof HTMLElement) || !label.dataset.place) continue;
-    const [x, y, depth] = viewport.project(label.dataset.place.split(",").map(Number));
+  const labels = [".label.chosen", ".label:not(.chosen)"].flatMap((which) => [...(parent?.querySelectorAll<HTMLElement>(which) ?? [])]);
+  const seen = labels.flatMap((label) => {
+    const [x, y, depth] = viewport.project(label.dataset.place!.split(",").map(Number));
     const visible = depth > 0 && depth < 1 && x > -40 && y > -40 && x < viewport.width + 40 && y < viewport.height + 40;
     label.hidden = !visible;
-    if (!visible) continue;
-    const half = 12 + 3.4 * (label.textContent?.length ?? 0);
-    const above = label.classList.contains("drone-label") ? 24 : 18; // of its middle, over its place
-    const free = ([right, down]: number[]) =>
-      !taken.some((other) => Math.abs(other.x - x - right) < other.half + half && Math.abs(other.y - y + above - down) < (other.tall + LABEL_HEIGHT) / 2);
-    const [right, down] = NUDGES.find(free) ?? NUDGES[0];
-    taken.push({ x: x + right, y: y - above + down, half, tall: LABEL_HEIGHT });
-    label.style.transform = `translate(${(x + right).toFixed(1)}px, ${(y + down).toFixed(1)}px)`;
-  }
+    return visible ? [{ label, x, y }] : [];
+  });
+  const boxes = seen.map(({ label, x, y }) => {
+    const { offsetTop, offsetWidth: width, offsetHeight: height } = label.firstElementChild as HTMLElement;
+    return { x, y: y + offsetTop + height / 2, width, height };
+  });
+  labelOffsets(boxes, markers).forEach((offset, k) => {
+    const { label, x, y } = seen[k];
+    label.style.visibility = offset ? "" : "hidden"; // its size can still be measured
+    if (offset) label.style.transform = `translate(${(x + offset[0]).toFixed(1)}px, ${(y + offset[1]).toFixed(1)}px)`;
+  });
 }
 
 function Labels() {
@@ -116,7 +116,7 @@ function Labels() {
   return (
     <>
       {layers.zones &&
-        moment.zones.zones.map((zone) => {
+        byWeight(moment.zones.zones).map((zone) => {
           const [east, north] = middleOf(zone.polygon);
           const up = heights.at(east, north);
           const { end, counts } = closureOf(zone, now);
