@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -223,6 +224,14 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
     missed = crowdfence(*arguments, "--min-iou", 1.0)
     assert missed.returncode == GATE_NOT_MET
     assert "a mean IoU is below --min-iou 1" in missed.stderr
+
+
+def test_evaluate_prints_the_same_figures_on_a_narrow_terminal(airsim: Path) -> None:
+    arguments = ("evaluate", airsim, *RECORDED, "--prior", 0.2, "-m", "or", "-m", "linear-pool")
+    wide, narrow = (crowdfence(*arguments, columns=columns).stdout for columns in (120, 80))
+    assert "linear-pool, alpha 0.1" in narrow and "…" not in narrow
+    figures = [re.findall(r"\d+\.\d+", printed) for printed in (wide, narrow)]
+    assert figures[0] == figures[1] != []
 
 
 def test_evaluate_by_hand(tmp_path: Path) -> None:

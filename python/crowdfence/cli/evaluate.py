@@ -333,7 +333,7 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
     )
     table.add_column("method", no_wrap=True)
     for column in ("threshold", "mean IoU", "std", "best threshold", "mean IoU there"):
-        table.add_column(column, justify="right", no_wrap=True)
+        table.add_column(column, justify="right")  # narrow: a heading of two lines, never half a figure
     for row in scores:
         best_threshold, best = row.sweep.best()
         table.add_row(
