@@ -43,6 +43,7 @@ PAGES = [
     "frames",
     "methods",
     "zones",
+    "foxglove",
 ]
 NOT_RUN = ("source ",)
 
