@@ -11,6 +11,7 @@ import pytest
 
 import crowdfence as cf
 from crowdfence import errors
+from crowdfence.errors import one_line, quoted
 from crowdfence.maps import MapError
 from crowdfence.sources.recording import Frame
 
@@ -145,6 +146,30 @@ def test_a_frame_error_says_which_frame() -> None:
     error = cf.FrameError("uav1", 12, "has no pose")
     assert str(error) == "frame of uav1 at 12: has no pose"
     assert (error.drone, error.stamp_ns, error.reason) == ("uav1", 12, "has no pose")
+
+
+def test_an_error_is_one_line_that_names_the_file_that_the_system_names() -> None:
+    assert one_line(FileNotFoundError(2, "No such file or directory", "a.tif")) == (
+        "a.tif: No such file or directory"
+    )
+    assert one_line(ConnectionRefusedError(111, "Connection refused")) == "Connection refused"
+    assert one_line(OSError("line 1\n  line 2")) == "line 1 line 2"
+    assert one_line(KeyError()) == "KeyError"
+    assert one_line(MemoryError()) == "it needs more memory than there is"
+
+
+def test_what_a_library_says_may_be_as_long_as_the_file_what_we_say_is_told_whole() -> None:
+    error = ValueError("x" * 1000)
+    assert one_line(error) == "x" * 300 + "..."
+    assert one_line(error, whole=True) == "x" * 1000
+
+
+def test_a_value_of_somebodys_file_is_quoted_by_its_beginning() -> None:
+    assert quoted("two\nlines") == "'two lines'"
+    assert quoted({"a": [1, None]}) == "{'a': [1, None]}"
+    assert quoted("x" * 81) == f"'{'x' * 80}...'"
+    assert quoted([7] * 1000) == f"{str([7] * 1000)[:80]}..."
+    assert quoted("x" * 80) == f"'{'x' * 80}'" and quoted(12345, 3) == "123..."
 
 
 def test_exceptions_leave_another_process() -> None:

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from crowdfence.errors import one_line
+
 State = Literal["ok", "missing", "broken"]
 Group = Literal["needed", "optional", "machine"]
 
@@ -132,10 +134,10 @@ def check_package(package: Package, minimum: str | None) -> Check:
     except ModuleNotFoundError as error:
         if f"{package.module}.".startswith(f"{error.name}."):
             return Check(group, name, "missing", package.purpose, install)
-        return Check(group, name, "broken", f"{package.purpose}: {_one_line(error)}", install)
+        return Check(group, name, "broken", f"{package.purpose}: {_told(error)}", install)
     except Exception as error:  # a broken package may raise anything
         reinstall = f"pip install --force-reinstall '{name}'"
-        return Check(group, name, "broken", f"{package.purpose}: {_one_line(error)}", reinstall)
+        return Check(group, name, "broken", f"{package.purpose}: {_told(error)}", reinstall)
     try:
         version = importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -157,7 +159,7 @@ def check_geoid() -> Check:
     except ValueError:
         return Check("optional", name, "missing", purpose, "pyproj sync --file us_nga_egm96_15")
     except Exception as error:  # pyproj itself is missing or broken, which its own check reports
-        return Check("optional", name, "broken", f"{purpose}: {_one_line(error)}")
+        return Check("optional", name, "broken", f"{purpose}: {_told(error)}")
     return Check("optional", name, "ok", purpose)
 
 
@@ -190,7 +192,7 @@ def check_opengl() -> Check:
             return Check("optional", name, "broken", f"{error.__cause__.name} is missing")
         return Check("optional", name, "missing", purpose, INSTALL_LINE)
     except Exception as error:  # drivers fail in their own ways
-        return Check("optional", name, "broken", f"{purpose}: {_one_line(error)}", INSTALL_LINE)
+        return Check("optional", name, "broken", f"{purpose}: {_told(error)}", INSTALL_LINE)
     return Check("optional", name, "ok", f"{renderer}, {purpose}")
 
 
@@ -200,7 +202,7 @@ def _tried(group: Group, name: str, trial: Callable[[], str], remedy: str) -> Ch
     except ModuleNotFoundError as error:  # the package's own check says how to get it
         return Check(group, name, "broken", f"{error.name} is missing")
     except Exception as error:  # that it fails is the finding, however it does
-        return Check(group, name, "broken", _one_line(error), remedy)
+        return Check(group, name, "broken", _told(error), remedy)
 
 
 def _core() -> str:
@@ -293,5 +295,5 @@ def _memory() -> str:
     return f"{total / 1e6:.1f} GB, {available / 1e6:.1f} GB available"
 
 
-def _one_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+def _told(error: BaseException) -> str:
+    return f"{type(error).__name__}: {one_line(error, whole=True)}"

@@ -1,4 +1,5 @@
-"""The exceptions of crowdfence: one tree under `CrowdfenceError`, which is a ValueError.
+"""The exceptions of crowdfence, one tree under `CrowdfenceError`, which is a ValueError; and how a message
+quotes errors and values of others.
 
 CrowdfenceError  parameters, arrays of a wrong shape or content, terrains
   ViewError      a camera, heatmap, pose or drone's name
@@ -12,7 +13,8 @@ from crowdfence._core import CrowdfenceError, MapFileError, StampError, ViewErro
 
 __all__ = ["CrowdfenceError", "DetectorError", "FrameError", "MapFileError", "StampError", "ViewError"]
 
-_LONGEST_QUOTE = 300
+_LINE_CHARACTERS = 300
+_VALUE_CHARACTERS = 80
 
 
 class FrameError(CrowdfenceError):
@@ -33,10 +35,23 @@ class DetectorError(CrowdfenceError):
     is no heatmap. The message is one line and names the model or key, the value and what is allowed."""
 
 
-def one_line(error: BaseException) -> str:
-    """What a library says of a file, for a message of ours: it may be of several lines, or as long as the
-    file."""
+def one_line(error: BaseException, *, whole: bool = False) -> str:
+    """An error as one line, which names the file where the system does. What a library says of a file may be
+    as long as the file: of that a message of ours has the beginning, unless the `whole` is asked for."""
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     said = " ".join(str(error).split()) or type(error).__name__
-    return said if len(said) <= _LONGEST_QUOTE else f"{said[:_LONGEST_QUOTE]} ..."
+    return said if whole else _beginning(said, _LINE_CHARACTERS)
+
+
+def quoted(value: object, characters: int = _VALUE_CHARACTERS) -> str:
+    """A value that somebody gave as one short line for a message."""
+    text = " ".join((value if isinstance(value, str) else repr(value))[: 4 * characters].split())
+    text = _beginning(text, characters)
+    return repr(text) if isinstance(value, str) else text
+
+
+def _beginning(text: str, characters: int) -> str:
+    return f"{text[:characters]}..." if len(text) > characters else text

@@ -144,6 +144,14 @@ def test_zones_that_expire_are_removed_if_asked(tmp_path: Path) -> None:
         assert len(watched.vehicle.items) == left
 
 
+def test_zones_that_are_not_there_yet_are_named(tmp_path: Path) -> None:
+    watched = Watched(tmp_path)
+    watched.path.unlink()
+    assert watched.run(3.0) == ["zones_unreadable"]
+    (missing,) = watched.watch.alarms
+    assert missing.text == f"{watched.path}: No such file or directory; the last fence stays"
+
+
 def test_a_file_that_cannot_be_read_is_said_once_and_the_fence_stays(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     watched.run(3.0)

@@ -216,6 +216,10 @@ def test_strange_files_and_rows_are_reported(recorded):
             lambda d: d["cameras"]["*"].update(fx="24"),
             "the camera of 'uav1' cannot be used: fx is '24'; it must be a number, without quotes",
         ),
+        (
+            lambda d: d["cameras"]["*"].update(width="6" * 400),
+            r"width is '6{80}\.\.\.'; it must be a whole number of at least 1$",
+        ),
         (lambda d: d["cameras"]["*"].update(cx=None), "cx is None; it must be a number"),
         (lambda d: d["cameras"]["*"].update(fy=True), "fy is True; it must be a number"),
         (

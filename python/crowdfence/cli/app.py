@@ -33,6 +33,7 @@ from crowdfence.cli.simulate import simulate
 from crowdfence.cli.token import app as token
 from crowdfence.cli.train import train
 from crowdfence.cli.wording import in_options
+from crowdfence.errors import one_line
 
 app = typer.Typer(
     name="crowdfence",
@@ -98,7 +99,7 @@ def main() -> None:
         sys.exit(FAILED)
     except (OSError, ValueError) as error:
         _reraise_for_debugging()
-        console.fail(in_options(console.one_line(error)))
+        console.fail(in_options(one_line(error, whole=True)))
         sys.exit(FAILED)
 
 

@@ -35,13 +35,6 @@ def warn(message: str) -> None:
     stderr().print(f"[yellow]warning[/]: {escaped(message)}", soft_wrap=True)
 
 
-def one_line(error: BaseException) -> str:
-    """An exception as one line that names the file where there is one."""
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def print_json(value: Any) -> None:
     """Numbers that are none, such as a share of nothing, are null: NaN and Infinity are no JSON."""
     print(json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False))

@@ -11,9 +11,8 @@ from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING, Any
 
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -86,7 +85,7 @@ def reason(error: Exception) -> str:
     text = str(error)
     while text.startswith("[ONNXRuntimeError]"):
         text = text.split(" : ", 3)[-1]
-    return shown(_SOURCE_LINE.sub("", text, count=1), 300).strip("'\"")
+    return quoted(_SOURCE_LINE.sub("", text, count=1), 300).strip("'\"")
 
 
 def _tensors(arguments: Any) -> tuple[Tensor, ...]:

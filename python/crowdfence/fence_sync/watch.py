@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from crowdfence.errors import one_line
 from crowdfence.fence_sync.conversation import Clock
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.fence_error import FenceError
@@ -109,7 +110,7 @@ class FenceWatch:
                 self._broke(error)
 
     def _broke(self, error: OSError) -> None:
-        text = f"the link broke ({' '.join(str(error).split())}): it is opened again; the last fence stays"
+        text = f"the link broke ({one_line(error, whole=True)}): it is opened again; the last fence stays"
         self._say_while(("link_lost",), [FenceEvent("link_lost", text, alarm=True)])
         self._reopen_at_s = self._clock() + self._reopen_after_s
         self._reopen_after_s = min(2.0 * self._reopen_after_s, REOPEN_S[1])
@@ -142,7 +143,7 @@ class FenceWatch:
             try:
                 placed = self._source.read()
             except (OSError, ValueError) as error:
-                reason = " ".join(str(error).split())
+                reason = one_line(error, whole=True)
                 unread = FenceEvent("zones_unreadable", f"{reason}; the last fence stays", alarm=True)
                 self._say_while(("zones_unreadable",), [unread])
             else:
@@ -184,7 +185,7 @@ class FenceWatch:
             report = self._keeper.put(zones, self._placed.georeference)
         except (FenceError, ValueError, OSError) as error:
             self._debounce.failed(self._clock())
-            self._say_while(("failed",), [FenceEvent("failed", " ".join(str(error).split()), alarm=True)])
+            self._say_while(("failed",), [FenceEvent("failed", one_line(error, whole=True), alarm=True)])
             return
         self._debounce.sent(zones, self._clock())
         self._shapes, self._checked_s = report.shapes, self._clock()

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from crowdfence.atomic_file import atomic_path
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.metadata_values import CROWD_NAMES, PEOPLE_NAMES
+from crowdfence.errors import quoted
 from crowdfence.labelled_pictures.annotated_picture import (
     AnnotatedPicture,
     AnnotationError,
@@ -102,7 +102,7 @@ def _is_coco(path: Path) -> bool:
 
 def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list[AnnotatedPicture]:
     if not isinstance(document, dict):
-        raise AnnotationError(f"must hold an object, got {shown(document)}")
+        raise AnnotationError(f"must hold an object, got {quoted(document)}")
     role_of = dict(_roles(_rows(document, "categories"), roles))
     known = {row.get("id") for _, row in _rows(document, "categories")}
     marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
@@ -110,7 +110,7 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
         key = _key(row.get("image_id"), place, "image_id")
         category = _key(row.get("category_id"), place, "category_id")
         if category not in known:
-            raise AnnotationError(f"{place}.category_id is {shown(category)}, which is no category")
+            raise AnnotationError(f"{place}.category_id is {quoted(category)}, which is no category")
         role = role_of.get(category)
         if role == "person" and row.get("iscrowd") == 1:
             role = "crowd"
@@ -122,18 +122,18 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
     for place, row in _rows(document, "images"):
         key = _key(row.get("id"), place, "id")
         if key in seen:
-            raise AnnotationError(f"{place}.id {shown(key)} occurs twice")
+            raise AnnotationError(f"{place}.id {quoted(key)} occurs twice")
         seen.add(key)
         pictures.append(_picture(place, row, folder, marks.pop(key, [])))
         if pictures[-1].path in files:
-            name = shown(row["file_name"])
+            name = quoted(row["file_name"])
             raise AnnotationError(
                 f"{place}.file_name {name} occurs twice: what is marked there is in two parts"
             )
         files.add(pictures[-1].path)
     if marks:
         place, *_ = next(iter(marks.values()))[0]
-        raise AnnotationError(f"{place}.image_id is {shown(next(iter(marks)))}, which is no image")
+        raise AnnotationError(f"{place}.image_id is {quoted(next(iter(marks)))}, which is no image")
     if not pictures:
         raise AnnotationError("holds no image")
     return pictures
@@ -147,11 +147,11 @@ def _picture(
 ) -> AnnotatedPicture:
     name = row.get("file_name")
     if not isinstance(name, str) or not name or Path(name).is_absolute() or ".." in Path(name).parts:
-        raise AnnotationError(f"{place}.file_name is {shown(name)}; allowed: a path below {folder}")
+        raise AnnotationError(f"{place}.file_name is {quoted(name)}; allowed: a path below {folder}")
     width, height = (_side(row.get(side), f"{place}.{side}") for side in ("width", "height"))
     gsd_m = row.get("gsd_m")
     if gsd_m is not None and (not _is_number(gsd_m) or gsd_m <= 0.0):
-        raise AnnotationError(f"{place}.gsd_m is {shown(gsd_m)}; allowed: metres above 0")
+        raise AnnotationError(f"{place}.gsd_m is {quoted(gsd_m)}; allowed: metres above 0")
     people: list[list[float]] = []
     polygons: dict[str, list[Polygon]] = {"crowd": [], "ignore": []}
     for where, mark, role in marks:
@@ -204,7 +204,7 @@ def _box(mark: Mapping[str, Any], where: str) -> list[float]:
     """x, y, width, height."""
     box = _numbers(mark["bbox"], f"{where}.bbox", 4)
     if box[2] < 0.0 or box[3] < 0.0:
-        raise AnnotationError(f"{where}.bbox is {shown(box)}; allowed: width and height of at least 0")
+        raise AnnotationError(f"{where}.bbox is {quoted(box)}; allowed: width and height of at least 0")
     return box
 
 
@@ -222,15 +222,15 @@ def _roles(
     for place, row in rows:
         name = row.get("name")
         if not isinstance(name, str):
-            raise AnnotationError(f"{place}.name is {shown(name)}; allowed: text")
+            raise AnnotationError(f"{place}.name is {quoted(name)}; allowed: text")
         names.append(name.strip().lower())
         if names[-1] in known:
             yield _key(row.get("id"), place, "id"), known[names[-1]]
     if missing := [name for name in named if name not in names]:
-        raise AnnotationError(f"no class is named {shown(missing[0])}; it has {shown(', '.join(names))}")
+        raise AnnotationError(f"no class is named {quoted(missing[0])}; it has {quoted(', '.join(names))}")
     if not any(name in known for name in names):
         raise AnnotationError(
-            f"no class is of people or crowds; it has {shown(', '.join(names))}: say what they mean (data "
+            f"no class is of people or crowds; it has {quoted(', '.join(names))}: say what they mean (data "
             "import coco --class NAME=person)"
         )
 
@@ -238,28 +238,28 @@ def _roles(
 def _rows(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
     rows = document.get(name)
     if not isinstance(rows, list):
-        raise AnnotationError(f"{name} is {shown(rows)}; allowed: a list")
+        raise AnnotationError(f"{name} is {quoted(rows)}; allowed: a list")
     for number, row in enumerate(rows):
         if not isinstance(row, dict):
-            raise AnnotationError(f"{name}[{number}] is {shown(row)}; allowed: an object")
+            raise AnnotationError(f"{name}[{number}] is {quoted(row)}; allowed: an object")
         yield f"{name}[{number}]", row
 
 
 def _key(value: object, place: str, name: str) -> int | str:
     if isinstance(value, bool) or not isinstance(value, (int, str)):
-        raise AnnotationError(f"{place}.{name} is {shown(value)}; allowed: a whole number or text")
+        raise AnnotationError(f"{place}.{name} is {quoted(value)}; allowed: a whole number or text")
     return value
 
 
 def _side(value: object, where: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _LARGEST_SIDE:
-        raise AnnotationError(f"{where} is {shown(value)}; allowed: pixels from 1 to {_LARGEST_SIDE}")
+        raise AnnotationError(f"{where} is {quoted(value)}; allowed: pixels from 1 to {_LARGEST_SIDE}")
     return value
 
 
 def _numbers(value: object, where: str, count: int | None) -> list[float]:
     if not isinstance(value, list) or not all(_is_number(one) for one in value):
-        raise AnnotationError(f"{where} is {shown(value)}; allowed: a list of finite numbers")
+        raise AnnotationError(f"{where} is {quoted(value)}; allowed: a list of finite numbers")
     if count is not None and len(value) != count:
         raise AnnotationError(f"{where} has {len(value)} numbers; allowed: {count}")
     return [float(one) for one in value]

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.contract.json_section import shown
+from crowdfence.errors import one_line, quoted
 from crowdfence.labelled_pictures.annotated_picture import (
     AnnotatedPicture,
     AnnotationError,
@@ -146,7 +146,7 @@ def _table(path: Path, columns: int, *, separator: str | None = None) -> NDArray
         except ValueError:
             values = []
         if len(values) < columns or not all(map(math.isfinite, values)):
-            raise AnnotationError(f"{path}, line {number}: {shown(line)}; allowed: {columns} finite numbers")
+            raise AnnotationError(f"{path}, line {number}: {quoted(line)}; allowed: {columns} finite numbers")
         rows.append(values)
     return np.array(rows, np.float64).reshape(-1, columns)
 
@@ -165,8 +165,7 @@ def _heads(path: Path) -> NDArray[np.float64]:
             info = info.flat[0]
         points = np.asarray(info, np.float64)
     except Exception as error:  # what loadmat raises for damaged files has no base class
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise AnnotationError(f"{path} is no MATLAB file with image_info: {reason}") from None
+        raise AnnotationError(f"{path} is no MATLAB file with image_info: {one_line(error)}") from None
     if points.size == 0:
         return np.empty((0, 2))
     if points.ndim != 2 or points.shape[1] < 2 or not np.isfinite(points[:, :2]).all():

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from crowdfence.errors import quoted
 from crowdfence.maps.map_error import MapError
 
 _INDENTED = (b"\n ", b"\n\t", b"\nf\t", b"\nv\t")
-_QUOTED = 40
-"""Bytes of a corner in a message."""
 _CONTINUED = (b"\\\n", b"\\\r")
 
 
@@ -84,7 +83,7 @@ def _absolute(path: Path, corner: bytes, number: int, vertices: int) -> int:
     if index == 0 or index < -vertices:
         raise MapError(
             path,
-            f"line {number} gives a face the corner {corner[:_QUOTED].decode(errors='replace')!r}, and "
+            f"line {number} gives a face the corner {quoted(corner.decode(errors='replace'))}, and "
             f"{vertices} vertices come before it; indices count from 1, or from -1 backwards: the file is "
             "damaged",
         )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from crowdfence.atomic_file import write_bytes
+from crowdfence.errors import quoted
 
 Role = Literal["viewer", "drone", "operator"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -98,7 +99,7 @@ def add_token(path: Path, name: str, role: Role, drones: tuple[str, ...] = ()) -
     if any(user.name == name for user in users.values()):
         raise ValueError(f"{name} has a token in {path}; remove it first")
     if not name or len(name) > 64:
-        raise ValueError(f"the name {name[:80]!r} must have 1 to 64 characters")
+        raise ValueError(f"the name {quoted(name)} must have 1 to 64 characters")
     if drones and role != "drone":
         raise ValueError(f"only tokens of role drone are limited to drones, not those of role {role}")
     token = secrets.token_urlsafe(32)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdfence.atomic_file import write_bytes
+from crowdfence.errors import one_line, quoted
 from crowdfence.iso_time import iso_utc
 from crowdfence.sources.pose_offset import PoseOffset
 from crowdfence.sources.recording import Recording
@@ -69,7 +70,7 @@ def _content(path: str | PathLike[str]) -> dict[str, Any]:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is no alignment: {error}") from error
+        raise ValueError(f"{path} is no alignment: {one_line(error)}") from error
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ValueError(f"{path} is no alignment; `crowdfence align` writes one")
     return content
@@ -79,19 +80,19 @@ def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:
     known = {*_NUMBERS, "position_m"}
     if not isinstance(values, dict) or not set(values) <= known:
         raise ValueError(
-            f"{path}: {drone} must have {', '.join(sorted(known))} and nothing else, got {str(values)[:80]}"
+            f"{path}: {drone} must have {', '.join(sorted(known))} and nothing else, got {quoted(values)}"
         )
     position = values.get("position_m", [0.0, 0.0, 0.0])
     numbers = [values.get(name, 0.0) for name in _NUMBERS]
     if not isinstance(position, list) or len(position) != 3:
         raise ValueError(
-            f"{path}: position_m of {drone} must be east, north and up in metres, got {str(position)[:80]}"
+            f"{path}: position_m of {drone} must be east, north and up in metres, got {quoted(position)}"
         )
     for name, number in zip((*_NUMBERS, *["position_m"] * 3), (*numbers, *position), strict=True):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise ValueError(f"{path}: {drone} has {number!r} where a number is needed")
+            raise ValueError(f"{path}: {drone} has {quoted(number)} where a number is needed")
         if abs(number) > _MOST[name]:
-            raise ValueError(f"{path}: {name} of {drone} is {str(number)[:20]}, beyond {_MOST[name]:g}")
+            raise ValueError(f"{path}: {name} of {drone} is {quoted(number, 20)}, beyond {_MOST[name]:g}")
     pitch, yaw, roll, time_s = map(float, numbers)
     east, north, up = map(float, position)
     return PoseOffset(pitch, yaw, roll, time_s, (east, north, up))

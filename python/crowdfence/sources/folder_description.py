@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdfence._core import Camera
+from crowdfence.errors import quoted
 from crowdfence.georeference import Georeference
 
 _KEYS = ("cameras", "georeference", "terrain")
@@ -45,7 +46,7 @@ def camera_of(description: Mapping[str, Any], drone: str, path: Path) -> Camera:
         raise ValueError(f'{path} has no camera for drone {drone!r}: add cameras.{drone} or cameras."*"')
     whose = f"{path}: the camera of {drone!r}"
     if not isinstance(entry, dict):
-        raise ValueError(f"{whose} is {entry!r:.40}; it must be an object with {', '.join(_CAMERA)}")
+        raise ValueError(f"{whose} is {quoted(entry)}; it must be an object with {', '.join(_CAMERA)}")
     _check_keys(whose, entry, _CAMERA)
     try:
         width, height = (_pixels(entry, name) for name in ("width", "height"))
@@ -69,7 +70,7 @@ def georeference_of(description: Mapping[str, Any], path: Path) -> Georeference 
         return None
     whose = f'{path}: "georeference"'
     if not isinstance(entry, dict):
-        raise ValueError(f"{whose} is {entry!r:.40}; it must be an object with {', '.join(_PLACE)}")
+        raise ValueError(f"{whose} is {quoted(entry)}; it must be an object with {', '.join(_PLACE)}")
     _check_keys(whose, entry, _PLACE)
     try:
         return Georeference(*(_number(entry, name) for name in _PLACE))
@@ -82,13 +83,13 @@ def georeference_of(description: Mapping[str, Any], path: Path) -> Georeference 
 def _check_keys(whose: str, entry: Iterable[str], known: tuple[str, ...]) -> None:
     unknown = [key for key in entry if key not in known]
     if unknown:
-        raise ValueError(f"{whose} has an unknown key {unknown[0][:80]!r}; known are {', '.join(known)}")
+        raise ValueError(f"{whose} has an unknown key {quoted(unknown[0])}; known are {', '.join(known)}")
 
 
 def _pixels(entry: Mapping[str, Any], name: str) -> int:
     value = entry[name]
     if not (isinstance(value, int) and value >= 1):
-        raise ValueError(f"{name} is {value!r}; it must be a whole number of at least 1")
+        raise ValueError(f"{name} is {quoted(value)}; it must be a whole number of at least 1")
     return value
 
 
@@ -98,7 +99,7 @@ def _number(entry: Mapping[str, Any], name: str) -> float:
 
 def _as_number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{name} is {value!r:.40}; it must be a number, without quotes")
+        raise ValueError(f"{name} is {quoted(value)}; it must be a number, without quotes")
     return float(value)
 
 
@@ -107,5 +108,5 @@ def _distortion(entry: Mapping[str, Any]) -> list[float] | None:
     if values is None:
         return None
     if not isinstance(values, list):
-        raise ValueError(f"distortion is {values!r:.40}; it must be a list of numbers")
+        raise ValueError(f"distortion is {quoted(values)}; it must be a list of numbers")
     return [_as_number(f"distortion[{place}]", value) for place, value in enumerate(values)]

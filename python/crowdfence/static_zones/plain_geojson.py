@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.datum import datum_doubt, wgs84_from
+from crowdfence.errors import quoted
 from crowdfence.static_zones.given_zone import GivenZone, band_between, metres, ring_of
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def _stated_crs(*holders: Mapping[str, Any] | None) -> str | None:
         return None
     name = (crs.get("properties") or {}).get("name")
     if not isinstance(name, str):
-        raise ValueError(f"its reference system is not named: {str(crs)[:80]}; {_CURE}")
+        raise ValueError(f"its reference system is not named: {quoted(crs)}; {_CURE}")
     return name
 
 

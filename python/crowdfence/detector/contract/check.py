@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.metadata_values import fixed
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
 from crowdfence.detector.contract.model_output import PEOPLE_KINDS
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 _FLOATS = ("float32", "float16", "float64")
 
@@ -23,7 +22,7 @@ def check_contract(contract: Contract, face: ModelFace) -> None:
 
 def _check_input(contract: Contract, face: ModelFace) -> None:
     if len(face.inputs) != 1:
-        names = shown(", ".join(tensor.name for tensor in face.inputs))
+        names = quoted(", ".join(tensor.name for tensor in face.inputs))
         raise DetectorError(f"the model has {len(face.inputs)} inputs ({names}); allowed: 1, the image")
     tensor, wanted = face.inputs[0], contract.input
     _check_name("input", wanted.name, (tensor,))
@@ -84,5 +83,5 @@ def _check_name(role: str, name: str, tensors: tuple[Tensor, ...]) -> Tensor:
     for tensor in tensors:
         if tensor.name == name:
             return tensor
-    names = shown(", ".join(tensor.name for tensor in tensors))
-    raise DetectorError(f"the contract's {role}.name is {shown(name)}; the model has {names}")
+    names = quoted(", ".join(tensor.name for tensor in tensors))
+    raise DetectorError(f"the contract's {role}.name is {quoted(name)}; the model has {names}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from crowdfence.detector.contract.json_section import is_number, shown
+from crowdfence.detector.contract.json_section import is_number
 from crowdfence.detector.contract.metadata_values import (
     CROWD_NAMES,
     PEOPLE_NAMES,
@@ -21,7 +21,7 @@ from crowdfence.detector.contract.metadata_values import (
     only_image_input,
 )
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 NAME = "Deepness"
 
@@ -42,7 +42,7 @@ def document(face: ModelFace) -> dict[str, Any]:
     outputs = {"segmentor": _segmentor, "detector": _detector}
     kind = literal(face.metadata, "model_type")
     if not isinstance(kind, str) or kind.lower() not in outputs:
-        raise DetectorError(f"model_type is {shown(kind)}; allowed: Segmentor, Detector")
+        raise DetectorError(f"model_type is {quoted(kind)}; allowed: Segmentor, Detector")
     image = only_image_input(face)
     width, height = _tile_size(face)
     return {
@@ -86,7 +86,7 @@ def _segmentor(face: ModelFace, size: tuple[int, int]) -> dict[str, Any]:
 def _detector(face: ModelFace, _size: tuple[int, int]) -> dict[str, Any]:
     kind = _value(face, "det_type")
     if kind not in _DETECTORS:
-        raise DetectorError(f"det_type is {shown(kind)}; allowed: {', '.join(_DETECTORS)}")
+        raise DetectorError(f"det_type is {quoted(kind)}; allowed: {', '.join(_DETECTORS)}")
     names = class_names(face.metadata, "class_names")
     return {
         "kind": "boxes",
@@ -105,7 +105,7 @@ def _tile_size(face: ModelFace) -> tuple[int, int]:
         return width, height
     side = _value(face, "tiles_size")
     if type(side) is not int:
-        raise DetectorError(f"tiles_size is {shown(side)}; allowed: a whole number of pixels")
+        raise DetectorError(f"tiles_size is {quoted(side)}; allowed: a whole number of pixels")
     return side, side
 
 
@@ -114,7 +114,7 @@ def _validity(face: ModelFace) -> dict[str, Any] | None:
     if resolution_cm is None:
         return None
     if not is_number(resolution_cm) or resolution_cm <= 0:
-        raise DetectorError(f"resolution is {shown(resolution_cm)}; allowed: centimetres per pixel above 0")
+        raise DetectorError(f"resolution is {quoted(resolution_cm)}; allowed: centimetres per pixel above 0")
     return {"gsd_m": [resolution_cm / 100.0, resolution_cm / 100.0]}
 
 

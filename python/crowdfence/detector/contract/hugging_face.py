@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from crowdfence.detector.contract.json_section import JsonSection, shown
+from crowdfence.detector.contract.json_section import JsonSection
 from crowdfence.detector.contract.metadata_values import fixed, only_image_input
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 NAME = "Hugging Face"
 _LARGEST_BYTES = 1_000_000
@@ -95,6 +95,6 @@ def _named(output: Mapping[str, Any], face: ModelFace) -> dict[str, Any]:
     if output.get("name") is None and len(face.outputs) != 1:
         raise DetectorError(
             f"the model has {len(face.outputs)} outputs "
-            f"({shown(', '.join(tensor.name for tensor in face.outputs))}): output.name must say which"
+            f"({quoted(', '.join(tensor.name for tensor in face.outputs))}): output.name must say which"
         )
     return {"name": face.outputs[0].name, **output}

@@ -9,10 +9,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 _REQUIRED: Any = object()
-_SHOWN_CHARACTERS = 80
 
 
 class JsonSection:
@@ -20,7 +19,7 @@ class JsonSection:
 
     def __init__(self, value: object, path: str = "") -> None:
         if not isinstance(value, Mapping):
-            raise DetectorError(f"{path or 'the contract'} must be a JSON object, got {shown(value)}")
+            raise DetectorError(f"{path or 'the contract'} must be a JSON object, got {quoted(value)}")
         self._value = value
         self._path = path
         self._known: set[str] = set()
@@ -29,7 +28,7 @@ class JsonSection:
         return f"{self._path}.{name}" if self._path else name
 
     def refuse(self, name: str, allowed: str) -> DetectorError:
-        return DetectorError(f"{self.key(name)} is {shown(self._value.get(name))}; allowed: {allowed}")
+        return DetectorError(f"{self.key(name)} is {quoted(self._value.get(name))}; allowed: {allowed}")
 
     def section(self, name: str) -> JsonSection | None:
         """The object under `name`; None when it is null or absent."""
@@ -103,7 +102,7 @@ class JsonSection:
         unknown = [name for name in self._value if name not in self._known]
         if unknown:
             raise DetectorError(
-                f"{self.key(shown(unknown[0]))} is not a key of the contract; "
+                f"{self.key(quoted(unknown[0]))} is not a key of the contract; "
                 f"allowed{f' in {self._path}' if self._path else ''}: {', '.join(sorted(self._known))}"
             )
 
@@ -119,10 +118,3 @@ class JsonSection:
 
 def is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def shown(value: object, characters: int = _SHOWN_CHARACTERS) -> str:
-    """A value as one short line for a message."""
-    text = " ".join((value if isinstance(value, str) else repr(value))[: 4 * characters].split())
-    text = f"{text[:characters]}..." if len(text) > characters else text
-    return repr(text) if isinstance(value, str) else text

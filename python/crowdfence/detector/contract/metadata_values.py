@@ -7,9 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_face import Dimension, ModelFace, Tensor
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 PEOPLE_NAMES = frozenset({"person", "persons", "people", "pedestrian", "pedestrians", "human", "humans"})
 CROWD_NAMES = frozenset({"crowd", "crowds"})
@@ -28,7 +27,7 @@ def literal(metadata: Mapping[str, str], key: str) -> Any:
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-        raise DetectorError(f"{key} is {shown(text)}, which is no value of JSON or Python") from None
+        raise DetectorError(f"{key} is {quoted(text)}, which is no value of JSON or Python") from None
 
 
 def class_names(metadata: Mapping[str, str], key: str) -> dict[int, str]:
@@ -40,7 +39,7 @@ def class_names(metadata: Mapping[str, str], key: str) -> dict[int, str]:
     except (TypeError, ValueError, AttributeError):
         names = {}
     if not names or min(names) < 0:
-        raise DetectorError(f"{key} is {shown(value)}; allowed: class numbers with their names")
+        raise DetectorError(f"{key} is {quoted(value)}; allowed: class numbers with their names")
     return names
 
 
@@ -48,7 +47,7 @@ def classes_named(names: Mapping[int, str], wanted: frozenset[str], key: str) ->
     """The classes of one of the wanted names, at least one."""
     found = sorted(number for number, name in names.items() if name in wanted)
     if not found:
-        listed = shown(", ".join(names[number] for number in sorted(names)))
+        listed = quoted(", ".join(names[number] for number in sorted(names)))
         raise DetectorError(f"{key} has no class named {', '.join(sorted(wanted))} but {listed}")
     return found
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.metadata_values import (
     PEOPLE_NAMES,
     class_names,
@@ -23,7 +22,7 @@ from crowdfence.detector.contract.metadata_values import (
     only_image_input,
 )
 from crowdfence.detector.contract.model_face import ModelFace
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 NAME = "Ultralytics"
 SCORE_MIN, IOU_MAX = 0.25, 0.7
@@ -41,7 +40,7 @@ def document(face: ModelFace) -> dict[str, Any]:
     """The contract as JSON. DetectorError when the metadata are incomplete or ambiguous."""
     task = face.metadata["task"]
     if task not in _TASKS:
-        raise DetectorError(f"task is {shown(task)}; allowed: {', '.join(_TASKS)}")
+        raise DetectorError(f"task is {quoted(task)}; allowed: {', '.join(_TASKS)}")
     names = class_names(face.metadata, "names")
     image = only_image_input(face)
     width, height = _size(face)
@@ -76,7 +75,7 @@ def _size(face: ModelFace) -> tuple[int, int]:
         return width, height
     value = literal(face.metadata, "imgsz") if "imgsz" in face.metadata else None
     if not isinstance(value, list) or len(value) != 2 or not all(type(side) is int for side in value):
-        raise DetectorError(f"imgsz is {shown(value)}; allowed: [height, width]")
+        raise DetectorError(f"imgsz is {quoted(value)}; allowed: [height, width]")
     return value[1], value[0]
 
 

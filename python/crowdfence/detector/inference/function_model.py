@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.crowd_rules import PeopleRule
-from crowdfence.detector.contract.json_section import shown
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.contract.model_output import ModelOutput
 from crowdfence.detector.ground_scale import GroundScale, Gsd
@@ -18,7 +17,7 @@ from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, in_unit_range
 from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 _PIXELS = ModelInput(name="image", layout="NHWC", dtype="uint8")
 
@@ -117,7 +116,7 @@ def boxes_contract(
 def _boxes(detections: Any) -> NDArray[np.float64]:
     value = getattr(detections, "xyxy", None)
     if value is None:
-        raise DetectorError(f"the detections have no xyxy: {shown(detections)}")
+        raise DetectorError(f"the detections have no xyxy: {quoted(detections)}")
     boxes = _finite(value, "xyxy")
     if boxes.size == 0:
         return np.empty((0, 4))
@@ -141,7 +140,7 @@ def _finite(value: Any, name: str) -> NDArray[np.float64]:
         numbers = np.asarray(value, np.float64)
     except (TypeError, ValueError):
         raise DetectorError(
-            f"the detections' {name} is {shown(value)}; allowed: an array of numbers"
+            f"the detections' {name} is {quoted(value)}; allowed: an array of numbers"
         ) from None
     if not np.isfinite(numbers).all():
         wrong = numbers[~np.isfinite(numbers)][0]
