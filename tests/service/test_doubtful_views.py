@@ -39,14 +39,17 @@ def as_mask(one: View) -> View:
 
 def test_a_replay_tells_which_frames_have_no_pose() -> None:
     flown = recording(views())
-    lost = tuple(RefusedFrame("uav4", flown.frames[0].stamp_ns + k, "the log has a gap") for k in range(3))
+    first_ns = flown.frames[0].stamp_ns
+    lost = tuple(RefusedFrame("uav4", first_ns + k, "the log has a gap") for k in range(3))
+    lost += (RefusedFrame("uav5", first_ns, "the log has a gap"),)
     with replayed(
         replace(flown, refused=lost), plain(), CONFIG, speed=float("inf"), settings=SETTINGS
     ) as service:
         wait_for_end(service)
-        (told,) = alerts(service, "refused_views")
+        told, of_one = alerts(service, "refused_views")
         assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav4", None)
         assert told.text.startswith("3 frames of uav4 cannot be used, the first: ")
+        assert of_one.text.startswith("a frame of uav5 cannot be used: ")
         assert told.text.endswith("the log has a gap")
 
 

@@ -93,7 +93,9 @@ class Replay:
         for refused in self._recording.refused:
             of_drones.setdefault(refused.drone, []).append(refused)
         for drone, some in of_drones.items():
-            text = f"{len(some)} frames of {drone} cannot be used, the first: {some[0]}"
+            text = f"a frame of {drone} cannot be used: {some[0]}"
+            if len(some) > 1:
+                text = f"{len(some)} frames of {drone} cannot be used, the first: {some[0]}"
             self._refuse(drone, text, self._recording.frames[0].stamp_ns)
 
     def _refuse(self, drone: str, text: str, now_ns: int) -> None:

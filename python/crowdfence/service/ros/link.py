@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from crowdfence.errors import one_line
 from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.keys import RosKeys
@@ -23,6 +25,7 @@ from crowdfence.sources.pose_noise import GivenNoise
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 
 TF_STATIC = "/tf_static"
+_SOURCE_LINE = re.compile(r" at \S+\.rs:\d+\.")  # of the library, where it was built
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +93,8 @@ class RosLink:
                 config.insert_json5("scouting/multicast/enabled", "false")
             return zenoh.open(config)
         except zenoh.ZError as error:
-            where = self.endpoint or self.config
-            raise OSError(f"no Zenoh session with {where}: {str(error).splitlines()[0]}") from error
+            why = _SOURCE_LINE.sub("", one_line(error))
+            raise OSError(f"no Zenoh session with {self.endpoint or self.config}: {why}") from error
 
     def _subscribers(self, session: Any, one: DroneTopics, intake: Intake) -> Iterator[Any]:
         for role in ROLES:
