@@ -3,12 +3,16 @@
 from collections import Counter
 from pathlib import Path
 
+import pytest
+from PIL import Image
+
 from crowdfence import open_recording
 from crowdfence.evaluation.labelled_missions import (
     LabelledMission,
     LabelledMissions,
     MeasurementPlan,
     frames_looked_at,
+    open_labelled,
 )
 from support.small_recordings import write_hovering
 
@@ -27,3 +31,13 @@ def test_every_third_frame_is_one_of_every_drone(tmp_path: Path) -> None:
     # The first frame and the fourth of each.
     assert Counter(seen) == Counter({(drone, at): 1 for drone in recording.drones for at in (1000, 1003)})
     assert used == frames_looked_at([folder], 3) == 6
+
+
+def test_pictures_without_annotations_are_told_what_they_lack(tmp_path: Path) -> None:
+    Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg")
+    (tmp_path / "annotation.json").write_text("{}")
+    message = "a.jpg does not say when it was taken; nor does the folder hold annotations.json in COCO form"
+    missions = LabelledMissions([tmp_path], MeasurementPlan(), lambda: None)
+    for opened in (lambda: open_labelled(tmp_path), lambda: next(missions.opened(with_maps=False))):
+        with pytest.raises(ValueError, match=message):
+            opened()

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
+from crowdfence.labelled_pictures.coco import ANNOTATIONS
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures, open_labelled_pictures
 from crowdfence.sources import open_recording
+from crowdfence.sources.photographs.reader import photographs
 from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 from crowdfence.truth.crowd_masks import MaskOf
 from crowdfence.truth.frame_labels import TARGET_HEIGHT_M, Target, label_functions
@@ -99,7 +101,7 @@ class LabelledMissions:
                 pictures = open_labelled_pictures(path)
                 yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
                 continue
-            recording = open_recording(path)
+            recording = _recorded(path)
             with_map = with_maps or self.plan.target == "ground"
             terrain = _terrain(recording, self.plan) if with_map else None
             yield LabelledMission(
@@ -156,7 +158,17 @@ class LabelledMissions:
 
 def open_labelled(path: Path) -> Recording:
     """A recording, or a folder of annotated pictures as one."""
-    return open_labelled_pictures(path).recording if is_labelled_pictures(path) else open_recording(path)
+    return open_labelled_pictures(path).recording if is_labelled_pictures(path) else _recorded(path)
+
+
+def _recorded(path: Path) -> Recording:
+    """Of a folder of pictures that is none, annotations may be what was forgotten. ValueError, OSError."""
+    try:
+        return open_recording(path)
+    except ValueError as error:
+        if not (path.is_dir() and photographs(path)):
+            raise
+        raise ValueError(f"{error}; nor does the folder hold {ANNOTATIONS} in COCO form") from error
 
 
 def frames_looked_at(paths: Sequence[Path], every: int) -> int:
