@@ -8,11 +8,13 @@ import csv
 import importlib.util
 import inspect
 import io
+import itertools
 import json
 import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +32,7 @@ from crowdfence.exports.report.page import STATES
 from crowdfence.sources.convert import convert
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.safety_distance import RULES, safety_distance_m
+from support.served import serving
 from support.small_recordings import flight, write_folder
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -116,6 +119,28 @@ def run(line: str) -> None:
         except (ValueError, OSError) as error:
             pytest.fail(f"{line}: {error}")
     assert left.value.code == 0, f"{line}\n{out.getvalue()}{err.getvalue()}"
+
+
+def test_the_client_on_the_page_of_the_service_gives_a_view_and_hears_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (code,) = [code for language, code in blocks("service") if language == "python"]
+    heard: list[str] = []
+    endless = crowdfence.Client.stream
+
+    def two(client: crowdfence.Client) -> Iterator[dict[str, Any]]:
+        for message in itertools.islice(endless(client), 2):
+            heard.append(message["type"])
+            yield message
+
+    monkeypatch.setattr(crowdfence.Client, "stream", two)
+    with serving(tmp_path) as served:
+        here = code.replace("http://127.0.0.1:8080", served.url)
+        assert here != code
+        exec(compile(here, "service.md", "exec"), {})
+    assert heard == ["hello", "step"]
+    told = re.findall(r"\w+", code.rpartition("# ")[2])
+    assert set(heard) <= set(told) == {"hello", "step", "alert", "mode", "ping"}
 
 
 def test_the_csv_becomes_a_recording_that_looks_where_it_says(desk: Path) -> None:
