@@ -68,6 +68,19 @@ def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp
     assert history_line(0, newest.zones, {}) == history_line(0, again.zones, {})
 
 
+def test_the_log_says_what_was_recovered_and_nothing_of_a_new_folder(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "crowdfence.service.applying")
+    with running(tmp_path / "one") as service:
+        assert "recovered" not in caplog.text
+        give(service, views(4))  # of three drones each
+        crash(tmp_path / "one", tmp_path / "crashed")
+    caplog.clear()
+    with running(tmp_path / "crashed"):
+        assert "recovered: it is as after record 12 of the journal" in caplog.text
+
+
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_a_loop_goes_on_from_its_bytes_as_if_nothing_had_happened(seed: int) -> None:

@@ -135,7 +135,9 @@ class Applying:
         for record in records:
             self._apply(record)
         self._recovering = False
-        _LOG.info("recovered", extra={"records": len(records), "damaged": damaged, "seq": self._applied})
+        if self._applied or damaged:
+            told = {"records": len(records), "damaged": damaged, "seq": self._applied}
+            _LOG.info("recovered: it is as after record %d of the journal", self._applied, extra=told)
         return damaged
 
     def apply_static(self) -> None:
