@@ -31,6 +31,7 @@ from crowdfence.cli.reference import reference
 from crowdfence.exports.report.page import STATES
 from crowdfence.sources.convert import convert
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.reasons import REASONS
 from crowdfence.zones.safety_distance import RULES, safety_distance_m
 from support.served import serving
 from support.small_recordings import flight, write_folder
@@ -224,6 +225,8 @@ def test_the_states_and_bounds_on_the_pages_are_those_of_the_code() -> None:
     numbers = dict(re.findall(r"^\| ([a-z ]+?)(?: \(occluded\))? \| (\d) \|", table, re.MULTILINE))
     names = {state: name.removeprefix("looked at, ") for state, (name, _) in STATES.items()}
     assert {names[state]: str(int(state)) for state in VoxelState} == numbers
+    reasons = re.findall(r"^\| ([^|]*) \|", table.partition("| it says |")[2], re.MULTILINE)
+    assert reasons == [*REASONS.values()]
     assert DEFAULT.zones.stale_after_s > 0
 
 
