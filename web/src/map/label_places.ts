@@ -25,8 +25,9 @@ const covers = (one: Box, other: Box) =>
 export function labelOffsets(labels: readonly Box[], markers: readonly Box[]): (Offset | null)[] {
   const taken: Box[] = [];
   return labels.map((label) => {
-    const free = BESIDE.filter((offset) => !taken.some((other) => covers(moved(label, offset), other)));
-    const offset = free.find((one) => !markers.some((marker) => covers(moved(label, one), marker))) ?? free[0] ?? null;
+    const besides = (others: readonly Box[]) => (offset: Offset) => !others.some((other) => covers(moved(label, offset), other));
+    const [free, clear] = [besides(taken), besides(markers)];
+    const offset = BESIDE.find((one) => free(one) && clear(one)) ?? BESIDE.find(free) ?? null;
     if (offset) taken.push(moved(label, offset));
     return offset;
   });
