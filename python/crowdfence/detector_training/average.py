@@ -5,18 +5,19 @@ from __future__ import annotations
 import copy
 
 import torch
-from torch import nn
+
+from crowdfence.detector_training.network import CrowdNet
 
 
 class WeightAverage:
     """Keeps `network` averaged over the last 1 / (1 - decay) steps or so; early on over fewer."""
 
-    def __init__(self, network: nn.Module, decay: float) -> None:
-        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+    def __init__(self, network: CrowdNet, decay: float) -> None:
+        self.network: CrowdNet = copy.deepcopy(network).eval().requires_grad_(False)
         self._decay = decay
 
     @torch.no_grad()
-    def update(self, network: nn.Module, step: int) -> None:
+    def update(self, network: CrowdNet, step: int) -> None:
         decay = min(self._decay, (1 + step) / (10 + step))
         new = network.state_dict()
         for name, value in self.network.state_dict().items():

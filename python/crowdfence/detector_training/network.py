@@ -64,12 +64,13 @@ class FoldedScene(nn.Module):
     def __init__(self, trained: SceneProjection) -> None:
         super().__init__()
         down, scene = trained.down, trained.scene
+        assert down.bias is not None and scene.bias is not None, "both of a SceneProjection have a bias"
         matrix = down.weight.detach().flatten(1)
         self.down = nn.Conv2d(down.in_channels, down.out_channels, 1)
         self.scene = nn.Conv2d(down.in_channels, down.out_channels, 1, bias=False)
         with torch.no_grad():
             self.down.weight.copy_(down.weight)
-            self.down.bias.copy_(down.bias + matrix @ scene.bias)
+            self.down.bias = nn.Parameter(down.bias + matrix @ scene.bias)
             self.scene.weight.copy_((matrix @ scene.weight.flatten(1))[:, :, None, None])
 
     def forward(self, x: Tensor) -> Tensor:
@@ -115,6 +116,7 @@ class CrowdNet(nn.Module):
         for name in ("logit.weight", "logit.bias"):
             state[name] = state[name][target : target + 1]
         copy.load_state_dict(state)
+        assert isinstance(copy.down_p16, SceneProjection), "only what is trained is deployed"
         copy.down_p16 = FoldedScene(copy.down_p16)
         return copy.eval()
 
