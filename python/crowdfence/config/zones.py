@@ -45,7 +45,7 @@ class ZoneConfig:
     """Close ground that is not known to be empty: never seen, hidden, stale, or looked at and not cleared;
     holes of the map and crowd in regions below `min_area_m2` too."""
     stale_after_s: float = 30.0
-    """Empty ground not seen for longer is stale, >= 0: no evidence of absence any more."""
+    """Empty ground not seen for longer is stale, finite and >= 0: no evidence of absence any more."""
 
     def __post_init__(self) -> None:
         make_plain(self)

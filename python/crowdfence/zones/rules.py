@@ -67,12 +67,11 @@ class ZoneRules:
             )
         if self.opening_looks < 1:
             raise ValueError(f"opening_looks is {self.opening_looks}; it must be at least 1")
-        for name in ("min_area_m2", "buffer_m", "simplify_m"):
+        for name in ("min_area_m2", "buffer_m", "simplify_m", "stale_after_s"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and >= 0")
-        for name in ("max_hole_m2", "stale_after_s"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it must be >= 0")
+        if not self.max_hole_m2 >= 0.0:
+            raise ValueError(f"max_hole_m2 is {self.max_hole_m2:g}; it must be >= 0")
         if self.max_vertices is not None and self.max_vertices < 3:
             raise ValueError(f"max_vertices is {self.max_vertices}; it must be at least 3")
         if self.band.datum != "AGL":
