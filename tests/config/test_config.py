@@ -42,6 +42,13 @@ FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
         (lambda: ZoneConfig(min_area_m2=float("nan")), "min_area_m2 is nan; it must be finite and >= 0"),
         (lambda: ZoneConfig(stale_after_s=-1.0), "stale_after_s is -1; it must be finite and >= 0"),
         (lambda: ZoneConfig(stale_after_s=float("inf")), "stale_after_s is inf; it must be finite and >= 0"),
+        (
+            lambda: ZoneConfig(upper_m=1e-300),
+            "zones from 0 to 1e-300 m above ground; they must be at least 1 m",
+        ),
+        (lambda: ZoneConfig(lower_m=1e9, upper_m=2e9), "they must be at least 1 m high and lie within -1000"),
+        (lambda: ZoneConfig(lower_m=-1e300), "zones from -1e+300 to 120 m above ground; they must"),
+        (lambda: ZoneConfig(upper_m=1e300), "zones from 0 to 1e+300 m above ground; they must"),
         (lambda: ProjectionConfig(max_range_m=-5.0), "max_range_m is -5; it must be finite and > 0"),
         (lambda: GroupingConfig(tolerance_ms=-1.0), "tolerance_ms is -1; it must be finite and not negative"),
     ],

@@ -36,9 +36,9 @@ class ZoneConfig:
     max_vertices: int | None = None
     """Most corners of a zone, >= 3; None: no limit."""
     lower_m: float = DEFAULT_BAND.lower_m
-    """Zones begin here, metres above ground."""
+    """Zones begin here, metres above ground; >= -1000."""
     upper_m: float = DEFAULT_BAND.upper_m
-    """Zones end here, metres above ground; above `lower_m`."""
+    """Zones end here, metres above ground; at least 1 m above `lower_m`, <= 100000."""
     restriction: Restriction = "prohibited"
     """No flight, or none that stays above."""
     close_unseen: bool = False
