@@ -347,6 +347,12 @@ FINE = np.full((6, 8), 0.5, np.float32)
             lambda: Camera.pinhole(8, 6, 0.0, 8.0, 4.0, 3.0),
             "focal length fx is 0 pixels: it must be positive",
         ),
+        (lambda: Camera.pinhole(8, 6, 1e300, 8.0, 4.0, 3.0), "focal length fx is 1e300 pixels"),
+        (lambda: Camera.pinhole(8, 6, 8.0, 8.0, 1e300, 3.0), "principal point cx is 1e300 pixels"),
+        (
+            lambda: Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0, (1e300, 0.0, 0.0, 0.0)),
+            "distortion coefficient k1 is 1e300",
+        ),
         (
             lambda: Camera.pinhole(8, 6, 8.0, -8.0, 4.0, 3.0),
             "focal length fy is -8 pixels: it must be positive",
