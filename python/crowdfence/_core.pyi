@@ -556,7 +556,7 @@ def project(
     """Back-project a view onto the terrain: mean heatmap value per visible voxel.
 
     max_range_m      > 0, rays end here
-    target_height_m  >= 0, height above the ground at which people are marked
+    target_height_m  in [0, 100], height above the ground at which people are marked
     coverage         "full": every voxel of which the top is in view, also between the pixels, and which are
                      occluded; "rays": the voxels first hit by the ray of some pixel centre, as in the paper
     surface          "planes": where in the voxels the map says that the surface lies; "voxels": the voxels as
@@ -613,7 +613,7 @@ def pool(
     visible      [N, V] bool, which drone sees which voxel
     rates        of the detector
     prior        P(A = 1), strictly between 0 and 1
-    b_threshold  in [0, 1]
+    b_threshold  in [0, 1)
     unseen       "fleet": a drone that does not see the voxel enters with m = 0, as printed; "visible": it is
                  left out, N counts those that see it, and what nobody sees has the prior
     normalise    divide the weights by their sum; where they are all 0 the result is the prior
@@ -654,8 +654,8 @@ class Paper:
     prior        P(A = 1), strictly between 0 and 1
     alpha        weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1
     decay        lambda of equation 3, >= 0, per `decay_unit`
-    fleet_size   N of equation 1, >= 1; no more drones than this may ever give a view
-    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    fleet_size   N of equation 1, in [1, 10000]; no more drones than this may ever give a view
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
     unseen       what a drone that does not see a voxel says: "fleet", m = 0 with full weight as printed, or
                  "visible", nothing
     normalise    divide the weights of equation 2 by their sum
@@ -733,7 +733,7 @@ class Paper:
 class Or:
     """Baseline `or`: a voxel once called crowd by any view stays crowd. Instants may come in any order.
 
-    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 
     CrowdfenceError for a threshold out of bounds. It cannot change; it can be compared and pickled.
     """
@@ -846,7 +846,7 @@ class LinearPool:
     prior        P(A = 1), strictly between 0 and 1
     alpha        weight of the newest instant, in (0, 1]
     decay        lambda per second, >= 0
-    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 
     CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
     pickled.
@@ -925,7 +925,7 @@ class LogOdds:
 
     rates        of the detector: what a look with crowd and one without add
     prior        P(A = 1), strictly between 0 and 1
-    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+    b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
     clamp_low    lowest log odds, below 0
     clamp_high   highest log odds, above 0
 
@@ -1063,7 +1063,7 @@ class CrowdMap:
     method           `Evidence`, `Paper`, `Or`, or one of those for comparison (`LinearPool`, `LogPool`,
                      `LogOdds`, `MovingAverage`)
     max_range_m      > 0, rays end here
-    target_height_m  >= 0, height above the ground at which people are marked
+    target_height_m  in [0, 100], height above the ground at which people are marked
     coverage         "full" or "rays", see `project`
     surface          "planes" or "voxels", see `project`
     max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one

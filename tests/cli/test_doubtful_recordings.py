@@ -303,6 +303,9 @@ def test_a_mission_file_that_finds_no_room_is_named(plain: Path, tmp_path: Path)
         (("--fps", 5), "is no film: --fps does not apply"),
         (("--geoid-m", 48), "is no film or folder of photographs: --geoid-m does not apply"),
         (("--clock-offset", 2), "is no film: --clock-offset does not apply"),
+        # Nought is said like any other number: it was taken for nothing said.
+        (("--clock-offset", 0), "is no film: --clock-offset does not apply"),
+        (("--geoid-m", 0), "is no film or folder of photographs: --geoid-m does not apply"),
     ],
 )
 def test_options_of_other_recordings_are_named_as_they_were_given(

@@ -213,6 +213,17 @@ def test_a_named_map_that_is_not_there_is_a_warning(recording: Path) -> None:
     assert any("terrain/terrain.bt" in warning for warning in content["warnings"])
 
 
+@pytest.mark.parametrize("size", ["nan", "0.5"])
+def test_what_was_asked_of_a_named_map_is_not_dropped(tmp_path: Path, size: str) -> None:
+    """An OctoMap cannot be resampled; told what to do with it, `inspect` went on without the map."""
+    flown = write_flight(tmp_path / "flight")
+    (flown / "terrain").mkdir()
+    write_octomap(flown / "terrain" / "terrain.bt", plain())
+    assert report(flown, "--quick")["terrain"]["report"]["voxel_size_m"] == 1.0
+    line = error_line(flown, "--quick", "--voxel-size-m", size)
+    assert f"--voxel-size-m is {size}" in line
+
+
 def test_a_map_somewhere_else_is_reported(recording: Path) -> None:
     terrain = write_octomap(recording.parent / "away.bt", Terrain.from_points([[5000.5, 0.5, 0.5]], 1.0))
     content = report(recording, "--terrain", terrain)
@@ -377,6 +388,35 @@ def test_options_of_the_map_reader(tmp_path: Path) -> None:
     assert content["file"]["reference_system"] == "none"
     assert (content["terrain"]["voxel_size_m"], content["terrain"]["voxels"]) == (2.0, 20 * 15)
     assert "up" in error_line(path, "--terrain-option", "up=y")  # an option of meshes
+
+
+def write_holed(path: Path) -> Path:
+    """A raster of 40 x 30 m in local metres, pixels of 1 m, with a hole of 3 x 2 m."""
+    heights = np.full((30, 40), 5.0, dtype=np.float32)
+    heights[10:12, 20:23] = -9999.0
+    profile = {"driver": "GTiff", "width": 40, "height": 30, "count": 1, "dtype": "float32"}
+    transform = rasterio.Affine(1.0, 0.0, 0.0, 0.0, -1.0, 30.0)
+    with rasterio.open(path, "w", **profile, nodata=-9999.0, transform=transform) as dataset:
+        dataset.write(heights, 1)
+    return path
+
+
+def test_ground_that_nobody_measured_is_told(tmp_path: Path, recording: Path) -> None:
+    """Six pixels of 1200 were bridged."""
+    path = write_holed(tmp_path / "holed.tif")
+    local = ("--quick", "--assume-local", "--voxel-size-m", 1)
+    terrain = report(path, *local)["terrain"]
+    assert (terrain["unmeasured_m2"], terrain["unmeasured_share"]) == (6.0, 6 / 1200)
+    assert "6 m2 (0.50%) that nobody measured" in " ".join(inspect(path, *local).stdout.split())
+    below = report(recording, "--terrain", path, *local)["terrain"]["report"]
+    assert (below["unmeasured_m2"], below["unmeasured_share"]) == (6.0, 6 / 1200)
+    told = inspect(recording, "--terrain", path, *local).stdout
+    assert "6 m2 (0.50%) that nobody measured" in " ".join(told.split())
+    # What was left a hole is no ground.
+    open_hole = report(path, *local, "--terrain-option", "max_hole_m2=0")["terrain"]
+    assert (open_hole["unmeasured_m2"], open_hole["unmeasured_share"]) == (0.0, 0.0)
+    whole = " ".join(inspect(path, *local, "--terrain-option", "max_hole_m2=0").stdout.split())
+    assert "that nobody measured" not in whole
 
 
 def test_lidar_and_mesh_headers(tmp_path: Path) -> None:

@@ -40,7 +40,15 @@ FLOOR = Terrain.from_occupancy(np.ones((20, 20, 1), bool), 1.0)
         (lambda: ZoneConfig(threshold=1.1), "threshold is 1.1; it must be in (0, 1]"),
         (lambda: ZoneConfig(min_area_m2=-1.0), "min_area_m2 is -1; it must be finite and >= 0"),
         (lambda: ZoneConfig(min_area_m2=float("nan")), "min_area_m2 is nan; it must be finite and >= 0"),
-        (lambda: ZoneConfig(stale_after_s=-1.0), "stale_after_s is -1; it must be >= 0"),
+        (lambda: ZoneConfig(stale_after_s=-1.0), "stale_after_s is -1; it must be finite and >= 0"),
+        (lambda: ZoneConfig(stale_after_s=float("inf")), "stale_after_s is inf; it must be finite and >= 0"),
+        (
+            lambda: ZoneConfig(upper_m=1e-300),
+            "zones from 0 to 1e-300 m above ground; they must be at least 1 m",
+        ),
+        (lambda: ZoneConfig(lower_m=1e9, upper_m=2e9), "they must be at least 1 m high and lie within -1000"),
+        (lambda: ZoneConfig(lower_m=-1e300), "zones from -1e+300 to 120 m above ground; they must"),
+        (lambda: ZoneConfig(upper_m=1e300), "zones from 0 to 1e+300 m above ground; they must"),
         (lambda: ProjectionConfig(max_range_m=-5.0), "max_range_m is -5; it must be finite and > 0"),
         (lambda: GroupingConfig(tolerance_ms=-1.0), "tolerance_ms is -1; it must be finite and not negative"),
     ],
@@ -58,6 +66,21 @@ def test_what_the_core_uses_is_checked_by_the_core() -> None:
         (RunConfig(LogPoolConfig(prior=1.0)), "prior is 1; it must be strictly between 0 and 1"),
         (RunConfig(LogOddsConfig(clamp_low=1.0)), "clamp_low is 1; it must be finite and below 0"),
         (RunConfig(MovingAverageConfig(memory_s=0.0)), "memory_s is 0; it must be finite and > 0"),
+        (RunConfig(EvidenceConfig(clear_log_odds=1e3)), "clear_log_odds is 1000; it must be in (0, 12]"),
+        (RunConfig(EvidenceConfig(clear_log_odds=0.0)), "clear_log_odds is 0; it must be in (0, 12]"),
+        (
+            RunConfig(EvidenceConfig(zone_log_odds=-1e300)),
+            "zone_log_odds is -1e+300; it must be in [-12, 12]",
+        ),
+        (RunConfig(EvidenceConfig(zone_log_odds=30.0)), "zone_log_odds is 30; it must be in [-12, 12]"),
+        (
+            RunConfig(LogPoolConfig(zone_log_odds=float("nan"))),
+            "zone_log_odds is nan; it must be in [-12, 12]",
+        ),
+        (
+            RunConfig(MovingAverageConfig(zone_log_odds=-1e3)),
+            "zone_log_odds is -1000; it must be in [-12, 12]",
+        ),
         (
             RunConfig(PaperConfig(prior=0.2, true_positive_rate=0.01)),
             "true_positive is 0.01 and false_positive 0.02",

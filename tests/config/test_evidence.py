@@ -124,7 +124,7 @@ def test_what_makes_no_sense_is_refused_when_the_map_is_made() -> None:
     for change, words in (
         ({"prior": 2.0}, "prior is 2"),
         ({"memory_s": -1.0}, "memory_s is -1"),
-        ({"clear_log_odds": -1.0}, "cleared is"),
+        ({"clear_log_odds": -1.0}, "clear_log_odds is -1"),
     ):
         with pytest.raises(ValueError, match=words):
             method(replace(EvidenceConfig(), **cast(Any, change)))

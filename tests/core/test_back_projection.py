@@ -231,7 +231,8 @@ def test_terrain_and_pose_that_do_not_overlap_give_nothing() -> None:
         ({"max_range_m": -5.0}, "max_range_m is -5; it must be finite and > 0"),
         ({"max_range_m": float("nan")}, "max_range_m is NaN; it must be finite and > 0"),
         ({"max_range_m": float("inf")}, "max_range_m is inf; it must be finite and > 0"),
-        ({"max_range_m": 1.0, "target_height_m": -1.0}, "target_height_m is -1; it must be finite and >= 0"),
+        ({"max_range_m": 1.0, "target_height_m": -1.0}, "target_height_m is -1; it must be in [0, 100]"),
+        ({"max_range_m": 1.0, "target_height_m": 101.0}, "target_height_m is 101; it must be in [0, 100]"),
         ({"max_range_m": 1.0, "coverage": "all"}, 'coverage is "all"; it must be "rays" or "full"'),
     ],
 )

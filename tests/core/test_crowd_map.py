@@ -347,6 +347,12 @@ FINE = np.full((6, 8), 0.5, np.float32)
             lambda: Camera.pinhole(8, 6, 0.0, 8.0, 4.0, 3.0),
             "focal length fx is 0 pixels: it must be positive",
         ),
+        (lambda: Camera.pinhole(8, 6, 1e300, 8.0, 4.0, 3.0), "focal length fx is 1e300 pixels"),
+        (lambda: Camera.pinhole(8, 6, 8.0, 8.0, 1e300, 3.0), "principal point cx is 1e300 pixels"),
+        (
+            lambda: Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0, (1e300, 0.0, 0.0, 0.0)),
+            "distortion coefficient k1 is 1e300",
+        ),
         (
             lambda: Camera.pinhole(8, 6, 8.0, -8.0, 4.0, 3.0),
             "focal length fy is -8 pixels: it must be positive",
@@ -360,9 +366,8 @@ FINE = np.full((6, 8), 0.5, np.float32)
         ),
         (
             lambda: Paper(RATES, 0.2, fleet_size=3, b_threshold=-0.5),
-            "b_threshold is -0.5; it must be inside [0, 1]",
+            "b_threshold is -0.5; it must be in [0, 1)",
         ),
-        (lambda: Paper(RATES, 0.2, fleet_size=0), "fleet_size is 0; it must be >= 1"),
         (
             lambda: Paper(RATES, 0.2, fleet_size=3, initial="one"),  # type: ignore[arg-type]
             'initial is "one"; it must be "zero", "prior" or "first"',
@@ -371,8 +376,12 @@ FINE = np.full((6, 8), 0.5, np.float32)
             lambda: Paper(RATES, 0.2, fleet_size=3, decay_unit="hour"),  # type: ignore[arg-type]
             'decay_unit is "hour"; it must be "second" or "frame"',
         ),
-        (lambda: Paper(RATES, 0.2, fleet_size=0), "fleet_size is 0; it must be >= 1"),
-        (lambda: Or(b_threshold=1.1), "b_threshold is 1.1; it must be inside [0, 1]"),
+        (lambda: Paper(RATES, 0.2, fleet_size=0), "fleet_size is 0; it must be in [1, 10000]"),
+        (lambda: Paper(RATES, 0.2, fleet_size=-1), "fleet_size is -1; it must be in [1, 10000]"),
+        (lambda: Paper(RATES, 0.2, fleet_size=10**4 + 1), "fleet_size is 10001; it must be in [1, 10000]"),
+        (lambda: Paper(RATES, 0.2, fleet_size=10**30), f"fleet_size is {10**30}; it must be in [1, 10000]"),
+        (lambda: Or(b_threshold=1.1), "b_threshold is 1.1; it must be in [0, 1)"),
+        (lambda: Or(b_threshold=1.0), "b_threshold is 1; it must be in [0, 1): no value is above 1"),
         (
             lambda: CrowdMap(_floor(), Or(), max_range_m=0.0),
             "max_range_m is 0; it must be finite and > 0",

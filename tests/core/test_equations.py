@@ -284,7 +284,7 @@ def test_pool_agrees_with_a_dense_evaluation(unseen: Literal["fleet", "visible"]
         (lambda: Rates(0.9, math.nan), "false_positive is NaN; it must be strictly between 0 and 1"),
         (lambda: _pool_one(prior=0.0), "prior is 0; it must be strictly between 0 and 1"),
         (lambda: _pool_one(prior=1.0), "prior is 1; it must be strictly between 0 and 1"),
-        (lambda: _pool_one(b_threshold=1.5), "b_threshold is 1.5; it must be inside [0, 1]"),
+        (lambda: _pool_one(b_threshold=1.5), "b_threshold is 1.5; it must be in [0, 1)"),
         (lambda: _pool_one(unseen="all"), 'unseen is "all"; it must be "fleet" or "visible"'),
         (lambda: _pool_one(m=math.nan), "m is NaN; it must be inside [0, 1]"),
         (lambda: _pool_one(m=1.01), "m is 1.01; it must be inside [0, 1]"),

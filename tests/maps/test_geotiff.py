@@ -397,7 +397,7 @@ def test_sizes_that_do_not_fit_are_refused_with_a_size_that_does(tmp_path):
 @pytest.mark.parametrize("size", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_voxel_sizes_are_refused(tmp_path, size):
     path = local_map(tmp_path, np.full((3, 3), 5.0))
-    with pytest.raises(MapError, match=r"voxel_size_m is .*, must be finite and > 0"):
+    with pytest.raises(MapError, match=r"voxel_size_m is .*; it must be in \[0\.001, 100\], metres"):
         open_terrain(path, assume_local=True, voxel_size_m=size)
 
 

@@ -206,14 +206,19 @@ def test_useless_clouds_are_refused(tmp_path):
     [
         ({"surface": "roof"}, "surface is 'roof', must be 'ground' or 'all'"),
         ({"max_hole_m": 0}, "max_hole_m is 0, must be finite and > 0"),
-        ({"voxel_size_m": math.nan}, "voxel_size_m is nan, must be"),
-        ({"voxel_size_m": 1e-7}, "1048576 voxels of 1e-07 m away"),
+        ({"voxel_size_m": math.nan}, "voxel_size_m is nan; it must be"),
     ],
 )
 def test_impossible_options_are_refused(tmp_path, options, message):
     path = write_las(tmp_path / "a.las", grid_points(3, lambda x, y: 1.0))
     with pytest.raises(MapError, match=message):
         open_terrain(path, assume_local=True, **options)
+
+
+def test_points_too_far_apart_for_the_voxels_are_refused(tmp_path):
+    wide = grid_points(3, lambda x, y: 1.0) * [2000.0, 2000.0, 1.0]
+    with pytest.raises(MapError, match=r"1048576 voxels of 0\.001 m away"):
+        open_terrain(write_las(tmp_path / "wide.las", wide), assume_local=True, voxel_size_m=0.001)
 
 
 def test_truncated_and_lying_files(tmp_path):

@@ -1,7 +1,10 @@
 """Which reader takes a file, and what is refused before any reader sees it."""
 
+import math
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,3 +99,16 @@ def test_importing_the_readers_imports_no_heavy_package():
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("size_m", [math.nan, math.inf, -1.0, 0.0, 1e-300, 0.0009, 101.0, 1e300, "fine"])
+@pytest.mark.parametrize("name", ["plain.bt", "plain.ply", "plain.tif"])
+def test_a_voxel_size_that_makes_no_map_is_refused_before_the_file_is_read(
+    tmp_path: Path, name: str, size_m: Any
+) -> None:
+    """One line, whatever the file: 1e-300 was told in 300 digits, 1e300 made a map of one voxel."""
+    path = tmp_path / name
+    path.write_bytes(b"not looked at")
+    bound = r"voxel_size_m is .{1,7}; it must be (in \[0\.001, 100\], metres|a number)$"
+    with pytest.raises(MapError, match=bound):
+        open_terrain(path, voxel_size_m=size_m)

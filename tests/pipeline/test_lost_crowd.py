@@ -1,8 +1,16 @@
 """What is said about crowd that met no ground."""
 
+import json
 from dataclasses import fields
+from pathlib import Path
 
+import numpy as np
+import pytest
+from PIL import Image
+
+import crowdfence as cf
 from crowdfence import CrowdMass
+from crowdfence.config import EvidenceConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warning, lost_crowd_warnings, shares
 
@@ -34,3 +42,50 @@ def test_drones_that_lose_more_than_a_hundredth_are_named_largest_loss_first() -
     assert lost_crowd_warning("uav2", masses["uav2"]) == two
     assert lost_crowd_warning("uav1", masses["uav1"]) is None
     assert four.startswith("uav4: 100.0% of the crowd it shows is not on the map: 100.0% has no ray")
+
+
+def hovering(folder: Path, heatmap: int) -> cf.Recording:
+    """Three frames of one drone 20 m above a plain, with a crowd in the middle of each."""
+    (folder / "heatmaps").mkdir()
+    pixels = np.zeros((48, 64), np.uint8)
+    pixels[10:30, 20:40] = heatmap
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
+    for stamp_ns in range(10**18, 10**18 + 3 * 10**8, 10**8):
+        rows.append(f"a,{stamp_ns},30,30,20,0,1,0,0")
+        Image.fromarray(pixels).save(folder / "heatmaps" / f"a_{stamp_ns}.png")
+    (folder / "poses.csv").write_text("\n".join(rows) + "\n")
+    intrinsics = {"width": 640, "height": 480, "fx": 400, "fy": 400, "cx": 320, "cy": 240}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"*": intrinsics}}))
+    return cf.open_recording(folder)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        RunConfig(zones=ZoneConfig(threshold=1.0)),
+        RunConfig(EvidenceConfig(doubt=1e300)),
+        RunConfig(EvidenceConfig(sharp_gsd_m=1e-300)),
+        RunConfig(EvidenceConfig(zone_log_odds=12.0)),
+        RunConfig(PaperConfig(prior=0.2, alpha=1e-300)),
+    ],
+)
+def test_crowd_that_no_setting_lets_become_one_is_told(tmp_path: Path, config: RunConfig) -> None:
+    """Nothing is closed, and the files look like those of a flight over empty ground."""
+    plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
+    found = cf.run(hovering(tmp_path, 255), plain, config)
+    assert not found.zones
+    (warning,) = (one for one in found.warnings if "no ground ever reached" in one)
+    assert f"no ground ever reached P >= {found.threshold:.3g}" in warning
+
+
+@pytest.mark.parametrize(
+    ("config", "heatmap"),
+    [(RunConfig(), 255), (RunConfig(), 0), (RunConfig(zones=ZoneConfig(min_area_m2=1e9)), 255)],
+)
+def test_crowd_that_became_one_or_was_not_there_is_not(
+    tmp_path: Path, config: RunConfig, heatmap: int
+) -> None:
+    """Regions that are too small for a zone are told by their area."""
+    plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
+    warnings = cf.run(hovering(tmp_path, heatmap), plain, config).warnings
+    assert not any("no ground ever reached" in one for one in warnings)

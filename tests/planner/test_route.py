@@ -100,8 +100,10 @@ def test_a_way_turns_round_the_rim_of_its_area() -> None:
 
 
 def test_what_is_no_place_is_refused() -> None:
-    with pytest.raises(ValueError, match="two finite places"):
+    with pytest.raises(ValueError, match=r"two places .* within 2e\+07 m, got \(0, nan\) and \(1, 1\)"):
         safe_route((0, np.nan), (1, 1), [])
+    with pytest.raises(ValueError, match=r"got \(0, 0\) and \(1e\+300, 0\)"):
+        safe_route((0, 0), (1e300, 0), [])
     with pytest.raises(ValueError, match=r"clearance_m is 1e\+308; it must lie between 0 and 1e\+06"):
         safe_route((0.0, 0.0), (1.0, 0.0), [], clearance_m=1e308)
     with pytest.raises(ValueError, match="clearance_m is -1"):

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import pytest
 import shapely
 
+from crowdfence.service.opening import live
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.zones import Zone
-from support.small_service import CONFIG, SIDE_M, START_NS, asked, message, running, settle, views
+from support.small_service import CONFIG, SIDE_M, START_NS, asked, message, plain, running, settle, views
 
 CLOSED_UNSEEN = replace(CONFIG, zones=replace(CONFIG.zones, close_unseen=True))
 
@@ -61,3 +64,11 @@ def test_static_zones_that_come_or_go_at_a_restart_count_at_once(tmp_path: Path)
             number = newest.number
     with running(tmp_path) as service:
         assert service.mission.newest.number == number, "nothing new, nothing published"
+
+
+@pytest.mark.parametrize("names", [{"name": ""}, {"drones": ["uav1", " "]}])
+def test_names_that_nobody_could_call_are_refused(tmp_path: Path, names: dict[str, Any]) -> None:
+    """An expected drone without a name can give no view, and is silent for ever."""
+    refused = pytest.raises(ValueError, match="need names that are not empty")
+    with refused, live(tmp_path, plain(), CONFIG, **{"name": "live", **names}):
+        raise AssertionError("it opened")

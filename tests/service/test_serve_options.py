@@ -1,6 +1,8 @@
 """`crowdfence serve` takes what `crowdfence run` takes, and does the same with it."""
 
 import logging
+import math
+import re
 import socket
 from pathlib import Path
 from time import sleep
@@ -12,6 +14,7 @@ from crowdfence import open_recording
 from crowdfence.cli.app import app
 from crowdfence.service import server
 from crowdfence.service.service import Service
+from crowdfence.service.settings import ServiceSettings
 from crowdfence.sources.convert import convert
 from support.command_line import commands, crowdfence
 from support.served import ORIGIN, write_level_ground
@@ -117,3 +120,36 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         f"error: cannot listen on 127.0.0.1:{port}: Address already in use; --port takes another, 0 any that "
         "is free"
     ]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"silent_after_s": 1e300}, "silent_after_s is 1e+300; it must be at most 3600"),
+        ({"max_delay_ms": 1e9}, "max_delay_ms is 1e+09; it must be at most 3.6e+06"),
+        ({"keep_s": 1e300}, "keep_s is 1e+300; it must be at most"),
+        ({"silent_after_s": math.nan}, "silent_after_s is nan; it must be finite and above 0"),
+    ],
+)
+def test_a_setting_that_no_alarm_would_live_to_see_is_refused(
+    setting: dict[str, float], message: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ServiceSettings(**setting)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("speed", ["nan", "0", "-1", "1e-300"])
+def test_a_replay_that_would_stand_still_is_refused(tmp_path: Path, speed: str) -> None:
+    """At 1e-300 the replay ended in a traceback, and the page went on showing the first instant."""
+    flown = write_folder(tmp_path / "flight", flight())
+    ground = write_level_ground(tmp_path / "ground.tif")
+    how = ["--terrain", ground, "--detector", "recorded", "--voxel-size-m", 4, "--port", 0]
+    done = crowdfence("serve", flown, *how, "--max-range-m", 800, "--replay-speed", speed)
+    assert done.returncode == 1
+    assert f"replay speed is {float(speed):g}; it must be at least 0.001" in done.stderr
+
+
+@pytest.mark.parametrize("hours", ["nan", "0", "-1", "1e300"])
+def test_hours_that_nothing_is_kept_for_are_refused(tmp_path: Path, hours: str) -> None:
+    done = crowdfence("serve", "-t", "nowhere.tif", "--data", tmp_path / "data", "--keep-h", hours)
+    assert done.returncode == 2 and "--keep-h" in done.stderr

@@ -96,6 +96,26 @@ IMPOSSIBLE = [
     (dict(trouble={"lens_distortion": [0.1]}), "trouble.lens_distortion must be"),
     (dict(trouble={"joins_s": [[-1, 3.0]]}), "trouble.joins_s names drone -1"),
     (dict(crowd_definition={"radius_m": 0}), "crowd_definition.radius_m"),
+    (dict(fps=1e-300, frames=2), "frames 2 at fps 1e-300 take 1e+300 s; at most 1e+09 s"),
+    (
+        dict(crowds=[{"people": 5, "along_m": math.nan}]),
+        "crowds.along_m must be between -10000 and 10000, got nan",
+    ),
+    (dict(crowds=[{"people": 5, "x_m": 1e300}]), "crowds.x_m must be between -10000 and 10000, got 1e+300"),
+    (
+        dict(crowds=[{"people": 5, "heading_deg": math.inf}]),
+        "crowds.heading_deg must be between -360 and 360",
+    ),
+    (
+        dict(crowds=[{"people": 5, "place": "way", "way_m": [[0, 0], [1e9, 0]]}]),
+        "crowds.way_m must be between -10000 and 10000, got 1e+09",
+    ),
+    (dict(crowds=[{"people": 5, "disperse_s": 1e300}]), "crowds.gather_s, disperse_s must be spans"),
+    (dict(flight={"y_m": -math.inf}), "flight.y_m must be between -10000 and 10000, got -inf"),
+    (
+        dict(trouble={"lens_distortion": [math.nan, 0, 0, 0]}),
+        "trouble.lens_distortion must be between -10 and 10, got nan",
+    ),
     (dict(georeference={"latitude_deg": 95, "longitude_deg": 0, "height_m": 0}), "latitude_deg"),
 ]
 

@@ -27,6 +27,7 @@ from crowdfence.sources.film.picture_reader import FilmPictures
 from crowdfence.sources.film.subtitles import read_subtitles
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
+from crowdfence.sources.geographic_track import HeightOptions
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Recording
 from support.flight_logs import tlog, ulog
@@ -424,3 +425,9 @@ def test_what_is_missing_is_said_with_the_way_out(tmp_path: Path) -> None:
     assert above_sea.georeference is not None and not above_sea.ground_contacts
     with pytest.raises(ValueError, match="is no AirSim recording: crowd_colors does not apply"):
         open_recording(film, crowd_colors=[(1, 2, 3)])
+
+
+@pytest.mark.parametrize("geoid_m", [np.nan, np.inf, -111.0, 91.0])
+def test_a_geoid_that_lies_so_nowhere_is_refused(geoid_m: float) -> None:
+    with pytest.raises(ValueError, match=r"geoid_m is .*; it must be in \[-110, 90\]"):
+        HeightOptions("sea", geoid_m)

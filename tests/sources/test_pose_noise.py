@@ -173,7 +173,9 @@ def test_poses_that_tremble_are_told_of(tmp_path: Path) -> None:
     assert said.startswith(f"poses of {drone}: each off by itself by 0.") and "--pose-noise" in said
 
 
-@pytest.mark.parametrize("text", ["0.5", "a,b", "1,2,3", "-1,0", "nan,0", "1,inf", ""])
+@pytest.mark.parametrize(
+    "text", ["0.5", "a,b", "1,2,3", "-1,0", "nan,0", "1,inf", "", "101,1", "1,46", "1e300,1"]
+)
 def test_noise_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="noise of poses is"):
         given_noise(text)

@@ -56,6 +56,15 @@ def test_rules_as_text_are_added() -> None:
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
+        # Whatever is not 0 is true, and made 5 m of 30.
+        ("eu-a2:height_m=3,low_speed=nan", "low_speed is 'nan'; it must be true or false"),
+        ("eu-a2:height_m=3,low_speed=1", "low_speed is '1'; it must be true or false"),
+        ("fixed:distance_m=true", "'true' is not a number"),
+        (
+            "parachute:speed_mps=10,height_m=60,opening_s=1,descent_mps=inf",
+            "descent_mps is inf; it must be finite and > 0",
+        ),
+        ("sts-01:height_m=60,mass_kg=25.5", "mass_kg is 25.5; STS-01 ends at 25 kg"),
         ("magic", "buffer 'magic' is none of fixed, one-to-one"),
         ("fixed", "buffer 'fixed' needs distance_m="),
         ("fixed:distance_m=1,distance_m=2", "says distance_m= twice"),
@@ -68,7 +77,7 @@ def test_rules_as_text_are_added() -> None:
         ("fixed:distance_m=-1", "distance_m is -1; it must be finite and >= 0"),
         ("fixed:distance_m=inf", "distance_m is inf"),
         ("fixed:distance_m=nan", "distance_m is nan"),
-        ("parachute:speed_mps=1,height_m=1,opening_s=1,descent_mps=0", "descent_mps is 0; it must be above"),
+        ("parachute:speed_mps=1,height_m=1,opening_s=1,descent_mps=0", "descent_mps is 0; it must be finite"),
         ("contingency:speed_mps=1,pitch_deg=90", "pitch_deg is 90"),
     ],
 )

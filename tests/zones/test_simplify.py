@@ -104,6 +104,13 @@ def test_a_buffer_covers_everything_within_its_distance(
     assert (shapely.distance(ground, points[shapely.covers(result, points)]) <= 1.05 * distance_m).all()
 
 
+def test_a_buffer_too_small_for_floats_loses_no_ground() -> None:
+    """GEOS made nothing of an outline of many corners, and the run ended in "POLYGON EMPTY"."""
+    ground = outline(np.indices((9, 9)).sum(axis=0) % 2 == 0)
+    for distance_m in (1e-300, 1e-12, 1e-6):
+        assert shapely.covers(shapely.buffer(grown(ground, distance_m), 1e-9), ground)
+
+
 @st.composite
 def outlines_of_any_shape(draw: st.DrawFn) -> shapely.Polygon | shapely.MultiPolygon:
     """Cells of any proportions, stars that are hardly ever convex, hulls, corners of every sharpness."""

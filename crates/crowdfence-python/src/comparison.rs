@@ -16,7 +16,7 @@ use crate::opinion_pool::PyRates;
 /// prior        P(A = 1), strictly between 0 and 1
 /// alpha        weight of the newest instant, in (0, 1]
 /// decay        lambda per second, >= 0
-/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 ///
 /// CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
 /// pickled.
@@ -188,7 +188,7 @@ impl PyLogPool {
 ///
 /// rates        of the detector: what a look with crowd and one without add
 /// prior        P(A = 1), strictly between 0 and 1
-/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 /// clamp_low    lowest log odds, below 0
 /// clamp_high   highest log odds, above 0
 ///

@@ -100,7 +100,7 @@ impl PyUpdate {
 /// method           `Evidence`, `Paper`, `Or`, or one of those for comparison (`LinearPool`, `LogPool`,
 ///                  `LogOdds`, `MovingAverage`)
 /// max_range_m      > 0, rays end here
-/// target_height_m  >= 0, height above the ground at which people are marked
+/// target_height_m  in [0, 100], height above the ground at which people are marked
 /// coverage         "full" or "rays", see `project`
 /// surface          "planes" or "voxels", see `project`
 /// max_gap_s        > 0, longest time between two instants, and between a view and its instant; a longer one

@@ -1,5 +1,6 @@
 use crowdfence::method::{DecayUnit, Initial, Parameter};
 use crowdfence::{Method, Or, Paper, TemporalBlend};
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -15,8 +16,8 @@ use crate::opinion_pool::{PyRates, opinion_pool};
 /// prior        P(A = 1), strictly between 0 and 1
 /// alpha        weight of the newest instant in equation 3, in (0, 1]; 1 is the paper's Policy 1
 /// decay        lambda of equation 3, >= 0, per `decay_unit`
-/// fleet_size   N of equation 1, >= 1; no more drones than this may ever give a view
-/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+/// fleet_size   N of equation 1, in [1, 10000]; no more drones than this may ever give a view
+/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 /// unseen       what a drone that does not see a voxel says: "fleet", m = 0 with full weight as printed, or
 ///              "visible", nothing
 /// normalise    divide the weights of equation 2 by their sum
@@ -40,7 +41,7 @@ impl PyPaper {
         prior: f64,
         alpha: f64,
         decay: f64,
-        fleet_size: usize,
+        #[pyo3(from_py_with = fleet_size)] fleet_size: usize,
         b_threshold: f64,
         unseen: &str,
         normalise: bool,
@@ -187,6 +188,17 @@ impl PyPaper {
     }
 }
 
+/// A number of drones that fits no machine word is refused as the core refuses one that does.
+fn fleet_size(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    value.extract().or_else(|error: PyErr| {
+        if !error.is_instance_of::<PyOverflowError>(value.py()) {
+            return Err(error);
+        }
+        let shown = value.str()?.to_string();
+        Err(CrowdfenceError::new_err(format!("fleet_size is {shown:.60}; it must be in [1, 10000]")))
+    })
+}
+
 fn not_one_of(name: &str, value: &str, allowed: &str) -> PyErr {
     CrowdfenceError::new_err(format!("{name} is {value:?}; it must be {allowed}"))
 }
@@ -206,7 +218,7 @@ pub fn parameters(py: Python<'_>, method: Method) -> PyResult<Bound<'_, PyDict>>
 
 /// Baseline `or`: a voxel once called crowd by any view stays crowd. Instants may come in any order.
 ///
-/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1]
+/// b_threshold  a view calls a voxel crowd when its mean heatmap value is above this, in [0, 1)
 ///
 /// CrowdfenceError for a threshold out of bounds. It cannot change; it can be compared and pickled.
 #[pyclass(frozen, name = "Or", module = "crowdfence", eq)]

@@ -216,7 +216,7 @@ pub fn surface(name: &str) -> PyResult<Surface> {
 /// Back-project a view onto the terrain: mean heatmap value per visible voxel.
 ///
 /// max_range_m      > 0, rays end here
-/// target_height_m  >= 0, height above the ground at which people are marked
+/// target_height_m  in [0, 100], height above the ground at which people are marked
 /// coverage         "full": every voxel of which the top is in view, also between the pixels, and which are
 ///                  occluded; "rays": the voxels first hit by the ray of some pixel centre, as in the paper
 /// surface          "planes": where in the voxels the map says that the surface lies; "voxels": the voxels as

@@ -92,7 +92,7 @@ type Pooled<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 /// visible      [N, V] bool, which drone sees which voxel
 /// rates        of the detector
 /// prior        P(A = 1), strictly between 0 and 1
-/// b_threshold  in [0, 1]
+/// b_threshold  in [0, 1)
 /// unseen       "fleet": a drone that does not see the voxel enters with m = 0, as printed; "visible": it is
 ///              left out, N counts those that see it, and what nobody sees has the prior
 /// normalise    divide the weights by their sum; where they are all 0 the result is the prior

@@ -185,7 +185,7 @@ pub(crate) fn require(ok: bool, name: &'static str, value: f64, bound: &'static 
 }
 
 /// A number as people write it: 1e308 rather than its 309 digits.
-fn short<T: Into<f64> + Copy + Display + LowerExp>(value: T) -> String {
+pub(crate) fn short<T: Into<f64> + Copy + Display + LowerExp>(value: T) -> String {
     match value.into().abs() {
         0.0 | 1e-4..1e9 => value.to_string(),
         size if size.is_finite() => format!("{value:e}"),

@@ -75,7 +75,12 @@ impl OpinionPool {
         normalise: bool,
     ) -> Result<OpinionPool> {
         require(prior > 0.0 && prior < 1.0, "prior", prior, "strictly between 0 and 1")?;
-        require((0.0..=1.0).contains(&b_threshold), "b_threshold", b_threshold, "inside [0, 1]")?;
+        require(
+            (0.0..1.0).contains(&b_threshold),
+            "b_threshold",
+            b_threshold,
+            "in [0, 1): no value is above 1",
+        )?;
         let posterior = |given_crowd: f64, given_none: f64| {
             let crowd = given_crowd * prior;
             crowd / (crowd + given_none * (1.0 - prior))

@@ -64,6 +64,7 @@ def detect(
             "--gsd-m",
             "--gsd",
             min=1e-6,
+            max=1e3,
             help="Metres per pixel of the pictures, where known; not for recordings.",
         ),
     ] = None,

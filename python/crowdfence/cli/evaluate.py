@@ -88,7 +88,10 @@ def evaluate(
         ),
     ] = options.TruthChoice.projected,
     min_iou: Annotated[
-        float | None, typer.Option("--min-iou", help="Exit with 3 unless every row reaches this mean IoU.")
+        float | None,
+        typer.Option(
+            "--min-iou", min=0.0, max=1.0, help="Exit with 3 unless every row reaches this mean IoU."
+        ),
     ] = None,
     sweep: Annotated[
         bool,

@@ -13,6 +13,7 @@ import typer
 from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.recording_tables import print_recording, unmeasured_ground
 from crowdfence.cli.wording import in_options
 from crowdfence.inspection import InspectionOptions
 
@@ -104,8 +105,6 @@ def inspect(
     elif isinstance(report, CrowdMapReport):
         console.stdout().print(_crowd_map_facts(report))
     else:
-        from crowdfence.cli.recording_tables import print_recording
-
         print_recording(console.stdout(), report)
 
 
@@ -154,7 +153,8 @@ def _map_facts(report: MapReport) -> tuple[RenderableType, RenderableType]:
     rows["voxels"] += f", {report.voxel_size_why}"
     rows["memory"] = f"{_megabytes(report.tree_bytes)} ({report.tree_bytes_per_voxel:.2f} bytes a voxel)"
     columns = report.columns
-    rows["columns"] = f"{columns.columns:,}, {columns.overhang_share:.1%} with overhangs"
+    unmeasured = unmeasured_ground(report.terrain)
+    rows["columns"] = f"{columns.columns:,}, {columns.overhang_share:.1%} with overhangs{unmeasured}"
     if report.landing_prior is None:
         rows["landing prior"] = f"none: {report.no_landing_prior}"
     else:

@@ -257,13 +257,13 @@ ZoneLogOdds = Annotated[
     typer.Option(
         "--zone-log-odds",
         rich_help_panel=_EVIDENCE,
-        help="Crowd from this far above the prior, unless --threshold.",
+        help="Crowd from this far above the prior, at most 12, unless --threshold.",
     ),
 ]
 ClearLogOdds = Annotated[
     float,
     typer.Option(
-        "--clear-log-odds", rich_help_panel=_EVIDENCE, help="Empty from this far below the prior, > 0."
+        "--clear-log-odds", rich_help_panel=_EVIDENCE, help="Empty from this far below the prior, in (0, 12]."
     ),
 ]
 Alpha = Annotated[

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from crowdfence.inspection.camera import CameraReport
     from crowdfence.inspection.flight import Range
     from crowdfence.inspection.recording import DroneReport, RecordingReport, TerrainBelow, Trouble
+    from crowdfence.inspection.terrain import TerrainReport
 
 _KINDS = {"mission": "mission file", "airsim": "AirSim recording", "folder": "plain folder"}
 
@@ -26,9 +27,9 @@ def print_recording(out: Console, report: RecordingReport) -> None:
             out.print()
             out.print(table)
     if report.terrain is not None and report.terrain.problem is not None:
-        console.warn(report.terrain.problem)
+        console.warn(in_options(report.terrain.problem))
     for warning in report.warnings:
-        console.warn(warning)
+        console.warn(in_options(warning))
     for trouble in report.refused:
         console.warn(in_options(f"refused {_trouble(trouble)}"))
     for trouble in report.damaged or ():
@@ -189,7 +190,15 @@ def _terrain(below: TerrainBelow | None) -> str:
         return f"{below.path} ({whose}), cannot be used"
     report = below.report
     holes = "" if below.holes is None else f", holes: {below.holes}"
-    return f"{below.path} ({whose}), {report.voxels:,} voxels of {report.voxel_size_m:g} m{holes}"
+    size = f"{report.voxels:,} voxels of {report.voxel_size_m:g} m"
+    return f"{below.path} ({whose}), {size}{holes}{unmeasured_ground(report)}"
+
+
+def unmeasured_ground(report: TerrainReport) -> str:
+    """How much of a map's ground nobody measured, after a comma; nothing where its file says of none."""
+    if not report.unmeasured_m2:
+        return ""
+    return f", {report.unmeasured_m2:,.0f} m2 ({report.unmeasured_share:.2%}) that nobody measured"
 
 
 def _trouble(trouble: Trouble) -> str:

@@ -154,7 +154,13 @@ def serve(
     ] = "",
     keep_h: Annotated[
         float,
-        typer.Option("--keep-h", rich_help_panel=_LIVE, help="Hours that history and pictures are kept."),
+        typer.Option(
+            "--keep-h",
+            min=0.01,
+            max=87_600.0,
+            rich_help_panel=_LIVE,
+            help="Hours that history and pictures are kept.",
+        ),
     ] = 24.0,
     as_json: options.Json = False,
 ) -> None:

@@ -189,7 +189,9 @@ def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
     from crowdfence.sources.pose_noise import given_noise
 
     told: dict[str, Any] = {name: parameters.get(name) for name in NAMES}
-    told = {name: value for name, value in told.items() if value is not None and value not in ([], (), False)}
+    # A zero is said like any other number, and equals False.
+    told = {name: value for name, value in told.items() if value is not None and value is not False}
+    told = {name: value for name, value in told.items() if value not in ([], ())}
     if "heights" in told:
         told["heights"] = HeightChoice(told["heights"]).value
     if "boxes" in told:

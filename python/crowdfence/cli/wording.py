@@ -15,6 +15,7 @@ _OPTIONS = {
     "voxel_size_m": "--voxel-size-m",
     "max_range_m": "--max-range-m",
     "max_jump_s": "--max-jump-s",
+    "geoid_m": "--geoid-m",
 }
 _READER_OPTIONS = "band|nodata|crs|height_unit|height_offset_m|max_hole_m2|max_hole_m|surface|up|unit_m"
 

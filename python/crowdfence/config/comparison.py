@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from crowdfence._core import LikelihoodRatio, LinearPool, LogOdds, LogPool, MovingAverage, Rates, Terrain
-from crowdfence.config.evidence import EvidenceConfig, shifted
+from crowdfence.config.evidence import EvidenceConfig, above
 from crowdfence.config.rates import with_rates
 from crowdfence.plain_values import make_plain
 
@@ -90,7 +90,7 @@ class LogPoolConfig:
     decay: float = 0.0005
     """lambda per second, >= 0."""
     zone_log_odds: float = 1.3
-    """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+    """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
 
     def __post_init__(self) -> None:
         make_plain(self)
@@ -118,7 +118,7 @@ class LogPoolConfig:
             prior=complete.prior,
             alpha=self.alpha,
             decay=self.decay,
-            threshold=shifted(complete.prior, self.zone_log_odds),
+            threshold=above(complete.prior, zone_log_odds=self.zone_log_odds),
             focal_px=complete.focal_px,
         )
 
@@ -193,7 +193,7 @@ class MovingAverageConfig:
     memory_s: float = 5.0
     """After so many seconds a look weighs 1 / e of what it did."""
     zone_log_odds: float = 1.3
-    """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+    """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
 
     def __post_init__(self) -> None:
         make_plain(self)
@@ -220,6 +220,6 @@ class MovingAverageConfig:
             complete.likelihood,
             prior=complete.prior,
             memory_s=self.memory_s,
-            threshold=shifted(complete.prior, self.zone_log_odds),
+            threshold=above(complete.prior, zone_log_odds=self.zone_log_odds),
             focal_px=complete.focal_px,
         )

@@ -19,11 +19,16 @@ DEFAULT_PRIOR = 0.015
 """Share of the ground in view that crowds stand on, in the shipped detector's calibration missions."""
 DEFAULT_FOCAL_PX = 376.0
 """Of the cameras of those missions."""
+FURTHEST_LOG_ODDS = 12.0
+"""So far from the prior log odds end, whatever was seen (`MOST_EVIDENCE` of the core)."""
 
 _MEAN_BORDERS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 _LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7, 6.5, 8.2)
 """ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector
 is taken for that states nothing."""
+_MOST_EXPONENT = 700.0
+"""No float holds exp of more than 709."""
+_NO_FURTHER = "no number of looks goes further from the prior"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +57,10 @@ class EvidenceConfig:
     agreement: float = 0.1
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
     zone_log_odds: float = 1.35
-    """Ground is crowd from this far above the prior, in log odds, unless a threshold is given."""
+    """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
     clear_log_odds: float = 2.5
-    """Ground is empty from this far below the prior; between the two it is looked at and not cleared."""
+    """Ground is empty from this far below the prior, in (0, 12]; between the two it is looked at and not
+    cleared."""
 
     def __post_init__(self) -> None:
         make_plain(self)
@@ -92,17 +98,32 @@ class EvidenceConfig:
             sharp_gsd_m=self.sharp_gsd_m,
             doubt=self.doubt,
             agreement=self.agreement,
-            threshold=shifted(complete.prior, self.zone_log_odds),
-            cleared=shifted(complete.prior, -self.clear_log_odds),
+            threshold=above(complete.prior, zone_log_odds=self.zone_log_odds),
+            cleared=below(complete.prior, clear_log_odds=self.clear_log_odds),
             focal_px=complete.focal_px,
         )
 
 
-def shifted(prior: float, log_odds: float) -> float:
-    """The probability that lies so far from the prior. One outside (0, 1) is left to the core to refuse."""
+def above(prior: float, *, zone_log_odds: float) -> float:
+    """The probability that lies so far above the prior, or below it where that is negative. ValueError for a
+    distance out of bounds; a prior outside (0, 1) is left to the core to refuse."""
+    if not -FURTHEST_LOG_ODDS <= zone_log_odds <= FURTHEST_LOG_ODDS:
+        raise ValueError(f"zone_log_odds is {zone_log_odds:g}; it must be in [-12, 12]: {_NO_FURTHER}")
+    return _shifted(prior, zone_log_odds)
+
+
+def below(prior: float, *, clear_log_odds: float) -> float:
+    """The probability that lies so far below the prior; errors as of `above`."""
+    if not 0.0 < clear_log_odds <= FURTHEST_LOG_ODDS:
+        raise ValueError(f"clear_log_odds is {clear_log_odds:g}; it must be in (0, 12]: {_NO_FURTHER}")
+    return _shifted(prior, -clear_log_odds)
+
+
+def _shifted(prior: float, log_odds: float) -> float:
     if not 0.0 < prior < 1.0:
         return prior
-    return 1.0 / (1.0 + exp(-(log(prior / (1.0 - prior)) + log_odds)))
+    against = -(log(prior / (1.0 - prior)) + log_odds)
+    return 1.0 / (1.0 + exp(min(against, _MOST_EXPONENT)))
 
 
 @cache

@@ -36,16 +36,16 @@ class ZoneConfig:
     max_vertices: int | None = None
     """Most corners of a zone, >= 3; None: no limit."""
     lower_m: float = DEFAULT_BAND.lower_m
-    """Zones begin here, metres above ground."""
+    """Zones begin here, metres above ground; >= -1000."""
     upper_m: float = DEFAULT_BAND.upper_m
-    """Zones end here, metres above ground; above `lower_m`."""
+    """Zones end here, metres above ground; at least 1 m above `lower_m`, <= 100000."""
     restriction: Restriction = "prohibited"
     """No flight, or none that stays above."""
     close_unseen: bool = False
     """Close ground that is not known to be empty: never seen, hidden, stale, or looked at and not cleared;
     holes of the map and crowd in regions below `min_area_m2` too."""
     stale_after_s: float = 30.0
-    """Empty ground not seen for longer is stale, >= 0: no evidence of absence any more."""
+    """Empty ground not seen for longer is stale, finite and >= 0: no evidence of absence any more."""
 
     def __post_init__(self) -> None:
         make_plain(self)

@@ -125,7 +125,8 @@ def inspect_recording(
     path: Path, terrain_path: Path | None, options: InspectionOptions, tell: Tell
 ) -> RecordingReport:
     """ValueError or OSError for a path that holds no usable recording, MapError for a `terrain_path` that
-    cannot be read. A map that the recording itself names may be unreadable; the report says so then.
+    cannot be read or be read as `terrain_options` say. A map that the recording itself names may be
+    unreadable; the report says so then.
     """
     from crowdfence.sources import open_recording
 
@@ -220,7 +221,7 @@ def _open_terrain(
     try:
         reading = read_map(recording, path, **options.terrain_options)
     except ValueError as error:
-        if given:
+        if given or options.terrain_options:
             raise
         return None, TerrainBelow(str(path), given, None, str(error)), ()
     terrain, problem = reading.terrain, None

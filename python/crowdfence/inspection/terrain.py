@@ -34,6 +34,11 @@ class TerrainReport:
     """Lowest corner of the occupied voxels, local metres."""
     high_m: Point
     extent_m: Point
+    unmeasured_m2: float
+    """Ground whose surface nobody measured, as far as the map says: bridged holes, gaps of a point cloud. No
+    landing site lies there."""
+    unmeasured_share: float
+    """Of all ground of the map."""
     georeference: Georeference | None
     fingerprint: str
     """Checksum that a crowd map names its terrain by, 16 hexadecimal digits."""
@@ -41,12 +46,15 @@ class TerrainReport:
     @staticmethod
     def of(terrain: Terrain) -> TerrainReport:
         low, high = terrain.bounds
+        unmeasured = len(terrain.unmeasured)
         return TerrainReport(
             voxels=terrain.voxel_count,
             voxel_size_m=terrain.voxel_size_m,
             low_m=_point(low),
             high_m=_point(high),
             extent_m=_point(high - low),
+            unmeasured_m2=unmeasured * terrain.voxel_size_m**2,
+            unmeasured_share=unmeasured / count_columns(terrain).columns if unmeasured else 0.0,
             georeference=terrain.georeference,
             fingerprint=f"{terrain.fingerprint:016x}",
         )

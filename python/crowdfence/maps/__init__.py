@@ -14,6 +14,7 @@ from crowdfence.errors import one_line
 from crowdfence.maps.holes import MapHoles
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
+from crowdfence.maps.voxel_size import require_voxel_size
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -53,7 +54,7 @@ def read_map(
 
     `georeference` is the anchor of the local frame, usually that of the recording. Maps with a coordinate
     reference system are brought into its tangent plane; without an anchor they get one in their middle, and
-    `terrain.georeference` says where. `voxel_size_m` None lets the file decide.
+    `terrain.georeference` says where. `voxel_size_m`, 1 mm to 100 m; None lets the file decide.
 
     | suffix | kind | options |
     |---|---|---|
@@ -70,17 +71,24 @@ def read_map(
     suffix = _suffix(path)
     reader = _reader(suffix)
     _require_options(path, reader, options)
+    _require_numbers(path, reader, {"voxel_size_m": voxel_size_m, **options})
     with _naming(path):
+        require_voxel_size(voxel_size_m)
         return reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
 
 
 def _require_options(path: Path, reader: Callable[..., MapReading], options: Mapping[str, Any]) -> None:
-    parameters = signature(reader).parameters
-    known = [name for name in parameters if name not in ("path", "voxel_size_m", "georeference")]
+    known = [
+        name for name in signature(reader).parameters if name not in ("path", "voxel_size_m", "georeference")
+    ]
     if unknown := [name for name in options if name not in known]:
         raise TypeError(
             f"{path}: a {path.suffix} map has no option {unknown[0]!r}; it has {', '.join(known)}"
         )
+
+
+def _require_numbers(path: Path, reader: Callable[..., MapReading], options: Mapping[str, Any]) -> None:
+    parameters = signature(reader).parameters
     for name, value in options.items():
         # The command line hands on as text whatever is no number, and no comparison says whose it was.
         takes = str(parameters[name].annotation)

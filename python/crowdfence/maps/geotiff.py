@@ -78,8 +78,6 @@ def open_geotiff(
     MapError for a file without reference system, transform, unit of heights or any height, implausible
     heights, sizes that do not fit into memory, a raster more than 200 km from the anchor, and damaged files.
     """
-    if voxel_size_m is not None and not (math.isfinite(voxel_size_m) and voxel_size_m > 0):
-        raise MapError(path, f"voxel_size_m is {voxel_size_m}, must be finite and > 0")
     if not (math.isfinite(max_hole_m2) and max_hole_m2 >= 0):
         raise MapError(path, f"max_hole_m2 is {max_hole_m2}, must be finite and >= 0")
     rules = HeightRules(height_unit, height_offset_m)

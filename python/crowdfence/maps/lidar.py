@@ -85,9 +85,8 @@ def open_lidar(
     """
     if surface not in (None, "ground", "all"):
         raise MapError(path, f"surface is {surface!r}, must be 'ground' or 'all'")
-    for name, value in (("max_hole_m", max_hole_m), ("voxel_size_m", voxel_size_m)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise MapError(path, f"{name} is {value}, must be finite and > 0")
+    if max_hole_m is not None and not (math.isfinite(max_hole_m) and max_hole_m > 0):
+        raise MapError(path, f"max_hole_m is {max_hole_m}, must be finite and > 0")
     with _reader(path) as reader:
         low, high = _bounds(path, reader.header)
         in_file = _crs(path, reader.header) if crs is None else None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+BOUNDS_M = (0.001, 100.0)
+"""What may be asked for: below, the size of a grain of sand; above, crowds are nowhere."""
 SMALLEST_M = 0.05
 AS_THE_FILE_M = 1.0
 """Files of this resolution or finer decide themselves, down to `FINEST_M`."""
@@ -27,6 +29,13 @@ class VoxelSize:
     size_m: float
     why: str
     """As in "0.5 m, ...": after a comma."""
+
+
+def require_voxel_size(size_m: float | None) -> None:
+    """ValueError for a size that was asked for and makes no map."""
+    low_m, high_m = BOUNDS_M
+    if size_m is not None and not low_m <= size_m <= high_m:
+        raise ValueError(f"voxel_size_m is {size_m:g}; it must be in [{low_m:g}, {high_m:g}], metres")
 
 
 def chosen_voxel_size(given_m: float | None, file_m: float, told: str, area_m2: float) -> VoxelSize:

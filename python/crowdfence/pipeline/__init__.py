@@ -4,7 +4,7 @@
 - `terrain`          the map to project onto
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
-- `lost_crowd`       crowd that met no ground: shares and warnings
+- `lost_crowd`       crowd that met no ground, or became none there: shares and warnings
 - `detector_review`  what a model states about itself beside the flight
 - `still_video`      the same picture again and again from a camera that moves
 - `under_ground`     cameras below the map

@@ -1,4 +1,5 @@
-"""Crowd that a detector showed and that met no ground of the map: it must not vanish without a word."""
+"""Crowd that a detector showed and that no zone speaks of: it met no ground of the map, or became no crowd
+there. It must not vanish without a word."""
 
 from __future__ import annotations
 
@@ -54,3 +55,15 @@ def lost_crowd_warning(drone: str, mass: CrowdMass) -> str | None:
     )
     everything = mass.lost / mass.total
     return f"{drone}: {everything:.1%} of the crowd it shows is not on the map: {', '.join(parts)}"
+
+
+def unheeded_crowd_warning(masses: Mapping[str, CrowdMass], threshold: float) -> str | None:
+    """The sentence for a run in which no ground ever was crowd, though pictures showed some on the map: its
+    files look like those of a flight over empty ground. None where they showed none."""
+    drones = [drone for drone, mass in masses.items() if mass.ground > 0.0]
+    if not drones:
+        return None
+    return (
+        f"pictures of {', '.join(drones)} show crowd on the map, and no ground ever reached P >= "
+        f"{threshold:.3g}: nothing was closed for it. False alarms, or a threshold or setting out of reach?"
+    )

@@ -21,7 +21,7 @@ from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_s
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
-from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
+from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares, unheeded_crowd_warning
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
@@ -87,8 +87,14 @@ class Run:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        of_pictures = [*of_detector, *self.heatmaps.warnings, *lost]
+        of_pictures = [*of_detector, *self.heatmaps.warnings, *lost, *self._unheeded()]
         return [*self.recording.warnings, *self.doubts, *of_pictures]
+
+    def _unheeded(self) -> list[str]:
+        if self.recording.layer != CROWD or any(row.crowd_voxels for row in self.rows):
+            return []
+        warning = unheeded_crowd_warning(self.crowd_mass, self.threshold)
+        return [] if warning is None else [warning]
 
     @property
     def georeference(self) -> Georeference | None:

@@ -23,6 +23,8 @@ from crowdfence.zones.zone import closed_of
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
+MOST_PLACE_M = 2e7
+"""In local coordinates nothing on Earth is further: it is 12,757 km across."""
 MOST_CLEARANCE_M = 1e6
 MOST_CORNERS = 350
 TURN_M = 0.05
@@ -84,8 +86,11 @@ def safe_route(
 
     zones = closed_of(zones)
     ends = np.asarray([start, goal], dtype=np.float64)
-    if ends.shape != (2, 2) or not np.isfinite(ends).all():
-        raise ValueError(f"start and goal must be two finite places [2], got {start!r} and {goal!r}")
+    if ends.shape != (2, 2) or not (np.abs(ends) <= MOST_PLACE_M).all():
+        raise ValueError(
+            f"start and goal must be two places [2] within {MOST_PLACE_M:g} m, got {_told(start)} and "
+            f"{_told(goal)}"
+        )
     if not 0.0 <= clearance_m <= MOST_CLEARANCE_M:
         raise ValueError(f"clearance_m is {clearance_m:g}; it must lie between 0 and {MOST_CLEARANCE_M:g}")
     _require_clock(departure_ns, speed_m_s, expires)
@@ -112,6 +117,10 @@ def safe_route(
     if found is None:
         raise NoRoute(_closed_off(within))
     return _with_waits(places, found, departure_ns)
+
+
+def _told(place: ArrayLike) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in np.ravel(place)) + ")"
 
 
 def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: bool) -> None:

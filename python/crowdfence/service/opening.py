@@ -122,7 +122,10 @@ def live(
 ) -> Iterator[Service]:
     """A mission whose state is in `folder`; it goes on where it ended there, however it ended. `drones` are
     those that are expected, `inputs` what is listened to besides HTTP. StoreError for a folder that cannot be
-    used, belongs to another mission, or ends ahead of the clock; ValueError and OSError as for `Inputs`."""
+    used, belongs to another mission, or ends ahead of the clock; ValueError for a mission or drone without a
+    name; ValueError and OSError as for `Inputs`."""
+    if not all(word.strip() for word in (name, *drones)):
+        raise ValueError(f"the mission {name!r} and its drones {list(drones)} need names that are not empty")
     settings = settings or ServiceSettings()
     clock = clock or Clock(settings.clock)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)

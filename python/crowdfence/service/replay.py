@@ -21,6 +21,8 @@ from crowdfence.sources.recording import Instant, Recording, RefusedFrame
 
 _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
+_SLOWEST = 0.001
+"""A recorded second in a quarter of an hour; no thread waits for ever."""
 
 
 class Replay:
@@ -38,9 +40,9 @@ class Replay:
         speed: float,
         on_end: Callable[[], None],
     ) -> None:
-        """`speed`: recorded seconds a second, above 0; inf for as fast as it goes."""
-        if not speed > 0.0:
-            raise ValueError(f"replay speed is {speed:g}; it must be above 0")
+        """`speed`: recorded seconds a second, at least 0.001; inf for as fast as it goes."""
+        if not speed >= _SLOWEST:
+            raise ValueError(f"replay speed is {speed:g}; it must be at least {_SLOWEST:g}")
         self._recording, self._mission, self._fleet, self._media = recording, mission, fleet, media
         self._clock, self._speed, self._on_end = clock, speed, on_end
         self._alerts, self._doubts = alerts, HeatmapDoubts(alerts)

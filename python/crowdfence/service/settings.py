@@ -7,6 +7,14 @@ from typing import Literal
 
 ClockKind = Literal["system", "views"]
 
+_MOST = {
+    "max_delay_ms": 3_600_000.0,
+    "silent_after_s": 3600.0,
+    "pose_stale_s": 3600.0,
+    "keep_s": 10 * 365 * 86400.0,
+}
+"""An alarm that comes after an hour is none, and stamps end in the year 2262."""
+
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
@@ -65,6 +73,9 @@ class ServiceSettings:
         ):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and above 0")
+        for name, most in _MOST.items():
+            if getattr(self, name) > most:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it must be at most {most:g}")
         for name in ("waiting_per_drone", "snapshot_every"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")

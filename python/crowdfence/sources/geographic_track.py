@@ -23,13 +23,15 @@ from crowdfence.sources.recording import GroundContact
 
 HeightsAbove = Literal["ellipsoid", "sea", "take-off", "ground"]
 _GEOID = "EPSG:4326+5773"
+_GEOID_BOUNDS_M = (-110.0, 90.0)
+"""EGM96 lies between -107 m south of India and 86 m in New Guinea."""
 _STARTED_M = 5.0
 """A first height above this says that the log begins in flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightOptions:
-    """What the user says about heights."""
+    """What the user says about heights. ValueError for a geoid that lies so nowhere on Earth."""
 
     heights: HeightsAbove | None = None
     """Which of the heights in the file is used; None: the first that it has of `preferred_heights`."""
@@ -37,6 +39,11 @@ class HeightOptions:
     """Height of the geoid above the ellipsoid, instead of PROJ's grid."""
     take_off: tuple[float, float] | None = None
     """Latitude and longitude of the take-off, degrees."""
+
+    def __post_init__(self) -> None:
+        low_m, high_m = _GEOID_BOUNDS_M
+        if self.geoid_m is not None and not low_m <= self.geoid_m <= high_m:
+            raise ValueError(f"geoid_m is {self.geoid_m:g}; it must be in [{low_m:g}, {high_m:g}], metres")
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,9 @@ _SPLINE_ROWS = 5
 _MEDIAN_OF_NORMAL = 0.6745
 """Median of |x|, x standard normal."""
 
+_MOST_M, _MOST_DEG = 100.0, 45.0
+"""Rows that are off by more show no flight, and smoothed by so much they are a straight line."""
+
 GivenNoise = Literal["estimate"] | tuple[float, float]
 """What a caller knows of the noise: nothing, or metres and degrees."""
 
@@ -139,12 +142,21 @@ def given_noise(text: str) -> GivenNoise:
         raise ValueError(
             f"the noise of poses is 'estimate', or metres and degrees such as 0.5,0.5, got {text!r}"
         ) from None
-    PoseNoise(position_m, attitude_deg)
+    _stated(position_m, attitude_deg)
     return position_m, attitude_deg
 
 
 def _taken(track: PoseTrack, given: GivenNoise) -> PoseNoise | None:
-    return noise_of(track) if given == "estimate" else PoseNoise(*given)
+    return noise_of(track) if given == "estimate" else _stated(*given)
+
+
+def _stated(position_m: float, attitude_deg: float) -> PoseNoise:
+    if position_m > _MOST_M or attitude_deg > _MOST_DEG:
+        raise ValueError(
+            f"the noise of poses is at most {_MOST_M:g} m and {_MOST_DEG:g} degrees, got {position_m:g}, "
+            f"{attitude_deg:g}"
+        )
+    return PoseNoise(position_m, attitude_deg)
 
 
 def _found(noise: PoseNoise | None) -> str:

@@ -29,16 +29,19 @@ WIDEST_NOTCH = 0.36
 who is within the distance of the line between them is within 1.017 times it of a corner."""
 _FEW_CORNERS = 24
 """So many cost less than leaving some out."""
+_LEAST_M = 0.001
+"""Of circles that drown in the rounding of coordinates GEOS makes no ground at all."""
 
 
 def grown(outline: Polygon | MultiPolygon, distance_m: float) -> Polygon | MultiPolygon:
     """Everything within `distance_m` >= 0 of the outline, and at most 5 % of the distance more: 2 % along
     edges, 1.7 % over notches, and GEOS leaves out inward corners of less than a hundredth of the
-    distance."""
+    distance. Less than a millimetre is one."""
     import shapely
 
     if distance_m == 0.0:
         return outline
+    distance_m = max(distance_m, _LEAST_M)
     ground = _without_notches(outline, distance_m)
     return shapely.buffer(ground, distance_m * _REACH, quad_segs=SEGMENTS_PER_QUARTER)
 

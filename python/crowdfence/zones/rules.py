@@ -14,6 +14,10 @@ Restriction = Literal["prohibited", "no_sustained_flight"]
 CONTINUES_WITHIN_M = 5.0
 """A zone that shares no ground with one of the instant before continues it from this near: people walk
 1.5 m/s, instants lie up to some seconds apart."""
+_LOWEST_M, _HIGHEST_M = -1000.0, 100_000.0
+"""Above ground: in the shaft of a mine, and where space begins. No drone is beyond, where a zone closes
+nothing."""
+_THINNEST_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +71,21 @@ class ZoneRules:
             )
         if self.opening_looks < 1:
             raise ValueError(f"opening_looks is {self.opening_looks}; it must be at least 1")
-        for name in ("min_area_m2", "buffer_m", "simplify_m"):
+        for name in ("min_area_m2", "buffer_m", "simplify_m", "stale_after_s"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and >= 0")
-        for name in ("max_hole_m2", "stale_after_s"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it must be >= 0")
+        if not self.max_hole_m2 >= 0.0:
+            raise ValueError(f"max_hole_m2 is {self.max_hole_m2:g}; it must be >= 0")
         if self.max_vertices is not None and self.max_vertices < 3:
             raise ValueError(f"max_vertices is {self.max_vertices}; it must be at least 3")
         if self.band.datum != "AGL":
             raise ValueError(f"the band of a rule is above ground, not {self.band.datum}")
+        lower_m, upper_m = self.band.lower_m, self.band.upper_m
+        if upper_m - lower_m < _THINNEST_M or lower_m < _LOWEST_M or upper_m > _HIGHEST_M:
+            raise ValueError(
+                f"zones from {lower_m:g} to {upper_m:g} m above ground; they must be at least "
+                f"{_THINNEST_M:g} m high and lie within {_LOWEST_M:g} and {_HIGHEST_M:g} m"
+            )
         if self.restriction not in ("prohibited", "no_sustained_flight"):
             raise ValueError(
                 f"restriction {self.restriction!r} is neither prohibited nor no_sustained_flight"

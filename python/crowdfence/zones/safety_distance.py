@@ -23,6 +23,7 @@ _STS01_HEIGHTS_M = (30.0, 60.0, 90.0, 120.0)
 _STS01_LIGHT_M = (10.0, 15.0, 20.0, 25.0)
 _STS01_HEAVY_M = (20.0, 30.0, 45.0, 60.0)
 _STS01_LIGHT_KG = 10.0
+_STS01_MOST_KG = 25.0
 
 
 def fixed(distance_m: float) -> float:
@@ -55,8 +56,8 @@ def parachute(
 
     Ground risk buffer of the German LBA's guidance to SORA.
     """
-    if not descent_mps > 0.0:
-        raise ValueError(f"descent_mps is {descent_mps:g}; it must be above 0")
+    if not 0.0 < descent_mps < math.inf:
+        raise ValueError(f"descent_mps is {descent_mps:g}; it must be finite and > 0")
     drift_mps = max(_not_negative("wind_mps", wind_mps), LEAST_WIND_MPS)
     before_m = _not_negative("speed_mps", speed_mps) * _not_negative("opening_s", opening_s)
     return before_m + drift_mps * _not_negative("height_m", height_m) / descent_mps
@@ -80,8 +81,11 @@ def sts01(height_m: float, mass_kg: float) -> float:
     """Least ground risk buffer of the EU's standard scenario STS-01 (UAS.STS-01.020), a table: up to 30, 60,
     90, 120 m high 10, 15, 20, 25 m below 10 kg and 20, 30, 45, 60 m from there.
 
-    Taken from secondary sources, not from the regulation's text. ValueError above 120 m.
+    Taken from secondary sources, not from the regulation's text. ValueError above 120 m, and above the 25 kg
+    of class C5.
     """
+    if mass_kg > _STS01_MOST_KG:
+        raise ValueError(f"mass_kg is {mass_kg:g}; STS-01 ends at {_STS01_MOST_KG:g} kg")
     heavy = _not_negative("mass_kg", mass_kg) >= _STS01_LIGHT_KG
     distances_m = _STS01_HEAVY_M if heavy else _STS01_LIGHT_M
     for top_m, distance_m in zip(_STS01_HEIGHTS_M, distances_m, strict=True):
@@ -163,14 +167,15 @@ def _distance_m(rule: str) -> float:
     if name not in RULES:
         raise ValueError(f"buffer {name!r} is none of {', '.join(RULES)}")
     formula = RULES[name]
-    values = {}
+    values: dict[str, float | bool] = {}
     for pair in filter(None, text.split(",")):
         key, equals, value = pair.partition("=")
         if not equals or key not in inspect.signature(formula).parameters:
             raise ValueError(f"buffer {rule!r}: {pair!r} is none of {_parameters(formula)}")
         if key in values:
             raise ValueError(f"buffer {rule!r} says {key}= twice")
-        values[key] = _number(rule, value)
+        is_switch = isinstance(inspect.signature(formula).parameters[key].default, bool)
+        values[key] = _switch(rule, key, value) if is_switch else _number(rule, value)
     missing = [
         key
         for key, parameter in inspect.signature(formula).parameters.items()
@@ -185,9 +190,13 @@ def _parameters(formula: Callable[..., float]) -> str:
     return ", ".join(f"{key}=" for key in inspect.signature(formula).parameters)
 
 
-def _number(rule: str, text: str) -> float | bool:
-    if text in ("true", "false"):
-        return text == "true"
+def _switch(rule: str, key: str, text: str) -> bool:
+    if text not in ("true", "false"):
+        raise ValueError(f"buffer {rule!r}: {key} is {text!r}; it must be true or false")
+    return text == "true"
+
+
+def _number(rule: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:

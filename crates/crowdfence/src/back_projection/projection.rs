@@ -27,6 +27,9 @@ impl Coverage {
 /// unless told otherwise.
 pub const DEFAULT_CROWD_THRESHOLD: f64 = 0.5;
 
+/// People are marked at their heads at most, on a stage or a float at most so high.
+const HIGHEST_TARGET_M: f64 = 100.0;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     max_range_m: f64,
@@ -37,16 +40,12 @@ pub struct Projection {
 }
 
 impl Projection {
-    /// `max_range_m` > 0 limits the distance along the ray. `target_height_m` >= 0 raises the terrain by the
+    /// `max_range_m` > 0 limits the distance along the ray. `target_height_m`, in [0, 100], raises the terrain by the
     /// height at which people are marked, which is the same as lowering the camera by it.
     pub fn new(max_range_m: f64, target_height_m: f64, coverage: Coverage) -> Result<Projection> {
         require(max_range_m.is_finite() && max_range_m > 0.0, "max_range_m", max_range_m, "finite and > 0")?;
-        require(
-            target_height_m.is_finite() && target_height_m >= 0.0,
-            "target_height_m",
-            target_height_m,
-            "finite and >= 0",
-        )?;
+        let raised = (0.0..=HIGHEST_TARGET_M).contains(&target_height_m);
+        require(raised, "target_height_m", target_height_m, "in [0, 100]")?;
         Ok(Projection {
             max_range_m,
             target_height_m,
@@ -98,7 +97,7 @@ mod tests {
     fn bounds_of_the_projection_are_named() {
         let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
         assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
-        assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be finite and >= 0");
+        assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be in [0, 100]");
         let projection = Projection::new(1.0, 0.0, Coverage::Rays).unwrap();
         let message = projection.with_crowd_threshold(f64::NAN).unwrap_err().to_string();
         assert_eq!(message, "crowd_threshold is NaN; it must be inside [0, 1]");

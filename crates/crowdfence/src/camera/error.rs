@@ -3,6 +3,7 @@ use thiserror::Error;
 use super::{
     FOCAL_LENGTH_PX, MAX_DISTORTION_COEFFICIENT, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, MAX_PRINCIPAL_POINT_PX,
 };
+use crate::error::short;
 
 /// Why a camera cannot be made, or cannot answer.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -14,17 +15,20 @@ pub enum CameraError {
     )]
     ImageTooLarge { width: u32, height: u32 },
     #[error(
-        "focal length {name} is {value} pixels: it must be positive, between {} and {}",
+        "focal length {name} is {} pixels: it must be positive, between {} and {}",
+        short(*value),
         FOCAL_LENGTH_PX.start(),
         FOCAL_LENGTH_PX.end()
     )]
     FocalLength { name: &'static str, value: f64 },
     #[error(
-        "principal point {name} is {value} pixels: it must be finite and at most {MAX_PRINCIPAL_POINT_PX} from 0"
+        "principal point {name} is {} pixels: it must be finite and at most {MAX_PRINCIPAL_POINT_PX} from 0",
+        short(*value)
     )]
     PrincipalPoint { name: &'static str, value: f64 },
     #[error(
-        "distortion coefficient {name} is {value}: it must be finite and at most {MAX_DISTORTION_COEFFICIENT} from 0"
+        "distortion coefficient {name} is {}: it must be finite and at most {MAX_DISTORTION_COEFFICIENT} from 0",
+        short(*value)
     )]
     DistortionCoefficient { name: &'static str, value: f64 },
     #[error("{count} distortion coefficients: {model} takes {expected}")]
@@ -32,7 +36,8 @@ pub enum CameraError {
     #[error("pixel ({u}, {v}) is not finite")]
     PixelNotFinite { u: f64, v: f64 },
     #[error(
-        "no ray through pixel ({u}, {v}): the distortion cannot be inverted there; check the calibration or crop the image"
+        "no ray through pixel ({}, {}): the distortion cannot be inverted there; check the calibration or crop the image",
+        short(*u), short(*v)
     )]
     NotInvertible { u: f64, v: f64 },
 }

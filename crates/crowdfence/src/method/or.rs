@@ -55,9 +55,14 @@ impl FusionMethod for Or {
 }
 
 impl Or {
-    /// A view calls a voxel crowd when m > `b_threshold`, in [0, 1].
+    /// A view calls a voxel crowd when m > `b_threshold`, in [0, 1).
     pub fn new(b_threshold: f64) -> Result<Or> {
-        require((0.0..=1.0).contains(&b_threshold), "b_threshold", b_threshold, "inside [0, 1]")?;
+        require(
+            (0.0..1.0).contains(&b_threshold),
+            "b_threshold",
+            b_threshold,
+            "in [0, 1): no value is above 1",
+        )?;
         Ok(Or { b_threshold })
     }
 }

@@ -6,6 +6,9 @@ use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::sealed::{Reader, Writer};
 use crate::temporal_blend::TemporalBlend;
 
+/// Of a fleet so large no view says anything: equation 2 weighs each by 1 / N.
+const MAX_FLEET: usize = 10_000;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Paper {
     pool: OpinionPool,
@@ -129,7 +132,7 @@ impl Paper {
         initial: Initial,
         decay_unit: DecayUnit,
     ) -> Result<Paper> {
-        require(fleet_size > 0, "fleet_size", fleet_size as f64, ">= 1")?;
+        require((1..=MAX_FLEET).contains(&fleet_size), "fleet_size", fleet_size as f64, "in [1, 10000]")?;
         Ok(Paper { pool, blend, fleet_size, initial, decay_unit })
     }
 

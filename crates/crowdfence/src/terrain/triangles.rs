@@ -10,6 +10,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use thiserror::Error;
 
+use crate::error::short;
+
 /// Most voxels found for one surface, 12 bytes each and twice that while the lists of all tasks are joined.
 /// A voxel that several triangles of one task touch counts repeatedly until the task is done.
 pub const MAX_TRIANGLE_VOXELS: u64 = 1 << 27;
@@ -24,7 +26,8 @@ const COUNTING_STEP: u64 = 1 << 16;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum TrianglesError {
     #[error(
-        "vertex {vertex} is at ({x}, {y}, {z}) in voxels from the origin; coordinates must be finite and within 2^30 voxels"
+        "vertex {vertex} is at ({}, {}, {}) in voxels from the origin; coordinates must be finite and within 2^30 voxels",
+        short(*x), short(*y), short(*z)
     )]
     Vertex { vertex: usize, x: f64, y: f64, z: f64 },
     #[error("triangle {triangle} uses vertex {index}, but there are only {count} vertices")]

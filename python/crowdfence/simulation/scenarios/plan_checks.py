@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+LONGEST_S = 1e9
+"""Thirty years; stamps in nanoseconds hold a few hundred."""
+
 
 class ScenarioError(ValueError):
     """A scenario that cannot be simulated; the message names the parameter, its value and its bound."""
@@ -38,12 +41,12 @@ def require_range(name: str, bounds: tuple[float, float], low: float, high: floa
 
 
 def require_windows(name: str, windows: Sequence[tuple[float, float]]) -> None:
-    """Spans of time [start, end] in seconds, in order and apart from each other."""
+    """Spans of time [start, end] in seconds, in order and apart from each other, none after `LONGEST_S`."""
     before = 0.0
     for start, end in windows:
-        if not (math.isfinite(start) and math.isfinite(end) and before <= start < end):
+        if not before <= start < end <= LONGEST_S:
             raise ScenarioError(
-                f"{name} must be spans [start, end] in rising order that do not touch, got [{start}, {end}] "
-                f"after {before:g} s"
+                f"{name} must be spans [start, end] in rising order that do not touch, up to {LONGEST_S:g} "
+                f"s, got [{start}, {end}] after {before:g} s"
             )
         before = end

@@ -22,6 +22,8 @@ MAX_IMAGE_PX = 4096
 IMAGE_MULTIPLE_PX = 16
 MAX_PEOPLE = 20_000
 MAX_PROPS = 50_000
+FURTHEST_M = 10_000.0
+"""From the middle of a landscape, which is far smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,12 @@ class CrowdPlan:
         require_positive("crowds.reach_m", self.reach_m, 1000.0)
         require_within("crowds.scatter", self.scatter, 1.0, 20.0)
         require_windows("crowds.gather_s, disperse_s", [(self.gather_s, self.disperse_s)])
+        for name, place_m in (("along_m", self.along_m), ("x_m", self.x_m), ("y_m", self.y_m)):
+            require_within(f"crowds.{name}", place_m, -FURTHEST_M, FURTHEST_M)
+        for point_m in self.way_m:
+            for place_m in point_m:
+                require_within("crowds.way_m", place_m, -FURTHEST_M, FURTHEST_M)
+        require_within("crowds.heading_deg", self.heading_deg, -360.0, 360.0)
         if (self.place == "way") != (len(self.way_m) >= 2):
             raise ScenarioError(
                 f'crowds.way_m needs at least two points for place "way" and none for others, got '
@@ -205,6 +213,8 @@ class FlightPlan:
         require_windows("flight.shared_view_s", self.shared_view_s)
         require_within("flight.area_m", self.area_m, 20.0, 4000.0)
         require_within("flight.line_spacing_m", self.line_spacing_m, 10.0, 500.0)
+        require_within("flight.x_m", self.x_m, -FURTHEST_M, FURTHEST_M)
+        require_within("flight.y_m", self.y_m, -FURTHEST_M, FURTHEST_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,3 +298,5 @@ class TroublePlan:
                 "trouble.lens_distortion must be [] or k1, k2, p1, p2[, k3], got "
                 f"{len(self.lens_distortion)} numbers"
             )
+        for coefficient in self.lens_distortion:
+            require_within("trouble.lens_distortion", coefficient, -10.0, 10.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.simulation.scenarios.plan_checks import (
+    LONGEST_S,
     ScenarioError,
     require_one_of,
     require_positive,
@@ -82,6 +83,11 @@ class Scenario:
         require_within("drones", self.drones, 1, MAX_DRONES)
         require_within("frames", self.frames, 1, 10_000_000)
         require_positive("fps", self.fps, 240.0)
+        if self.duration_s > LONGEST_S:
+            raise ScenarioError(
+                f"frames {self.frames} at fps {self.fps:g} take {self.duration_s:g} s; at most "
+                f"{LONGEST_S:g} s"
+            )
         require_one_of("season", self.season, SEASONS)
         require_one_of("looks", self.looks, LOOKS)
         require_within("time_of_day_h", self.time_of_day_h, 0.0, 24.0)
