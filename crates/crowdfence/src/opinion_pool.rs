@@ -64,6 +64,11 @@ pub struct OpinionPool {
     post_negative: f64,
 }
 
+/// What a view's mean must exceed to call a voxel crowd.
+pub(crate) fn require_b_threshold(b_threshold: f64) -> Result<()> {
+    require((0.0..1.0).contains(&b_threshold), "b_threshold", b_threshold, "in [0, 1): no value is above 1")
+}
+
 impl OpinionPool {
     /// `prior` = P(A = 1); a view calls a voxel crowd when m > `b_threshold`; `normalise` divides the weights
     /// by their sum (and falls back on the prior when they are all 0).
@@ -75,12 +80,7 @@ impl OpinionPool {
         normalise: bool,
     ) -> Result<OpinionPool> {
         require(prior > 0.0 && prior < 1.0, "prior", prior, "strictly between 0 and 1")?;
-        require(
-            (0.0..1.0).contains(&b_threshold),
-            "b_threshold",
-            b_threshold,
-            "in [0, 1): no value is above 1",
-        )?;
+        require_b_threshold(b_threshold)?;
         let posterior = |given_crowd: f64, given_none: f64| {
             let crowd = given_crowd * prior;
             crowd / (crowd + given_none * (1.0 - prior))

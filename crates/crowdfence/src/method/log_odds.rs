@@ -8,7 +8,7 @@
 
 use super::{Elapsed, FusionMethod, InstantOrder, Parameter, Stored, VoxelLook};
 use crate::error::{Result, require};
-use crate::opinion_pool::Rates;
+use crate::opinion_pool::{Rates, require_b_threshold};
 use crate::sealed::{Reader, Writer};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,12 +77,7 @@ impl LogOdds {
     /// `clamp`: the lowest log odds, below 0, and the highest, above 0; both finite.
     pub fn new(rates: Rates, prior: f64, b_threshold: f64, clamp: [f64; 2]) -> Result<LogOdds> {
         require(prior > 0.0 && prior < 1.0, "prior", prior, "strictly between 0 and 1")?;
-        require(
-            (0.0..1.0).contains(&b_threshold),
-            "b_threshold",
-            b_threshold,
-            "in [0, 1): no value is above 1",
-        )?;
+        require_b_threshold(b_threshold)?;
         let [low, high] = clamp;
         require(low.is_finite() && low < 0.0, "clamp_low", low, "finite and below 0")?;
         require(high.is_finite() && high > 0.0, "clamp_high", high, "finite and above 0")?;

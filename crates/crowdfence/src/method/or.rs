@@ -1,7 +1,8 @@
 //! Baseline `or`: a voxel once called crowd by any view stays crowd.
 
 use super::{Elapsed, FusionMethod, InstantOrder, Parameter, Stored, VoxelLook};
-use crate::error::{Result, require};
+use crate::error::Result;
+use crate::opinion_pool::require_b_threshold;
 use crate::sealed::{Reader, Writer};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,12 +58,7 @@ impl FusionMethod for Or {
 impl Or {
     /// A view calls a voxel crowd when m > `b_threshold`, in [0, 1).
     pub fn new(b_threshold: f64) -> Result<Or> {
-        require(
-            (0.0..1.0).contains(&b_threshold),
-            "b_threshold",
-            b_threshold,
-            "in [0, 1): no value is above 1",
-        )?;
+        require_b_threshold(b_threshold)?;
         Ok(Or { b_threshold })
     }
 }
