@@ -190,8 +190,7 @@ def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
     told: dict[str, Any] = {name: parameters.get(name) for name in NAMES}
     # A zero is said like any other number, and equals False.
-    told = {name: value for name, value in told.items() if value is not None and value is not False}
-    told = {name: value for name, value in told.items() if value not in ([], ())}
+    told = {name: value for name, value in told.items() if value is not False and value not in (None, [], ())}
     if "heights" in told:
         told["heights"] = HeightChoice(told["heights"]).value
     if "boxes" in told:

@@ -44,7 +44,8 @@ class TerrainReport:
     """Checksum that a crowd map names its terrain by, 16 hexadecimal digits."""
 
     @staticmethod
-    def of(terrain: Terrain) -> TerrainReport:
+    def of(terrain: Terrain, columns: int | None = None) -> TerrainReport:
+        """`columns` of the terrain, where they were counted already."""
         low, high = terrain.bounds
         unmeasured = len(terrain.unmeasured)
         return TerrainReport(
@@ -54,7 +55,7 @@ class TerrainReport:
             high_m=_point(high),
             extent_m=_point(high - low),
             unmeasured_m2=unmeasured * terrain.voxel_size_m**2,
-            unmeasured_share=unmeasured / count_columns(terrain).columns if unmeasured else 0.0,
+            unmeasured_share=unmeasured / (columns or count_columns(terrain).columns) if unmeasured else 0.0,
             georeference=terrain.georeference,
             fingerprint=f"{terrain.fingerprint:016x}",
         )
@@ -109,7 +110,7 @@ def inspect_map(path: Path, options: InspectionOptions, tell: Callable[[str], No
         kind=map_file_kind(path),
         bytes=path.stat().st_size,
         file=map_file_facts(path),
-        terrain=TerrainReport.of(terrain),
+        terrain=TerrainReport.of(terrain, columns.columns),
         tree_bytes=terrain.tree_bytes,
         tree_bytes_per_voxel=terrain.tree_bytes / terrain.voxel_count,
         columns=columns,
