@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -355,6 +356,17 @@ def test_a_recording_becomes_a_mission_with_these_heatmaps(
     output.unlink()
     line = error_line(detect(recording, "--model", model, "-o", output, "--video"))
     assert "seen_uav1.mp4 exists" in line and "--force" in line and not output.exists()
+
+
+def test_the_command_that_fuses_what_was_detected_is_told(model: Path, tmp_path: Path) -> None:
+    output = tmp_path / "seen once.mcap"
+    done = detect(DEMO, "--model", model, "-o", output, "--every", 30)
+    assert done.returncode == 0, done.stderr
+    program, *arguments, more = shlex.split(done.stdout.split(" next ")[1])
+    assert program == "crowdfence" and str(output) in arguments and more == "..."
+    done = crowdfence(*arguments, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["detector"]["heatmaps"] == "recorded"
 
 
 def test_the_overlay_marks_the_crowd_and_leaves_the_rest_alone() -> None:

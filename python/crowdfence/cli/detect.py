@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -209,6 +210,8 @@ def _detect_recording(
     facts = {"frames": ", ".join(f"{drone} {count}" for drone, count in done.conversion.frames.items())}
     if done.videos:
         facts["videos"] = ", ".join(path.name for path in done.videos)
+    # By itself `run` would look at the pictures, which are still in the mission, once more.
+    facts["next"] = f"crowdfence run {shlex.quote(str(output))} --detector recorded ..."
     _report(output, detector, facts, [*warnings, *told])
 
 
