@@ -140,8 +140,64 @@ def test_a_path_meets_what_is_there_when_it_passes() -> None:
 def test_what_is_no_path_is_refused(path: list[tuple[float, ...]], stamps_ns: list[int]) -> None:
     with pytest.raises(ValueError, match="at least two waypoints and stamps that do not go back"):
         ClearAir(zone_set()).path_is_clear(path, stamps_ns)
-    with pytest.raises(ValueError, match=r"points must be finite and \[N, 3\]"):
-        ClearAir(zone_set()).is_clear([(0.0, np.nan, 0.0)], 0)
+
+
+def _asked(air: ClearAir) -> list[Callable[[object, object], object]]:
+    """Each question about places and stamps."""
+
+    def a_leg(places: object, stamps_ns: object) -> object:
+        return air.legs_are_clear(places, places, stamps_ns, stamps_ns)  # type: ignore[arg-type]
+
+    return [air.is_clear, air.clearance_m, air.path_is_clear, a_leg]  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize(
+    ("places", "message"),
+    [
+        ([(0.0, 0.0, 0.0), (0.0, np.nan, 0.0)], r"point 1 is \(0, nan, 0\); places lie within 2e\+07 m"),
+        ([(0.0, 0.0, 1e300), (0.0, 0.0, 0.0)], r"point 0 is \(0, 0, 1e\+300\)"),
+        ([(-np.inf, 0.0, 0.0)] * 2, r"point 0 is \(-inf, 0, 0\)"),
+        ([(0.0, 0.0)] * 2, r"points must be \[N, 3\], got shape \[2, 2\]"),
+    ],
+)
+def test_what_is_no_place_is_refused_and_not_called_clear(
+    places: list[tuple[float, ...]], message: str
+) -> None:
+    for asked in _asked(ClearAir(zone_set(SQUARE))):
+        with pytest.raises(ValueError, match=message):
+            asked(places, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("stamps_ns", "message"),
+    [
+        ([0.0, np.nan], "stamps are whole nanoseconds between .*, got nan"),
+        ([0.0, 1764086400.5], r"got 1764086400\.5"),  # a clock in seconds
+        ([0, 2**62 + 1], f"got {2**62 + 1}"),
+        ([-(2**63), 0], f"got {-(2**63)}"),
+        (np.array([0, 2**63 + 5], dtype=np.uint64), f"got {2**63 + 5}"),
+        ([0, 2**70], f"got {2**70}"),
+        ([False, True], "got bool"),
+        (["now", "then"], "got <U4"),
+        ([0, 1, 2], r"2 points have 2 stamps or one, got shape \[3\]"),
+    ],
+)
+def test_what_is_no_stamp_is_refused_and_not_called_clear(stamps_ns: object, message: str) -> None:
+    for asked in _asked(ClearAir(zone_set(SQUARE))):
+        with pytest.raises(ValueError, match=message):
+            asked([(20.0, 0.0, 5.0), (30.0, 0.0, 5.0)], stamps_ns)
+
+
+def test_stamps_may_be_dates_and_whole_floats() -> None:
+    air = ClearAir(history(zone_set(), zone_set(SQUARE)))  # known from 0 s and from 1 s on
+    inside = [(5.0, 5.0, 50.0)] * 2
+    assert air.is_clear(inside, [0.0, 1e9]).tolist() == [True, False]
+    assert air.is_clear(
+        inside, np.array(["1970-01-01T00:00:00", "1970-01-01T00:00:01"], "M8[s]")
+    ).tolist() == [
+        True,
+        False,
+    ]
 
 
 def random_history(rng: np.random.Generator) -> ZoneHistory:

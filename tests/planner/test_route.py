@@ -198,7 +198,11 @@ def test_ends_open_the_only_way_there_is() -> None:
         ({"departure_ns": 0}, "belong together"),
         ({"speed_m_s": 3.0}, "belong together"),
         ({"expires": True}, "expires needs both"),
-        ({"departure_ns": 0, "speed_m_s": 0.0}, "speed_m_s is 0; it must be finite and > 0"),
+        ({"departure_ns": 0, "speed_m_s": 0.0}, r"speed_m_s is 0; it must lie between 0\.01 and 10000"),
+        ({"departure_ns": 0, "speed_m_s": 1e-300}, "speed_m_s is 1e-300"),
+        ({"departure_ns": np.nan, "speed_m_s": 3.0}, "stamps are whole nanoseconds .* got nan"),
+        ({"departure_ns": 1764086400.5, "speed_m_s": 3.0}, r"got 1764086400\.5"),
+        ({"departure_ns": 2**70, "speed_m_s": 3.0}, f"got {2**70}"),
     ],
 )
 def test_a_clock_needs_a_speed(options: dict[str, object], message: str) -> None:

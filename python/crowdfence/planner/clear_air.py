@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.planner.place_and_time import as_places, as_stamps
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
@@ -87,8 +88,8 @@ class ClearAir:
     def is_clear(self, points: ArrayLike, stamps_ns: ArrayLike) -> NDArray[np.bool_]:
         """Whether points [N, 3] (local metres) lie in no zone at their stamps, [N] or one for all, and within
         the map."""
-        points = _points(points)
-        stamps_ns = _stamps(stamps_ns, points)
+        points = as_places(points)
+        stamps_ns = as_stamps(stamps_ns, len(points))
         clear = np.zeros(len(points), dtype=np.bool_)
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:
@@ -106,8 +107,8 @@ class ClearAir:
         """Distance of points [N, 3] from the nearest zone in space, or from the rim of the map where that is
         nearer; negative inside a zone and beyond the map: how deep. inf where nothing is closed, -inf before
         the first instant."""
-        points = _points(points)
-        stamps_ns = _stamps(stamps_ns, points)
+        points = as_places(points)
+        stamps_ns = as_stamps(stamps_ns, len(points))
         clearance = np.full(len(points), -np.inf)
         for number, members in self._by_set(stamps_ns):
             if number != _BEFORE:
@@ -122,8 +123,8 @@ class ClearAir:
     def first_conflict(self, waypoints: ArrayLike, stamps_ns: ArrayLike) -> Conflict | None:
         """The first leg that meets a zone or leaves the map, the zone where it does both; None where none
         does. ValueError for fewer than two waypoints and for stamps that go back."""
-        points = _points(waypoints)
-        stamps_ns = _stamps(stamps_ns, points)
+        points = as_places(waypoints)
+        stamps_ns = as_stamps(stamps_ns, len(points))
         if len(points) < 2 or (np.diff(stamps_ns) < 0).any():
             raise ValueError("a path has at least two waypoints and stamps that do not go back")
         first: Conflict | None = None
@@ -142,8 +143,8 @@ class ClearAir:
     ) -> NDArray[np.bool_]:
         """The same for many legs [N] at once that need not follow each other: from places `start` [N, 3] at
         `begin_ns` to places `end` [N, 3] at `end_ns`. ValueError for one that ends before it begins."""
-        starts, ends = _points(start), _points(end)
-        legs = _Legs(starts, ends, _stamps(begin_ns, starts), _stamps(end_ns, ends))
+        starts, ends = as_places(start), as_places(end)
+        legs = _Legs(starts, ends, as_stamps(begin_ns, len(starts)), as_stamps(end_ns, len(ends)))
         if len(starts) != len(ends) or (legs.end_ns < legs.begin_ns).any():
             raise ValueError("every leg has a start and an end, and does not end before it begins")
         clear = self._stays(legs)
@@ -463,17 +464,6 @@ def _heights(zone: Zone) -> tuple[float, float]:
     # What closes from the ground closes what is below the ground too: nobody knows it that well.
     lower_m = -np.inf if zone.band.lower_m <= 0.0 else zone.lower_m + zone.band.lower_m
     return lower_m, zone.upper_m + zone.band.upper_m
-
-
-def _points(points: ArrayLike) -> NDArray[np.float64]:
-    array = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise ValueError(f"points must be finite and [N, 3], got shape {list(np.shape(points))}")
-    return array
-
-
-def _stamps(stamps_ns: ArrayLike, points: NDArray[np.float64]) -> NDArray[np.int64]:
-    return np.broadcast_to(np.asarray(stamps_ns, dtype=np.int64), len(points))
 
 
 def _shapes(points: NDArray[np.float64]) -> NDArray[Any]:

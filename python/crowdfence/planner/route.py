@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.planner.place_and_time import MOST_PLACE_M, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.zones import Zone
 from crowdfence.zones.grow import grown
@@ -23,9 +24,9 @@ from crowdfence.zones.zone import closed_of
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-MOST_PLACE_M = 2e7
-"""In local coordinates nothing on Earth is further: it is 12,757 km across."""
 MOST_CLEARANCE_M = 1e6
+SPEEDS_M_S = (0.01, 10_000.0)
+"""With the slower one a way across the Earth ends at a stamp that still fits a machine word."""
 MOST_CORNERS = 350
 TURN_M = 0.05
 """Corners of the way lie so far outside the zones and their clearance."""
@@ -76,11 +77,11 @@ def safe_route(
                   (`ZoneSet.closed`), unseen ground and zones of others too
     within        the area, most often the ground that the map knows, `ZoneHistory.ground`: beyond it there
                   are no zones because nobody can look, not because nobody is there. None: no bound
-    departure_ns  and `speed_m_s` > 0: the way says when it is where
+    departure_ns  and `speed_m_s`, .01 to 10,000: the way says when it is where
     expires       zones may be flown through after their `valid_until_ns`: the earliest way, which may wait,
                   never in a zone. A zone without such an end stays closed for good
 
-    NoRoute where there is none, ValueError for what is no place and for a departure without a speed.
+    NoRoute where there is none, ValueError for no place or stamp, and for a departure without a speed.
     """
     import shapely
 
@@ -88,12 +89,14 @@ def safe_route(
     ends = np.asarray([start, goal], dtype=np.float64)
     if ends.shape != (2, 2) or not (np.abs(ends) <= MOST_PLACE_M).all():
         raise ValueError(
-            f"start and goal must be two places [2] within {MOST_PLACE_M:g} m, got {_told(start)} and "
-            f"{_told(goal)}"
+            f"start and goal must be two places [2] within {MOST_PLACE_M:g} m, got {told(start)} and "
+            f"{told(goal)}"
         )
     if not 0.0 <= clearance_m <= MOST_CLEARANCE_M:
         raise ValueError(f"clearance_m is {clearance_m:g}; it must lie between 0 and {MOST_CLEARANCE_M:g}")
     _require_clock(departure_ns, speed_m_s, expires)
+    if departure_ns is not None:
+        departure_ns = int(as_stamps(departure_ns, 1)[0])
     ending = [zone for zone in zones if expires and zone.valid_until_ns is not None]
     lasting = [zone for zone in zones if not (expires and zone.valid_until_ns is not None)]
     closed = shapely.union_all(_grown(lasting, clearance_m))
@@ -119,15 +122,12 @@ def safe_route(
     return _with_waits(places, found, departure_ns)
 
 
-def _told(place: ArrayLike) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in np.ravel(place)) + ")"
-
-
 def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: bool) -> None:
     if (departure_ns is None) != (speed_m_s is None) or (expires and departure_ns is None):
         raise ValueError("departure_ns and speed_m_s belong together, and expires needs both")
-    if speed_m_s is not None and not 0.0 < speed_m_s < np.inf:
-        raise ValueError(f"speed_m_s is {speed_m_s:g}; it must be finite and > 0")
+    slowest, fastest = SPEEDS_M_S
+    if speed_m_s is not None and not slowest <= speed_m_s <= fastest:
+        raise ValueError(f"speed_m_s is {speed_m_s:g}; it must lie between {slowest:g} and {fastest:g}")
 
 
 def _grown(zones: Sequence[Zone], clearance_m: float) -> list[Polygon | MultiPolygon]:
