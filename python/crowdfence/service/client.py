@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera, Observation, View
+from crowdfence.errors import quoted
 from crowdfence.service.belief import ColumnBeliefs
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 
@@ -53,7 +54,11 @@ class Client:
     ) -> None:
         """`ca`: PEM file of the authority, or of the service's own certificate, that is trusted besides those
         of the system; `patience_s`: how long a view is given again to a service that is busy or starts
-        anew. OSError for a `ca` that cannot be read."""
+        anew. OSError for a `ca` that cannot be read, ValueError for what is no address or patience."""
+        if urlsplit(url).scheme not in ("http", "https"):
+            raise ValueError(f"url is {quoted(url)}; it must begin with http:// or https://")
+        if not patience_s >= 0.0:
+            raise ValueError(f"patience_s is {patience_s:g}; it must be at least 0")
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         self._url = url.rstrip("/")
         self._headers, self._patience_s = headers, patience_s
