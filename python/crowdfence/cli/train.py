@@ -51,7 +51,9 @@ def train(
     store: Annotated[
         Path | None, typer.Option("--store", help="Folder for decoded frames. Default: beside the model.")
     ] = None,
-    workers: Annotated[int, typer.Option("--workers", help="Processes that decode missions.")] = 2,
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, max=256, help="Processes that decode missions.")
+    ] = 2,
     initial: Annotated[
         Path | None,
         typer.Option("--initial", help="Checkpoint, or model, of an earlier training to start from."),

@@ -22,8 +22,8 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.ndimage import uniform_filter
 
 from crowdfence.simulation.recording import mission_recorder
+from crowdfence.simulation.recording.airsim_recorder import record_airsim
 from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
-from crowdfence.simulation.recording.frame_pool import FramePool
 from crowdfence.simulation.recording.manifest import first_difference
 from crowdfence.simulation.recording.mission_recorder import record_mission
 from crowdfence.simulation.recording.timeline import TelemetryRow, WorldInstant, arriving, timeline
@@ -424,9 +424,14 @@ def test_a_rolling_exposure_needs_pictures():
         FrameMaker(scene, LABELS)
 
 
-def test_no_workers_are_refused():
-    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        FramePool(beach(), LABELS, lambda content, capture: {}, 0)
+@pytest.mark.parametrize("workers", [0, -2, 100_000])
+def test_workers_that_are_none_or_too_many_are_refused_before_anything_is_written(tmp_path, workers):
+    """0 is no word for as many as there are cores; 100,000 took the machine's memory."""
+    with pytest.raises(ValueError, match=rf"workers must be between 1 and \d+, got {workers}"):
+        record_mission(beach(), tmp_path / "beach.mcap", options=LABELS, workers=workers)
+    with pytest.raises(ValueError, match=rf"workers must be between 1 and \d+, got {workers}"):
+        record_airsim(beach(), tmp_path / "beach", options=LABELS, workers=workers)
+    assert list(tmp_path.iterdir()) == []
 
 
 # --- parts ------------------------------------------------------------------------------------------------

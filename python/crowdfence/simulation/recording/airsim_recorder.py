@@ -35,7 +35,7 @@ from crowdfence.simulation.recording.airsim_frames import (
     summary_of_files,
 )
 from crowdfence.simulation.recording.frame_maker import FrameOptions, camera_pose
-from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, worker_count
 from crowdfence.simulation.recording.manifest import first_difference, mission_manifest
 from crowdfence.simulation.recording.preparation import Preparation
 from crowdfence.simulation.recording.recorded import Progress, Recorded, require_folder, require_nothing_there
@@ -88,8 +88,8 @@ def record_airsim(
     require_folder(path)
     if not (resume or overwrite):
         require_nothing_there(path, "exists")
+    workers = worker_count(workers)
     schedule = build_schedule(scene)
-    workers = workers or usable_workers()
     with StopRequest() as stop:
         with Preparation(scene, options, apart=workers > 1) as preparation:
             renderer = preparation.renderer()

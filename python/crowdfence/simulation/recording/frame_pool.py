@@ -56,9 +56,7 @@ class FramePool:
     """
 
     def __init__(self, scene: Scene, options: FrameOptions, encoder: FrameEncoder, workers: int) -> None:
-        if workers < 1:
-            raise ValueError(f"workers must be at least 1, got {workers}")
-        self.workers = workers
+        self.workers = worker_count(workers)
         self._job = (scene, options, encoder)
         self._own: _Worker | None = None
         self._executor: ProcessPoolExecutor | None = None
@@ -101,9 +99,23 @@ class FramePool:
         return lambda: _outcome(future.result)
 
 
-def usable_workers() -> int:
-    """Processes that this machine has cores and memory for."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def worker_count(asked: int | None) -> int:
+    """As many processes as asked for; None: as this machine has cores and memory for. ValueError for none of
+    them, and for more than could be of use."""
+    if asked is None:
+        return _usable_workers()
+    most = max(MOST_WORKERS, _cores())
+    if not 1 <= asked <= most:
+        raise ValueError(f"workers must be between 1 and {most}, got {asked}")
+    return asked
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _usable_workers() -> int:
+    cores = _cores()
     try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):

@@ -11,7 +11,7 @@ import numpy as np
 
 from crowdfence.simulation.landing_ground import landing_ground
 from crowdfence.simulation.recording.frame_maker import FrameOptions
-from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, usable_workers
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, worker_count
 from crowdfence.simulation.recording.manifest import mission_manifest
 from crowdfence.simulation.recording.mission_salvage import Salvage, finished, salvage, summary_of_parts
 from crowdfence.simulation.recording.preparation import Preparation
@@ -75,8 +75,8 @@ def record_mission(
         _require_no_map(path)
     frames_of_reference = tuple(camera_frame(prefix) for prefix in _prefixes(scene.scenario.drone_names))
     encoder = _MissionEncoder(scene.scenario, frames_of_reference)
+    workers = worker_count(workers)
     schedule = build_schedule(scene)
-    workers = workers or usable_workers()
     with StopRequest() as stop:
         with Preparation(scene, options, apart=workers > 1) as preparation:
             renderer = preparation.renderer()
