@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, Terrain, open_recording
 from crowdfence.pipeline import read_map
+from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.convert import convert
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.picture_reader import FilmPictures
@@ -431,3 +432,25 @@ def test_what_is_missing_is_said_with_the_way_out(tmp_path: Path) -> None:
 def test_a_geoid_that_lies_so_nowhere_is_refused(geoid_m: float) -> None:
     with pytest.raises(ValueError, match=r"geoid_m is .*; it must be in \[-110, 90\]"):
         HeightOptions("sea", geoid_m)
+
+
+@pytest.mark.parametrize("place", [(np.nan, np.nan), (91.0, 0.0), (0.0, -180.5), (1e300, 0.0)])
+def test_a_take_off_that_is_nowhere_is_refused(place: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match=r"take_off is .*; a latitude is in \[-90, 90\] and a longitude"):
+        HeightOptions("take-off", take_off=place)
+
+
+@pytest.mark.parametrize(
+    ("angles", "message"),
+    [
+        ("body:nan", r"the pitch of a mount is nan; it must be in \[-90, 90\] degrees"),
+        ("level:-91", "the pitch of a mount is -91"),
+        ("level:-1e300", r"the pitch of a mount is -1e\+300"),
+        ("north:-90,361", r"the yaw of a mount is 361; it must be in \[-360, 360\]"),
+        ("body:-90,0,181", r"the roll of a mount is 181; it must be in \[-180, 180\]"),
+    ],
+)
+def test_a_camera_that_hangs_so_nowhere_is_refused(angles: str, message: str) -> None:
+    """The sine of 1e300 is a number too: such a camera looked anywhere, without a word."""
+    with pytest.raises(ValueError, match=message):
+        CameraMount.parse(angles)

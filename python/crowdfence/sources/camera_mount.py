@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -12,6 +11,8 @@ from numpy.typing import NDArray
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply, rotation_matrix
 
 MountKind = Literal["body", "level", "north"]
+
+_MOST_DEG = {"pitch": 90, "yaw": 360, "roll": 180}
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class CameraMount:
     north   yaw against true north, pitch and roll against the horizon: the same in the whole flight
 
     Degrees; pitch -90 is straight down, yaw is clockwise from above, roll is right side down. ValueError for
-    angles that are not finite.
+    an angle beyond its bounds: pitch 90, yaw 360, roll 180, either way.
     """
 
     kind: MountKind
@@ -32,8 +33,12 @@ class CameraMount:
     roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(angle) for angle in (self.pitch_deg, self.yaw_deg, self.roll_deg)):
-            raise ValueError(f"mount angles must be finite, got {self}")
+        for name, most_deg in _MOST_DEG.items():
+            angle_deg = getattr(self, f"{name}_deg")
+            if not abs(angle_deg) <= most_deg:
+                raise ValueError(
+                    f"the {name} of a mount is {angle_deg:g}; it must be in [-{most_deg}, {most_deg}] degrees"
+                )
 
     @classmethod
     def parse(cls, text: str) -> CameraMount:

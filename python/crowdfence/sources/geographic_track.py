@@ -31,7 +31,7 @@ _STARTED_M = 5.0
 
 @dataclass(frozen=True, slots=True)
 class HeightOptions:
-    """What the user says about heights. ValueError for a geoid that lies so nowhere on Earth."""
+    """What the user says about heights. ValueError for a geoid or a place that is nowhere on Earth."""
 
     heights: HeightsAbove | None = None
     """Which of the heights in the file is used; None: the first that it has of `preferred_heights`."""
@@ -44,6 +44,13 @@ class HeightOptions:
         low_m, high_m = _GEOID_BOUNDS_M
         if self.geoid_m is not None and not low_m <= self.geoid_m <= high_m:
             raise ValueError(f"geoid_m is {self.geoid_m:g}; it must be in [{low_m:g}, {high_m:g}], metres")
+        if self.take_off is not None:
+            latitude_deg, longitude_deg = self.take_off
+            if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+                raise ValueError(
+                    f"take_off is {latitude_deg:g}, {longitude_deg:g}; a latitude is in [-90, 90] and a "
+                    "longitude in [-180, 180] degrees"
+                )
 
 
 @dataclass(frozen=True, slots=True)
