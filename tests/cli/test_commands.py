@@ -455,13 +455,15 @@ def test_a_recording_without_a_usable_frame_is_not_converted(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--alpha", 0], "alpha is 0; it must be in (0, 1]"),
-        (["--decay", -1], "decay is -1; it must be finite and >= 0"),
-        (["--tpr", 1], "true_positive is 1; it must be strictly between 0 and 1"),
-        (["--prior", 0], "prior is 0; it must be strictly between 0 and 1"),
+        (["--alpha", 0], "error: --alpha is 0; it must be in (0, 1]"),
+        (["--decay", -1], "error: --decay is -1; it must be finite and >= 0"),
+        (["--tpr", 1], "error: --tpr is 1; it must be strictly between 0 and 1"),
+        (["--prior", 0], "error: --prior is 0; it must be strictly between 0 and 1"),
         (["--fleet-size", 2], "makes the fleet 3 drones large; fleet_size is 2"),
-        (["--threshold", 0], "threshold is 0; it must be in (0, 1]"),
-        (["--min-area-m2", -1], "min_area_m2 is -1; it must be finite and >= 0"),
+        (["--threshold", 0], "error: --threshold is 0; it must be in (0, 1]"),
+        (["--min-area-m2", -1], "error: --min-area-m2 is -1; it must be finite and >= 0"),
+        (["--stale-after-s", "nan"], "error: --stale-after-s is nan; it must be finite and >= 0"),
+        (["--tolerance-ms", -1], "error: --tolerance-ms is -1; it must be finite and not negative"),
         (["--terrain", "nowhere.bt"], "nowhere.bt"),
     ],
 )

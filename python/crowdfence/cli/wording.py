@@ -33,18 +33,30 @@ _RULES = [
 ]
 
 
-_READERS_OWN = {"clock_offset_s": "--clock-offset", "frames_per_s": "--fps"}
+_NAMED_OTHERWISE = {
+    "clock_offset_s": "--clock-offset",
+    "frames_per_s": "--fps",
+    "true_positive": "--tpr",
+    "false_positive": "--fpr",
+}
+_REFUSED = re.compile(
+    "^(threshold|off_threshold|opening_looks|max_vertices|min_area_m2|max_hole_m2|simplify_m|stale_after_s|"
+    "tolerance_ms|target_height_m|zone_log_odds|clear_log_odds|memory_s|sharp_gsd_m|doubt|agreement|prior|alpha|"
+    f"decay|fleet_size|b_threshold|{'|'.join(_NAMED_OTHERWISE)})(?= is | must )"
+)
+"""With these a refusal begins; elsewhere in a message they are words."""
 _OF_ANOTHER_KIND = re.compile(r"\b([a-z_]+)(?= does not apply$| says something about a recording;)")
 
 
-def _option_of_reader(found: re.Match[str]) -> str:
+def _option(found: re.Match[str]) -> str:
     name = found[1]
-    return _READERS_OWN.get(name, "--" + name.replace("_", "-"))
+    return _NAMED_OTHERWISE.get(name, "--" + name.replace("_", "-"))
 
 
 def in_options(message: str) -> str:
     """A message with the options of the command line where the library names its arguments."""
-    message = _OF_ANOTHER_KIND.sub(_option_of_reader, message)
+    message = _OF_ANOTHER_KIND.sub(_option, message)
+    message = _REFUSED.sub(_option, message)
     for pattern, replacement in _RULES:
         message = pattern.sub(replacement, message)
     return message
