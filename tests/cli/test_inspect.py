@@ -180,6 +180,27 @@ def test_overlap_of_views_by_hand(with_terrain: dict[str, Any]) -> None:
     assert pairs["alpha", "echo"] == {"drones": ["alpha", "echo"], "instants": 0, "mean_share": None}
 
 
+def test_of_a_large_fleet_the_pairs_that_share_most_are_shown(tmp_path: Path) -> None:
+    """Seven drones in a row, 1 m apart, each of which sees 16 x 12 m: neighbours share 15 of 16 columns."""
+    folder = tmp_path / "flight"
+    (folder / "heatmaps").mkdir(parents=True)
+    camera = {"width": 16, "height": 12, "fx": 10.0, "fy": 10.0, "cx": 8.0, "cy": 6.0}
+    (folder / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
+    down = "0,1,0,0"  # half a turn about x: the camera's z axis points down
+    drones = [f"uav{number}" for number in range(1, 8)]
+    rows = [f"{drone},1000000000,{10 + at},20,10,{down}" for at, drone in enumerate(drones)]
+    (folder / "poses.csv").write_text("\n".join(["drone,stamp_ns,x,y,z,qw,qx,qy,qz", *rows]))
+    for drone in drones:
+        Image.new("L", (16, 12)).save(folder / "heatmaps" / f"{drone}_1000000000.png")
+    terrain = write_octomap(tmp_path / "plain.bt", plain())
+    done = inspect(folder, "--terrain", terrain, "--assume-local")
+    assert done.returncode == 0, done.stderr
+    shown = [line for line in done.stdout.splitlines() if " and uav" in line]
+    assert len(shown) == 15 and "6 pairs that share less: --json" in " ".join(done.stdout.split())
+    assert not [line for line in shown if "uav1 and uav7" in line or "uav1 and uav6" in line]
+    assert len(report(folder, "--terrain", terrain, "--assume-local")["overlap"]["pairs"]) == 21
+
+
 def test_overlap_is_a_share_of_the_smaller_view() -> None:
     small, large = np.array([3, 5]), np.array([1, 2, 3, 4])
     assert share_of_smaller(small, large) == share_of_smaller(large, small) == 0.5

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 _KINDS = {"mission": "mission file", "airsim": "AirSim recording", "folder": "plain folder"}
 
+MOST_PAIRS_SHOWN = 15
+"""Those of six drones."""
+
 
 def print_recording(out: Console, report: RecordingReport) -> None:
     """Facts and tables to `out`; warnings and troubles to stderr."""
@@ -152,14 +155,16 @@ def _overlap(report: RecordingReport) -> RenderableType | None:
     overlap = report.overlap
     if overlap is None or not overlap.pairs:
         return None
+    shown = list(overlap.pairs)
+    if len(shown) > MOST_PAIRS_SHOWN:  # twelve drones are 66 pairs
+        shown = sorted(shown, key=lambda pair: -(pair.mean_share or 0.0))[:MOST_PAIRS_SHOWN]
+    left_out = len(overlap.pairs) - len(shown)
+    rest = f"; {left_out} pairs that share less: --json" if left_out else ""
     return _table(
         f"Overlap of views within {overlap.max_range_m:g} m ({overlap.instants} instants sampled, "
-        f"{overlap.overlapping_instants} with overlap)",
+        f"{overlap.overlapping_instants} with overlap{rest})",
         ("drones", "instants", "share of the smaller view"),
-        (
-            (" and ".join(pair.drones), f"{pair.instants}", _number(pair.mean_share, ".1%"))
-            for pair in overlap.pairs
-        ),
+        ((" and ".join(pair.drones), f"{pair.instants}", _number(pair.mean_share, ".1%")) for pair in shown),
     )
 
 
