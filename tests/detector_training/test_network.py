@@ -21,7 +21,7 @@ from crowdfence.detector_training.foliage import crowns  # noqa: E402
 from crowdfence.detector_training.frame_store import StoredMission  # noqa: E402
 from crowdfence.detector_training.loss import crowd_loss  # noqa: E402
 from crowdfence.detector_training.network import CrowdNet  # noqa: E402
-from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx  # noqa: E402
+from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx, measure_statistics  # noqa: E402
 from crowdfence.detector_training.patterns import panels  # noqa: E402
 from crowdfence.detector_training.photography import (  # noqa: E402
     _softened,
@@ -29,6 +29,7 @@ from crowdfence.detector_training.photography import (  # noqa: E402
     with_swapped_amplitudes,
 )
 from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
+from crowdfence.detector_training.recolouring import recoloured  # noqa: E402
 from crowdfence.detector_training.trainer import train  # noqa: E402
 from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
 from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
@@ -139,16 +140,34 @@ def test_unknown_cells_and_cells_outside_the_frame_teach_nothing():
     )
 
 
-def test_augmentation_keeps_range_and_place():
+@pytest.mark.parametrize("seasons", [False, True])
+def test_augmentation_keeps_range_and_place(seasons: bool):
     rng = np.random.default_rng(5)
     image = torch.zeros(16, 3, 64, 64)
     image[:, :, 16:48, 16:48] = 0.8
     for _ in range(5):
-        changed = varied(image.clone(), rng)
+        changed = varied(image.clone(), rng, seasons=seasons)
         assert changed.shape == image.shape
         assert float(changed.min()) >= 0.0 and float(changed.max()) <= 1.0
         contrast = changed[:, :, 20:44, 20:44].mean(dim=(1, 2, 3)) - changed[:, :, :, :12].mean(dim=(1, 2, 3))
         assert (contrast > 0).float().mean() > 0.9  # the square is still the bright part
+
+
+def test_one_colour_of_a_picture_becomes_another():
+    """Pale red beside pale blue beside grey: hues 120 degrees apart, of which at most one turns."""
+    colours = torch.tensor([[0.5, 0.35, 0.35], [0.35, 0.35, 0.5], [0.4, 0.4, 0.4]])
+    stripes = colours.T[:, None, :].repeat_interleave(8, dim=2).repeat(1, 6, 1)
+    rng, changes = np.random.default_rng(3), []
+    for _ in range(200):
+        (picture,) = recoloured(stripes[None].clone(), rng)
+        change = (picture - stripes).abs().amax(dim=(0, 1))[::8]
+        assert change[2] < 1e-6
+        torch.testing.assert_close(picture.mean(dim=0), stripes.mean(dim=0), atol=1e-6, rtol=0.0)
+        # exp(-(2 pi / 3 / .9)^2) of any turn and of twice the strength is less than .01.
+        assert change[:2].min() < 0.01
+        changes.append(change[:2].max() > 0.05)
+    # Two in five, few of which turn by little: the hue of grey counts as 0, which is 30 degrees from red.
+    assert 0.25 < np.mean(changes) < 0.45
 
 
 def test_augmentation_shows_softer_and_sharper_pictures():
@@ -384,6 +403,25 @@ def test_a_training_can_start_from_another(tmp_path: Path):
         train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
 
 
+def test_a_training_goes_on_from_a_model_with_statistics_of_its_own(tmp_path: Path):
+    pytest.importorskip("onnxscript")
+    from crowdfence.cli.train import _contract
+    from crowdfence.detector_training.onnx_export import export_onnx
+
+    earlier = train([squares(1)], [squares(2)], PLAN)
+    model = tmp_path / "earlier.onnx"
+    export_onnx(earlier.network, 0, _contract(model, PLAN, {"parameters": 1}, None), model)
+    plan = replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9, seasons=True)
+    later = train([squares(1)], [squares(2)], plan, initial=model)
+    assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
+    frozen = train([squares(1)], [squares(2)], replace(plan, frozen_statistics=True), initial=model)
+    means = [
+        [one.running_mean.abs().max() for one in network.modules() if isinstance(one, torch.nn.BatchNorm2d)]
+        for network in (later.network, frozen.network)
+    ]
+    assert min(means[0]) > 1e-3 and max(means[1]) == 0.0
+
+
 def test_a_wide_training_learns_and_a_resumed_one_is_the_same(tmp_path: Path):
     plan = replace(
         PLAN, steps=60, validate_every=30, wide=True, crops=replace(PLAN.crops, wide=0.3, wide_scale=(0.5, 2))
@@ -497,6 +535,13 @@ def test_an_exported_model_comes_back_as_the_network_it_was(tmp_path: Path):
         back.train()
         freeze_statistics(back)
         torch.testing.assert_close(back(pictures), expected, atol=1e-4, rtol=0.0)
+        # With statistics of these pictures it says the same of them, of others, and normalising them anew.
+        back.eval()
+        others = torch.rand(2, 3, 48, 64) ** 2
+        of_others = back(others)
+        measure_statistics(back, pictures)
+        torch.testing.assert_close(back(others), of_others, atol=1e-4, rtol=0.0)
+        torch.testing.assert_close(back.train()(pictures), expected, atol=1e-2, rtol=0.0)
     with pytest.raises(ValueError, match="of width 1"):
         import_onnx(model, 1, 1.0)
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from crowdfence.detector_training.plan import TrainingPlan
     from crowdfence.detector_training.trainer import Checkup, Trained
 
+SEASONS_SCALE = (0.4, 1.5)
+"""Pixels of the frame per pixel of the crop with `--seasons`: far ground is looked at twice as large."""
 WIDE_CROPS = 0.3
 """Share of the crops of any scale with `--wide`."""
 WIDE_PHOTOGRAPHS = 0.1
@@ -58,6 +60,22 @@ def train(
         Path | None,
         typer.Option("--initial", help="Checkpoint, or model, of an earlier training to start from."),
     ] = None,
+    live_statistics: Annotated[
+        bool,
+        typer.Option(
+            "--live-statistics",
+            help="From a model: batch normalisation follows the crops again, for a long training at full "
+            "rate. Default: it stays as it is.",
+        ),
+    ] = False,
+    seasons: Annotated[
+        bool,
+        typer.Option(
+            "--seasons",
+            help="Vary as seasons and weather do: one material recoloured at a time, mist and dusk; and "
+            "show far ground as large as it is looked at.",
+        ),
+    ] = False,
     wide: Annotated[
         bool,
         typer.Option("--wide", help="Vary beyond what was rendered: clutter, cameras, sizes of people."),
@@ -88,12 +106,14 @@ def train(
         plan = _plan(
             target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
         )
+        if seasons:
+            plan = replace(plan, seasons=True, crops=replace(plan.crops, scale=SEASONS_SCALE))
         if wide:
             plan = replace(
                 plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
             )
         if initial is not None and initial.suffix == ".onnx":
-            plan = replace(plan, frozen_statistics=True)
+            plan = replace(plan, frozen_statistics=not live_statistics)
         paths, held_out = options.recordings_in(data), options.recordings_in(validation)
         twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
         if twice:

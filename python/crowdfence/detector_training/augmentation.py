@@ -15,14 +15,21 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from crowdfence.detector_training.recolouring import recoloured
+
 _LUMA = (0.299, 0.587, 0.114)
 
 
-def varied(image: Tensor, rng: np.random.Generator) -> Tensor:
-    """Images [B, 3, H, W] in [0, 1], each changed in its own way; same shape and range."""
+def varied(image: Tensor, rng: np.random.Generator, *, seasons: bool = False) -> Tensor:
+    """Images [B, 3, H, W] in [0, 1], each changed in its own way; same shape and range.
+
+    seasons: one material recoloured at a time, mist and dusk.
+    """
+    if seasons:
+        image = recoloured(image, rng)
     image = _coloured(image, rng)
     image = _shaded(image, rng)
-    image = _hazy(image, rng)
+    image = _misty(image, rng) if seasons else _hazy(image, rng)
     image = _focused(image, rng)
     image = _noisy(image, rng)
     return image.clamp_(0.0, 1.0)
@@ -73,6 +80,18 @@ def _hazy(image: Tensor, rng: np.random.Generator) -> Tensor:
     ramp = torch.linspace(1.0, 0.25, rows, device=image.device)[None, None, :, None]
     share = _per_image(strength, image) * ramp
     return image * (1.0 - share) + _per_image(rng.uniform(0.6, 0.9, (count, 1, 1, 1)), image) * share
+
+
+def _misty(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Haze over one image in four, thicker towards the upper edge or as thick everywhere; bright by day, dark
+    at dusk, a little coloured."""
+    count, rows = len(image), image.shape[2]
+    strength = rng.uniform(0.1, 0.6, (count, 1, 1, 1)) * (rng.random((count, 1, 1, 1)) < 0.25)
+    below = _per_image(rng.uniform(0.2, 1.0, (count, 1, 1, 1)), image)
+    down = torch.linspace(0.0, 1.0, rows, device=image.device)[None, None, :, None]
+    share = _per_image(strength, image) * (1.0 + (below - 1.0) * down)
+    colour = rng.uniform(0.25, 0.9, (count, 1, 1, 1)) + rng.normal(0.0, 0.05, (count, 3, 1, 1))
+    return image * (1.0 - share) + _per_image(colour, image) * share
 
 
 def _focused(image: Tensor, rng: np.random.Generator) -> Tensor:

@@ -17,8 +17,8 @@ def import_onnx(path: Path, targets: int, width: float) -> dict[str, Tensor]:
     its calibration.
 
     Batch normalisation, which the file holds folded into the convolutions, only adds a bias in evaluation;
-    train on with `frozen_statistics`, or it would normalise what is normal already. ValueError for a file
-    that `export_onnx` did not write, or of another width.
+    train on with `frozen_statistics` or after `measure_statistics`, or it would normalise what is normal
+    already. ValueError for a file that `export_onnx` did not write, or of another width.
     """
     import onnx
     from onnx.numpy_helper import to_array
@@ -60,6 +60,35 @@ def freeze_statistics(network: nn.Module) -> None:
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.eval()
+
+
+def measure_statistics(network: nn.Module, images: Tensor) -> None:
+    """Give batch normalisation the statistics of `images` [B, 3, H, W], and the scale and bias with which the
+    network still says what it said: from there it can be trained on with statistics that follow its weights.
+    """
+
+    def measure(norm: nn.BatchNorm2d, inputs: tuple[Tensor, ...]) -> None:
+        assert norm.running_mean is not None and norm.running_var is not None
+        variance, mean = torch.var_mean(inputs[0].double(), dim=(0, 2, 3), correction=0)
+        before = (norm.running_var.double() + norm.eps).sqrt()
+        norm.bias.add_((norm.weight * (mean - norm.running_mean) / before).float())
+        norm.weight.mul_(((variance + norm.eps).sqrt() / before).float())
+        norm.running_mean.copy_(mean)
+        norm.running_var.copy_(variance)
+
+    hooks = [
+        module.register_forward_pre_hook(measure)
+        for module in network.modules()
+        if isinstance(module, nn.BatchNorm2d)
+    ]
+    was_training = network.training
+    try:
+        with torch.no_grad():
+            network.eval()(images)
+    finally:
+        network.train(was_training)
+        for hook in hooks:
+            hook.remove()
 
 
 def _normalised(network: CrowdNet) -> list[str]:

@@ -29,6 +29,8 @@ class TrainingPlan:
     patience: int = 8
     """Validations without improvement before training stops; counted outside the calm steps."""
     seed: int = 0
+    seasons: bool = False
+    """One material recoloured at a time, mist and dusk: `augmentation.varied`."""
     wide: bool = False
     """Beyond what was rendered: the clutter of `clutter`, the cameras of `photography`."""
     frozen_statistics: bool = False

@@ -23,13 +23,17 @@ from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
 from crowdfence.detector_training.loss import crowd_loss
 from crowdfence.detector_training.network import CrowdNet
-from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx
+from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx, measure_statistics
 from crowdfence.detector_training.photography import photographed
 from crowdfence.detector_training.plan import TrainingPlan
 from crowdfence.detector_training.validation import ValidationScore, validate
 
 _MADE_AHEAD = 2
 """Batches that are made while one is learned, each by a thread: with `wide` a batch takes longer to make."""
+_MEASURED = 96
+"""Crops that tell the statistics of a model which has none."""
+_MEASURED_AT = 1_000_000
+"""Their step: none of a training's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +77,8 @@ def train(
     With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
     machines give equal weights. `initial` is the checkpoint of another training, or the model that it wrote,
-    whose weights this one starts from.
+    whose weights this one starts from; a model holds no statistics, so they are measured on crops unless the
+    plan freezes them.
 
     ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
     loss that is not finite.
@@ -81,14 +86,16 @@ def train(
     device = device or default_device()
     if not validation:
         raise ValueError("training needs at least one validation mission: keep one that is not trained on")
+    sampler = CropSampler(missions, plan.crops)
+    if not len(sampler):
+        raise ValueError("the training missions hold no usable frame")
     run = _Run(plan, device)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     elif initial is not None:
         run.start_from(initial)
-    sampler = CropSampler(missions, plan.crops)
-    if not len(sampler):
-        raise ValueError("the training missions hold no usable frame")
+        if initial.suffix == ".onnx" and not plan.frozen_statistics:
+            run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED, device).image)
     started, losses = time.monotonic() - run.seconds, []
     stopped = False
     for step, batch in _batches(sampler, plan, run.step, device):
@@ -126,13 +133,7 @@ def _batches(
     of a step depend on nothing but seed and step: that is what makes a resumed training the same."""
 
     def made(step: int) -> Batch:
-        rng = np.random.default_rng([plan.seed, step])
-        batch = sampler.draw(plan.batch, rng, device)
-        if not plan.wide:
-            return batch._replace(image=varied(batch.image, rng))
-        free = free_of_people(batch)
-        batch = batch._replace(image=cluttered(batch, free, rng))
-        return batch._replace(image=photographed(varied(furnished(batch, free, rng), rng), rng))
+        return _crops(sampler, plan, step, plan.batch, device)
 
     steps = iter(range(first, plan.steps))
     with ThreadPoolExecutor(_MADE_AHEAD) as pool:
@@ -141,6 +142,17 @@ def _batches(
             step, batch = coming.popleft()
             coming.extend((later, pool.submit(made, later)) for later in islice(steps, 1))
             yield step, batch.result()
+
+
+def _crops(sampler: CropSampler, plan: TrainingPlan, step: int, count: int, device: torch.device) -> Batch:
+    rng = np.random.default_rng([plan.seed, step])
+    batch = sampler.draw(count, rng, device)
+    if not plan.wide:
+        return batch._replace(image=varied(batch.image, rng, seasons=plan.seasons))
+    free = free_of_people(batch)
+    batch = batch._replace(image=cluttered(batch, free, rng))
+    image = varied(furnished(batch, free, rng), rng, seasons=plan.seasons)
+    return batch._replace(image=photographed(image, rng))
 
 
 class _Run:
@@ -178,6 +190,11 @@ class _Run:
                 )
         self.network.load_state_dict(state["best"])
         self.average.network.load_state_dict(state["best"])
+
+    def measure(self, images: torch.Tensor) -> None:
+        """Take the statistics of these images; nothing that the network says changes."""
+        measure_statistics(self.network, images)
+        self.average.network.load_state_dict(self.network.state_dict())
 
     @property
     def best(self) -> Checkup:
