@@ -151,6 +151,22 @@ def test_a_crowd_that_gathers_becomes_a_zone(console: Console, fleet: Fleet, ser
     assert {alert["zone"] for alert in told} >= {zones[0]["id"]}
 
 
+def test_an_address_that_is_given_while_the_page_writes_its_own_is_followed(console: Console) -> None:
+    """A change is due to be written when somebody opens a link: the page must not write over it."""
+    console.wait("camera.target")
+    for east in (31.0, 32.0, 33.0):
+        console.page.evaluate(
+            """east => {
+                document.querySelector('[data-layer="tracks"]').click();
+                const begun = performance.now();
+                while (performance.now() - begun < 500);
+                location.hash = `#view=${east},30,0,4,90,0`;
+            }""",
+            east,
+        )
+        console.wait("camera.target", lambda target, east=east: target[:2] == [east, 30.0])
+
+
 def test_the_base_map_lies_where_its_coordinates_say(console: Console) -> None:
     """Straight down on places inside and outside of what it shows in magenta."""
     console.wait("attribution")

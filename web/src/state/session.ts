@@ -44,7 +44,8 @@ export function reasonOf(error: unknown): string {
 export const isNarrow = () => window.matchMedia("(max-width: 860px)").matches;
 
 export async function start(): Promise<void> {
-  const link = parseLink(location.hash);
+  addressed = location.hash;
+  const link = parseLink(addressed);
   store.set({ ...readSettings(), selection: link.selection, camera: link.view });
   if (isNarrow()) store.set({ sides: { left: false, right: false } });
   document.documentElement.dataset.theme = store.state.theme;
@@ -61,7 +62,8 @@ export async function start(): Promise<void> {
   keepPlaying();
   keepAging();
   window.addEventListener("hashchange", followAddress);
-  if (link.t) await showPast(link.t);
+  if (location.hash !== addressed) followAddress();
+  else if (link.t) await showPast(link.t);
 }
 
 async function load(): Promise<void> {
@@ -373,21 +375,27 @@ function currentLink(): string {
   return formatLink({ t: time.following ? null : time.stamp_ns, selection, view: camera });
 }
 
+/** The part of the address behind the # as the page wrote or followed it. */
+let addressed = "";
+
 function keepAddress(): void {
   let timer: number | undefined;
   store.subscribe(() => {
     if (timer !== undefined || leaving) return;
     timer = window.setTimeout(() => {
       timer = undefined;
-      if (leaving) return;
+      // Another address is somebody's own: it is followed as soon as the browser says so, and not written over.
+      if (leaving || location.hash !== addressed) return;
       const link = currentLink();
       if (link !== location.hash) history.replaceState(null, "", link || location.pathname + location.search);
+      addressed = location.hash;
     }, 300);
   });
 }
 
 function followAddress(): void {
-  const link = parseLink(location.hash);
+  addressed = location.hash;
+  const link = parseLink(addressed);
   store.set({ selection: link.selection, ...(link.view ? { camera: link.view } : {}) });
   if (link.t) void showPast(link.t);
   else if (!store.state.time.following) goLive();
