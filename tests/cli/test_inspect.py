@@ -196,9 +196,24 @@ def test_of_a_large_fleet_the_pairs_that_share_most_are_shown(tmp_path: Path) ->
     done = inspect(folder, "--terrain", terrain, "--assume-local")
     assert done.returncode == 0, done.stderr
     shown = [line for line in done.stdout.splitlines() if " and uav" in line]
-    assert len(shown) == 15 and "6 pairs that share less: --json" in " ".join(done.stdout.split())
+    told = " ".join(done.stdout.split())
+    assert len(shown) == 15 and "6 pairs that share less: --json" in told
+    assert "instants 1 within 100 ms: 1 with 7 drones offsets" in told  # and none with fewer
+    assert told.count(" +0.0 ms") == 15 and "(median within instants; 6 pairs closer: --json)" in told
     assert not [line for line in shown if "uav1 and uav7" in line or "uav1 and uav6" in line]
     assert len(report(folder, "--terrain", terrain, "--assume-local")["overlap"]["pairs"]) == 21
+
+
+def test_drones_that_no_instant_holds_together_have_no_offset(tmp_path: Path) -> None:
+    """Within 5 ms alpha, delta and echo belong together, bravo (20 ms later) and charlie (50 ms) to none."""
+    folder = write_flight(tmp_path / "flight")
+    told = " ".join(inspect(folder, "--tolerance-ms", 5).stdout.split())
+    assert "alpha to delta +0.0 ms" in told and "bravo to" not in told and "to charlie" not in told
+    for picture in (folder / "heatmaps").iterdir():
+        if not picture.name.startswith(("alpha", "bravo")):
+            picture.unlink()
+    alone = " ".join(inspect(folder, "--tolerance-ms", 5).stdout.split())
+    assert "instants 10 within 5 ms: 10 with 1 drone offsets none: no instant holds" in alone
 
 
 def test_overlap_is_a_share_of_the_smaller_view() -> None:

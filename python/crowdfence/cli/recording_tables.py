@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from crowdfence.inspection.flight import Range
     from crowdfence.inspection.recording import DroneReport, RecordingReport, TerrainBelow, Trouble
     from crowdfence.inspection.terrain import TerrainReport
+    from crowdfence.inspection.timing import PairOffset
 
 _KINDS = {"mission": "mission file", "airsim": "AirSim recording", "folder": "plain folder"}
 
@@ -41,17 +42,17 @@ def print_recording(out: Console, report: RecordingReport) -> None:
 
 def _facts(report: RecordingReport) -> RenderableType:
     kind = _KINDS.get(report.kind, report.kind)
-    sizes = report.instants.with_drones.items()
+    sizes = [
+        f"{count} with {_count(size, 'drone')}"
+        for size, count in report.instants.with_drones.items()
+        if count
+    ]
     place = report.georeference
     rows = {
         "time": f"{report.first_frame or 'no usable frame'} + {report.duration_s:.3f} s",
-        "instants": f"{report.instants.count} within {report.instants.tolerance_ms:g} ms: "
-        + ", ".join(f"{count} with {_count(size, 'drone')}" for size, count in sizes),
-        "offsets": ", ".join(
-            f"{offset.drones[0]} to {offset.drones[1]} {_number(offset.median_ms, '+.1f')} ms"
-            for offset in report.instants.offsets
-        )
-        + " (median within instants)",
+        "instants": f"{report.instants.count} within {report.instants.tolerance_ms:g} ms"
+        + (f": {', '.join(sizes)}" if sizes else ""),
+        "offsets": _offsets(report.instants.offsets),
         "georeference": "none: local metres only"
         if place is None
         else f"{place.latitude_deg:.7f}, {place.longitude_deg:.7f} deg, {place.height_m:.1f} m (WGS84)",
@@ -65,6 +66,18 @@ def _facts(report: RecordingReport) -> RenderableType:
         rows["layers"] = f"{', '.join(report.layers)} beside crowd (--layer)"
     drones = _count(len(report.drones), "drone")
     return console.facts(f"{report.path}: {kind}, {drones}, {_count(report.frames, 'frame')}", rows)
+
+
+def _offsets(pairs: Iterable[PairOffset]) -> str:
+    together = [(*pair.drones, pair.median_ms) for pair in pairs if pair.median_ms is not None]
+    if not together:
+        return "none: no instant holds frames of two drones"
+    shown = together
+    if len(shown) > MOST_PAIRS_SHOWN:
+        shown = sorted(shown, key=lambda pair: -abs(pair[2]))[:MOST_PAIRS_SHOWN]
+    told = ", ".join(f"{first} to {second} {median_ms:+.1f} ms" for first, second, median_ms in shown)
+    left_out = len(together) - len(shown)
+    return f"{told} (median within instants{f'; {left_out} pairs closer: --json' if left_out else ''})"
 
 
 def _times(report: RecordingReport) -> RenderableType:
