@@ -36,7 +36,6 @@ def draw_iou(axes: Axes, names: Names, scores: list[Score]) -> None:
     for name, row, look in zip(names, scores, _looks(), strict=False):
         axes.plot(row.iou.per_frame, **look, linewidth=1.4, label=f"{name}, mean {row.iou.mean:.2f}")
     axes.set(xlabel="instant", ylabel="IoU", ylim=(0.0, None), title="IoU over time")
-    axes.legend(frameon=False, fontsize=8)
 
 
 def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
@@ -54,7 +53,6 @@ def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
         xlim=(0, 1),
         ylim=(0, 1),
     )
-    axes.legend(frameon=False, fontsize=8)
 
 
 def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
@@ -70,7 +68,6 @@ def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
         xticks=BUFFERS_M,
         ylim=(0, 103),
     )
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
 
 
 def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
@@ -86,7 +83,6 @@ def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
         xlim=(0, 30),
         ylim=(0.0, MOST_COST),
     )
-    axes.legend(frameon=False, fontsize=8)
 
 
 def _not_shown(cost: NDArray[np.float64]) -> str:
@@ -121,7 +117,8 @@ def write_plots(folder: Path, names: Names, scores: list[Score]) -> None:
         matplotlib.rcdefaults()
         chosen = DRAWN if scores[0].layer is None else {file: DRAWN[file] for file in OF_LAYERS}
         for file, draw in chosen.items():
-            figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+            lines = -(-len(names) // 2)  # of the legend, which lies below: beside no curve is room for all
+            figure = Figure(figsize=(6.4, 4.2 + 0.17 * lines), layout="constrained")
             FigureCanvasAgg(figure)
             axes = figure.add_subplot()
             draw(axes, names, scores)
@@ -129,4 +126,5 @@ def write_plots(folder: Path, names: Names, scores: list[Score]) -> None:
             axes.grid(color="#e9ecef", linewidth=0.8)
             axes.set_axisbelow(True)
             axes.title.set_fontsize(11)
+            figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
             figure.savefig(folder / file, dpi=130)
