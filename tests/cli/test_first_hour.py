@@ -139,6 +139,23 @@ def test_the_real_reason_survives_when_nothing_can_be_used(tmp_path: Path, name:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["run", "evaluate"])
+def test_recorded_heatmaps_are_not_replaced_in_silence(airsim: Path, tmp_path: Path, command: str) -> None:
+    """Who records heatmaps of a detector of their own means them."""
+    where = ("-o", tmp_path / "out", "--force") if command == "run" else ("-m", "or")
+    told = "the recorded heatmaps are not used: crowdnet-s looks at the pictures; --detector recorded takes"
+    made_by = "crowdnet-s 0.1.0 on the pictures"
+    for words, warned, told_by in (
+        ((), True, made_by),
+        (("--detector", "crowdnet-s"), False, made_by),
+        (RECORDED, False, "as recorded"),
+    ):
+        done = crowdfence(command, airsim, *words, *where)
+        assert done.returncode == 0, done.stderr
+        assert (told in done.stderr) == warned
+        assert told_by in " ".join(done.stdout.split())
+
+
 def test_a_model_that_gives_nan_is_the_reason(airsim: Path, tmp_path: Path) -> None:
     model = write_map_model(tmp_path / "nan.onnx", contract(), scale=float("nan"))
     done = crowdfence("run", airsim, "--detector", model, "-o", tmp_path / "out")

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.detector_choice import chosen_detector
 from crowdfence.cli.exit_codes import GATE_NOT_MET
+from crowdfence.cli.made_by import heatmaps_line
 from crowdfence.cli.option_sets import (
     AlignmentOptions,
     DetectorOptions,
@@ -116,7 +118,7 @@ def evaluate(
     from crowdfence.evaluation.replay import CellCounter, score
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
-    from crowdfence.pipeline import choose_detector, heatmap_source, lost_crowd_warnings, read_map
+    from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
     from crowdfence.sources.layers import CROWD, checked_layer
 
@@ -128,9 +130,7 @@ def evaluate(
     if report is not None:
         require_people(source)
     told = context.params
-    chosen = choose_detector(
-        source, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
-    )
+    chosen = chosen_detector(source, told)
     reading = read_map(source, told["terrain"], **map_options(told))
     ground = reading.terrain
     heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
@@ -199,14 +199,15 @@ def evaluate(
         "refused": [str(frame) for frame in refused],
         "warnings": warnings,
     }
+    made_by = heatmaps_line(summary["detector"])
     if report is not None:
         labels = [_label(row.config) for row in scores]
         against = _against(truth, layer)
-        write_report(report, source.name, against, labels, scores, summary, knobs, force=force)
+        write_report(report, source.name, against, made_by, labels, scores, summary, knobs, force=force)
     if as_json:
         console.print_json(summary)
     else:
-        _print(source.name, _against(truth, layer), counts, scores)
+        _print(source.name, _against(truth, layer), made_by, counts, scores)
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
         for reason in [*map(in_options, warnings), *refusal_lines(refused)]:
@@ -324,7 +325,7 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
     }
 
 
-def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> None:
+def _print(name: str, against: str, made_by: str, counts: Confusion, scores: list[Score]) -> None:
     from rich.table import Table
 
     out = console.stdout()
@@ -354,11 +355,13 @@ def _print(name: str, against: str, counts: Confusion, scores: list[Score]) -> N
         out.print(_LAYER_LEGEND)
     if any(row.safety is not None and row.safety.people for row in scores):
         out.print(_LEGEND)
+    rates = ""
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
-        out.print(f"detector, per heatmap cell of labelled images: TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}.")
+        rates = f"; per heatmap cell of labelled images TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}"
+    out.print(f"Heatmaps: {console.escaped(made_by)}{rates}.")
     out.print(
-        "The threshold of the method or is its b_threshold. The best one is chosen on this very recording."
+        "The threshold of `or` is its b_threshold. The best threshold is chosen on this very recording."
     )
 
 

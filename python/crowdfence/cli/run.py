@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.detector_choice import chosen_detector
 from crowdfence.cli.layer_report import report_layer
 from crowdfence.cli.made_by import heatmaps_line, method_line
 from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_options, takes
@@ -57,7 +58,7 @@ def run(
     refuse_options_of_other_methods(context, [config.method])
     map_told = map_options(chosen)
     from crowdfence.layer_results import chosen_layer_files
-    from crowdfence.pipeline import choose_detector, read_map
+    from crowdfence.pipeline import read_map
     from crowdfence.results import chosen_files
     from crowdfence.sources.layers import CROWD, LANDING_SITE, checked_layer
     from crowdfence.zones.sites import require_takes_back
@@ -71,9 +72,7 @@ def run(
     wanted = chosen_files(named) if layer == CROWD else chosen_layer_files(named, layer)
     with result_folder(output, force=force, layer=layer):
         source = source_options.open_source(recording, chosen).of_layer(layer)
-        detector = choose_detector(
-            source, chosen["detector"], contract=chosen["contract"], enlarge=chosen["enlarge"].value
-        )
+        detector = chosen_detector(source, chosen)
         ground = read_map(source, chosen["terrain"], **map_told)
         fuse_and_report(
             source,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.detector_choice import chosen_detector
 from crowdfence.cli.option_sets import FUSION, MapOptions, map_options, takes
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
@@ -216,7 +217,7 @@ def _ready(url: str, service: Service, as_json: bool) -> None:
 def _replayed(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
-    from crowdfence.pipeline import choose_detector, read_map
+    from crowdfence.pipeline import read_map
     from crowdfence.service.opening import replayed
     from crowdfence.sources.ground_contact import on_ground
 
@@ -230,9 +231,7 @@ def _replayed(
         recording,
         ground.terrain,
         config,
-        detector=choose_detector(
-            recording, chosen["detector"], contract=chosen["contract"], enlarge=chosen["enlarge"].value
-        ),
+        detector=chosen_detector(recording, chosen),
         speed=chosen["replay_speed"],
         settings=settings,
         access=access,

@@ -36,6 +36,7 @@ def write_report(
     folder: str | PathLike[str],
     name: str,
     against: str,
+    heatmaps: str,
     names: list[str],
     scores: list[Score],
     summary: Mapping[str, Any],
@@ -46,35 +47,38 @@ def write_report(
     """Write the report of a recording into a folder, which is whole or absent; an older report is replaced
     with `force`.
 
-    against  what the truth is, in words
-    names    of the methods, one per score
-    summary  goes into scores.json as it is
-    knobs    of each method, where they were turned; else nothing
+    against   what the truth is, in words
+    heatmaps  what made them, in words
+    names     of the methods, one per score
+    summary   goes into scores.json as it is
+    knobs     of each method, where they were turned; else nothing
 
     The scores hold measures and safety, or what is counted of a layer. FileExistsError where the folder holds
     anything else or may not be replaced, OSError where it cannot be written.
     """
+    page = _page(name, against, heatmaps, names, scores, knobs)
     with whole_folder(folder, contents=CONTENTS, force=force) as beside:
         write_plots(beside, names, scores)
         (beside / "scores.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
-        (beside / "index.html").write_text(_page(name, against, names, scores, knobs), encoding="utf-8")
+        (beside / "index.html").write_text(page, encoding="utf-8")
 
 
 def _page(
     name: str,
     against: str,
+    heatmaps: str,
     names: list[str],
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
 ) -> str:
     if scores[0].layer is not None:
-        return _layer_page(name, against, names, scores, knobs)
+        return _layer_page(name, against, heatmaps, names, scores, knobs)
     pictures = "".join(f'<img src="{file}" alt="">' for file in DRAWN)
     parts = [
         f"<h1>{escape(name)}</h1>",
         _paragraph(
-            f"Mean IoU against {escape(against)}. People, delays and ways are counted once a second, "
-            "by where everybody stood."
+            f"Mean IoU against {escape(against)}. Heatmaps: {escape(heatmaps)}. People, delays and ways are "
+            "counted once a second, by where everybody stood."
         ),
         _table("Who stands in a zone", _people(names, scores)),
         _paragraph(
@@ -112,6 +116,7 @@ def _counted(scores: list[Score]) -> str:
 def _layer_page(
     name: str,
     against: str,
+    heatmaps: str,
     names: list[str],
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
@@ -120,7 +125,10 @@ def _layer_page(
     pictures = "".join(f'<img src="{file}" alt="">' for file in OF_LAYERS)
     parts = [
         f"<h1>{escape(name)}</h1>",
-        _paragraph(f"Mean IoU against {escape(against)}. The rest is counted once a second."),
+        _paragraph(
+            f"Mean IoU against {escape(against)}. Heatmaps: {escape(heatmaps)}. The rest is counted once a "
+            "second."
+        ),
         _table("Map", _map(names, scores)),
         _paragraph(_MAP_LEGEND),
         f'<div class="plots">{pictures}</div>',

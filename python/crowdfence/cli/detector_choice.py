@@ -1,0 +1,31 @@
+"""The detector that a command's options name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from crowdfence.cli import console, options
+
+if TYPE_CHECKING:
+    from crowdfence.detector.detector import Detector
+    from crowdfence.sources.recording import Recording
+
+
+def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | None:
+    """What `pipeline.run` takes. Heatmaps that somebody recorded, maybe with a detector of their own, are not
+    left aside in silence because nobody named another one."""
+    from crowdfence.pipeline import choose_detector
+
+    detector = choose_detector(
+        recording, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
+    )
+    if told["detector"] == options.AUTO and detector is not None and _holds_heatmaps(recording):
+        console.warn(
+            f"the recorded heatmaps are not used: {detector.contract.name} looks at the pictures; "
+            "--detector recorded takes them"
+        )
+    return detector
+
+
+def _holds_heatmaps(recording: Recording) -> bool:
+    return any(frame.pixels.heatmap is not None for frame in recording.frames)
