@@ -1,6 +1,7 @@
 """`crowdfence inspect`, the real command: figures worked out by hand on small flights and maps."""
 
 import json
+import re
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -216,6 +217,16 @@ def test_drones_that_no_instant_holds_together_have_no_offset(tmp_path: Path) ->
     assert "instants 10 within 5 ms: 10 with 1 drone offsets none: no instant holds" in alone
 
 
+def test_the_origin_that_is_given_is_where_the_recording_lies(recording: Path) -> None:
+    """As `run` publishes it; the flight says nothing of it itself."""
+    assert report(recording)["georeference"] is None
+    place = {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0}
+    told = report(recording, "--origin", "46.5,8.0,1200")
+    assert told["terrain"] is None and told["georeference"] == place
+    terrain = write_octomap(recording.parent / "plain.bt", plain())
+    assert report(recording, "-t", terrain, "--origin", "46.5,8.0,1200")["georeference"] == place
+
+
 def test_overlap_is_a_share_of_the_smaller_view() -> None:
     small, large = np.array([3, 5]), np.array([1, 2, 3, 4])
     assert share_of_smaller(small, large) == share_of_smaller(large, small) == 0.5
@@ -228,6 +239,14 @@ def test_fewer_samples_still_hold_the_first_and_the_last_instant(recording: Path
     pairs = {tuple(pair["drones"]): pair["instants"] for pair in content["overlap"]["pairs"]}
     assert content["overlap"]["instants"] == 2
     assert pairs["alpha", "delta"] == 2  # delta is missing from the second and third of five
+
+
+def test_the_flights_fit_a_terminal_of_80_columns(recording: Path) -> None:
+    terrain = write_octomap(recording.parent / "plain.bt", plain())
+    done = crowdfence("inspect", recording, "-t", terrain, columns=80)
+    assert re.search(
+        r"^ alpha +\S+ to \S+ +\S+ to \S+ +\S+ to \S+ +\d+ +\d+ +- *$", done.stdout, re.MULTILINE
+    )
 
 
 def test_the_text_names_every_drone_and_fits_the_page(recording: Path) -> None:

@@ -145,9 +145,10 @@ def _pixels(report: RecordingReport) -> RenderableType:
 
 
 def _flights(report: RecordingReport) -> RenderableType:
-    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside map", "under map", "depth off m")
+    columns = ("drone", "tilt deg", "speed m/s", "height m", "beside", "under", "depth m")
     return _table(
-        "Flight (tilt below the horizon, height above the terrain, recorded depth against the terrain's)",
+        "Flight (tilt below the horizon, height above the map, frames beside and under the map, recorded "
+        "depth against the map's)",
         columns,
         (
             (

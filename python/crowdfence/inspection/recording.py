@@ -109,6 +109,7 @@ class RecordingReport:
     drones: tuple[DroneReport, ...]
     instants: InstantSummary
     georeference: Georeference | None
+    """Where (0, 0, 0) lies: of the recording, else as its map is told (`georeference`, `assume_local`)."""
     terrain: TerrainBelow | None
     """None: the recording names no map and none was given."""
     overlap: ViewOverlap | None
@@ -147,6 +148,7 @@ def inspect_recording(
             samples=options.sampled_instants,
             tell=tell,
         )
+    told = options.terrain_options.get("georeference")
     tell("measuring flights")
     span = recording.span_ns
     return RecordingReport(
@@ -159,7 +161,7 @@ def inspect_recording(
         duration_s=0.0 if span is None else (span[1] - span[0]) / 1e9,
         drones=tuple(_drone(recording, drone, terrain, options) for drone in recording.drones),
         instants=InstantSummary.of(instants, recording.drones, options.tolerance_ms),
-        georeference=recording.georeference,
+        georeference=recording.georeference or (told if terrain is None else terrain.georeference),
         terrain=below,
         overlap=overlap,
         refused=tuple(group_trouble(recording.refused)),
