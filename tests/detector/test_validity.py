@@ -130,6 +130,21 @@ def test_what_the_contract_leaves_open_is_said(changes: dict, expected: list[str
     assert all(part in warning for part, warning in zip(expected, warnings, strict=True))
 
 
+def test_a_method_that_weighs_looks_asks_for_likelihood_ratios_and_not_for_options_that_it_refuses() -> None:
+    """`evidence` takes no --tpr and no --fpr."""
+    stated = replace(CONTRACT, calibration={}, validity=Validity())
+    for rates in (None, RATES):
+        (warning,) = statement_warnings(
+            replace(stated, rates=rates), **HERE, rates_given=False, weighed_as="the shipped crowdnet-s"
+        )
+        assert "states no likelihood ratios" in warning and "as sure as the shipped crowdnet-s" in warning
+        assert "--tpr" not in warning
+    measured = replace(stated, rates={**RATES, "likelihood_ratio": {}})
+    assert statement_warnings(measured, **HERE, rates_given=False, weighed_as="x") == []
+    (other,) = statement_warnings(measured, **HERE | {"voxel_size_m": 2.0}, rates_given=False, weighed_as="x")
+    assert other == "the rates of net were measured with voxels of 0.5 m; this run has voxels of 2 m"
+
+
 def test_rates_that_were_measured_in_another_setting() -> None:
     measured = replace(CONTRACT, calibration={}, validity=Validity(), rates=RATES)
     other = {"voxel_size_m": 2.0, "b_threshold": 0.3, "coverage": "rays", "surface": "voxels"}

@@ -127,10 +127,12 @@ def statement_warnings(
     coverage: str,
     surface: str,
     rates_given: bool,
+    weighed_as: str | None = None,
 ) -> list[str]:
     """What the contract leaves open, and rates that were measured in another setting than this run's.
 
-    `rates_given`: the run has rates of its own, so those of the contract do not matter.
+    `rates_given`: the run has rates of its own, so those of the contract do not matter. `weighed_as`: for a
+    method that goes by likelihood ratios, whose count where the contract states none.
     """
     name = contract.name
     warnings = []
@@ -141,7 +143,13 @@ def statement_warnings(
     if rates_given:
         return warnings
     rates = contract.rates or {}
-    if "true_positive" not in rates or "false_positive" not in rates:
+    if weighed_as is not None and "likelihood_ratio" not in rates:
+        warnings.append(
+            f"the detector {name} states no likelihood ratios per voxel observation: what it says is taken "
+            f"to be as sure as {weighed_as}; `crowdfence calibrate` measures its own"
+        )
+        return warnings
+    if weighed_as is None and ("true_positive" not in rates or "false_positive" not in rates):
         warnings.append(
             f"the detector {name} states no rates per voxel observation: the run uses its defaults; "
             "measure yours or give --tpr and --fpr"

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from crowdfence._core import Terrain
-from crowdfence.config import RunConfig
+from crowdfence.config import EvidenceConfig, RunConfig
+from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
 from crowdfence.pipeline.detect import HeatmapSource
+from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Recording
 
 if TYPE_CHECKING:
@@ -41,7 +43,15 @@ def review_detector(
         coverage=config.projection.coverage,
         surface=config.projection.surface,
         rates_given=config.method.rates_given,
+        weighed_as=_weighed_as(config, recording.layer),
     )
     for check in ranges:
         warnings += check.warnings(heatmaps.contract.name)
     return DetectorReview(ranges, warnings)
+
+
+def _weighed_as(config: RunConfig, layer: str) -> str | None:
+    """Whose likelihood ratios count where a contract states none; None for methods that go by the rates."""
+    if not isinstance(config.method, (EvidenceConfig, LogPoolConfig, MovingAverageConfig)):
+        return None
+    return "the shipped crowdnet-s" if layer == CROWD else f"layers of {layer} are by default"
