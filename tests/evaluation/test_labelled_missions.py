@@ -14,6 +14,7 @@ from crowdfence.evaluation.labelled_missions import (
     frames_looked_at,
     open_labelled,
 )
+from support.foreign_recordings import write_photographs
 from support.small_recordings import write_hovering
 
 S = 10**9
@@ -41,3 +42,22 @@ def test_pictures_without_annotations_are_told_what_they_lack(tmp_path: Path) ->
     for opened in (lambda: open_labelled(tmp_path), lambda: next(missions.opened(with_maps=False))):
         with pytest.raises(ValueError, match=message):
             opened()
+
+
+@pytest.mark.parametrize("kind", ["png", "geotagged", "hovering"])
+def test_what_is_not_labelled_is_told_what_it_lacks(tmp_path: Path, kind: str) -> None:
+    """PNG pictures are no recording, geotagged photographs one without labels."""
+    folder, told = tmp_path / "data", "data is not labelled: it does not record where people stand"
+    forgotten = "nor does the folder hold annotations.json in COCO form"
+    if kind == "png":
+        folder.mkdir()
+        Image.new("RGB", (64, 48)).save(folder / "a.png")
+        told = "data holds no recording"
+    elif kind == "geotagged":
+        write_photographs(folder)
+    else:
+        write_hovering(folder, {"uav1": [1000 * S]})
+    missions = LabelledMissions([folder], MeasurementPlan(target="ground"), lambda: None)
+    with pytest.raises(ValueError, match=told) as refused:
+        next(missions.opened(with_maps=False))
+    assert str(refused.value).endswith(forgotten) == (kind != "hovering")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -104,9 +105,9 @@ class LabelledMissions:
             recording = _recorded(path)
             with_map = with_maps or self.plan.target == "ground"
             terrain = _terrain(recording, self.plan) if with_map else None
-            yield LabelledMission(
-                name, recording, terrain, *label_functions(self.plan.target, recording, terrain)
-            )
+            with _or_annotated(path):
+                labels = label_functions(self.plan.target, recording, terrain)
+            yield LabelledMission(name, recording, terrain, *labels)
 
     def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:
         """Call `use` for every n-th frame of each drone and return how many could be used. A frame for which
@@ -162,11 +163,18 @@ def open_labelled(path: Path) -> Recording:
 
 
 def _recorded(path: Path) -> Recording:
-    """Of a folder of pictures that is none, annotations may be what was forgotten. ValueError, OSError."""
-    try:
+    """ValueError, OSError."""
+    with _or_annotated(path):
         return open_recording(path)
+
+
+@contextmanager
+def _or_annotated(path: Path) -> Iterator[None]:
+    """Of a folder of pictures that is no labelled recording, annotations may be what was forgotten."""
+    try:
+        yield
     except ValueError as error:
-        if not (path.is_dir() and photographs(path)):
+        if not (path.is_dir() and (photographs(path) or any(path.glob("*.png")))):
             raise
         raise ValueError(f"{error}; nor does the folder hold {ANNOTATIONS} in COCO form") from error
 

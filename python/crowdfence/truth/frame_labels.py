@@ -34,10 +34,13 @@ def label_functions(
         return _silhouettes, None
     if target != "ground":
         raise ValueError(f"target is {target!r}; it must be one of {', '.join(get_args(Target))}")
-    if terrain is None or not len(recording.people.stamps_ns):
+    if not len(recording.people.stamps_ns):
         raise ValueError(
-            f"{recording.name} lacks a map or people's positions, which the target 'ground' needs"
+            f"{recording.name} is not labelled: it does not record where people stand, which the target "
+            "'ground' needs"
         )
+    if terrain is None:
+        raise ValueError(f"{recording.name} comes without a map, which the target 'ground' needs")
     ground = _GroundLabels(recording, terrain)
     return ground.crowd, ground.unknown
 
