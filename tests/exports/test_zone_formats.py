@@ -439,7 +439,10 @@ def test_geojson_is_rfc_7946_and_holds_unseen_ground() -> None:
 @pytest.mark.parametrize("name", ["ed318", "ed269"])
 @pytest.mark.parametrize("country", [None, "GR", "grc", "GRCE", "12A"])
 def test_a_country_is_never_guessed(name: str, country: str | None) -> None:
-    with pytest.raises(ValueError, match="needs three letters of ISO 3166, such as --country GRC"):
+    told = "no country is given" if country is None else f"country is '{country}'"
+    with pytest.raises(
+        ValueError, match=f"{told}; this format needs three letters of ISO 3166, such as country=GRC"
+    ):
         ZONE_FORMATS[name](replace(exported(), country=country))
 
 

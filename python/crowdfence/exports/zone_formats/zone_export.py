@@ -50,9 +50,8 @@ class ZoneExport:
         """ValueError where no country is given, or it has no three letters."""
         code = self.country
         if code is None or len(code) != 3 or not (code.isascii() and code.isalpha() and code.isupper()):
-            raise ValueError(
-                f"country is {code!r}; this format needs three letters of ISO 3166, such as --country GRC"
-            )
+            told = "no country is given" if code is None else f"country is {code!r}"
+            raise ValueError(f"{told}; this format needs three letters of ISO 3166, such as country=GRC")
         return code
 
     @staticmethod
