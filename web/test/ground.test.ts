@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { bounded, carried, groundUnder, overview, settled, viewportOf, type Camera } from "../src/map/camera";
-import { boundsOf, contains, crossesItself, draped, lineLength, middleOf, ringArea } from "../src/map/geometry";
+import { boundsOf, contains, crossesItself, draped, groundOf, lineLength, middleOf, ringArea } from "../src/map/geometry";
 import { turned } from "../src/map/gestures";
 import { Heights } from "../src/map/heights";
 import { skirtMesh, terrainMesh } from "../src/map/terrain_mesh";
@@ -12,6 +12,21 @@ const middles = (of: (east: number, north: number) => number) =>
 const SLOPE = middles((east, north) => 0.3 * east + 0.1 * north + 20);
 const SIZE = { width: 800, height: 600 };
 const CAMERA: Camera = { target: [0, 0, 20], zoom: 2.5, rotationX: 45, rotationOrbit: 30 };
+
+describe("the ground that is worth showing", () => {
+  const map: [number, number, number, number] = [-690, 20, -520, 160];
+
+  it("is that of zones and drones, with an eighth of it around", () => {
+    expect(groundOf([[-650, 40], [-550, 90]], map)).toEqual([-662, 28, -538, 102]);
+    expect(groundOf([[-600, 40]], map)).toEqual([-607.2, 32.8, -592.8, 47.2]); // 12 % of 60 m
+    expect(groundOf([[-600, 40], [0, 40]], map)).toEqual([-672, -32, 72, 112]); // one of them beside it
+  });
+
+  it("is the map where nothing is on it, or all beside it", () => {
+    expect(groundOf([], map)).toEqual(map);
+    for (const place of [[30, 30], [-900, 90], [-600, 200], [-600, -40]]) expect(groundOf([place], map)).toEqual(map);
+  });
+});
 
 describe("heights", () => {
   it("are exact on a plane between the middles of cells", () => {

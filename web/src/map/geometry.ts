@@ -34,6 +34,17 @@ export function boundsOf(points: Iterable<readonly number[]>): Bounds | null {
   return bounds[0] <= bounds[2] ? bounds : null;
 }
 
+/** The ground that points lie on, with room around; the whole map where there are none, or where all lie beside
+ * it, as drones do whose poses are of another origin than the map. */
+export function groundOf(points: Iterable<readonly number[]>, map: Bounds): Bounds {
+  const around = boundsOf(points);
+  if (!around) return map;
+  const [west, south, east, north] = around;
+  if (east < map[0] || west > map[2] || north < map[1] || south > map[3]) return map;
+  const margin = 0.12 * Math.max(east - west, north - south, 60);
+  return [west - margin, south - margin, east + margin, north + margin];
+}
+
 export function cornersOf(outline: Outline): Corner[] {
   return outline.flat(2);
 }

@@ -11,7 +11,7 @@ import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
 import { BaseMap } from "./base_map";
 import { curtainMesh } from "./curtain";
 import { drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
-import { boundsOf, contains, cornersOf, draped, type Bounds } from "./geometry";
+import { contains, cornersOf, draped, groundOf, type Bounds } from "./geometry";
 import { listen } from "./gestures";
 import type { Heights } from "./heights";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
@@ -176,17 +176,13 @@ export class MapView {
     frame();
   }
 
-  /** Ground with something on it; the whole map where there is nothing yet. */
+  /** Ground with something on it; the whole map where there is nothing. */
   private interesting(): Bounds {
     const { moment, scene } = this.store.state;
     const points: (readonly number[])[] = [];
     for (const zone of moment?.zones.zones ?? []) points.push(...cornersOf(zone.polygon));
     for (const drone of moment?.drones ?? []) if (drone.position) points.push(drone.position);
-    const around = boundsOf(points);
-    const whole = scene?.bounds ?? [-100, -100, 100, 100];
-    if (!around) return whole;
-    const margin = 0.12 * Math.max(around[2] - around[0], around[3] - around[1], 60);
-    return [around[0] - margin, around[1] - margin, around[2] + margin, around[3] + margin];
+    return groundOf(points, scene?.bounds ?? [-100, -100, 100, 100]);
   }
 
   // -------------------------------------------------------------- pointer

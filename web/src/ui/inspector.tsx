@@ -308,7 +308,7 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
       )}
       <div class="headline">
         <div>
-          <dt>above ground</dt>
+          <dt>{drone.position && heights && !Number.isFinite(over) ? "no map below" : "above ground"}</dt>
           <dd>{Number.isFinite(over) ? length(over, units) : "–"}</dd>
           <small>{drone.position && scene?.anchor ? `${length(scene.anchor.height_m + drone.position[2], units)} ellipsoid` : " "}</small>
         </div>

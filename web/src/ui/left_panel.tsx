@@ -107,7 +107,7 @@ function Fleet() {
                 </span>
                 <span class="row-figures">
                   <b>{Number.isFinite(over) ? length(over, units) : "–"}</b>
-                  <small>above ground</small>
+                  <small>{drone.position && heights && !Number.isFinite(over) ? "no map below" : "above ground"}</small>
                 </span>
               </button>
               <button
