@@ -84,6 +84,20 @@ def test_what_a_recording_cannot_use_is_refused_as_by_run(tmp_path: Path, how: l
     assert isinstance(served, ValueError) and str(served) == str(ran)
 
 
+def test_pictures_of_topics_need_a_detector_from_the_start(tmp_path: Path) -> None:
+    """Else each is refused as it comes. With one, what is missing here is the router."""
+    words = ["serve", "--terrain", str(write_level_ground(tmp_path / "g.tif")), "--origin", ORIGIN]
+    words += ["--data", str(tmp_path / "live"), "--zenoh", "tcp/127.0.0.1:9"]
+    pictures = ["--topics", "drone=uav1,camera=/uav1/image,info=/uav1/info,camera_pose=/uav1/pose"]
+    refused = CliRunner().invoke(app, [*words, *pictures]).exception
+    assert isinstance(refused, ValueError) and "of uav1 (/uav1/image): name a detector" in str(refused)
+    assert not (tmp_path / "live").exists()
+    heatmaps = ["--topics", "drone=uav1,heatmap=/uav1/heat,info=/uav1/info,camera_pose=/uav1/pose"]
+    for how in ([*pictures, "--detector", "crowdnet-s"], heatmaps):
+        words[words.index("--data") + 1] += "x"
+        assert "no Zenoh session" in str(CliRunner().invoke(app, [*words, *how]).exception)
+
+
 def test_what_is_doubtful_of_a_recording_is_told_as_by_run(
     tmp_path: Path, replayed: list[tuple[set[str], list[int]]]
 ) -> None:

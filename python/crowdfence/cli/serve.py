@@ -254,6 +254,8 @@ def _live(
     _warn_of(*ground.doubts)
     inputs = _inputs(chosen)
     words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
+    if not words:
+        _refuse_unseen_pictures(inputs)
     with live(
         chosen["data"],
         ground.terrain,
@@ -310,6 +312,16 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
         ros=ros,
         offsets={} if alignment is None else read_alignment(alignment),
     )
+
+
+def _refuse_unseen_pictures(inputs: Inputs) -> None:
+    """ValueError for pictures of ROS topics at which no detector would look: each would be refused."""
+    for one in () if inputs.ros is None else inputs.ros.topics:
+        if one.camera is not None:
+            raise ValueError(
+                f"--topics: nobody would look at the pictures of {one.drone} ({one.camera}): name a "
+                "detector, such as --detector crowdnet-s, or heatmap= in place of camera="
+            )
 
 
 def _ros(chosen: dict[str, Any], noise: GivenNoise | None) -> RosLink | None:
