@@ -94,16 +94,19 @@ class Client:
         return self._give("/views", message.model_dump_json().encode(), "application/json")
 
     def give_image(
-        self, drone: str, stamp_ns: int, camera: Camera, world_from_camera: ArrayLike, image: bytes
+        self, drone: str, stamp_ns: int, camera: Camera, world_from_camera: ArrayLike | None, image: bytes
     ) -> int:
-        """A picture (JPEG or PNG) for the service's detector, otherwise as `give`."""
+        """A picture (JPEG or PNG) for the service's detector, otherwise as `give`. Without
+        `world_from_camera` (None) the drone's telemetry tells the pose."""
         import base64
 
         message = ViewMessage(
             drone=drone,
             stamp_ns=stamp_ns,
             camera=CameraMessage.of(camera),
-            world_from_camera=np.asarray(world_from_camera, dtype=np.float64).tolist(),
+            world_from_camera=None
+            if world_from_camera is None
+            else np.asarray(world_from_camera, dtype=np.float64).tolist(),
             image=base64.b64encode(image).decode("ascii"),
         )
         return self._give("/views", message.model_dump_json().encode(), "application/json")
