@@ -90,6 +90,7 @@ def detect_pictures(
             else:
                 picture, heatmap = found
                 unlike = watch.look(_label(picture), picture.rgb)
+                watch.answered(heatmap)
                 heatmaps.add(picture.number, picture.name, picture.time_s, heatmap, unlike_tested=unlike)
                 if film is not None:
                     time_s = frames / PICTURES_PER_S if picture.time_s is None else picture.time_s

@@ -72,6 +72,8 @@ def check(
         report = check_model(model_path(model), contract, image, gsd_m, threads)
         if overlay is not None:
             _write_overlay(overlay, report)
+    for warning in report.warnings:
+        console.warn(warning)
     if as_json:
         console.print_json(report.to_json())
         return

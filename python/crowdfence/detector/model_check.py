@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
+from crowdfence.detector.same_answer import SameAnswer
 from crowdfence.errors import DetectorError
 
 ASSUMED_GSD_M = 0.1
@@ -38,6 +39,13 @@ class ModelCheck:
     latency_ms_p95: float
     runs: int
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the heatmap, one sentence each."""
+        answer = SameAnswer(self.contract)
+        answer.add(self.heatmap)
+        return [] if answer.warning is None else [answer.warning]
+
     def to_json(self) -> dict[str, Any]:
         """Everything but the pixels."""
         return {
@@ -53,6 +61,7 @@ class ModelCheck:
                 "share_above_half": float((self.heatmap > 0.5).mean()),
             },
             "latency_ms": {"p50": self.latency_ms_p50, "p95": self.latency_ms_p95, "runs": self.runs},
+            "warnings": self.warnings,
         }
 
 

@@ -277,7 +277,7 @@ def _pictures_suffice(recording: Recording) -> bool:
 
 
 def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
-    return detector(_image(frame, watch))
+    return _watched(watch, detector(_image(frame, watch)))
 
 
 def _detect_to_scale(
@@ -292,10 +292,15 @@ def _detect_to_scale(
         frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
     )
     if sampling.sees_ground:
-        return detector(_image(frame, watch), gsd_m=sampling.along_ground())
+        return _watched(watch, detector(_image(frame, watch), gsd_m=sampling.along_ground()))
     if needed:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
-    return detector(_image(frame, watch), as_it_is=True)
+    return _watched(watch, detector(_image(frame, watch), as_it_is=True))
+
+
+def _watched(watch: PictureWatch, heatmap: NDArray[np.float32]) -> NDArray[np.float32]:
+    watch.answered(heatmap)
+    return heatmap
 
 
 def _image(frame: Frame, watch: PictureWatch) -> NDArray[np.uint8]:

@@ -1,4 +1,5 @@
-"""How many pictures of a flight are unlike everything that its detector was tested on, and which."""
+"""How many pictures of a flight are unlike everything that its detector was tested on, and which; and whether
+the detector sees them at all."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.same_answer import SameAnswer
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ class PictureWatch:
     def __init__(self, contract: Contract | None = None) -> None:
         self._name = "" if contract is None else contract.name
         self._tested = None if contract is None else contract.pictures
+        self._answer = SameAnswer(contract)
         self._lock = Lock()
         self._unlike: list[str] = []
         self.looked_at = 0
@@ -40,9 +43,18 @@ class PictureWatch:
                 self._unlike.append(name)
         return unlike
 
+    def answered(self, heatmap: NDArray[np.float32]) -> None:
+        """Take note of what the detector gave for a picture."""
+        with self._lock:
+            self._answer.add(heatmap)
+
     @property
     def warnings(self) -> list[str]:
-        """One sentence where there are such pictures."""
+        """One sentence where there are such pictures, and one where all answers are the same."""
+        same = self._answer.warning
+        return [*self._unlike_tested(), *(() if same is None else (same,))]
+
+    def _unlike_tested(self) -> list[str]:
         if not self.unlike:
             return []
         better = f"; {PHOTOGRAPH_MODEL} does better on pictures of real cameras"
