@@ -1,5 +1,5 @@
-"""Whether a model gives the same answer wherever it looks: then it does not see its pictures, and what it says
-of the ground below them is worth nothing.
+"""Whether a model gives the same answer wherever it looks: then it does not see its pictures, and what it
+says of the ground below them is worth nothing.
 
 A network whose weights were lost, whose input is scaled away or whose contract names a dead output is sure of
 nobody everywhere, and its flights look like flights over empty ground. One that sees says different things of
@@ -50,6 +50,6 @@ class SameAnswer:
             return None
         pictures = "the picture" if self._count == 1 else f"all {self._count} pictures"
         return (
-            f"{self._name} gives P = {self._highest:.2g} everywhere in {pictures}, whatever is there: it does "
-            "not see them; check scale, mean, std and color of its contract, and the model itself"
+            f"{self._name} gives P = {self._highest:.2g} everywhere in {pictures}, whatever is there: it "
+            "does not see them; check scale, mean, std and color of its contract, and the model itself"
         )

@@ -113,6 +113,43 @@ def test_a_doubt_is_refused_by_name(changes: dict[str, Any], message: str) -> No
     assert "\n" not in str(caught.value)
 
 
+IMAGENET_MEAN, IMAGENET_STD = [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]
+OF_255 = [123.675, 116.28, 103.53], [58.395, 57.12, 57.375]
+
+
+@pytest.mark.parametrize(
+    ("scale", "mean", "std"),
+    [
+        (1.0, [0, 0, 0], [1, 1, 1]),
+        (1 / 255, [0, 0, 0], [1, 1, 1]),
+        (1 / 255, IMAGENET_MEAN, IMAGENET_STD),
+        (1.0, *OF_255),
+        (1.0, [103.94, 116.78, 123.68], [1, 1, 1]),  # Caffe
+        (1 / 127.5, [1, 1, 1], [1, 1, 1]),  # -1 to 1
+    ],
+)
+def test_pixels_are_scaled_as_networks_have_them(scale: float, mean: list[float], std: list[float]) -> None:
+    changes = {"input__dtype": "float32", "input__scale": scale, "input__mean": mean, "input__std": std}
+    assert Contract.from_json(document(**changes)).input.scale == scale
+
+
+@pytest.mark.parametrize(
+    ("scale", "mean", "std", "apart"),
+    [
+        (1 / 255, *OF_255, "0.0171"),  # 1 / 58.395
+        (1 / 255, OF_255[0], [1, 1, 1], "1"),
+        (1.0, IMAGENET_MEAN, IMAGENET_STD, "1.11e\\+03"),  # 255 / 0.229
+        (1.0, [0.5, 0.5, 0.5], [0.5, 0.5, 0.5], "510"),
+    ],
+)
+def test_mean_and_std_of_other_pixels_are_refused(
+    scale: float, mean: list[float], std: list[float], apart: str
+) -> None:
+    changes = {"input__dtype": "float32", "input__scale": scale, "input__mean": mean, "input__std": std}
+    with pytest.raises(DetectorError, match=rf"input.scale {scale:.6g}.* would be {apart} apart"):
+        Contract.from_json(document(**changes))
+
+
 @pytest.mark.parametrize(
     ("kind", "changes", "message"),
     [

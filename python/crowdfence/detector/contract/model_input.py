@@ -11,6 +11,9 @@ from crowdfence.errors import DetectorError
 
 _LARGEST_SIDE = 16384
 _MOST_VIBRANCE = 8.0
+_CONTRAST = (0.1, 300.0)
+"""How far apart black and white may lie in a tensor. Pixels as they are make 255, those from 0 to 1 over the
+standard deviations of ImageNet 4.5; taken for each other they make 0.017 and 1133."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,7 @@ def input_from_json(section: JsonSection, output: ModelOutput) -> ModelInput:
         raise DetectorError(
             f"{section.key('dtype')} is 'uint8', the pixels as they are: scale, mean and std must be 1, 0, 1"
         )
+    _refuse_other_pixels(section, value)
     if value.size is None and resize in ("stretch", "letterbox"):
         raise DetectorError(f"{section.key('resize')} is {resize!r}, which needs {section.key('size')}")
     side = value.size or (multiple_of, multiple_of)
@@ -71,6 +75,24 @@ def input_from_json(section: JsonSection, output: ModelOutput) -> ModelInput:
             f"output.stride ({output.stride}), or resize 'stretch' or 'letterbox'"
         )
     return value
+
+
+def _refuse_other_pixels(section: JsonSection, model: ModelInput) -> None:
+    """Mean and std of pixels from 0 to 255 beside a scale that makes them 0 to 1, or the other way round: the
+    model then sees next to nothing of a picture, and finds nobody."""
+    white = 255.0 * model.scale
+    contrasts = [white / std for std in model.std]
+    if all(_CONTRAST[0] <= contrast <= _CONTRAST[1] for contrast in contrasts) and all(
+        -white <= mean <= 2.0 * white for mean in model.mean
+    ):
+        return
+    raise DetectorError(
+        f"{section.key('mean')} {list(model.mean)} and {section.key('std')} {list(model.std)} do not go "
+        f"with {section.key('scale')} {model.scale:.6g}, which makes pixels 0 to {white:.6g}: black and "
+        f"white would be {min(contrasts):.3g} apart; allowed: {_CONTRAST[0]:g} to {_CONTRAST[1]:g}, and a "
+        f"mean from {-white:.6g} to {2.0 * white:.6g}. Those of pixels from 0 to 255 go with scale 1, those "
+        "of pixels from 0 to 1 with scale 0.00392157 (1/255)"
+    )
 
 
 def _vibrance(section: JsonSection) -> float:
