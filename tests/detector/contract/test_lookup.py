@@ -211,6 +211,16 @@ def test_hugging_face_input_with_the_callers_output(tmp_path: Path) -> None:
     assert detector(image) == pytest.approx(np.full((8, 16), 0.49804), abs=1e-5)
 
 
+def test_hugging_face_turns_channels_round(tmp_path: Path) -> None:
+    path = float_model(tmp_path / "m.onnx")
+    config = PREPROCESSOR | {"do_normalize": False, "do_flip_channel_order": True}
+    (tmp_path / "preprocessor_config.json").write_text(json.dumps(config))
+    detector = Detector(path, output={"kind": "probability", "layout": "NCHW", "stride": 4})
+    # The model answers with its first channel, which is blue: 51 / 255.
+    image = np.full((32, 64, 3), (191, 0, 51), np.uint8)
+    assert detector(image) == pytest.approx(np.full((8, 16), 0.2), abs=1e-5)
+
+
 def test_hugging_face_says_nothing_about_the_output(tmp_path: Path) -> None:
     (tmp_path / "preprocessor_config.json").write_text(json.dumps(PREPROCESSOR))
     with pytest.raises(DetectorError, match=r"what the output means is not stated: give output="):
@@ -226,6 +236,8 @@ def test_hugging_face_says_nothing_about_the_output(tmp_path: Path) -> None:
         ({"size": {"shortest_edge": 32}}, r"size is .*shortest_edge.*; allowed: .*height"),
         ({"size": {"height": 32, "width": 64, "shortest_edge": 32}}, r"shortest_edge"),
         ({"do_center_crop": True}, r"do_center_crop is True; allowed: false"),
+        ({"do_flip_channel_order": True}, r"do_flip_channel_order is True; allowed: false where do_norm"),
+        ({"rescale_offset": True}, r"rescale_offset is True; allowed: false"),
         ({"rescale_factor": 0}, r"rescale_factor is 0; allowed: a finite number above 0"),
     ],
 )

@@ -36,6 +36,8 @@ def document(face: ModelFace, output: Mapping[str, Any] | None) -> dict[str, Any
     rescaled, normalised = _switch(config, "do_rescale"), _switch(config, "do_normalize")
     if config.raw("do_center_crop"):
         raise config.refuse("do_center_crop", "false, because crowds at the border would be cut off")
+    if config.raw("rescale_offset"):
+        raise config.refuse("rescale_offset", "false: say it as image_mean and image_std")
     return {
         "schema": 1,
         "name": face.path.stem,
@@ -43,7 +45,7 @@ def document(face: ModelFace, output: Mapping[str, Any] | None) -> dict[str, Any
             "name": image.name,
             "layout": "NCHW",
             "dtype": "float32",
-            "color": "RGB",
+            "color": _color(config, normalised=normalised),
             "scale": config.number("rescale_factor", 0.0, above=True) if rescaled else 1.0,
             "mean": _channels(config, "image_mean") if normalised else None,
             "std": _channels(config, "image_std") if normalised else None,
@@ -69,6 +71,17 @@ def _switch(config: JsonSection, name: str) -> bool:
     if not isinstance(value, bool):
         raise config.refuse(name, "true or false, written out")
     return value
+
+
+def _color(config: JsonSection, *, normalised: bool) -> str:
+    """MobileViT and what is built on it take the channels the other way round."""
+    if not config.raw("do_flip_channel_order"):
+        return "RGB"
+    if normalised:
+        raise config.refuse(
+            "do_flip_channel_order", "false where do_normalize is true: of which order is image_mean?"
+        )
+    return "BGR"
 
 
 def _channels(config: JsonSection, name: str) -> list[float]:
