@@ -245,6 +245,25 @@ def test_an_undeclared_mark_of_missing_data_is_refused_with_its_place(tmp_path, 
     assert len(heights_by_column(terrain)) == 29
 
 
+def test_heights_of_zero_far_below_all_others_are_doubted(tmp_path):
+    """3 of 12 pixels; land from 20 m on is no shore of what lies at 0."""
+    heights = np.full((3, 4), 60.0)
+    heights[:, 0] = 0.0
+    (doubt,) = read_map(local_map(tmp_path, heights, nodata=None), assume_local=True).doubts
+    assert doubt.startswith("3 pixels (25.0%) have the height 0 and all others 60 and more")
+    assert "pass nodata=0" in doubt
+    path = local_map(tmp_path, heights, nodata=None)
+    assert read_map(path, assume_local=True, nodata=0).doubts == ()
+    assert read_map(path, assume_local=True, height_unit="ft").doubts == ()  # 18.3 m
+
+
+@pytest.mark.parametrize("shore", [0.5, 19.0, -1.0])
+def test_the_sea_is_no_doubt(tmp_path, shore):
+    heights = np.array([[0.0, shore, 60.0]] * 3)
+    assert read_map(local_map(tmp_path, heights, nodata=None), assume_local=True).doubts == ()
+    assert read_map(local_map(tmp_path, np.zeros((3, 3))), assume_local=True).doubts == ()
+
+
 def test_integer_heights_with_scale_and_offset(tmp_path):
     path = local_map(tmp_path, np.full((3, 3), 125), dtype="int16", nodata=0)
     with rasterio.open(path, "r+") as dataset:

@@ -90,8 +90,10 @@ def open_geotiff(
         bridged = replace(projection, raster=replace(raster, bridges=bridges))
         voxels = _voxel_size(bridged, voxel_size_m)
         terrain = _terrain(path, bridged, voxels.size_m)
+        zeros = raster.zeros_doubt(projection.height_range[0], projection.frame.metres_per_height)
+        doubts = projection.frame.doubts if zeros is None else (*projection.frame.doubts, zeros)
     terrain.georeference = projection.frame.georeference
-    return MapReading(terrain, holes, voxels.why, projection.frame.doubts)
+    return MapReading(terrain, holes, voxels.why, doubts)
 
 
 def stated_crs(path: Path) -> CRS | None:

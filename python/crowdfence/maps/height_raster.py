@@ -19,6 +19,9 @@ from crowdfence.maps.map_error import MapError
 LOWEST_PLAUSIBLE_M = -500.0
 HIGHEST_PLAUSIBLE_M = 9000.0
 
+# Coasts have shores: where water at height 0 meets land, some land is lower than this.
+_LOWEST_LAND_M = 20.0
+
 _STRIP_PIXELS = 1 << 24
 
 
@@ -107,6 +110,23 @@ class HeightRaster:
         if lowest > highest:
             raise MapError(self.path, "no pixel has a height: all are marked as missing")
         return lowest, highest
+
+    def zeros_doubt(self, lowest: float, unit_m: float) -> str | None:
+        """One sentence where heights of exactly 0, the `lowest` of the file, lie far below all others: the
+        commonest mark of missing data, which many programs do not declare."""
+        if lowest != 0.0:
+            return None
+        zeros, above = 0, math.inf
+        for _, strip in self.strips():
+            zeros += int(np.count_nonzero(strip == 0.0))
+            above = min(above, float(np.min(strip, initial=math.inf, where=strip > 0.0)))
+        if not _LOWEST_LAND_M <= above * unit_m < math.inf:
+            return None
+        share = zeros / (self.width * self.height)
+        return (
+            f"{zeros:,} pixels ({share:.1%}) have the height 0 and all others {above:.5g} and more: where 0 "
+            "marks missing data there are pits now, in which crowds are put in wrong places; pass nodata=0"
+        )
 
     def strips(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, NDArray[np.float64]]]:
         """Whole rows from `first` to before `stop`, some at a time: the number of their first and heights."""
