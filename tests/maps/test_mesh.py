@@ -8,7 +8,7 @@ import pytest
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps import MapError, open_terrain, read_map
 from crowdfence.maps.voxel_size import round_voxel_size_m
 
 SQUARE = np.array([[0.5, 0.5, 2.5], [3.5, 0.5, 2.5], [3.5, 3.5, 2.5], [0.5, 3.5, 2.5]])
@@ -79,6 +79,27 @@ def test_y_up_units_and_origin(tmp_path):
     path.write_bytes(obj(SQUARE[:, [0, 2, 1]] * [100, 100, -100]))
     terrain = open_terrain(path, voxel_size_m=1.0, up="y", unit_m=0.01, origin=(10, 0, -2))
     assert voxel_set(terrain) == {(i + 10, j, k - 2) for i, j, k in FLAT}
+
+
+@pytest.mark.parametrize(("up", "other"), [("z", "y"), ("y", "z")])
+def test_ground_that_stands_upright_is_doubted(tmp_path, up, other):
+    """A square of 3 x 3 m that rises by 0.4 m to the north; upright it shows 3 x 0.4 m from above."""
+    ground = SQUARE + np.outer(SQUARE[:, 1] > 1, [0, 0, 0.4])
+    turned = np.stack([ground[:, 0], ground[:, 2], -ground[:, 1]], axis=-1)
+    for name, points in (("z", ground), ("y", turned)):
+        (tmp_path / f"{name}.obj").write_bytes(obj(points))
+    assert read_map(tmp_path / f"{up}.obj", up=up).doubts == ()
+    (doubt,) = read_map(tmp_path / f"{other}.obj", up=up).doubts
+    assert doubt.startswith("it shows 9 m2 of surface from the south and 1 m2 from above, a wall")
+    assert doubt.endswith(f"does its {other} axis point up? Then pass up='{other}'")
+
+
+def test_a_town_and_a_tower_are_no_doubt(tmp_path):
+    """Walls of 1 x 9 m on all sides: as much seen from the west as from the south; a roof of 1 m2."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 9)], np.float64)
+    sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (1, 3, 7, 5)]
+    (tmp_path / "tower.obj").write_bytes(obj(corners, [(a, b, c) for a, b, c, _ in sides]))
+    assert read_map(tmp_path / "tower.obj").doubts == ()
 
 
 # Two squares of 4 x 4 voxels, the second one 6 m further east and 3 m higher, as every dialect writes them.

@@ -21,6 +21,9 @@ from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
 
 LONGEST_SIDE_M = 1e6
 """Larger ones are a mistake of units: a voxel tree spans as many cells of a metre."""
+_WALL = 3.0
+"""Times as much surface seen from one side as from above and from the other is no land."""
+_CHUNK_TRIANGLES = 1 << 20
 
 
 def open_mesh(
@@ -65,7 +68,26 @@ def open_mesh(
     )
     terrain = Terrain.from_triangles(vertices, triangles, voxels.size_m)
     terrain.georeference = georeference
-    return MapReading(terrain, voxel_size_why=voxels.why)
+    return MapReading(terrain, voxel_size_why=voxels.why, doubts=_stands_upright(vertices, triangles, up))
+
+
+def _stands_upright(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int64], up: Literal["z", "y"]
+) -> tuple[str, ...]:
+    """One sentence where the mesh shows a wall to whoever looks north, and next to nothing from above: the
+    ground of a file whose other axis points up. None of a town, whose walls face all ways."""
+    seen_m2 = np.zeros(3)  # from the west, the south and above
+    for first in range(0, len(triangles), _CHUNK_TRIANGLES):
+        a, b, c = (vertices[corner] for corner in triangles[first : first + _CHUNK_TRIANGLES].T)
+        seen_m2 += np.abs(np.cross(b - a, c - a)).sum(axis=0) / 2.0
+    west_m2, south_m2, above_m2 = seen_m2.tolist()
+    if south_m2 == 0.0 or south_m2 < _WALL * max(west_m2, above_m2):
+        return ()
+    other = "z" if up == "y" else "y"
+    return (
+        f"it shows {south_m2:,.0f} m2 of surface from the south and {above_m2:,.0f} m2 from above, a wall "
+        f"and no ground: does its {other} axis point up? Then pass up='{other}'",
+    )
 
 
 _UNEVEN = (
