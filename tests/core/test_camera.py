@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from crowdfence import Camera
+from crowdfence import Camera, ViewError
 
 Array = NDArray[np.float64]
 
@@ -191,6 +191,11 @@ def test_focal_length_must_be_positive(focal_px: float) -> None:
 def test_refusals_name_the_value() -> None:
     with pytest.raises(ValueError, match="0 x 480"):
         Camera.pinhole(0, 480, 300.0, 300.0, 320.0, 240.0)
+    for side in (-1, 2**32, 2**63):
+        with pytest.raises(ViewError, match=f"a side of {side} pixels: it must be at least 1"):
+            Camera.pinhole(side, 480, 300.0, 300.0, 320.0, 240.0)
+        with pytest.raises(ViewError, match=f"a side of {side} pixels"):
+            Camera.fisheye(640, side, 300.0, 300.0, 320.0, 240.0)
     with pytest.raises(ValueError, match="cx is NaN"):
         Camera.pinhole(640, 480, 300.0, 300.0, float("nan"), 240.0)
     with pytest.raises(ValueError, match="k2 is inf"):

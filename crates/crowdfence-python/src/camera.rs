@@ -1,12 +1,15 @@
 use std::sync::Arc;
 
+use crowdfence::camera::MAX_IMAGE_SIDE;
 use crowdfence::{Camera, Distortion};
 use glam::DVec2;
 use numpy::PyArray2;
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::arrays::{Array, points, refuse, rows};
+use crate::errors::ViewError;
 
 /// Intrinsics of one camera. `Camera.pinhole` and `Camera.fisheye` make one.
 ///
@@ -20,13 +23,24 @@ use crate::arrays::{Array, points, refuse, rows};
 pub struct PyCamera(pub Arc<Camera>);
 
 impl PyCamera {
-    fn new(size: [i64; 2], focal: [f64; 2], center: [f64; 2], distortion: Distortion) -> PyResult<Self> {
-        // A side that is no u32 becomes 0, which the core refuses.
-        let [width, height] = size.map(|side| u32::try_from(side).unwrap_or(0));
-        Camera::new(width, height, focal[0], focal[1], center[0], center[1], distortion)
+    fn new(size: [u32; 2], focal: [f64; 2], center: [f64; 2], distortion: Distortion) -> PyResult<Self> {
+        Camera::new(size[0], size[1], focal[0], focal[1], center[0], center[1], distortion)
             .map(|camera| PyCamera(Arc::new(camera)))
             .map_err(refuse)
     }
+}
+
+/// A side of an image. The core knows the bounds, and sees only what fits in 32 bits.
+fn side(value: &Bound<'_, PyAny>) -> PyResult<u32> {
+    value.extract::<u32>().or_else(|error| {
+        if !error.is_instance_of::<PyOverflowError>(value.py()) {
+            return Err(error);
+        }
+        let shown = value.str()?.to_string();
+        Err(ViewError::new_err(format!(
+            "image has a side of {shown:.60} pixels: it must be at least 1 and at most {MAX_IMAGE_SIDE}"
+        )))
+    })
 }
 
 #[pymethods]
@@ -43,8 +57,8 @@ impl PyCamera {
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=None))]
     fn pinhole(
-        width: i64,
-        height: i64,
+        #[pyo3(from_py_with = side)] width: u32,
+        #[pyo3(from_py_with = side)] height: u32,
         fx: f64,
         fy: f64,
         cx: f64,
@@ -70,8 +84,8 @@ impl PyCamera {
     #[staticmethod]
     #[pyo3(signature = (width, height, fx, fy, cx, cy, distortion=vec![0.0; 4]), text_signature = "(width, height, fx, fy, cx, cy, distortion=(0.0, 0.0, 0.0, 0.0))")]
     fn fisheye(
-        width: i64,
-        height: i64,
+        #[pyo3(from_py_with = side)] width: u32,
+        #[pyo3(from_py_with = side)] height: u32,
         fx: f64,
         fy: f64,
         cx: f64,
