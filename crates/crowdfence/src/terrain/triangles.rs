@@ -20,6 +20,9 @@ pub const MAX_COORDINATE: f64 = (1 << 30) as f64;
 
 /// Triangles that one task turns into one sorted list.
 pub(super) const BATCH: usize = 4096;
+/// Triangles of several tasks may lie on top of each other and share their voxels; more such layers than this
+/// no mesh has.
+const MOST_LAYERS: f64 = 4.0;
 /// Voxels that a task finds before it reports them to the common count.
 const COUNTING_STEP: u64 = 1 << 16;
 
@@ -55,14 +58,19 @@ fn voxelize_up_to(
     triangles: &[[u32; 3]],
 ) -> Result<Vec<[i32; 3]>, TrianglesError> {
     check(vertices, triangles)?;
+    let corners = |triangle: &[u32; 3]| triangle.map(|index| vertices[index as usize]);
+    let fewest =
+        |part: &[[u32; 3]]| part.iter().map(|triangle| fewest_voxels(corners(triangle))).sum::<f64>();
+    // A gross mistake of scale is seen before any voxel is made.
+    if fewest(triangles) > MOST_LAYERS * bound as f64 {
+        return Err(TrianglesError::TooManyVoxels { bound });
+    }
     let total = AtomicU64::new(0);
     let lists = triangles
         .par_chunks(BATCH)
         .map(|batch| {
             let mut list = VoxelList { voxels: Vec::new(), unreported: 0, total: &total, bound };
-            let corners = |triangle: &[u32; 3]| triangle.map(|index| vertices[index as usize]);
-            // A gross mistake of scale is seen before any voxel is made.
-            if batch.iter().map(|triangle| fewest_voxels(corners(triangle))).sum::<f64>() > bound as f64 {
+            if fewest(batch) > bound as f64 {
                 return Err(TrianglesError::TooManyVoxels { bound });
             }
             for triangle in batch {
