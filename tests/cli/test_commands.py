@@ -291,6 +291,15 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert [row["safety"] for row in report["scores"]] == [None] * 3  # nobody recorded where people are
     assert report["detector"]["true_positive_rate"]["rate"] == pytest.approx(36 / 40)
     assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
+    assert report["warnings"] == []
+
+    # Without its label the first heatmap's 20 voxels are all false alarms, and that is said.
+    (tmp_path / "truth" / "regions" / f"uav1_{stamps[0]}.png").unlink()
+    asked = ("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, "-m", "or", "--json")
+    half = json.loads(crowdfence(*asked).stdout)
+    assert half["scores"][0]["per_frame"] == pytest.approx([0.0, 20 / 24])
+    (warning,) = half["warnings"]
+    assert warning.startswith("1 of 2 frames have no label (uav1 1 of 2): crowd that is labelled in no other")
 
 
 def test_a_recording_of_nobody_has_no_mean_iou(tmp_path: Path) -> None:

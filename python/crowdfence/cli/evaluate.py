@@ -121,6 +121,7 @@ def evaluate(
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
     from crowdfence.sources.layers import CROWD, checked_layer
+    from crowdfence.truth.crowd_masks import unlabelled_warning
 
     if report is not None:
         with replaceable_folder(report, contents=CONTENTS, force=force):
@@ -181,8 +182,10 @@ def evaluate(
         for number, row in enumerate(scores if sweep else [])
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
+    unlabelled = unlabelled_warning(source) if truth is options.TruthChoice.projected else None
     warnings = [
         *source.warnings,
+        *([] if unlabelled is None else [unlabelled]),
         *reading.doubts,
         *heatmaps.of_detectors,
         *doubts,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +28,19 @@ def require_crowd_masks(recording: Recording) -> None:
         raise ValueError(
             f"{recording.name} holds no truth: no frame has crowd regions or a segmentation with crowd"
         )
+
+
+def unlabelled_warning(recording: Recording) -> str | None:
+    """One sentence where some frames have no label, which nobody can tell from one that shows no crowd."""
+    without = Counter(frame.drone for frame in recording.frames if not has_crowd_mask(frame))
+    if not without:
+        return None
+    of = Counter(frame.drone for frame in recording.frames)
+    each = ", ".join(f"{drone} {without[drone]} of {of[drone]}" for drone in sorted(without))
+    return (
+        f"{without.total()} of {of.total()} frames have no label ({each}): crowd that is labelled in no "
+        "other frame counts as a false alarm where they show it, and the IoU is lower for it"
+    )
 
 
 def crowd_mask(frame: Frame) -> NDArray[np.bool_]:
