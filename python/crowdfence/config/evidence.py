@@ -28,6 +28,7 @@ _LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7,
 is taken for that states nothing."""
 _MOST_EXPONENT = 700.0
 """No float holds exp of more than 709."""
+_MOST = f"{FURTHEST_LOG_ODDS:g}"
 _NO_FURTHER = "no number of looks goes further from the prior"
 
 
@@ -108,14 +109,16 @@ def above(prior: float, *, zone_log_odds: float) -> float:
     """The probability that lies so far above the prior, or below it where that is negative. ValueError for a
     distance out of bounds; a prior outside (0, 1) is left to the core to refuse."""
     if not -FURTHEST_LOG_ODDS <= zone_log_odds <= FURTHEST_LOG_ODDS:
-        raise ValueError(f"zone_log_odds is {zone_log_odds:g}; it must be in [-12, 12]: {_NO_FURTHER}")
+        raise ValueError(
+            f"zone_log_odds is {zone_log_odds:g}; it must be in [-{_MOST}, {_MOST}]: {_NO_FURTHER}"
+        )
     return _shifted(prior, zone_log_odds)
 
 
 def below(prior: float, *, clear_log_odds: float) -> float:
     """The probability that lies so far below the prior; errors as of `above`."""
     if not 0.0 < clear_log_odds <= FURTHEST_LOG_ODDS:
-        raise ValueError(f"clear_log_odds is {clear_log_odds:g}; it must be in (0, 12]: {_NO_FURTHER}")
+        raise ValueError(f"clear_log_odds is {clear_log_odds:g}; it must be in (0, {_MOST}]: {_NO_FURTHER}")
     return _shifted(prior, -clear_log_odds)
 
 
