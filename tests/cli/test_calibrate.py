@@ -192,6 +192,18 @@ def test_a_correction_that_keeps_one_half_says_nothing_of_people(calibrated: tup
     assert not any("fewer people" in warning for warning in calibrated[2]["warnings"])
 
 
+def test_a_model_no_better_than_chance_is_told(
+    data: list[Path], calibrated: tuple[Path, Path, dict], tmp_path: Path
+) -> None:
+    """One that takes empty cells for crowd: its precision never exceeds the share of crowd."""
+    done = calibrate(noisy_model(tmp_path / "m.onnx", sharpness=-4.0), data, tmp_path / "out.onnx", "--json")
+    report = json.loads(done.stdout)
+    overall = report["quality"]["overall"]
+    assert overall["pr_auc"]["value"] < overall["crowd_cells"] / overall["cells"]
+    assert any(warning.startswith("the model does not tell crowd") for warning in report["warnings"])
+    assert not any("does not tell crowd" in warning for warning in calibrated[2]["warnings"])
+
+
 def test_intervals_over_three_missions_are_called_too_narrow(calibrated: tuple[Path, Path, dict]) -> None:
     assert any("3 missions only: intervals" in warning for warning in calibrated[2]["warnings"])
 

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 NOTABLE_LOSS = 0.005
 """Share of the crowd cells whose loss at one half is told."""
+NOTABLE_LIFT = 0.02
+"""Of the way from chance to all cells ranked right; what lies below is told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,12 +171,24 @@ def _warnings(calibration: Calibration, measured: PassResult, missions: Labelled
             "shows whether it helps"
         )
     yield from missions.interval_warnings(measured.quality.overall.units)
+    yield from _of_chance(measured.quality.overall)
     yield from _of_people_lost(calibration.before, measured.quality.overall)
     yield from _of_few_looks(measured.rates)
     if not measured.rates:
         yield "no recording comes with a map: no rates per voxel observation were measured"
     elif measured.without_map:
         yield f"without a map, not part of the rates: {', '.join(measured.without_map)}"
+
+
+def _of_chance(after: Quality) -> Iterator[str]:
+    """What ranks cells at random has the share of crowd as its area under the precision-recall curve."""
+    share, pr_auc = after.crowd_cells / max(after.cells, 1), after.pr_auc.value
+    if pr_auc - share < NOTABLE_LIFT * (1.0 - share):
+        yield (
+            f"the model does not tell crowd from other ground: PR-AUC {pr_auc:.3f}, by chance {share:.3f}. "
+            "No correction mends that, and a run with it closes and clears next to nothing; check what its "
+            "contract says of the picture, and what it was trained on"
+        )
 
 
 def _of_people_lost(before: Quality, after: Quality) -> Iterator[str]:
