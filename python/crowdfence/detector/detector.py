@@ -93,7 +93,8 @@ class Detector:
         name: str | None = None,
         contract: AnyContract | None = None,
     ) -> Detector:
-        """A detector of any function: uint8 [H, W, 3] RGB -> heatmap [h, w] in [0, 1] at `stride`.
+        """A detector of any function: uint8 [H, W, 3] RGB -> heatmap [h, w] at `stride`, float in [0, 1] or
+        uint8 as value / 255. A mask of 0 and 1 is given as float: as uint8 its ones are next to nothing.
 
         contract: for its rates, validity and target height; its output.stride then counts, not `stride`.
         """
