@@ -10,7 +10,7 @@ import pytest
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, open_terrain
+from crowdfence.maps import MapError, open_terrain, read_map
 from crowdfence.maps.ground_surface import triangulate
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
 
@@ -65,6 +65,19 @@ def test_a_sloping_plane_of_scattered_points_comes_back_exactly(tmp_path):
     assert np.abs(plane_above_m[inside]).max() <= 0.01 * 1.5 + 1e-6
     columns = {(i, j) for i, j, _ in voxel_set(terrain)}
     assert {(i, j) for i in range(25, 175) for j in range(25, 175)} <= columns
+
+
+def test_bridge_decks_that_are_left_out_are_told(tmp_path):
+    """A deck 4 m wide and 10 m above the ground: 4 x 20 points of 400."""
+    points = grid_points(20, lambda x, y: 5.3)
+    deck = np.abs(points[:, 0] - 10) < 2
+    points[deck, 2] += 10
+    path = write_las(tmp_path / "bridge.las", points, np.where(deck, 17, 2))
+    (doubt,) = read_map(path, assume_local=True).doubts
+    assert doubt.startswith("80 points of bridge decks (class 17) are no ground")
+    everything = read_map(path, assume_local=True, surface="all", voxel_size_m=1.0)
+    assert everything.doubts == () and (10, 10, 15) in voxel_set(everything.terrain)
+    assert read_map(write_las(tmp_path / "plain.las", points), assume_local=True).doubts == ()
 
 
 def test_gaps_are_bridged_up_to_the_given_width(tmp_path):

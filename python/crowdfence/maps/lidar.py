@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,6 +42,7 @@ Chunks = Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]
 # Classes of ASPRS LAS 1.4 R15, tables 9 and 17.
 GROUND = 2
 NOISE = (7, 18)
+BRIDGE_DECK = 17
 
 MAX_COLUMNS = 20_000_000
 MAX_VOXELS = 100_000_000
@@ -98,10 +100,20 @@ def open_lidar(
         told = f"its points, up to {distance_m:g} m apart on average"
         voxels = chosen_voxel_size(voxel_size_m, distance_m, told, area_m2)
         keys = VoxelKeys(voxels.size_m, near=corners.mean(axis=0))
-        survey = _Survey.of(_chunks(path, reader, frame), keys, only_ground=surface == "ground")
+        kinds: Counter[int] = Counter()
+        survey = _Survey.of(_chunks(path, reader, frame, kinds), keys, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
-    return MapReading(terrain, voxel_size_why=voxels.why, doubts=frame.doubts)
+    decks = kinds[BRIDGE_DECK] if surface != "all" and len(survey.ground) else 0
+    return MapReading(terrain, voxel_size_why=voxels.why, doubts=(*frame.doubts, *_of_bridges(decks)))
+
+
+def _of_bridges(points: int) -> Iterator[str]:
+    if points:
+        yield (
+            f"{points:,} points of bridge decks (class 17) are no ground and not in the map: who stands on a "
+            "bridge is put on what lies below, beside where they stand; pass surface='all' to have them"
+        )
 
 
 def stated_crs(path: Path) -> CRS | None:
@@ -240,8 +252,8 @@ def _frame(
     return source_frame(crs, georeference, rules, metres_per_height, centre=(x, y), lowest=lowest)
 
 
-def _chunks(path: Path, reader: Any, frame: SourceFrame) -> Chunks:
-    """The usable points."""
+def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) -> Chunks:
+    """The usable points, counted by their class into `kinds`."""
     count = 0
     chunks = reader.chunk_iterator(_CHUNK_POINTS)
     while True:
@@ -252,6 +264,7 @@ def _chunks(path: Path, reader: Any, frame: SourceFrame) -> Chunks:
             x, y, z = (np.asarray(values, np.float64) for values in (chunk.x, chunk.y, chunk.z))
             kind = np.asarray(chunk.classification)
             usable = ~(np.isin(kind, NOISE) | np.asarray(chunk.withheld, bool))
+        kinds.update(dict(enumerate(np.bincount(kind[usable]).tolist())))
         height_m = z * frame.metres_per_height
         no_land = usable & ((height_m < LOWEST_PLAUSIBLE_M) | (height_m > HIGHEST_PLAUSIBLE_M))
         if no_land.any():
