@@ -284,6 +284,8 @@ def test_automatic_choice(
     assert choose_detector(without, "auto") is None
     with pytest.raises(ValueError, match="belongs to a model"):
         choose_detector(without, "auto", contract=Path("contract.json"))
+    with pytest.raises(ValueError, match="--enlarge never is for a model"):
+        choose_detector(with_pictures, "recorded", enlarge="never")
     with pytest.raises(FileNotFoundError, match="nowhere.onnx"):
         choose_detector(with_pictures, "nowhere.onnx")
 

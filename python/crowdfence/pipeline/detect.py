@@ -218,6 +218,8 @@ def choose_detector(
             raise ValueError(
                 f"--contract {contract} belongs to a model; the heatmaps here are the recorded ones"
             )
+        if enlarge != "always":
+            raise ValueError(f"--enlarge {enlarge} is for a model; the heatmaps here are the recorded ones")
         return None
     from crowdfence.detector.detector import Detector
 
