@@ -2,6 +2,7 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,15 @@ def test_a_probability_is_taken_as_it_is(tmp_path: Path) -> None:
     heatmap = Detector(write_map_model(tmp_path / "m.onnx", document()))(cells_of(REDS))
     assert heatmap.dtype == np.float32 and heatmap.shape == (2, 2)
     assert heatmap == pytest.approx(P, abs=1e-6)
+
+
+def test_a_contract_that_was_changed_in_python_is_checked(tmp_path: Path) -> None:
+    path = write_map_model(tmp_path / "m.onnx", document())
+    contract = Detector(path).contract
+    assert Detector(path, contract).contract == contract
+    changes: Any = {"kind": "logit"}
+    with pytest.raises(DetectorError, match=r"the given contract: output.kind is 'logit'; allowed: prob"):
+        Detector(path, replace(contract, output=replace(contract.output, **changes)))
 
 
 def test_logits_are_divided_by_the_temperature(tmp_path: Path) -> None:

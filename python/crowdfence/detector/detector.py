@@ -225,7 +225,7 @@ class Detector:
 
 def _given(contract: AnyContract) -> FoundContract:
     if isinstance(contract, Contract):
-        return FoundContract(contract, "given")
+        contract = contract.to_json()  # one that was put together by hand is checked as any other
     if isinstance(contract, Mapping):
         return FoundContract(contract_of(contract, "the given contract"), "given")
     return FoundContract(read_contract(Path(contract)), str(contract))
