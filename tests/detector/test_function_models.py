@@ -106,6 +106,13 @@ def test_detections_are_checked(detections: Any, message: str) -> None:
         Detector.from_supervision(lambda image: detections, class_ids=(0,))(BLACK, gsd_m=0.25)
 
 
+@pytest.mark.parametrize("score_min", [50, float("nan"), -0.1])
+def test_scores_that_nobody_reaches_are_refused(score_min: float) -> None:
+    """In percent, or no number at all: nobody would be found, ever."""
+    with pytest.raises(DetectorError, match=r"output.score_min is .*; allowed: "):
+        Detector.from_supervision(lambda image: image, class_ids=np.array([0]), score_min=score_min)
+
+
 def test_strides_below_one_are_refused() -> None:
     with pytest.raises(ValueError, match="stride is 0"):
         Detector.from_callable(lambda image: image, stride=0)

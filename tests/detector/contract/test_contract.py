@@ -157,6 +157,7 @@ def test_mean_and_std_of_other_pixels_are_refused(
         ("boxes", {"output__row": None}, r"output.row is missing"),
         ("boxes", {"output__row": "class_scores"}, r"output.class_index is missing"),
         ("boxes", {"output__iou_max": 1.5}, r"output.iou_max is 1.5"),
+        ("boxes", {"output__score_min": 25}, r"output.score_min is 25; allowed: null or a number from 0 to"),
         ("points", {"output__layout": "NCHW"}, r"output.layout is 'NCHW'; allowed: NDC, NCD"),
         ("points", {"output__rule": {"min_people": 0}}, r"output.rule.min_people is 0"),
         ("density", {"output__count_scale": None}, r"output.count_scale is missing"),

@@ -133,6 +133,8 @@ def _refuse_misplaced(section: JsonSection, output: ModelOutput) -> None:
         raise DetectorError(f"{section.key('coordinates')} 'grid' go with boxes of format 'cxcywh'")
     if output.iou_max is not None and output.iou_max > 1.0:
         raise section.refuse("iou_max", "null or a number above 0 and at most 1")
+    if output.score_min is not None and output.score_min > 1.0:
+        raise section.refuse("score_min", "null or a number from 0 to 1")
     if (
         output.row in ("score_class", "class_scores", "objectness_class_scores")
         and output.class_index is None

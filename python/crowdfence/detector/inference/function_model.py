@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.contract import Contract, contract_of
 from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.contract.model_output import ModelOutput
@@ -103,14 +103,14 @@ def boxes_contract(
         "boxes",
         "NDC",
         stride,
-        class_index=None if class_ids is None else tuple(class_ids),
+        class_index=None if class_ids is None else tuple(int(one) for one in class_ids),
         box_format="xyxy",
         row="score" if class_ids is None else "score_class",
         coordinates="pixels",
         score_min=score_min,
         rule=rule or PeopleRule(),
     )
-    return Contract(name, _PIXELS, output)
+    return contract_of(Contract(name, _PIXELS, output).to_json(), name)
 
 
 def _boxes(detections: Any) -> NDArray[np.float64]:
