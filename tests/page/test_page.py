@@ -194,6 +194,21 @@ def test_an_operator_closes_ground_and_says_why(console: Console, server: Server
     assert (entry["user"], entry["action"], entry["reason"]) == ("a-operator", "add", "ambulance at work")
 
 
+def test_a_corner_is_set_where_a_label_stands(console: Console) -> None:
+    """The label took the click: the outline lacked that corner, and closed less than was drawn."""
+    console.pause()
+    console.find("draw").click()
+    for number, kind in enumerate(("zone", "drone"), start=1):
+        label = console.page.locator(f".{kind}-label span:visible").first.bounding_box()
+        assert label is not None
+        across, down = label["x"] + label["width"] / 2, label["y"] + label["height"] / 2
+        console.page.mouse.click(across, down)
+        console.wait("drawing", lambda corners, number=number: len(corners) == number)
+    console.page.keyboard.press("Escape")
+    console.wait("drawing", lambda drawing: drawing is None)
+    console.find("follow").click()
+
+
 def test_a_viewer_sees_everything_and_changes_nothing(browser: Browser, server: Server) -> None:
     context = browser.new_context(viewport={"width": 1024, "height": 768}, color_scheme="light")
     viewer = open_console(context, server, "viewer")
