@@ -17,6 +17,7 @@ from PIL import Image
 from shapely import box
 
 from crowdfence import View, project
+from crowdfence.config import EvidenceConfig, RunConfig
 from crowdfence.service import intake, watch
 from crowdfence.service.clock import Clock
 from crowdfence.service.packing import packed, unpacked
@@ -28,6 +29,7 @@ from crowdfence.sources.recording import Frame
 from crowdfence.zones import AltitudeBand
 from support.small_service import (
     CAMERA,
+    CONFIG,
     SECOND_NS,
     SETTINGS,
     START_NS,
@@ -363,12 +365,12 @@ def test_a_clock_that_was_set_is_an_alarm(tmp_path: Path) -> None:
         assert "+3.0 s" in alert.text
 
 
-def crowd_at(drone: str, number: int, eye: tuple[float, float, float]) -> bytes:
+def crowd_at(drone: str, number: int, eye: tuple[float, float, float], value: float = 0.95) -> bytes:
     """A view straight down with a crowd in its middle, five a second."""
     world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     world_from_camera[:3, 3] = eye
     heatmap = np.zeros((12, 16), np.float32)
-    heatmap[5:7, 7:9] = 0.95
+    heatmap[5:7, 7:9] = value
     return message(
         View(drone, START_NS + number * SECOND_NS // 5, CAMERA, world_from_camera, heatmap),
     )
@@ -416,6 +418,72 @@ def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tm
         fly(service, range(610, 670), lost=False)
         watch.look()
         assert not active(service, "lost_crowd")
+
+
+@pytest.mark.parametrize(
+    ("config", "is_told"),
+    [
+        (CONFIG, False),
+        (replace(CONFIG, zones=replace(CONFIG.zones, threshold=1.0)), True),
+        (replace(CONFIG, method=EvidenceConfig(doubt=1e300)), True),
+        (replace(CONFIG, zones=replace(CONFIG.zones, threshold=1.0, close_unseen=True)), False),
+        (replace(CONFIG, zones=replace(CONFIG.zones, min_area_m2=1e9)), False),
+    ],
+)
+def test_crowd_that_no_setting_lets_become_one_is_an_alarm(
+    tmp_path: Path, config: RunConfig, is_told: bool
+) -> None:
+    """Nothing is closed, and the map looks like that of empty ground. Not where the ground is closed all the
+    same, nor where the crowd is too small for a zone, which is told by its area."""
+    with running(tmp_path, config=config) as service:
+        watch = Watch(service)
+        for number in range(15):  # 2.8 s
+            service.live.intake.give_view(crowd_at("uav1", number, (30.0, 30.0, 18.0)))
+        settle(service)
+        watch.look()
+        assert not active(service, "unheeded_crowd"), "it may still become one"
+        for number in range(15, 20):
+            service.live.intake.give_view(crowd_at("uav1", number, (30.0, 30.0, 18.0)))
+        service.live.finish()
+        watch.look()
+        assert active(service, "unheeded_crowd") == ({(None, None)} if is_told else set())
+        if not is_told:
+            return
+        (alert,) = [one for one in service.alerts.all() if one.kind == "unheeded_crowd"]
+        # The middle 2 x 2 pixels of 1.5 m on the ground each.
+        assert "every look of uav1 shows crowd on 9 m" in alert.text, alert.text
+        assert "around 30 m east and 30 m north" in alert.text
+        assert f"none of it reaches P >= {service.mission.threshold:.3g}" in alert.text
+        assert alert.level == "alarm"
+    with running(tmp_path, config=config) as service:
+        watch = Watch(service)
+        watch.look()
+        assert active(service, "unheeded_crowd"), "a restart mends nothing"
+        for number in range(21, 40):
+            service.live.intake.give_view(crowd_at("uav1", number, (30.0, 30.0, 18.0), 0.0))
+        service.live.finish()
+        watch.look()
+        assert not active(service, "unheeded_crowd"), "a look shows none there"
+
+
+def test_false_alarms_that_do_not_last_are_no_unheeded_crowd(tmp_path: Path) -> None:
+    """At each look somewhere, and at one place at every other look."""
+    config = replace(CONFIG, zones=replace(CONFIG.zones, threshold=1.0))
+    random = np.random.default_rng(5)
+    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_camera[:3, 3] = (30.0, 30.0, 18.0)
+    with running(tmp_path, config=config) as service:
+        watch = Watch(service)
+        for number in range(60):
+            heatmap = np.zeros((12, 16), np.float32)
+            heatmap[random.integers(12), random.integers(16)] = 0.95
+            heatmap[6, 8] = 0.95 * (number % 2)
+            stamp_ns = START_NS + number * SECOND_NS // 5
+            service.live.intake.give_view(message(View("uav1", stamp_ns, CAMERA, world_from_camera, heatmap)))
+            if number % 10 == 9:
+                settle(service)
+                watch.look()
+        assert not [one for one in service.alerts.all() if one.kind == "unheeded_crowd"]
 
 
 def beside_the_map(number: int, columns: int) -> bytes:

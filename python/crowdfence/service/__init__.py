@@ -17,6 +17,7 @@
 - `operator_zones`    what operators closed, locked and opened
 - `alerts` `watch`    what somebody should look at, and what notices it
 - `recent_crowd`      where the crowd went that drones showed of late
+- `unheeded_crowd`    crowd that every look shows and that never becomes any on the map
 - `access` `guard`    who may do what; limits, headers
 - `stream` `routes/` `app` `server`  HTTP and WebSocket
 - `client`            the same from Python

@@ -23,6 +23,7 @@ AlertKind = Literal[
     "pose_gap",
     "alignment_unused",
     "lost_crowd",
+    "unheeded_crowd",
     "heatmap_units",
     "clock",
     "disk",

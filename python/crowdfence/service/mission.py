@@ -23,6 +23,7 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.recent_crowd import RecentCrowd
 from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
+from crowdfence.service.unheeded_crowd import UnheededCrowd
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
 
@@ -73,6 +74,7 @@ class Mission:
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_crowd = RecentCrowd()
+        self.unheeded_crowd = UnheededCrowd(terrain, crowd_map.method.b_threshold)
         self._seen = SeenColumns(self.terrain)
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
@@ -109,6 +111,7 @@ class Mission:
         """Publish what a step of the loop brought."""
         self.found = step.zones
         self.recent_crowd.add(step.update.observations)
+        self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

@@ -83,6 +83,7 @@ class Watch:
         self._alignment()
         self._detector()
         self._lost_crowd()
+        self._unheeded_crowd()
         self._drones_and_zones()
         self._clock()
         self._disk()
@@ -173,6 +174,15 @@ class Watch:
             text = lost_crowd_warning(drone, mass)
             share = max(mass.lost / mass.total if text else 0.0, _SMALL_SHARE)
             self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone, measure=share)
+
+    def _unheeded_crowd(self) -> None:
+        mission, moment = self._service.mission, self._service.mission.newest
+        if moment is None or not mission.unheeded_crowd.has_begun:  # what was raised before a restart stays
+            return
+        least_m2 = mission.config.zones.min_area_m2
+        found = mission.unheeded_crowd.beside(moment.zones.closed, mission.threshold, least_m2)
+        text, measure = ("", None) if found is None else (found.text, found.area_m2)
+        self._set(found is not None, "unheeded_crowd", "alarm", text, measure=measure)
 
     def _drones_and_zones(self) -> None:
         service, moment = self._service, self._service.mission.newest
