@@ -11,7 +11,7 @@ from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.transport import open_transport
 from support.fence_zones import box, station
-from support.vehicle_emulator import EmulatedLink, EmulatedVehicle, polygon
+from support.vehicle_emulator import ARDUPILOT, EmulatedLink, EmulatedVehicle, polygon
 
 A, B = box(100.0, 100.0, name="A"), box(200.0, 100.0, name="B")
 THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56))
@@ -201,6 +201,62 @@ def test_what_others_do_to_the_fence_is_found_by_reading_it(tmp_path: Path) -> N
     watched.run(3.0)
     watched.vehicle.items = []
     assert "changed_by_others" in watched.run(8.0) and len(watched.vehicle.items) == 4
+
+
+def test_a_fence_that_somebody_switches_off_is_an_alarm(tmp_path: Path) -> None:
+    """The zones stay the same, and nothing is sent that would ask for the parameters."""
+    watched = Watched(tmp_path, check_s=5.0)
+    assert "written" in watched.run(3.0) and watched.watch.alarms == ()
+    watched.vehicle.parameters["GF_ACTION"] = 1
+    assert watched.run(8.0) == ["not_enforced"]
+    watched.vehicle.parameters["GF_ACTION"] = 4
+    assert watched.run(8.0) == ["failed"], "the motors would stop at the fence that stands there"
+    assert any("terminate" in alarm.text for alarm in watched.watch.alarms)
+    watched.vehicle.parameters["GF_ACTION"] = 2
+    assert watched.run(8.0) == [] and watched.watch.alarms == ()
+
+
+def test_each_parameter_that_switches_a_fence_off_is_named(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.vehicle.autopilot, watched.vehicle.parameters = (
+        ARDUPILOT,
+        {
+            "FENCE_ENABLE": 0,
+            "FENCE_TYPE": 7,
+            "FENCE_ACTION": 0,
+        },
+    )
+    watched.watch._keeper.station.vehicle.autopilot = ARDUPILOT
+    watched.run(3.0)
+    off = [event.text.split(" is ")[0] for event in watched.said if event.kind == "not_enforced"]
+    assert off == ["FENCE_ENABLE", "FENCE_ACTION"]
+    watched.vehicle.parameters["FENCE_ACTION"] = 1
+    assert watched.run(8.0) == []
+    assert [alarm.text.split(" is ")[0] for alarm in watched.watch.alarms] == ["FENCE_ENABLE"]
+
+
+def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:
+    """Whoever takes off elsewhere has another home; not every autopilot says so by itself."""
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.run(3.0)
+    watched.vehicle.home = (47.3977 + 110.0 / 111_190, 8.5457)
+    assert watched.run(8.0) == ["home_inside"]
+
+
+def test_a_check_that_failed_is_over_when_the_next_one_does_not(tmp_path: Path) -> None:
+    """It stayed an alarm until zones changed, and the next one like it was not told."""
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.run(3.0)
+    answers, watched.vehicle._on_mission_request_list = watched.vehicle._on_mission_request_list, _ignored
+    for _ in range(2):
+        assert watched.run(12.0) == ["failed"]
+        watched.vehicle._on_mission_request_list = answers
+        assert watched.run(8.0) == [] and watched.watch.alarms == ()
+        watched.vehicle._on_mission_request_list = _ignored
+
+
+def _ignored(packet: object, now_s: float) -> None:
+    """As a vehicle does that is too busy to answer."""
 
 
 def test_a_refusal_is_said_once_and_tried_again(tmp_path: Path) -> None:

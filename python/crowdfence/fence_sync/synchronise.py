@@ -115,7 +115,7 @@ class FenceKeeper:
 
     def _put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
         station, events = self.station, list(_of_zones(zones))
-        events += self._enforcement() if zones else []
+        events += self.enforcement() if zones else []
         self._locate()
         memory, before = recall(self.memory_path), self._download()
         _, others, missing = parted(shapes_of(before), memory.ours)
@@ -167,6 +167,19 @@ class FenceKeeper:
         self._find_position()
         yield from inside(self.station.vehicle, shapes, zones, georeference)
 
+    def enforcement(self) -> list[FenceEvent]:
+        """What the vehicle will not do at its fence, by its parameters. FenceError as of `enforcement`."""
+        station = self.station
+        autopilot = station.vehicle.autopilot
+        names = PARAMETERS.get(autopilot, ())
+        values = station.hold(parameters(names, autopilot, station.clock, station.patience))
+        return list(enforcement(autopilot, values))
+
+    def find_home(self) -> None:
+        """Ask where home is, which is set anew where a vehicle takes off; what was known stays where it does
+        not say."""
+        self.station.hold(optional(Home, self.station.clock, self.station.patience))
+
     def _download(self) -> tuple[FenceItem, ...]:
         return self.station.hold(download(self.station.clock, self.station.patience))
 
@@ -210,13 +223,6 @@ class FenceKeeper:
         usual = usual_capacity(self.station.vehicle.autopilot)
         return usual if memory.most is None else type(usual)(memory.most)  # type: ignore[call-arg]
 
-    def _enforcement(self) -> list[FenceEvent]:
-        station = self.station
-        autopilot = station.vehicle.autopilot
-        names = PARAMETERS.get(autopilot, ())
-        values = station.hold(parameters(names, autopilot, station.clock, station.patience))
-        return list(enforcement(autopilot, values))
-
     def _find_position(self) -> None:
         station = self.station
         if station.clock() - station.vehicle.position_s > POSITION_AGE_S:
@@ -225,9 +231,8 @@ class FenceKeeper:
 
     def _locate(self) -> None:
         self._find_position()
-        station = self.station
-        if station.vehicle.home is None:
-            station.hold(optional(Home, station.clock, station.patience))
+        if self.station.vehicle.home is None:
+            self.find_home()
 
 
 def _size(capacity: Capacity) -> int:

@@ -6,8 +6,9 @@ lasts is said once when it begins.
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 from crowdfence.errors import one_line
@@ -36,6 +37,10 @@ _LASTING = (
     "kept_others",
     "no_heights",
 )
+
+_EACH_BY_ITSELF = ("not_enforced", "refused_by_text", "zone_without_ground", "failed")
+"""Of these there may be several, at once or in turn; texts that differ in numbers alone are one."""
+_NUMBER = re.compile(r"\d+")
 
 Tell = Callable[[FenceEvent], None]
 
@@ -77,7 +82,9 @@ class FenceWatch:
         self._alive: tuple[Zone, ...] | None = None
         self._shapes: tuple[FenceShape, ...] = ()
         self._read_s = self._checked_s = self._clock()
-        self._standing: dict[str, FenceEvent] = {}
+        self._standing: dict[tuple[str, str], FenceEvent] = {}
+        self._is_unsent = False
+        """Whether the newest fence was refused."""
         self._reopen_at_s: float | None = None
         """While the link is broken."""
         self._reopen_after_s = REOPEN_S[0]
@@ -172,7 +179,7 @@ class FenceWatch:
         if lost:
             text = f"nothing was heard of the vehicle for {LOST_S:g} s; it keeps the fence that it has"
             self._say_while(("link_lost",), [FenceEvent("link_lost", text, alarm=True)])
-        elif "link_lost" in self._standing:
+        elif ("link_lost", "") in self._standing:
             self._say_while(("link_lost",), [])
             self._reopen_after_s = REOPEN_S[0]
             self._tell(FenceEvent("link_back", "the vehicle is heard again; its fence is read"))
@@ -185,9 +192,11 @@ class FenceWatch:
             report = self._keeper.put(zones, self._placed.georeference)
         except (FenceError, ValueError, OSError) as error:
             self._debounce.failed(self._clock())
+            self._is_unsent = True
             self._say_while(("failed",), [FenceEvent("failed", one_line(error, whole=True), alarm=True)])
             return
         self._debounce.sent(zones, self._clock())
+        self._is_unsent = False
         self._shapes, self._checked_s = report.shapes, self._clock()
         self._say_while(("failed",), [])
         self._say_while(_LASTING, [event for event in report.events if event.kind in _LASTING])
@@ -196,23 +205,32 @@ class FenceWatch:
                 self._tell(event)
 
     def _check(self) -> None:
-        """Read the fence; where it is not what was written, it is written again, others' shapes kept."""
+        """Read the fence; where it is not what was written, it is written again, others' shapes kept. And
+        whether it is still kept: somebody may have switched it off, or moved home into it."""
         self._checked_s = self._clock()
         try:
             shapes, _ = self._keeper.read()
+            unkept = self._keeper.enforcement() if shapes else []
         except FenceError as error:
             self._say_while(("failed",), [FenceEvent("failed", str(error), alarm=True)])
             return
+        if not self._is_unsent:
+            self._say_while(("failed",), [])
+        self._say_while(("not_enforced", "autopilot_unknown"), unkept)
+        self._keeper.find_home()
         if shapes != self._shapes and self._alive is not None:
             self._debounce.failed(float("-inf"))
 
-    def _say_while(self, kinds: Iterable[str], events: Iterable[FenceEvent]) -> None:
+    def _say_while(self, kinds: Collection[str], events: Iterable[FenceEvent]) -> None:
         """Say what begins, forget what has ended; what goes on was said."""
-        now = {event.kind: event for event in events}
-        for kind in kinds:
-            if kind in now and kind not in self._standing:
-                self._tell(now[kind])
-            if kind in now:
-                self._standing[kind] = now[kind]
-            else:
-                self._standing.pop(kind, None)
+        now = {_what(event): event for event in events}
+        for what, event in now.items():
+            if what[0] in kinds and what not in self._standing:
+                self._tell(event)
+        others = {what: event for what, event in self._standing.items() if what[0] not in kinds}
+        self._standing = {**others, **{what: event for what, event in now.items() if what[0] in kinds}}
+
+
+def _what(event: FenceEvent) -> tuple[str, str]:
+    """What goes on as long as it is said again."""
+    return event.kind, _NUMBER.sub("", event.text) if event.kind in _EACH_BY_ITSELF else ""
