@@ -351,6 +351,31 @@ def test_f3548_keeps_the_limits_of_time_and_corners() -> None:
     ]
 
 
+def test_f3548_is_a_newer_version_at_a_later_moment() -> None:
+    """Whoever has read a version keeps its outline, and does not read the one that the zone has grown to."""
+    then, now = exported(), replace(exported(), stamp_ns=STAMP_NS + 10**9)
+    (before, after) = (
+        [one["reference"] for one in json.loads(ZONE_FORMATS["f3548"](export))["constraints"]]
+        for export in (then, now)
+    )
+    assert [one["id"] for one in before] == [one["id"] for one in after]
+    assert all(old["version"] < new["version"] < 2**31 for old, new in zip(before, after, strict=True))
+    long_ago = replace(exported(), stamp_ns=0)
+    assert json.loads(ZONE_FORMATS["f3548"](long_ago))["constraints"][0]["reference"]["version"] == 1
+
+
+def test_f3548_has_other_ids_for_a_mission_of_the_same_name_elsewhere() -> None:
+    """One of an operator's two services, both called "live", replaced the constraints of the other."""
+    here, there = (
+        {
+            one["reference"]["id"]
+            for one in json.loads(ZONE_FORMATS["f3548"](exported(anchor=anchor)))["constraints"]
+        }
+        for anchor in (ANCHOR, (-33.9, 18.4, 5.0))
+    )
+    assert here and not here & there
+
+
 def test_f3548_closes_many_parts_each_by_itself() -> None:
     # Cells that touch at corners, in the shape of a V: one zone of 300 squares, 1200 corners. A hull around
     # all of them closes half of the rectangle, 75 times the zone.

@@ -30,7 +30,10 @@ MAX_DURATION_NS = 24 * 3600 * 10**9
 LEAST_DURATION_NS = 10 * 60 * 10**9
 LOWEST_M, HIGHEST_M = -8000.0, 100_000.0
 _NAMESPACE = uuid.UUID("8d4f7a52-6a3a-5ad0-9d35-8f1f3f1f6b58")
-"""Of the ids: the same zone of the same mission has the same one."""
+"""Of the ids: the same zone of the same mission has the same one, missions elsewhere others, whatever their
+name."""
+_MOST_VERSION = (1 << 31) - 1
+"""Versions have 32 bits: seconds until the year 2038."""
 
 
 def f3548(export: ZoneExport) -> str:
@@ -42,10 +45,10 @@ def f3548(export: ZoneExport) -> str:
 def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
     start, end = _times(zone, export.stamp_ns)
     reference = {
-        "id": str(uuid.uuid5(_NAMESPACE, f"{export.mission}/{zone.id}")),
+        "id": _id(zone, export),
         "manager": export.authority,
         "uss_availability": "Unknown",
-        "version": 1,
+        "version": _version(export.stamp_ns),
         "time_start": start,
         "time_end": end,
         "uss_base_url": "",
@@ -54,6 +57,17 @@ def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
         "reference": reference,
         "details": {"type": f"crowdfence.{zone.kind}.{zone.restriction}", "volumes": _volumes(zone, export)},
     }
+
+
+def _id(zone: Zone, export: ZoneExport) -> str:
+    anchor = export.georeference
+    place = f"{anchor.latitude_deg:.6f},{anchor.longitude_deg:.6f}"
+    return str(uuid.uuid5(_NAMESPACE, f"{export.mission}/{place}/{zone.id}"))
+
+
+def _version(stamp_ns: int) -> int:
+    """Larger at a later second: who has seen a version does not read its outline again."""
+    return min(max(stamp_ns // 1_000_000_000, 1), _MOST_VERSION)
 
 
 def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
