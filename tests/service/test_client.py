@@ -1,13 +1,20 @@
-"""`Client` before it has spoken to a service."""
+"""`Client` before it has spoken to a service, and when it hears nothing of it any more."""
 
 import json
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
+from websockets.sync.server import ServerConnection, serve
 
 from crowdfence import Camera, Client
+from crowdfence.service import client
+from crowdfence.service.client import ServiceError
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8080", "", "ftp://127.0.0.1", "localhost"])
@@ -32,3 +39,48 @@ def test_a_picture_whose_pose_the_telemetry_tells_brings_none(monkeypatch: pytes
         client.give_image("uav1", 6, camera, pose, b"jpeg")
     assert [one["world_from_camera"] for one in given] == [None, pose.tolist()]
     assert {one["image"] for one in given} == {"anBlZw=="}  # base64 of jpeg
+
+
+@contextmanager
+def saying_hello(then: Callable[[ServerConnection], object]) -> Iterator[str]:
+    """The address of something that says hello to a listener, and what it does then."""
+
+    def listened(connection: ServerConnection) -> None:
+        connection.send('{"type": "hello"}')
+        then(connection)
+
+    with serve(listened, "127.0.0.1", 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+
+
+def test_a_stream_that_breaks_is_no_mission_that_ended() -> None:
+    """The messages just ended, as at the end of the service, and a planner flew on by the last of them."""
+    with saying_hello(lambda connection: connection.socket.close()) as url:
+        messages = Client(url).stream()
+        assert next(messages) == {"type": "hello"}
+        with pytest.raises(httpx.TransportError, match=f"the line to {url} broke"):
+            next(messages)
+
+
+def test_a_stream_that_goes_silent_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line that is cut on its way says nothing of it, and not every version of websockets asks."""
+    monkeypatch.setattr(client, "_SILENT_S", 0.2)
+    over = Event()
+    with saying_hello(lambda connection: over.wait(60.0)) as url:
+        messages = Client(url).stream()
+        assert next(messages) == {"type": "hello"}
+        with pytest.raises(httpx.TransportError, match=f"{url} said nothing for 0.2 s"):
+            next(messages)
+        over.set()
+
+
+def test_a_stream_ends_when_the_service_does_and_says_so_when_it_is_full() -> None:
+    with saying_hello(lambda connection: connection.close(1012, "service restart")) as url:
+        assert list(Client(url).stream()) == [{"type": "hello"}]
+    with saying_hello(lambda connection: connection.close(1013, "too many listeners")) as url:
+        messages = Client(url).stream()
+        next(messages)
+        with pytest.raises(ServiceError, match="too many listeners"):
+            next(messages)

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 _COME_AGAIN = (429, 503, 507)
 _LONGEST_PAUSE_S = 5.0
+_SILENT_S = 60.0
+"""A stream says something, if only "ping", every 15 s."""
+_TRY_AGAIN_LATER = 1013
+"""Code of a WebSocket that is closed to one listener too many."""
 
 
 class ServiceError(RuntimeError):
@@ -161,7 +165,8 @@ class Client:
         return self._json("POST", f"/alerts/{alert}/acknowledge")
 
     def stream(self) -> Iterator[dict[str, Any]]:
-        """Messages as they come: hello, step, alert, mode, ping; until the service ends."""
+        """Messages as they come: hello, step, alert, mode, ping; until the service ends. httpx.TransportError
+        where the line breaks or goes silent: what was heard last may not hold any more."""
         from websockets.exceptions import ConnectionClosed
         from websockets.sync.client import connect
 
@@ -169,11 +174,18 @@ class Client:
         address = urlunsplit(("wss" if scheme == "https" else "ws", host, f"{path}/api/v1/stream", "", ""))
         trust = self._trust if scheme == "https" else None
         with connect(address, additional_headers=self._headers, max_size=None, ssl=trust) as socket:
-            try:
-                for text in socket:
-                    yield json.loads(text)
-            except ConnectionClosed:
-                return
+            while True:
+                try:
+                    text = socket.recv(timeout=_SILENT_S)
+                except TimeoutError as error:
+                    raise httpx.ReadTimeout(f"{self._url} said nothing for {_SILENT_S:g} s") from error
+                except ConnectionClosed as error:
+                    if error.rcvd is None:
+                        raise httpx.ReadError(f"the line to {self._url} broke: {error}") from error
+                    if error.rcvd.code == _TRY_AGAIN_LATER:
+                        raise ServiceError(503, error.rcvd.reason) from error
+                    return
+                yield json.loads(text)
 
     def _give(self, path: str, body: bytes, kind: str) -> int:
         give_up_s = time.monotonic() + self._patience_s
