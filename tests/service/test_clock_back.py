@@ -97,6 +97,23 @@ def test_dismissals_of_a_clock_that_was_ahead_end_with_it(tmp_path: Path) -> Non
     with running(tmp_path, clock=now.clock()) as service, asked(service) as http:
         assert not service.mission.newest.marks.get("Z1", {}).get("dismissed")
         assert '"Z1"' in http.get("/api/v1/export").text
+        assert told_to_leave(service) == ["zone Z1 is closed again: it is no longer dismissed"]
+
+
+def told_to_leave(service: Service) -> list[str]:
+    return [one.text for one in service.alerts.all() if (one.kind, one.level) == ("new_zone", "warning")]
+
+
+def test_a_dismissal_that_ends_while_the_service_is_away_is_told(tmp_path: Path) -> None:
+    """Whoever was let through flies there still."""
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service, asked(service) as http:
+        flown(service, now)
+        http.post("/api/v1/zones/Z1/dismiss", json={"reason": "film crew"})
+    now.ns += 70 * SECOND_NS
+    with running(tmp_path, clock=now.clock()) as service:
+        Watch(service).look()
+        assert told_to_leave(service) == ["zone Z1 is closed again: it is no longer dismissed"]
 
 
 def test_who_asks_for_now_gets_what_a_drone_that_is_ahead_saw(tmp_path: Path) -> None:

@@ -181,10 +181,10 @@ def live(
         service.live = going
         if service.mission.newest is not None or clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
-        going.applying.apply_static()
-        service.mission.end_dismissals_of_the_future()
         watch = Watch(service)
         service.mission.listeners.append(watch.happened)
+        going.applying.apply_static()
+        service.mission.end_dismissals_of_the_future()
         going.start()
         watch.start()
         try:

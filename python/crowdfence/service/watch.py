@@ -46,8 +46,9 @@ class Watch:
         self._stopping = Event()
         self._thread = Thread(target=self._look_all, name="watch", daemon=True)
         self._tidied_s = time.monotonic()
-        self._dismissed: set[str] = set()
-        """Zones that drones may pass, at the moment before."""
+        newest = service.mission.newest
+        self._dismissed = set() if newest is None else _dismissed(newest)
+        """Zones that drones may pass, at the moment before; that may be one before a restart."""
         self._met: tuple[set[str], int] = set(), 0
         """All drones that came or are expected, and when the last one was new."""
 
@@ -104,7 +105,7 @@ class Watch:
     def _ended_dismissals(self, moment: Moment) -> None:
         """A dismissal that ends before its time: whoever flies through the zone must hear of it."""
         before, marks = self._dismissed, moment.marks
-        self._dismissed = {name for name, mark in marks.items() if mark.get("dismissed")}
+        self._dismissed = _dismissed(moment)
         for zone in moment.zones:
             if zone.id in before - self._dismissed and not marks.get(zone.id, {}).get("locked"):
                 text = f"zone {zone.id} is closed again: it is no longer dismissed"
@@ -293,6 +294,10 @@ class Watch:
             connection.execute("PRAGMA incremental_vacuum(1000)")
 
         service.store.note(write)
+
+
+def _dismissed(moment: Moment) -> set[str]:
+    return {name for name, mark in moment.marks.items() if mark.get("dismissed")}
 
 
 def trim(connection: sqlite3.Connection, table: str, room: int) -> None:
