@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from crowdfence import Camera
 from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.intrinsics import Intrinsics
+from crowdfence.service.store import StoreError
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T = STORE.types
@@ -115,3 +116,20 @@ def test_a_stream_keeps_the_newest_only() -> None:
     for stamp_ns in range(1000):
         known.heard(stamp_ns, WIDE if stamp_ns < 900 else TELE)
     assert known.at(850) == WIDE and known.at(999) == TELE and known.at(10) == WIDE
+
+
+def test_a_disk_that_cannot_be_read_for_a_moment_ends_no_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread of the drone ended with it: no picture was taken any more, until the next start."""
+    given = Given()
+    take = given.give_view
+
+    def once_unreadable(raw: bytes) -> None:
+        monkeypatch.setattr(given.intake._live.intake, "give_view", take)
+        raise StoreError("crowdfence.sqlite: disk I/O error")
+
+    given.intake._live.intake.give_view = once_unreadable  # type: ignore[method-assign,assignment]
+    messages = [("info", INFO, info(1, WIDE)), *(("heatmap", IMAGE, heatmap(stamp)) for stamp in (1, 1))]
+    assert len(given.after(messages, 2)) == 1
+    assert given.reasons == [
+        f"a message of uav1 (heatmap, {IMAGE}) was not taken: crowdfence.sqlite: disk I/O error"
+    ]
