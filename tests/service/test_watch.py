@@ -7,6 +7,7 @@ import sqlite3
 import time
 import zlib
 from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -106,6 +107,37 @@ def test_a_drone_that_was_silent_before_a_restart_is_missed_after_it(tmp_path: P
     with running(tmp_path, clock=now.clock()) as service:
         Watch(service).look()
         assert active(service, "drone_silent") == {("uav1", None), ("uav2", None), ("uav3", None)}
+
+
+@pytest.mark.parametrize(
+    ("east_m", "is_told"),
+    [
+        (lambda number: 10.0 + 40.0 * (number % 2), True),  # two drones by turns
+        (lambda number: 10.0 + 20.0 * (number % 2), False),  # poses that tremble
+        (lambda number: 10.0 + 40.0 * (number >= 6), False),  # a position that was reset
+        (lambda number: 10.0 + 40.0 * (number == 6), False),  # one wrong fix
+        (lambda number: 5.0 * number, False),  # 25 m/s
+    ],
+)
+def test_two_drones_of_one_name_are_an_alarm(
+    tmp_path: Path, east_m: Callable[[int], float], is_told: bool
+) -> None:
+    """Nobody would hear when one of them falls silent."""
+    with running(tmp_path) as service:
+        watch = Watch(service)
+        for number in range(14):
+            service.live.intake.give_view(crowd_at("uav1", number, (east_m(number), 30.0, 18.0)))
+        service.live.finish()
+        watch.look()
+        assert active(service, "drone_doubled") == ({("uav1", None)} if is_told else set())
+        if is_told:
+            (alert,) = [one for one in service.alerts.all() if one.kind == "drone_doubled"]
+            assert alert.text.startswith("views of uav1 come from two places 40 m apart by turns")
+            for number in range(14, 40):
+                service.live.intake.give_view(crowd_at("uav1", number, (30.0, 30.0, 18.0)))
+            service.live.finish()
+            watch.look()
+            assert active(service, "drone_doubled") == set()
 
 
 def observed(drone: str, number: int) -> bytes:

@@ -16,6 +16,7 @@ from crowdfence.service.store import Store
 
 AlertKind = Literal[
     "drone_silent",
+    "drone_doubled",
     "drone_in_zone",
     "drone_near_zone",
     "new_zone",

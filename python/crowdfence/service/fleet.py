@@ -19,6 +19,12 @@ TRAIL = 240
 """Points of a trail at most."""
 _REMEMBERED = 20_000
 _SECOND_NS = 1_000_000_000
+_AMONG = 12
+"""Sightings that say whether a drone is in two places."""
+_LEAPS = 4
+"""Of them: one reset of a position is one leap, one wrong fix is two."""
+_LEAP_M, _LEAP_MPS = 30.0, 100.0
+"""No small drone goes so far so fast."""
 
 DroneStatus = Literal["ok", "stale", "never"]
 
@@ -78,6 +84,20 @@ class Fleet:
         with self._lock:
             track = self._tracks.get(drone)
             return None if track is None else track.at()
+
+    def leaps_m(self, drone: str) -> float | None:
+        """How far apart the places are between which a drone goes to and fro, faster than any drone flies; 0
+        where it does not, None where too little was seen of it to say."""
+        with self._lock:
+            track = self._tracks.get(drone)
+            stamps_ns, places = (
+                (np.empty(0, np.int64), np.empty((0, 3))) if track is None else track.newest(_AMONG)
+            )
+        if len(stamps_ns) < _AMONG:
+            return None
+        way_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        is_leap = (way_m > _LEAP_M) & (way_m > _LEAP_MPS * np.diff(stamps_ns) / _SECOND_NS)
+        return float(np.median(way_m[is_leap])) if np.count_nonzero(is_leap) >= _LEAPS else 0.0
 
     def to_json(self, now_ns: int, at_ns: int | None = None, *, trails: bool = True) -> list[dict[str, Any]]:
         """Every drone as of `at_ns`, or now."""

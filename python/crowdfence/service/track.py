@@ -72,6 +72,11 @@ class Track:
             int(row["stamp_ns"]), camera, world_from_camera, bool(row["picture"]), bool(row["heatmap"])
         )
 
+    def newest(self, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Stamps [<= count], rising, and positions [<= count, 3] of the newest."""
+        rows = self._rows[max(0, len(self) - count) : len(self)]
+        return rows["stamp_ns"].copy(), np.ascontiguousarray(rows["pose"][:, :, 3])
+
     def count_until(self, stamp_ns: int | None) -> int:
         if stamp_ns is None:
             return len(self)

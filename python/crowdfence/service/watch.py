@@ -80,6 +80,7 @@ class Watch:
         service = self._service
         if service.mode != "finished":
             self._silence()
+        self._doubles()
         self._poses()
         self._alignment()
         self._detector()
@@ -132,6 +133,18 @@ class Watch:
                 "it should look at is seen by nobody"
             )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
+
+    def _doubles(self) -> None:
+        """Two drones under one name: when one falls silent, the other still gives views."""
+        for drone in self._service.fleet.drones:
+            apart_m = self._service.fleet.leaps_m(drone)
+            if apart_m is None:
+                continue
+            text = (
+                f"views of {drone} come from two places {apart_m:.0f} m apart by turns: two drones have one "
+                "name, and nobody hears when one of them falls silent; or its poses jump"
+            )
+            self._set(apart_m > 0.0, "drone_doubled", "alarm", text, drone=drone)
 
     def _poses(self) -> None:
         live, now_ns = self._service.live, self._service.now_ns()
