@@ -4,6 +4,7 @@ import json
 import random
 import sqlite3
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,23 @@ def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp
         again = service.mission.newest
     assert newest is not None and again is not None and newest.number == again.number
     assert history_line(0, newest.zones, {}) == history_line(0, again.zones, {})
+
+
+def test_what_waits_is_taken_in_by_a_service_that_waits_for_less(tmp_path: Path) -> None:
+    """It was acknowledged and came into no map, and the clock asked for it for ever."""
+    flown = views(12)
+    patient = replace(SETTINGS, max_delay_ms=3_600_000.0)
+    with running(tmp_path / "one", settings=patient) as service:
+        give(service, flown[:24])
+        assert service.mission.newest is None, "all of it waits"
+    with running(tmp_path / "one") as service, running(tmp_path / "two") as other:
+        give(service, flown[24:])
+        give(other, flown)
+        for one in (service, other):
+            assert one.live is not None
+            one.live.finish()
+            assert one.live.applying.gathering.to_json()["waiting"] == []
+        assert service.mission.loop.crowd_map.to_bytes() == other.mission.loop.crowd_map.to_bytes()
 
 
 def test_the_log_says_what_was_recovered_and_nothing_of_a_new_folder(

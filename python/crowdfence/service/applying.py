@@ -224,11 +224,7 @@ class Applying:
         self._clock.saw(record.stamp_ns)
         self._heard.view(record.drone, record.stamp_ns)
         self.started_ns = self.started_ns or record.stamp_ns
-        instants, too_late = self.gathering.push(arrival)
-        self._take(instants)
-        for late in too_late:
-            self._heard.late[late.drone] += 1
-            self._step([late], late.stamp_ns)
+        self._take_with(*self.gathering.push(arrival))
 
     def _arrival(self, record: Record) -> Arrival:
         if record.kind == "observation":
@@ -248,6 +244,13 @@ class Applying:
     def _take(self, instants: Sequence[Sequence[Arrival]]) -> None:
         for group in instants:
             self._step(group, group[-1].stamp_ns)
+
+    def _take_with(self, instants: Sequence[Sequence[Arrival]], too_late: Sequence[Arrival]) -> None:
+        """And what came too late for its instant, each by itself."""
+        self._take(instants)
+        for late in too_late:
+            self._heard.late[late.drone] += 1
+            self._step([late], late.stamp_ns)
 
     def _step(self, group: Sequence[Arrival], stamp_ns: int) -> None:
         """Never fails: what cannot be taken in is refused, and the next instant follows. Zones, and some
@@ -381,7 +384,7 @@ class Applying:
         if len(waiting) < len(told["waiting"]):
             raise ValueError(f"snapshot {seq} needs records that are gone")
         last_ns, gathering = told["last_ns"], self._no_gathering()
-        gathering.restore(told, [self._arrival(record) for record in waiting])
+        instants, too_late = gathering.restore(told, [self._arrival(record) for record in waiting])
         cameras = {
             drone: Sighting(stamp_ns, CameraMessage(**camera).camera(), np.array(pose), picture, True)
             for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items()
@@ -398,3 +401,4 @@ class Applying:
         for record in waiting:
             self._heard.view(record.drone, record.stamp_ns)
             self._clock.saw(record.stamp_ns)
+        self._take_with(instants, too_late)

@@ -64,12 +64,16 @@ class Gathering:
     def to_json(self) -> dict[str, Any]:
         return {"grouper_ns": self._newest_ns, "waiting": sorted(self._waiting)}
 
-    def restore(self, told: dict[str, Any], waiting: Sequence[Arrival]) -> None:
-        """`waiting` are the arrivals that `to_json` told of. In the order of arrival they come to lie as they
-        lay: nothing of them was complete then."""
+    def restore(
+        self, told: dict[str, Any], waiting: Sequence[Arrival]
+    ) -> tuple[list[list[Arrival]], list[Arrival]]:
+        """`waiting` are the arrivals that `to_json` told of, in the order of arrival. As they lay nothing of
+        them was complete; where less delay is allowed now, what `push` gives is returned."""
+        instants, too_late = [], []
         for arrival in waiting:
-            self._waiting[arrival.seq] = arrival
-            self._grouper.push(arrival)
+            complete, late = self.push(arrival)
+            instants += complete
+            too_late += late
         if told["grouper_ns"]:
-            self._grouper.advance(told["grouper_ns"])
-            self._newest_ns = told["grouper_ns"]
+            instants += self.advance(told["grouper_ns"])
+        return instants, too_late
