@@ -259,6 +259,31 @@ def _ignored(packet: object, now_s: float) -> None:
     """As a vehicle does that is too busy to answer."""
 
 
+def test_two_ground_stations_leave_the_fence_of_each_other_alone(tmp_path: Path) -> None:
+    """Each put its own last: they wrote in turn at every check, and the vehicle kept none meanwhile."""
+    (tmp_path / "one").mkdir()
+    (tmp_path / "other").mkdir()
+    one, other = Watched(tmp_path / "one", check_s=5.0), Watched(tmp_path / "other", check_s=5.0)
+    other.vehicle = one.vehicle
+    other.link.vehicles = (one.vehicle,)
+    other.write(north_m=300.0)
+
+    def run_both() -> None:
+        for watched, following in ((one, other), (other, one)):
+            watched.run(12.0)
+            following.link.now_s = watched.link.now_s
+
+    for _ in range(4):
+        run_both()
+    assert len(one.vehicle.items) == 4 + 4 and len(one.vehicle.lists) == 2
+    one.write(north_m=200.0)
+    for _ in range(3):
+        run_both()
+    north_m = {round((item[2] / 1e7 - 47.3977) * 111_190, -1) for item in one.vehicle.items}
+    assert north_m == {200.0, 220.0, 300.0, 320.0}, "what each wants, and no more"
+    assert one.watch.alarms == other.watch.alarms == ()
+
+
 def test_a_refusal_is_said_once_and_tried_again(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     watched.vehicle.rejects = 5

@@ -118,14 +118,15 @@ class FenceKeeper:
         events += self.enforcement() if zones else []
         self._locate()
         memory, before = recall(self.memory_path), self._download()
-        _, others, missing = parted(shapes_of(before), memory.ours)
+        found, others, missing = parted(shapes_of(before), memory.ours)
         events += _of_others(others, missing, memory)
         station.vehicle.texts.clear()
         capacity = self._capacity(memory)
         for _ in range(_REFUSALS):
             fence = placed(zones, georeference, capacity, others)
             wanted = [*items_of(others), *items_of(fence.shapes)]
-            written = not are_same(before, wanted)
+            # Wherever in the list: two stations that both put theirs last would write in turn for ever.
+            written = not are_same(items_of(found), items_of(fence.shapes))
             result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
             if result == MissionResult.ACCEPTED:
                 break
@@ -135,7 +136,7 @@ class FenceKeeper:
             memory = replace(memory, most=_size(capacity))
         else:
             raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
-        now_ours = tuple(shapes_of(held[len(items_of(others)) :]))
+        now_ours = tuple(shapes_of(held[len(items_of(others)) :]) if written else found)
         remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most))
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
