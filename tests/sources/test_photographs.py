@@ -80,6 +80,28 @@ def test_photographs_of_each_maker_lie_where_they_were_taken(tmp_path: Path, mak
         assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1))) < 0.02
 
 
+@pytest.mark.parametrize("written", ["elements", "attributes"])
+def test_the_attitude_of_a_skydio_is_not_taken_for_that_of_its_camera(tmp_path: Path, written: str) -> None:
+    """VehicleOrientationNED stands beside CameraOrientationNED, with angles of the same names."""
+    name = "drone-skydio:{}OrientationNED"
+    blocks = []
+    for whose, (roll, pitch, yaw) in {"Camera": (0.2, -45.0, 90.0), "Vehicle": (1.0, -3.0, 10.0)}.items():
+        angles = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
+        if written == "elements":
+            inside = "".join(f"<drone-skydio:{a}>{v}</drone-skydio:{a}>" for a, v in angles.items())
+            begin = f"<{name.format(whose)} rdf:parseType='Resource'>"
+            blocks.append(f"{begin}{inside}</{name.format(whose)}>")
+        else:
+            inside = " ".join(f'drone-skydio:{a}="{v}"' for a, v in angles.items())
+            blocks.append(f"<{name.format(whose)} {inside}/>")
+    path = tmp_path / "a.jpg"
+    xmp = ">" + "".join(blocks)[:-1]  # the writer closes what it is given
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, focal_mm35=24)
+    found = open_recording(path, geoid_m=50.0)
+    looks = found.frames[0].world_from_camera[:3, 2]  # east, 45 degrees down
+    assert looks == pytest.approx([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], abs=1e-3)
+
+
 def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
     found = open_recording(write_photographs(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
     anchor, local = mission().georeference, found.georeference

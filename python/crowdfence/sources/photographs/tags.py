@@ -35,6 +35,8 @@ _XMP_VALUE = re.compile(
 )
 """Every part is bounded: a picture may hold anything, and unbounded ones take time with its square."""
 _SKYDIO = re.compile(rb"drone-skydio:CameraOrientationNED(.{0,400})", re.DOTALL)
+_SKYDIO_END = re.compile(rb"/>|</drone-skydio:CameraOrientationNED")
+"""What follows may be the drone's own attitude, whose angles have the same names."""
 _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
 _ANGLES = ("Yaw", "Pitch", "Roll")
 
@@ -124,7 +126,8 @@ def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.floa
         if turn is not None:
             return turn
     if skydio := _SKYDIO.search(head):
-        found = {name.decode().rpartition(":")[2]: a or b for name, a, b in _XMP_VALUE.findall(skydio[1])}
+        values = _XMP_VALUE.findall(_SKYDIO_END.split(skydio[1], maxsplit=1)[0])
+        found = {name.decode().rpartition(":")[2]: a or b for name, a, b in values}
         turn = _turn([found.get(angle, b"").decode(errors="replace") for angle in _ANGLES])
         if turn is not None:
             return turn
