@@ -102,6 +102,47 @@ def test_the_attitude_of_a_skydio_is_not_taken_for_that_of_its_camera(tmp_path: 
     assert looks == pytest.approx([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], abs=1e-3)
 
 
+RTK = dji((0.0, -90.0, 0.0), 'drone-dji:RelativeAltitude="+40.0" drone-dji:AltitudeType="RtkAlt" ')
+ELLIPSOIDAL = 'Camera:HorizCS="EPSG:4326" Camera:VertCS="ellipsoidal"'
+
+
+@pytest.mark.parametrize(
+    ("model", "xmp"),
+    [
+        ("S.O.D.A.", pix4d((0.0, -90.0, 0.0), ELLIPSOIDAL)),
+        ("M3E", RTK + 'drone-dji:RtkFlag="50"'),  # fixed
+        ("M3E", RTK + 'drone-dji:RtkFlag="16"'),  # a single receiver's
+        ("ANAFI Ai", parrot((0.0, -90.0, 0.0))),  # by Parrot's "Embedded Photo Metadata"
+    ],
+)
+def test_heights_above_the_ellipsoid_are_not_moved_by_the_geoid(tmp_path: Path, model: str, xmp: str) -> None:
+    """EXIF calls all of them "above sea level"; the geoid lies 48 m above the ellipsoid in the Alps."""
+    path = tmp_path / "a.jpg"
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, model=model, focal_mm35=24)
+    found = open_recording(path, heights="ellipsoid")
+    assert found.georeference is not None
+    assert found.georeference.height_m + found.frames[0].world_from_camera[2, 3] == pytest.approx(500.0)
+    with pytest.raises(ValueError, match="no heights above sea are recorded"):
+        open_recording(path, heights="sea", geoid_m=48.0)
+
+
+@pytest.mark.parametrize(
+    ("xmp", "above"),
+    [
+        (RTK + 'drone-dji:RtkFlag="0"', "sea"),  # no position by RTK
+        (RTK.replace("RtkAlt", "GpsFusionAlt"), "sea"),
+        (RTK + 'drone-dji:RtkFlag="50"', "take-off"),  # which comes first, where nothing is said
+        (pix4d((0.0, -90.0, 0.0), 'Camera:VertCS="EPSG:5773"'), "sea"),  # EGM96
+    ],
+)
+def test_other_heights_stay_what_they_were(tmp_path: Path, xmp: str, above: str) -> None:
+    path = tmp_path / "a.jpg"
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, focal_mm35=24)
+    options = {"heights": "sea", "geoid_m": 48.0} if above == "sea" else {}
+    (said,) = [one for one in open_recording(path, **options).warnings if "heights are those" in one]
+    assert f"above the {above}" in said
+
+
 def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
     found = open_recording(write_photographs(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
     anchor, local = mission().georeference, found.georeference

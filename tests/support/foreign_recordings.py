@@ -421,11 +421,12 @@ def write_photograph(
     xmp: str,
     *,
     make: str = "DJI",
+    model: str = "X1",
     focal_mm35: float | None = None,
 ) -> Path:
     picture, exif = Image.fromarray(image), Image.Exif()
     taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
-    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = make, "X1"
+    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = make, model
     more = exif.get_ifd(ExifTags.IFD.Exif)
     more[ExifTags.Base.DateTimeOriginal] = f"{taken:%Y:%m:%d %H:%M:%S}"
     more[ExifTags.Base.SubsecTimeOriginal] = f"{stamp_ns % 10**9 // 1000:06d}"

@@ -35,6 +35,8 @@ from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 SUFFIXES = (".jpg", ".jpeg")
+_HEIGHTS: tuple[HeightsAbove, ...] = ("take-off", "ellipsoid", "sea")
+"""In the order in which they are preferred: without RTK a barometer is steadier than satellites."""
 _MOST_APART = 0.25
 """Of the focal lengths that a photograph is calibrated with and that EXIF tells."""
 
@@ -171,7 +173,7 @@ def _local_track(
     group: list[_Photograph], options: PhotographOptions, anchor: Georeference | None
 ) -> LocalTrack:
     kinds: list[HeightsAbove] = [
-        kind for kind in ("take-off", "sea") if all(kind in one.tags.heights_m for one in group)
+        kind for kind in _HEIGHTS if all(kind in one.tags.heights_m for one in group)
     ]
     places = np.array([one.tags.place for one in group], np.float64)
     poses = GeographicPoses(
@@ -180,6 +182,7 @@ def _local_track(
         longitude_deg=places[:, 1],
         heights_m={kind: np.array([one.tags.heights_m[kind] for one in group]) for kind in kinds},
         attitudes_ned=np.array([_attitude(one.tags, options.mount) for one in group]),
+        preferred_heights=_HEIGHTS,
     )
     return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
 

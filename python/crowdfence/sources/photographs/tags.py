@@ -7,6 +7,10 @@ Angles, by maker (degrees; ours: yaw clockwise from north, pitch -90 straight do
     Skydio     drone-skydio:CameraOrientationNED with Yaw, Pitch, Roll          ours
     senseFly,  Camera:Yaw, Pitch, Roll (pix4d)                                  pitch 0 is straight down; the
     others                                                                      roll of senseFly is mirrored
+
+EXIF says "above sea level" of every height. Some are above the ellipsoid, tens of metres away, and XMP tells:
+Camera:VertCS "ellipsoidal" (pix4d's tags: senseFly, Autel, ...), and drone-dji:RtkFlag, with which DJI's
+absolute altitude is the "geodetic" one of its manuals. Of Parrot's ANAFI Ai only the documentation says it.
 """
 
 from __future__ import annotations
@@ -39,6 +43,10 @@ _SKYDIO_END = re.compile(rb"/>|</drone-skydio:CameraOrientationNED")
 """What follows may be the drone's own attitude, whose angles have the same names."""
 _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
 _ANGLES = ("Yaw", "Pitch", "Roll")
+_BELOW = (1, 3, b"\x01", b"\x03")
+"""GPSAltitudeRef of heights that are to be taken negative; 3 since EXIF 3.0."""
+_RTK_POSITION = 16
+"""drone-dji:RtkFlag: 0 none, 16 a single receiver's, 32 to 49 float, 50 fixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +105,7 @@ def read_tags(path: Path) -> PhotographTags:
         model=model,
         serial=_text(more.get(ExifTags.Base.BodySerialNumber)) or xmp.get("drone-dji:DroneSerialNumber", ""),
         place=_place(gps, xmp),
-        heights_m=_heights(gps, xmp),
+        heights_m=_heights(gps, xmp, model),
         attitude_ned=_attitude(xmp, head, make),
         body_ned=_turn([xmp.get(f"drone-dji:Flight{name}Degree") for name in _ANGLES]),
         focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
@@ -165,17 +173,23 @@ def _on_earth(latitude: float | None, longitude: float | None) -> bool:
     return abs(latitude) <= 90 and abs(longitude) <= 180
 
 
-def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> dict[HeightsAbove, float]:
+def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str], model: str) -> dict[HeightsAbove, float]:
     heights: dict[HeightsAbove, float | None] = {}
     heights["take-off"] = _number(xmp.get("drone-dji:RelativeAltitude"))
-    sea = _number(gps.get(ExifTags.GPS.GPSAltitude))
-    below = gps.get(ExifTags.GPS.GPSAltitudeRef) in (1, b"\x01")
-    heights["sea"] = None if sea is None else (-sea if below else sea)
-    if heights["sea"] is None:
-        heights["sea"] = _number(
-            xmp.get("drone-dji:AbsoluteAltitude") or xmp.get("drone-skydio:AbsoluteAltitude")
-        )
+    absolute = _number(gps.get(ExifTags.GPS.GPSAltitude))
+    if absolute is None:
+        absolute = _number(xmp.get("drone-dji:AbsoluteAltitude") or xmp.get("drone-skydio:AbsoluteAltitude"))
+    elif gps.get(ExifTags.GPS.GPSAltitudeRef) in _BELOW:
+        absolute = -absolute
+    heights["ellipsoid" if _above_ellipsoid(xmp, model) else "sea"] = absolute
     return {above: value for above, value in heights.items() if value is not None}
+
+
+def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
+    """Whether the absolute height counts from the ellipsoid, whatever EXIF calls it."""
+    by_rtk = (_number(xmp.get("drone-dji:RtkFlag")) or 0) >= _RTK_POSITION
+    said = xmp.get("Camera:VertCS", "").lower().startswith("ellips")
+    return by_rtk or said or model.replace(" ", "").lower() == "anafiai"
 
 
 def _taken_ns(exif: Mapping[int, Any], more: Mapping[int, Any]) -> tuple[int | None, bool]:
