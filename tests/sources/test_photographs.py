@@ -143,6 +143,34 @@ def test_other_heights_stay_what_they_were(tmp_path: Path, xmp: str, above: str)
     assert f"above the {above}" in said
 
 
+@pytest.mark.parametrize(
+    ("make", "xmp"),
+    [
+        ("Autel Robotics", 'Camera:Yaw="90.0" Camera:Pitch="66.04" Camera:Roll="0.0"'),  # as pix4d means it
+        ("Autel Robotics", dji((90.0, -23.96, 0.0)).replace("drone-dji:", "drone:")),
+        # An EVO Lite 640T, which is a "Camera": pitch from the horizon (OpenAthenaIOS issue 62).
+        ("Camera", 'Camera:Yaw="90.0" Camera:Pitch="-23.96" Camera:Roll="0.0" tiff:Make="Autel Robotics"'),
+        ("Autel Robotics", 'Camera:Yaw="90.0" Camera:Pitch="-23.96" Camera:Roll="0.0"'),
+    ],
+)
+def test_each_generation_of_autel_looks_ahead_and_not_back(tmp_path: Path, make: str, xmp: str) -> None:
+    path = tmp_path / "a.jpg"
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, make=make, focal_mm35=24)
+    looks = open_recording(path, geoid_m=48.0).frames[0].world_from_camera[:3, 2]
+    below = np.radians(23.96)
+    assert looks == pytest.approx([np.cos(below), 0.0, -np.sin(below)], abs=1e-3)  # east
+
+
+def test_a_camera_that_hangs_fast_may_look_back(tmp_path: Path) -> None:
+    """A camera fixed to a wing whose nose is 12 degrees down, and a gimbal of Autel that shakes."""
+    for make, pitch in (("senseFly", -12.0), ("Autel Robotics", -1.0)):
+        path = tmp_path / "a.jpg"
+        xmp = f'Camera:Yaw="0.0" Camera:Pitch="{pitch}" Camera:Roll="0.0"'
+        write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, make=make, focal_mm35=24)
+        looks = open_recording(path, geoid_m=48.0).frames[0].world_from_camera[:3, 2]
+        assert looks == pytest.approx([0.0, np.sin(np.radians(pitch)), -np.cos(np.radians(pitch))], abs=1e-3)
+
+
 def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
     found = open_recording(write_photographs(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
     anchor, local = mission().georeference, found.georeference

@@ -3,10 +3,12 @@
 Angles, by maker (degrees; ours: yaw clockwise from north, pitch -90 straight down, roll right side down):
 
     DJI        drone-dji:GimbalYawDegree, GimbalPitchDegree, GimbalRollDegree   ours
+    Autel      drone:GimbalYawDegree, ..., DJI's tags by a shorter prefix       ours
     Parrot     drone-parrot:CameraYawDegree, ...                                ours
     Skydio     drone-skydio:CameraOrientationNED with Yaw, Pitch, Roll          ours
     senseFly,  Camera:Yaw, Pitch, Roll (pix4d)                                  pitch 0 is straight down; the
-    others                                                                      roll of senseFly is mirrored
+    others                                                                      roll of senseFly is mirrored;
+                                                                                some of Autel's say ours
 
 EXIF says "above sea level" of every height. Some are above the ellipsoid, tens of metres away, and XMP tells:
 Camera:VertCS "ellipsoidal" (pix4d's tags: senseFly, Autel, ...), and drone-dji:RtkFlag, with which DJI's
@@ -45,6 +47,8 @@ _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _BELOW = (1, 3, b"\x01", b"\x03")
 """GPSAltitudeRef of heights that are to be taken negative; 3 since EXIF 3.0."""
+_SHAKES_DEG = 5.0
+"""A gimbal that points straight down points no further back than this."""
 _RTK_POSITION = 16
 """drone-dji:RtkFlag: 0 none, 16 a single receiver's, 32 to 49 float, 50 fixed."""
 
@@ -121,7 +125,9 @@ def _xmp(head: bytes) -> dict[str, str]:
     if begin < 0:
         return {}
     found = _XMP_VALUE.findall(head[begin : end if end > begin else len(head)])
-    return {name.decode(): (a or b).decode(errors="replace").strip() for name, a, b in reversed(found)}
+    values = {name.decode(): (a or b).decode(errors="replace").strip() for name, a, b in reversed(found)}
+    by_autel = {f"drone-dji:{name[6:]}": value for name, value in values.items() if name.startswith("drone:")}
+    return {**by_autel, **values}
 
 
 def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.float64] | None:
@@ -142,9 +148,16 @@ def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.floa
     yaw, pitch, roll = (_number(xmp.get(f"Camera:{angle}")) for angle in _ANGLES)
     if yaw is None or pitch is None:
         return None
+    if pitch < -_SHAKES_DEG and _is_autel(make, xmp):  # its EVO Lite tells pitch from the horizon there too
+        return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
     mirrored = -1 if "sensefly" in make.lower() else 1
     body = from_yaw_pitch_roll_deg(yaw, pitch, mirrored * (roll or 0.0))
     return multiply(body, from_yaw_pitch_roll_deg(0.0, -90.0, 0.0))
+
+
+def _is_autel(make: str, xmp: Mapping[str, str]) -> bool:
+    """The EVO Lite is a "Camera" in EXIF."""
+    return make.lower() == "camera" or "autel" in f"{make} {xmp.get('tiff:Make', '')}".lower()
 
 
 def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
