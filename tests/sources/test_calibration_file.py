@@ -146,4 +146,10 @@ def test_focal_lengths_without_a_calibration() -> None:
     wide = camera_from_sensor(5472, 3648, 8.8, "FC6310")
     assert wide is not None
     assert np.degrees(2 * np.arctan(2736 / wide.camera.fx)) == pytest.approx(73.74, abs=0.01)
+    # Its pictures of 16:9 have the sensor's whole width, those of 4:3 its whole height of 8.8 mm only: 53.1
+    # degrees from top to bottom, as in those of 3:2.
+    for size in ((5472, 3078), (4864, 3648), (3648, 4864)):
+        cut = camera_from_sensor(*size, 8.8, "FC6310")
+        assert cut is not None and cut.camera.fx == pytest.approx(wide.camera.fx)
+    assert np.degrees(2 * np.arctan(1824 / wide.camera.fx)) == pytest.approx(53.13, abs=0.01)
     assert camera_from_sensor(5472, 3648, 8.8, "an unknown camera") is None

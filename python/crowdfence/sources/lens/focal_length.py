@@ -19,28 +19,28 @@ _WIDEST_STILL = 1.55
 """Pictures wider than 3:2 are cut from a sensor of 4:3 or 3:2 at their full width."""
 _SENSOR_ASPECT = 4 / 3
 
-SENSOR_WIDTHS_MM = {
-    "FC220": 6.17,  # Mavic Pro, 1/2.3"
-    "FC2103": 6.17,  # Mavic Air
-    "FC2204": 6.17,  # Mavic 2 Zoom
-    "FC3170": 6.4,  # Mavic Air 2, 1/2"
-    "FC7203": 6.17,  # Mavic Mini
-    "FC7303": 6.17,  # Mini 2
-    "FC300S": 6.17,  # Phantom 3 Professional
-    "FC300X": 6.17,  # Phantom 3
-    "FC330": 6.17,  # Phantom 4
-    "FC6310": 13.2,  # Phantom 4 Pro, 1"
-    "FC6310S": 13.2,
-    "FC6310R": 13.2,  # Phantom 4 RTK
-    "FC6520": 17.3,  # Zenmuse X5S, 4/3"
-    "L1D-20C": 13.2,  # Mavic 2 Pro
-    "L2D-20C": 17.3,  # Mavic 3
-    "M3E": 17.3,
-    "ZENMUSEP1": 35.9,
-    "S.O.D.A.": 12.75,  # senseFly
-    "ANAFI": 5.92,
+SENSORS_MM = {
+    "FC220": (6.17, 4.63),  # Mavic Pro, 1/2.3"
+    "FC2103": (6.17, 4.63),  # Mavic Air
+    "FC2204": (6.17, 4.63),  # Mavic 2 Zoom
+    "FC3170": (6.4, 4.8),  # Mavic Air 2, 1/2"
+    "FC7203": (6.17, 4.63),  # Mavic Mini
+    "FC7303": (6.17, 4.63),  # Mini 2
+    "FC300S": (6.17, 4.63),  # Phantom 3 Professional
+    "FC300X": (6.17, 4.63),  # Phantom 3
+    "FC330": (6.17, 4.63),  # Phantom 4
+    "FC6310": (13.2, 8.8),  # Phantom 4 Pro, 1"
+    "FC6310S": (13.2, 8.8),
+    "FC6310R": (13.2, 8.8),  # Phantom 4 RTK
+    "FC6520": (17.3, 13.0),  # Zenmuse X5S, 4/3"
+    "L1D-20C": (13.2, 8.8),  # Mavic 2 Pro
+    "L2D-20C": (17.3, 13.0),  # Mavic 3
+    "M3E": (17.3, 13.0),
+    "ZENMUSEP1": (35.9, 24.0),
+    "S.O.D.A.": (12.75, 8.5),  # senseFly
+    "ANAFI": (5.92, 4.45),
 }
-"""Width of the sensor by the model that EXIF names, in capitals: the makers' data sheets."""
+"""Width and height of the sensor by the model that EXIF names, in capitals: the makers' data sheets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +73,13 @@ def camera_from_35mm(width: int, height: int, focal_35mm: float, *, film: bool) 
 
 def camera_from_sensor(width: int, height: int, focal_mm: float, model: str) -> EstimatedCamera | None:
     """By the table of sensors; None for a model that is not in it."""
-    sensor_mm = SENSOR_WIDTHS_MM.get(_plain(model))
+    sensor_mm = SENSORS_MM.get(_plain(model))
     if sensor_mm is None or not 0.5 <= focal_mm <= 1000:
         return None
-    focal_px = focal_mm / sensor_mm * max(width, height)
-    sensor = f"the {sensor_mm:g} mm sensor of {model.strip()}"
+    # A picture of other proportions is cut from the whole width or the whole height.
+    px_per_mm = max(max(width, height) / sensor_mm[0], min(width, height) / sensor_mm[1])
+    focal_px = focal_mm * px_per_mm
+    sensor = f"the {sensor_mm[0]:g} mm sensor of {model.strip()}"
     said = f"{focal_mm:g} mm before {sensor}: {focal_px:.0f} px, within about 3 %"
     return _camera(width, height, focal_px, said)
 
