@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
-from crowdfence import Recording, open_recording
+from crowdfence import Camera, Recording, open_recording
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.photographs.tags import read_tags
 from support.foreign_recordings import (
@@ -287,6 +288,66 @@ def test_a_calibration_of_a_picture_of_another_size_is_not_used(tmp_path: Path) 
     shrunk = calibrated(tmp_path, "", 32.0, shrunk=3)
     assert shrunk.frames[0].camera.fx == pytest.approx(32.0 / np.hypot(36.0, 24.0) * 400.0)
     assert any("DewarpData is of another picture" in warning for warning in shrunk.warnings)
+
+
+def taken(path: Path, *, xmp: str = "", **options: Any) -> Path:
+    """A photograph of 320 x 240 pixels straight down, the n-th of its folder n seconds later."""
+    path.parent.mkdir(exist_ok=True)
+    stamp_ns = 10**18 + len(list(path.parent.iterdir())) * 10**9
+    picture = np.random.default_rng(1).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    down = dji((0.0, -90.0, 0.0), xmp + ' drone-dji:RelativeAltitude="+40.0"')
+    return write_photograph(path, picture, stamp_ns, (46.5, 8.0, 1200.0), down, **options)
+
+
+def test_a_digital_zoom_narrows_what_the_lens_shows(tmp_path: Path) -> None:
+    """The lens of a Mavic Pro, 4.73 mm before 6.17 mm of sensor, of whose width a zoom of 2 shows half."""
+    whole = open_recording(taken(tmp_path / "1.jpg", model="FC220", focal_mm=4.73)).frames[0].camera
+    assert whole.fx == pytest.approx(4.73 / 6.17 * 320)
+    for film_mm in (None, 26, 52):  # not told, without the zoom, with it
+        zoom = {"focal_mm": 4.73, "focal_mm35": film_mm, "digital_zoom": 2.0}
+        found = open_recording(taken(tmp_path / f"{film_mm}.jpg", model="FC220", **zoom))
+        assert found.frames[0].camera.fx == pytest.approx(2 * 4.73 / 6.17 * 320)
+    # DewarpData is of the whole picture, near enough for what it is held against.
+    dewarp = 'drone-dji:DewarpData="2026-01-01;245.3,245.3,0,0,0,0,0,0,0"'
+    zoom = {"focal_mm": 4.73, "digital_zoom": 1.2}
+    found = open_recording(taken(tmp_path / "dewarp.jpg", model="FC220", xmp=dewarp, **zoom))
+    assert found.frames[0].camera.fx == pytest.approx(1.2 * 4.73 / 6.17 * 320)
+    unknown = open_recording(taken(tmp_path / "other.jpg", focal_mm35=24, digital_zoom=2.0))
+    (refusal,) = unknown.refused
+    assert "digital zoom of 2, and makers differ" in refusal.reason and not unknown.frames
+    for none in (0.0, 1.0):
+        found = open_recording(taken(tmp_path / f"none {none}.jpg", focal_mm35=24, digital_zoom=none))
+        assert found.frames[0].camera.fx == pytest.approx(24.0 / np.hypot(36.0, 24.0) * 400.0)
+
+
+def test_a_second_camera_of_the_same_name_has_its_own_lens(tmp_path: Path) -> None:
+    """The tele camera of a Mavic 3 Enterprise: M3E too, 29.9 mm before a smaller sensor, 162 mm on film."""
+    wide = open_recording(taken(tmp_path / "w.jpg", model="M3E", focal_mm=12.29, focal_mm35=24))
+    assert wide.frames[0].camera.fx == pytest.approx(12.29 / 17.3 * 320)
+    tele = open_recording(taken(tmp_path / "z.jpg", model="M3E", focal_mm=29.9, focal_mm35=162))
+    assert tele.frames[0].camera.fx == pytest.approx(162.0 / np.hypot(36.0, 24.0) * 400.0)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"model": "M3E", "focal_mm": 29.9, "focal_mm35": 162},  # the other camera
+        {"model": "M3E", "focal_mm": 12.29, "focal_mm35": 24, "digital_zoom": 2.0},
+        {"model": "M3E", "focal_mm": 12.29, "focal_mm35": 48, "digital_zoom": 2.0},
+    ],
+)
+def test_a_calibration_is_of_one_lens_and_zoom(tmp_path: Path, other: dict[str, Any]) -> None:
+    calibration = Camera.pinhole(640, 480, 470.0, 470.0, 320.0, 240.0)  # 25 mm on 35 mm film
+    for number in range(3):
+        taken(tmp_path / "flight" / f"{number}.jpg", model="M3E", focal_mm=12.29, focal_mm35=24)
+    taken(tmp_path / "flight" / "other.jpg", **other)
+    found = open_recording(tmp_path / "flight", calibration=calibration)
+    assert [frame.camera.fx for frame in found.frames] == [235.0] * 3
+    (refusal,) = found.refused
+    assert "its calibration is of 25 mm" in refusal.reason
+    # Alone, it may be what was calibrated: the focal length that EXIF tells may be a few percent off.
+    (only,) = open_recording(tmp_path / "flight" / "other.jpg", calibration=calibration).frames
+    assert only.camera.fx == 235.0
 
 
 def test_photographs_of_one_second_keep_their_order(tmp_path: Path) -> None:

@@ -423,6 +423,8 @@ def write_photograph(
     make: str = "DJI",
     model: str = "X1",
     focal_mm35: float | None = None,
+    focal_mm: float | None = None,
+    digital_zoom: float | None = None,
 ) -> Path:
     picture, exif = Image.fromarray(image), Image.Exif()
     taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
@@ -432,6 +434,10 @@ def write_photograph(
     more[ExifTags.Base.SubsecTimeOriginal] = f"{stamp_ns % 10**9 // 1000:06d}"
     if focal_mm35 is not None:
         more[ExifTags.Base.FocalLengthIn35mmFilm] = round(focal_mm35)
+    if focal_mm is not None:
+        more[ExifTags.Base.FocalLength] = IFDRational(round(focal_mm * 100), 100)
+    if digital_zoom is not None:
+        more[ExifTags.Base.DigitalZoomRatio] = IFDRational(round(digital_zoom * 100), 100)
     gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
     latitude, longitude, height = place
     gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}

@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.lens.focal_length import (
+    alike,
     camera_from_35mm,
     focal_35mm_of,
     is_of_a_lens,
     scaled_camera,
 )
 from crowdfence.sources.place_camera import UnplacedFrame
-
-_ALIKE = 1.03
-"""Focal lengths up to this ratio are taken for one: with 3 % a point at the edge of the picture lands 3 % of
-its distance from the middle of the view away, little beside the 10 % of an estimate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +43,10 @@ class FilmCameras:
         if self.zoom is None:
             return self.usual, None
         before, after, length = self.zoom.at(time_s)
-        if not _alike(before, after):
+        if not alike(before, after):
             return None, f"the camera zooms there: the log has {before:g} mm before it and {after:g} mm after"
         if self.calibrated_35mm is not None:
-            if _alike(length, self.calibrated_35mm):
+            if alike(length, self.calibrated_35mm):
                 return self.usual, None
             return (
                 None,
@@ -101,7 +98,7 @@ def film_cameras(
         return FilmCameras(scaled_camera(calibration, width, height))
     usable = np.array([is_of_a_lens(length) for length in log.focal_35mm])
     lengths = log.focal_35mm[usable]
-    varies = len(lengths) > 0 and not _alike(float(lengths.min()), float(lengths.max()))
+    varies = len(lengths) > 0 and not alike(float(lengths.min()), float(lengths.max()))
     if calibration is not None:
         camera = scaled_camera(calibration, width, height)
         return FilmCameras(camera) if not varies else _calibrated(camera, _zoom(log, usable))
@@ -140,7 +137,3 @@ def _estimated(width: int, height: int, length: float) -> Camera:
 
 def _range(lengths: NDArray[np.float64]) -> str:
     return f"from {lengths.min():g} to {lengths.max():g} mm on 35 mm film"
-
-
-def _alike(one: float, other: float) -> bool:
-    return max(one, other) <= _ALIKE * min(one, other)

@@ -18,6 +18,9 @@ _LENGTHS_35MM = (4.0, 4000.0)
 _WIDEST_STILL = 1.55
 """Pictures wider than 3:2 are cut from a sensor of 4:3 or 3:2 at their full width."""
 _SENSOR_ASPECT = 4 / 3
+_ALIKE = 1.03
+"""Focal lengths up to this ratio are taken for one: with 3 % a point at the edge of the picture lands 3 % of
+its distance from the middle of the view away, little beside the 5 or 10 % of an estimate."""
 
 SENSORS_MM = {
     "FC220": (6.17, 4.63),  # Mavic Pro, 1/2.3"
@@ -54,6 +57,11 @@ class EstimatedCamera:
 def is_of_a_lens(focal_35mm: float) -> bool:
     """Whether there are lenses of this focal length, millimetres on 35 mm film; not for NaN."""
     return _LENGTHS_35MM[0] <= focal_35mm <= _LENGTHS_35MM[1]
+
+
+def alike(one: float, other: float) -> bool:
+    """Whether two focal lengths count as one."""
+    return max(one, other) <= _ALIKE * min(one, other)
 
 
 def focal_35mm_of(camera: Camera) -> float:

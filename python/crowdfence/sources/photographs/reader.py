@@ -23,8 +23,11 @@ from crowdfence.sources.geographic_track import (
 )
 from crowdfence.sources.lens.focal_length import (
     EstimatedCamera,
+    alike,
     camera_from_35mm,
     camera_from_sensor,
+    focal_35mm_of,
+    is_of_a_lens,
     scaled_camera,
 )
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
@@ -199,23 +202,54 @@ def _unplaced(
 ) -> list[UnplacedFrame]:
     frames = []
     said: dict[str, None] = {}
+    calibrated_mm = None
+    if options.calibration is not None:
+        calibrated_mm = _calibrated_mm(options.calibration, [one.tags for one in group])
     for one in group:
         camera, fault = None, None
         try:
-            camera, how = _camera(one.tags, options)
-            said[how] = None
+            if options.calibration is None:
+                camera, how = _camera(one.tags)
+                said[how] = None
+            else:
+                camera = _calibrated(options.calibration, calibrated_mm, one.tags)
         except ValueError as error:
             fault = str(error)
         frames.append(UnplacedFrame(one.stamp_ns, camera, PixelSources(image=one.path.read_bytes), fault))
-    remarks += [f"{drone}: {how}" for how in list(said)[:3] if how]
+    remarks += [f"{drone}: {how}" for how in list(said)[:3]]
     return frames
 
 
-def _camera(tags: PhotographTags, options: PhotographOptions) -> tuple[Camera, str]:
-    width, height = tags.width, tags.height
-    if options.calibration is not None:
-        return scaled_camera(options.calibration, width, height), ""
-    camera = _by_dewarp_data(tags) if tags.dewarp else None
+def _calibrated_mm(calibration: Camera, photographs: list[PhotographTags]) -> float | None:
+    """Which of the focal lengths of a drone's photographs its calibration is of, on 35 mm film: the nearest;
+    None where they tell none."""
+    told = [length for one in photographs if (length := _focal_35mm(one)) is not None]
+    of = focal_35mm_of(calibration)
+    return min(told, key=lambda length: abs(np.log(length / of)), default=None)
+
+
+def _calibrated(calibration: Camera, calibrated_mm: float | None, tags: PhotographTags) -> Camera:
+    """ValueError for a photograph of another proportion, or through another lens or zoom."""
+    length = _focal_35mm(tags)
+    if length is not None and calibrated_mm is not None and not alike(length, calibrated_mm):
+        raise ValueError(
+            f"it was taken at {length:.0f} mm (35 mm film), its calibration is of {calibrated_mm:.0f} mm"
+        )
+    return scaled_camera(calibration, tags.width, tags.height)
+
+
+def _focal_35mm(tags: PhotographTags) -> float | None:
+    """To tell one lens or zoom of a drone from another; None where nothing is told."""
+    told = tags.focal_35mm
+    try:
+        estimate = _estimate(tags)
+    except ValueError:
+        return told * tags.digital_zoom if told is not None and is_of_a_lens(told) else None
+    return None if estimate is None else focal_35mm_of(estimate.camera)
+
+
+def _camera(tags: PhotographTags) -> tuple[Camera, str]:
+    camera = _by_dewarp_data(tags) if tags.dewarp and not _zoomed(tags) else None
     try:
         estimate = _estimate(tags)
     except ValueError:
@@ -231,14 +265,34 @@ def _camera(tags: PhotographTags, options: PhotographOptions) -> tuple[Camera, s
     return estimate.camera, f"{estimate.said}; DewarpData is of another picture: {camera.fx:.0f} px"
 
 
+def _zoomed(tags: PhotographTags) -> bool:
+    return not alike(tags.digital_zoom, 1.0)
+
+
 def _estimate(tags: PhotographTags) -> EstimatedCamera | None:
-    """By the focal length in EXIF; ValueError for one that no lens has."""
-    width, height = tags.width, tags.height
-    if tags.focal_mm is not None and tags.model:
-        estimate = camera_from_sensor(width, height, tags.focal_mm, tags.model)
-        if estimate is not None:
-            return estimate
-    return camera_from_35mm(width, height, tags.focal_35mm, film=False) if tags.focal_35mm else None
+    """By the focal length in EXIF; ValueError for one that no lens has, and where nobody can tell what a
+    digital zoom has done to it."""
+    by_sensor = _by_sensor(tags)
+    told = tags.focal_35mm
+    if by_sensor is None:
+        if _zoomed(tags):
+            raise ValueError(
+                f"it was taken with a digital zoom of {tags.digital_zoom:g}, and makers differ in whether "
+                "the focal length on 35 mm film counts that: give --calibration, of this zoom"
+            )
+        return camera_from_35mm(tags.width, tags.height, told, film=False) if told else None
+    if _zoomed(tags) or told is None or not is_of_a_lens(told):
+        return by_sensor
+    by_film = camera_from_35mm(tags.width, tags.height, told, film=False)
+    # A drone with several cameras may call all of them by the name of one.
+    return by_sensor if _agree(by_sensor.camera, by_film.camera) else by_film
+
+
+def _by_sensor(tags: PhotographTags) -> EstimatedCamera | None:
+    """The lens alone is before the whole sensor; zoomed digitally, the picture shows less of that."""
+    if tags.focal_mm is None or not tags.model:
+        return None
+    return camera_from_sensor(tags.width, tags.height, tags.focal_mm * tags.digital_zoom, tags.model)
 
 
 def _agree(calibrated: Camera, estimated: Camera) -> bool:
