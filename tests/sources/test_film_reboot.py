@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
@@ -112,3 +113,33 @@ def test_attitudes_of_another_system_are_never_those_of_the_drone(tmp_path: Path
     east = from_yaw_pitch_roll_deg(90.0, -90.0, 0.0)
     assert np.allclose(np.abs(log.camera_ned @ east), 1.0)
     assert log.remarks == ["a.tlog holds the positions of several drones: system 1 is taken, not 2"]
+
+
+def test_a_home_that_moves_does_not_move_the_flight_before(tmp_path: Path) -> None:
+    """An autopilot sets its home anew when it is armed again: after a landing 600 m further east, on ground
+    40 m higher, its heights above the take-off begin at 0 there."""
+
+    def told(boot_s: float, longitude: int, height_m: float, above_home_m: float) -> list[Any]:
+        place = [465000000, longitude, round(height_m * 1e3), round(above_home_m * 1e3)]
+        at = mavlink.MAVLink_global_position_int_message(round(boot_s * 1e3), *place, 0, 0, 0, 0)
+        return [at, camera(boot_s)]
+
+    def home(longitude: int, height_m: float) -> mavlink.MAVLink_message:
+        place = [465000000, longitude, round(height_m * 1e3)]
+        return mavlink.MAVLink_home_position_message(*place, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+
+    west, east = 80000000, 80078300  # 600 m at 46.5 degrees north
+    flights = [home(west, 500.0), *(m for t in ticks(50) for m in told(5 + t, west, 530.0, 30.0))]
+    flights += [home(east, 540.0), *(m for t in ticks(50) for m in told(10 + t, east, 560.0, 20.0))]
+    path = tmp_path / "a.tlog"
+    path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(flights)))
+    log = read_tlog(path)
+    assert log.take_off == (46.5, east / 1e7)
+    assert np.allclose(log.heights_m["take-off"][:50], -10.0)  # 30 m above the first home, 40 m below
+    assert np.allclose(log.heights_m["take-off"][50:], 20.0)
+    assert [one for one in log.remarks if "its home moved by 600 m" in one]
+
+    again = [home(west + 500, 503.0) if one.get_type() == "HOME_POSITION" else one for one in flights]
+    path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(again)))
+    log = read_tlog(path)  # the same place to some metres: every flight counts from its own
+    assert np.allclose(log.heights_m["take-off"][:50], 30.0) and not log.remarks

@@ -30,6 +30,10 @@ KINDS = (
 )
 """Messages that say where a drone and its camera are."""
 _LATEST_S = 2**31
+_METRES_PER_E7 = 0.01113
+"""Of a great circle, in degrees of 1e-7."""
+_SAME_HOME_M = 10.0
+"""Homes no further apart are one: a receiver tells the same place anew by some metres."""
 
 
 def read_tlog(path: Path) -> FlightLog:
@@ -54,13 +58,20 @@ def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[
         "sea": [one.alt / 1e3 for one in places],
         "take-off": [one.relative_alt / 1e3 for one in places],
     }
+    homes = _all(boots, "HOME_POSITION")
+    if (moved_m := _moved_m(homes)) > _SAME_HOME_M:
+        last_m = position["sea"][-1] - position["take-off"][-1]
+        position["take-off"] = [height_m - last_m for height_m in position["sea"]]
+        said.append(
+            f"its home moved by {moved_m:.0f} m: heights above the take-off count from the last one, also of "
+            "the time before, by those above the sea"
+        )
     turns = _all(boots, "ATTITUDE_QUATERNION")
     rows = [[one.q1, one.q2, one.q3, one.q4] for one in turns]
     body = Turns.of(_times_s(boots, "ATTITUDE_QUATERNION"), rows)
     if body is None:
         angles = [_turn(one.yaw, one.pitch, one.roll) for one in _all(boots, "ATTITUDE")]
         body = Turns.of(_times_s(boots, "ATTITUDE"), angles)
-    homes = _all(boots, "HOME_POSITION")
     return merged(
         position,
         {"sea": "sea", "take-off": "take-off"},
@@ -70,6 +81,17 @@ def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[
         take_off=(homes[-1].latitude / 1e7, homes[-1].longitude / 1e7) if homes else None,
         remarks=said,
     )
+
+
+def _moved_m(homes: Sequence[Any]) -> float:
+    """How far a home lies from the last one, at most."""
+    if not homes:
+        return 0.0
+    to_last = [(one.latitude - homes[-1].latitude, one.longitude - homes[-1].longitude) for one in homes]
+    east = math.cos(math.radians(homes[-1].latitude / 1e7))
+    # A home may lie beyond the date line.
+    apart = [(north, math.remainder(across, 3.6e9) * east) for north, across in to_last]
+    return max(math.hypot(*one) for one in apart) * _METRES_PER_E7
 
 
 def _messages(path: Path, remarks: list[str]) -> list[Any]:
