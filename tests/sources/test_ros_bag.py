@@ -156,6 +156,74 @@ def test_a_mount_by_hand_and_topics_by_name(tmp_path: Path) -> None:
         assert apart == pytest.approx(np.hypot(0.3, 0.1), abs=1e-3)
 
 
+NED = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+"""North-east-down in east-north-up, and the other way round."""
+FRD = Rotation.from_matrix(np.diag([1, -1, -1]))
+"""Forward-right-down in forward-left-up."""
+
+
+def airsim_odometry(parent: str, child: str) -> list[tuple[str, str, int, Any]]:
+    """As the ROS wrapper of AirSim tells it unless it is asked for east-north-up."""
+    messages = []
+    for topic, kind, stamp, fields in odometry():
+        at = fields["pose"]["pose"]
+        position = NED.apply([at["position"][axis] for axis in "xyz"])
+        turn = NED * Rotation.from_quat([at["orientation"][axis] for axis in "xyzw"]) * FRD
+        told = {"header": header(stamp, parent), "child_frame_id": child}
+        told["pose"] = {"pose": pose(position, turn), "covariance": [0.0] * 36}
+        messages.append((topic.replace("odom", "odom_local_ned"), kind, stamp, fields | told))
+    return messages
+
+
+@pytest.mark.parametrize("parent", ["world_ned", DRONE])
+def test_odometry_that_is_north_east_down_by_its_frames_is_turned(tmp_path: Path, parent: str) -> None:
+    """Its heights are negative: taken as they are, the camera is under the ground."""
+    told = airsim_odometry(parent, f"{DRONE}/odom_local_ned")
+    bag = write_bag(tmp_path / "flight", "mcap", [*picture_messages(DRONE, OPTICAL), *told])
+    found = open_recording(bag, mount=f"body:{-DOWN_DEG}")
+    for ours, theirs in zip(found.frames, reference().frames, strict=True):
+        assert np.allclose(ours.world_from_camera[:3, :3], theirs.world_from_camera[:3, :3], atol=1e-6)
+        apart = np.linalg.norm(ours.world_from_camera[:3, 3] - theirs.world_from_camera[:3, 3])
+        assert apart == pytest.approx(np.hypot(0.3, 0.1), abs=1e-3)
+    mounted = transform(
+        rows()[0].stamp_ns, f"{DRONE}/odom_local_ned", OPTICAL, FRD.apply(MOUNT_POSITION), FRD * MOUNT
+    )
+    static = ("/tf_static", TF, rows()[0].stamp_ns, {"transforms": [mounted]})
+    bag = write_bag(tmp_path / "with tf", "mcap", [*picture_messages(DRONE, OPTICAL), *told, static])
+    assert_same_frames(open_recording(bag), (DRONE,), 1e-4)
+
+
+@pytest.mark.parametrize("start", [None, np.array([7.0, -3.0, 1.0])])
+def test_a_tree_that_hangs_on_a_world_that_is_north_east_down_is_turned(
+    tmp_path: Path, start: np.ndarray | None
+) -> None:
+    """Of a fleet every vehicle may begin elsewhere: world_ned -> uav1, fixed, -> uav1/odom_local_ned."""
+    odom, first = f"{DRONE}/odom_local_ned", rows()[0].stamp_ns
+    parent, begin = ("world_ned", np.zeros(3)) if start is None else (DRONE, start)
+    fixed = [transform(first, odom, OPTICAL, FRD.apply(MOUNT_POSITION), FRD * MOUNT)]
+    if start is not None:
+        fixed.append(transform(first, "world_ned", DRONE, start, Rotation.identity()))
+    moving = [
+        ("/tf", TF, stamp, {"transforms": [transform(stamp, parent, odom, NED.apply(at) - begin, turned)]})
+        for stamp, at, turn in body()
+        for turned in [NED * turn * FRD]
+    ]
+    messages = [*picture_messages(DRONE, OPTICAL), *moving, ("/tf_static", TF, first, {"transforms": fixed})]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert_same_frames(found, (DRONE,), 1e-4)
+    assert "world_ned is north-east-down by its name: its poses are turned" in found.warnings
+
+
+def test_camera_poses_that_are_north_east_down_are_turned(tmp_path: Path) -> None:
+    told = [
+        (f"/{DRONE}/cam/pose", POSE, row.stamp_ns, {"header": header(row.stamp_ns, "map_ned")} | {"pose": at})
+        for row in rows()
+        for at in [pose(NED.apply(np.array(row.position)), NED * row.turn)]
+    ]
+    bag = write_bag(tmp_path / "flight", "mcap", [*picture_messages(DRONE, OPTICAL), *told])
+    assert_same_frames(open_recording(bag), (DRONE,), 1e-9)
+
+
 def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
     messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
     for number, row in enumerate(rows()):

@@ -7,8 +7,10 @@ The pose comes from the first of these that the bag has for a drone, and `Record
     tf            the frames from the world down to the one that the pictures name
     fix, imu      satellite position and attitude of the body, with the camera on it as for `pose`
 
-Worlds are east-north-up (REP 103), bodies forward-left-up, cameras as in REP 104. Messages are timed by the
-stamps of their headers. Pixels are fetched from the bag when asked for.
+Worlds are east-north-up (REP 103), bodies forward-left-up, cameras as in REP 104. A frame that is named for
+north-east-down (world_ned, odom_local_ned, as AirSim has them) is turned, and bodies in it are
+forward-right-down. Messages are timed by the stamps of their headers. Pixels are fetched from the bag when
+asked for.
 """
 
 from __future__ import annotations
@@ -23,7 +25,11 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
+from crowdfence.sources.axes import (
+    FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN,
+    body_quaternions_ned,
+    optical_quaternions_enu,
+)
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
@@ -40,8 +46,18 @@ from crowdfence.sources.ros_bag.topic_choice import (
     stated_topics,
     topic_list,
 )
-from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, composed
+from crowdfence.sources.ros_bag.transforms import (
+    BODY_FRAME,
+    NED_WORLD,
+    FixedTransform,
+    Segment,
+    composed,
+    is_ned,
+)
+from crowdfence.sources.rotation import multiply
 
+_ENU = ("map", "odom", "world", "enu")
+"""Frames whose names end so are east-north-up."""
 _BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
 """Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
 
@@ -135,16 +151,19 @@ class _Reader:
     def _track(self, one: DroneTopics) -> PoseTrack:
         frame = self._frame(one)
         if one.camera_pose:
-            return self._moved_to_anchor(one, self._rows(one.drone, one.camera_pose), f"{one.camera_pose}")
+            track = self._in_enu(one.camera_pose, self._rows(one.drone, one.camera_pose))
+            return self._moved_to_anchor(one, track, f"{one.camera_pose}")
         tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
-            segments = self.content.tree.segments(self.content.tree.path(frame))
             root = self.content.tree.root(frame)
+            segments = [*self._world(root), *self.content.tree.segments(self.content.tree.path(frame))]
             track = composed(segments, self.limits.max_pose_gap_s)
             return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")
         if one.pose:
-            body = self._rows(one.drone, one.pose)
-            child = self.content.rows[one.pose].child_frame if one.pose in self.content.rows else ""
+            child = self._child(one.pose)
+            body = self._in_enu(one.pose, self._rows(one.drone, one.pose))
+            if self.options.mount is not None and self._world_of(one.pose):
+                body = _as_forward_left_up(body)
             track = self._on_body(one, body, frame, child or BODY_FRAME)
             return self._moved_to_anchor(one, track, f"{one.pose}{self._how(frame, child or BODY_FRAME)}")
         if one.fix and one.imu:
@@ -165,6 +184,33 @@ class _Reader:
         track, remarks = self.content.rows.get(topic, PoseRows()).track()
         self.warnings += [f"{drone}: {topic}: {remark}" for remark in remarks]
         return track
+
+    def _child(self, topic: str) -> str:
+        return self.content.rows[topic].child_frame if topic in self.content.rows else ""
+
+    def _in_enu(self, topic: str, track: PoseTrack) -> PoseTrack:
+        world = self._world_of(topic)
+        return composed([*world, track], self.limits.max_pose_gap_s) if world else track
+
+    def _world_of(self, topic: str) -> list[FixedTransform]:
+        """What turns the poses of a topic to east-north-up; empty where they are so."""
+        frame, child = self.content.frames.get(topic, ""), self._child(topic)
+        world = self._world(frame)
+        # AirSim's odometry names the axes in its child frame alone.
+        return world or ([NED_WORLD] if is_ned(child) and not frame.endswith(_ENU) else [])
+
+    def _world(self, frame: str) -> list[FixedTransform]:
+        """The same for poses in a frame: by its own name, or by that of the one that it is fixed to."""
+        tree = self.content.tree
+        root, above = tree.root(frame), tree.fixed_segments(tree.path(frame))
+        found = [NED_WORLD] if is_ned(frame) else []
+        if root != frame and is_ned(root) and above is not None:
+            found = [NED_WORLD, *above]
+        if found:
+            told = f"{root if root != frame else frame} is north-east-down by its name: its poses are turned"
+            if told not in self.warnings:
+                self.warnings.append(told)
+        return found
 
     def _on_body(self, one: DroneTopics, body: PoseTrack, frame: str, body_frame: str) -> PoseTrack:
         """The camera on a body, forward-left-up in ENU: by the user's word, or by tf."""
@@ -283,6 +329,12 @@ class _Reader:
             image=None if picture is None else lambda: encoded(picture),
             heatmap=None if heatmap is None else lambda: heatmap_pixels(message(heatmap)),
         )
+
+
+def _as_forward_left_up(body: PoseTrack) -> PoseTrack:
+    """A body forward-right-down with its axes as ROS has them."""
+    turned = multiply(body.quaternions, FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN)
+    return PoseTrack(body.stamps_ns, body.positions, turned)
 
 
 def _on_drone(frame: str) -> bool:

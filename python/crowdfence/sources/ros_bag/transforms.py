@@ -5,6 +5,7 @@ A chain of transforms, some fixed and some moving, each with stamps of its own, 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.sources.axes import ENU_FROM_NED
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
 
@@ -28,6 +30,15 @@ class FixedTransform:
 
 
 Segment = FixedTransform | PoseTrack
+
+NED_WORLD = FixedTransform(np.zeros(3), ENU_FROM_NED)
+"""A world that is north-east-down, in one that is east-north-up."""
+_NED = re.compile(r"(?:^|[/_])ned$", re.IGNORECASE)
+
+
+def is_ned(frame: str) -> bool:
+    """Whether a frame is north-east-down by its name, as REP 103 has it: world_ned, odom_local_ned."""
+    return _NED.search(frame) is not None
 
 
 @dataclass(slots=True)
@@ -83,6 +94,12 @@ class TransformTree:
     def moves(self, frame: str) -> bool:
         """Whether anything over `frame` moves."""
         return any(not self._edges[name].fixed for name in self.path(frame))
+
+    def fixed_segments(self, path: Sequence[str]) -> list[FixedTransform] | None:
+        """The same; None where one of them moves."""
+        segments = [self._edges[name].segment() for name in path]
+        fixed = [one for one in segments if isinstance(one, FixedTransform)]
+        return fixed if len(fixed) == len(segments) else None
 
     def segments(self, path: Iterable[str]) -> list[Segment]:
         """The transforms into the parents of the frames of a `path`."""
