@@ -224,6 +224,44 @@ def test_camera_poses_that_are_north_east_down_are_turned(tmp_path: Path) -> Non
     assert_same_frames(open_recording(bag), (DRONE,), 1e-9)
 
 
+def fleet_in_frames_of_their_own() -> tuple[list[Any], list[dict[str, Any]]]:
+    """Camera poses of two drones, each from where it was switched on, heading as it did; where that was."""
+    messages: list[Any] = []
+    fixed = []
+    for drone, begin, heading in (("uav1", [0.0, 0.0, 0.0], 0.0), ("uav2", [40.0, -15.0, 2.0], 30.0)):
+        turn = Rotation.from_euler("z", heading, degrees=True)
+        messages += picture_messages(drone, f"{drone}/{OPTICAL}")
+        fixed.append(transform(rows()[0].stamp_ns, "world", f"{drone}/odom", np.array(begin), turn))
+        for row in rows(drone):
+            at = pose(turn.inv().apply(row.position - begin), turn.inv() * row.turn)
+            told = {"header": header(row.stamp_ns, f"{drone}/odom"), "pose": at}
+            messages.append((f"/{drone}/cam/pose", POSE, row.stamp_ns, told))
+    return messages, fixed
+
+
+def test_drones_that_count_from_frames_of_their_own_are_brought_into_one(tmp_path: Path) -> None:
+    messages, fixed = fleet_in_frames_of_their_own()
+    static = ("/tf_static", TF, rows()[0].stamp_ns, {"transforms": fixed})
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", [*messages, static]))
+    assert_same_frames(found, ("uav1", "uav2"), 1e-9)
+    assert not any("nothing in the bag says" in warning for warning in found.warnings)
+
+
+def test_frames_that_nothing_lays_to_each_other_are_told(tmp_path: Path) -> None:
+    """One of the two drones would be 40 m off, with what it sees."""
+    messages, _ = fleet_in_frames_of_their_own()
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    (told,) = [warning for warning in found.warnings if "nothing in the bag says" in warning]
+    assert "(uav1 in uav1/odom, uav2 in uav2/odom)" in told and "name origin= or fix=" in told
+    # Of one of them satellites say where it begins, of the other nothing does.
+    latitude, longitude, height = rows()[0].geodetic
+    fix = {"header": header(rows()[0].stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+    fix_message = ("/uav1/fix", "sensor_msgs/msg/NavSatFix", rows()[0].stamp_ns, fix | {"altitude": height})
+    found = open_recording(write_bag(tmp_path / "fix", "mcap", [*messages, fix_message]))
+    (told,) = [warning for warning in found.warnings if "nothing in the bag says" in warning]
+    assert "(uav2 in uav2/odom)" in told and "as those of uav1" in told
+
+
 def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
     messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
     for number, row in enumerate(rows()):

@@ -58,6 +58,8 @@ from crowdfence.sources.rotation import multiply
 
 _ENU = ("map", "odom", "world", "enu")
 """Frames whose names end so are east-north-up."""
+_EARTH = ("earth", "utm")
+"""Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
 """Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
 
@@ -102,6 +104,10 @@ class _Reader:
     anchor: Georeference | None = None
     warnings: list[str] = field(default_factory=list)
     poses_from: dict[str, str] = field(default_factory=dict)
+    counted_from: dict[str, str] = field(default_factory=dict)
+    """Frame that the poses of a drone count from, by drone."""
+    placed: list[str] = field(default_factory=list)
+    """Drones of which the bag says where on Earth that is."""
 
     def recording(self) -> Recording:
         chosen = self.chosen
@@ -110,6 +116,7 @@ class _Reader:
             self.warnings.append(f"{topic}: {len(faults)} messages are left out, the first: {faults[0]}")
         self._require_pictures()
         tracks = {one.drone: self._track(one) for one in chosen}
+        self._doubt_frames()
         unplaced = {one.drone: self._unplaced(one) for one in chosen}
         for one in chosen:
             how = "taken by types and names" if self.guessed else "as stated"
@@ -151,23 +158,28 @@ class _Reader:
     def _track(self, one: DroneTopics) -> PoseTrack:
         frame = self._frame(one)
         if one.camera_pose:
+            self.counted_from[one.drone] = self._counted_from(one.camera_pose)
             track = self._in_enu(one.camera_pose, self._rows(one.drone, one.camera_pose))
             return self._moved_to_anchor(one, track, f"{one.camera_pose}")
         tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
             root = self.content.tree.root(frame)
             segments = [*self._world(root), *self.content.tree.segments(self.content.tree.path(frame))]
+            self.counted_from[one.drone] = root
             track = composed(segments, self.limits.max_pose_gap_s)
             return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")
         if one.pose:
             child = self._child(one.pose)
+            self.counted_from[one.drone] = self._counted_from(one.pose)
             body = self._in_enu(one.pose, self._rows(one.drone, one.pose))
-            if self.options.mount is not None and self._world_of(one.pose):
+            north_east_down = any(part is NED_WORLD for part in self._world_of(one.pose))
+            if self.options.mount is not None and north_east_down:
                 body = _as_forward_left_up(body)
             track = self._on_body(one, body, frame, child or BODY_FRAME)
             return self._moved_to_anchor(one, track, f"{one.pose}{self._how(frame, child or BODY_FRAME)}")
         if one.fix and one.imu:
             body = self._satellite_track(one.fix, one.imu)
+            self.placed.append(one.drone)
             self.poses_from[one.drone] = f"{one.fix} and {one.imu}{self._how(frame, BODY_FRAME)}"
             return self._on_body(one, body, frame, BODY_FRAME)
         raise ValueError(
@@ -193,7 +205,7 @@ class _Reader:
         return composed([*world, track], self.limits.max_pose_gap_s) if world else track
 
     def _world_of(self, topic: str) -> list[FixedTransform]:
-        """What turns the poses of a topic to east-north-up; empty where they are so."""
+        """What brings the poses of a topic to the world of all, east-north-up; empty where they are there."""
         frame, child = self.content.frames.get(topic, ""), self._child(topic)
         world = self._world(frame)
         # AirSim's odometry names the axes in its child frame alone.
@@ -201,16 +213,49 @@ class _Reader:
 
     def _world(self, frame: str) -> list[FixedTransform]:
         """The same for poses in a frame: by its own name, or by that of the one that it is fixed to."""
-        tree = self.content.tree
-        root, above = tree.root(frame), tree.fixed_segments(tree.path(frame))
-        found = [NED_WORLD] if is_ned(frame) else []
-        if root != frame and is_ned(root) and above is not None:
+        root, above = self._fixed_to(frame)
+        if above and is_ned(root):
             found = [NED_WORLD, *above]
-        if found:
-            told = f"{root if root != frame else frame} is north-east-down by its name: its poses are turned"
-            if told not in self.warnings:
-                self.warnings.append(told)
+        elif is_ned(frame):
+            root, found = frame, [NED_WORLD]
+        else:
+            return above if self._several_worlds else []
+        told = f"{root} is north-east-down by its name: its poses are turned"
+        if told not in self.warnings:
+            self.warnings.append(told)
         return found
+
+    def _fixed_to(self, frame: str) -> tuple[str, list[FixedTransform]]:
+        """The uppermost frame that a frame is fixed to, and by what; itself where something moves."""
+        tree = self.content.tree
+        path, root = tree.path(frame), tree.root(frame)
+        if path and root in _EARTH:  # its axes are not those of a level world
+            path, root = path[1:], path[0]
+        above = tree.fixed_segments(path)
+        return (frame, []) if above is None else (root, above)
+
+    def _counted_from(self, topic: str) -> str:
+        frame = self.content.frames.get(topic, "")
+        return self._fixed_to(frame)[0] if self._several_worlds else frame
+
+    @property
+    def _several_worlds(self) -> bool:
+        """Whether the poses of the drones are in frames of their own."""
+        topics = [one.camera_pose or one.pose or "" for one in self.chosen]
+        return len({self.content.frames.get(topic, "") for topic in topics}) > 1
+
+    def _doubt_frames(self) -> None:
+        """Tells where poses of different frames are taken as being in one."""
+        lost = [drone for drone in self.counted_from if drone not in self.placed]
+        if not lost or (not self.placed and len(set(self.counted_from.values())) < 2):
+            return
+        frames = ", ".join(f"{drone} in {self.counted_from[drone] or '(no frame)'}" for drone in lost)
+        others = f" as those of {self.placed[0]}" if self.placed else ""
+        self.warnings.append(
+            f"nothing in the bag says how the frames of the poses lie to each other ({frames}): all are "
+            f"taken to count from the same place{others}, and what one drone sees may be put far from what "
+            "another sees there; name origin= or fix= of each in --topics, or record /tf_static"
+        )
 
     def _on_body(self, one: DroneTopics, body: PoseTrack, frame: str, body_frame: str) -> PoseTrack:
         """The camera on a body, forward-left-up in ENU: by the user's word, or by tf."""
@@ -258,6 +303,7 @@ class _Reader:
         origin = self._origin(one, track)
         if origin is None:
             return track
+        self.placed.append(one.drone)
         if self.anchor is None:
             self.anchor = origin
         if self.anchor == origin:
