@@ -262,12 +262,30 @@ def test_frames_that_nothing_lays_to_each_other_are_told(tmp_path: Path) -> None
     assert "(uav2 in uav2/odom)" in told and "as those of uav1" in told
 
 
-def test_satellite_positions_and_an_imu(tmp_path: Path) -> None:
-    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
+UPSIDE_DOWN = Rotation.from_euler("ZYX", [90.0, 0.0, 180.0], degrees=True)
+"""An IMU on a body: on its back, its nose to the left."""
+
+
+@pytest.mark.parametrize(
+    ("imu_frame", "mounted"),
+    [("base_link", None), ("imu_link", UPSIDE_DOWN), ("imu_link_ned", None), ("imu_link_ned", FRD)],
+)
+def test_satellite_positions_and_an_imu(tmp_path: Path, imu_frame: str, mounted: Rotation | None) -> None:
+    """Attitudes are those of the IMU, which tf may say to be fixed to the body otherwise than level; one that
+    is north-east-down by its name counts from there (REP 145)."""
+    first = rows()[0].stamp_ns
+    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(first)]
+    if mounted is not None:
+        fixed = transform(first, "base_link", imu_frame, np.array([0.1, 0.0, 0.0]), mounted)
+        messages.append(("/tf_static", TF, first, {"transforms": [fixed]}))
     for number, row in enumerate(rows()):
         turn = row.turn * MOUNT.inv()
+        if imu_frame.endswith("ned"):
+            turn = NED * turn * FRD
+        elif mounted is not None:
+            turn = turn * mounted
         attitude = {
-            "header": header(row.stamp_ns, "base_link"),
+            "header": header(row.stamp_ns, imu_frame),
             "orientation": pose(row.position, turn)["orientation"],
         }
         messages.append(("/imu/data", "sensor_msgs/msg/Imu", row.stamp_ns, attitude))

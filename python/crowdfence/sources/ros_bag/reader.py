@@ -16,7 +16,8 @@ asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,8 @@ from crowdfence.sources.ros_bag.transforms import (
 )
 from crowdfence.sources.rotation import multiply
 
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Times a unit quaternion."""
 _ENU = ("map", "odom", "world", "enu")
 """Frames whose names end so are east-north-up."""
 _EARTH = ("earth", "utm")
@@ -291,8 +294,24 @@ class _Reader:
         place, _ = track_from_rows(stamps, positions, level)
         turn, remarks = self.content.rows.get(imu, PoseRows()).track()
         self.warnings += [f"{imu}: {remark}" for remark in remarks]
+        turn = self._of_body(imu, turn)
         gap_s = max(self.limits.max_pose_gap_s, _longest_usual_gap_s(stamps))
         return composed([place, turn], gap_s)
+
+    def _of_body(self, imu: str, turn: PoseTrack) -> PoseTrack:
+        """Attitudes of an IMU -> of the body that it is fixed to, forward-left-up in east-north-up."""
+        frame = self.content.frames.get(imu, "")
+        ned = is_ned(frame)
+        if ned:
+            self.warnings.append(f"{frame} of {imu} is north-east-down by its name: its attitudes are turned")
+        path = self.content.tree.path(frame, above=BODY_FRAME)
+        mounted = self.content.tree.fixed_segments(path) if path else None
+        if mounted is not None:
+            imu_on_body = reduce(multiply, (part.quaternion for part in mounted))
+            turn = replace(turn, quaternions=multiply(turn.quaternions, imu_on_body * _INVERSE))
+        elif ned:
+            turn = _as_forward_left_up(turn)
+        return composed([NED_WORLD, turn], np.inf) if ned else turn
 
     # --- where on Earth ---
 
