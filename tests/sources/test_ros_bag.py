@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence import open_recording
 from crowdfence.sources.convert import convert
+from crowdfence.sources.ros_bag.common_world import heading_doubt
 from support.foreign_recordings import (
     DRONE,
     agreement,
@@ -363,6 +364,37 @@ def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path)
     assert ours.latitude_deg == pytest.approx(anchor.latitude_deg, abs=1e-7)
     assert ours.longitude_deg == pytest.approx(anchor.longitude_deg, abs=1e-7)
     assert ours.height_m == pytest.approx(anchor.height_m, abs=0.01)
+
+
+def test_a_local_world_that_is_not_against_north_is_told(tmp_path: Path) -> None:
+    """Visual odometry counts from where the drone looked at first, here 70 degrees left of east."""
+    turn = Rotation.from_euler("z", -70.0, degrees=True)
+    messages = picture_messages(DRONE, OPTICAL)
+    for row in rows():
+        at = pose(turn.apply(np.array(row.position)), turn * row.turn)
+        told = {"header": header(row.stamp_ns, "odom"), "pose": at}
+        messages.append((f"/{DRONE}/cam/pose", POSE, row.stamp_ns, told))
+    for row in rows()[::10]:
+        latitude, longitude, height = row.geodetic
+        fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+        messages.append(
+            (f"/{DRONE}/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height})
+        )
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    (told_so,) = [warning for warning in found.warnings if "about the vertical" in warning]
+    assert "turned by 70 degrees" in told_so and "lie within 0.0 m of them" in told_so
+
+
+def test_receivers_that_scatter_are_not_taken_for_a_turned_world() -> None:
+    """A path of 100 m against north, heights off by more than the places, then a hover."""
+    random = np.random.default_rng(3)
+    path = np.column_stack([np.linspace(0, 100, 60), np.linspace(0, 30, 60), np.full(60, 20.0)])
+    noise = random.normal(size=(60, 3)) * [1.5, 1.5, 8.0]
+    assert heading_doubt(path, path + noise) is None
+    assert heading_doubt(path[:1].repeat(60, axis=0), path[:1] + noise) is None
+    left = Rotation.from_euler("z", 90.0, degrees=True).apply(path)
+    doubt = heading_doubt(left, path + noise)
+    assert doubt is not None and doubt.startswith("turned by -90 degrees")
 
 
 def test_a_second_camera_of_a_drone_is_not_left_out_in_silence(tmp_path: Path) -> None:

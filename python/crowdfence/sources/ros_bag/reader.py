@@ -38,6 +38,7 @@ from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
 from crowdfence.sources.ros_bag.bag_content import BagContent, PoseRows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, open_bag
+from crowdfence.sources.ros_bag.common_world import CommonWorld, heading_doubt
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
@@ -50,7 +51,6 @@ from crowdfence.sources.ros_bag.topic_choice import (
 from crowdfence.sources.ros_bag.transforms import (
     BODY_FRAME,
     NED_WORLD,
-    FixedTransform,
     Segment,
     composed,
     is_ned,
@@ -59,10 +59,6 @@ from crowdfence.sources.rotation import multiply
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 """Times a unit quaternion."""
-_ENU = ("map", "odom", "world", "enu")
-"""Frames whose names end so are east-north-up."""
-_EARTH = ("earth", "utm")
-"""Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
 """Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
 
@@ -107,10 +103,12 @@ class _Reader:
     anchor: Georeference | None = None
     warnings: list[str] = field(default_factory=list)
     poses_from: dict[str, str] = field(default_factory=dict)
-    counted_from: dict[str, str] = field(default_factory=dict)
-    """Frame that the poses of a drone count from, by drone."""
+    world: CommonWorld = field(init=False)
     placed: list[str] = field(default_factory=list)
-    """Drones of which the bag says where on Earth that is."""
+    """Drones of which the bag says where on Earth their poses count from."""
+
+    def __post_init__(self) -> None:
+        self.world = CommonWorld(self.content, self.chosen, self.warnings)
 
     def recording(self) -> Recording:
         chosen = self.chosen
@@ -119,7 +117,8 @@ class _Reader:
             self.warnings.append(f"{topic}: {len(faults)} messages are left out, the first: {faults[0]}")
         self._require_pictures()
         tracks = {one.drone: self._track(one) for one in chosen}
-        self._doubt_frames()
+        if doubt := self.world.doubt(self.placed):
+            self.warnings.append(doubt)
         unplaced = {one.drone: self._unplaced(one) for one in chosen}
         for one in chosen:
             how = "taken by types and names" if self.guessed else "as stated"
@@ -161,21 +160,19 @@ class _Reader:
     def _track(self, one: DroneTopics) -> PoseTrack:
         frame = self._frame(one)
         if one.camera_pose:
-            self.counted_from[one.drone] = self._counted_from(one.camera_pose)
-            track = self._in_enu(one.camera_pose, self._rows(one.drone, one.camera_pose))
+            track = self._in_world(one.drone, one.camera_pose)
             return self._moved_to_anchor(one, track, f"{one.camera_pose}")
         tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
             root = self.content.tree.root(frame)
-            segments = [*self._world(root), *self.content.tree.segments(self.content.tree.path(frame))]
-            self.counted_from[one.drone] = root
+            segments = [*self.world.over(root), *self.content.tree.segments(self.content.tree.path(frame))]
+            self.world.counted_from[one.drone] = root
             track = composed(segments, self.limits.max_pose_gap_s)
             return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")
         if one.pose:
-            child = self._child(one.pose)
-            self.counted_from[one.drone] = self._counted_from(one.pose)
-            body = self._in_enu(one.pose, self._rows(one.drone, one.pose))
-            north_east_down = any(part is NED_WORLD for part in self._world_of(one.pose))
+            child = self.world.child(one.pose)
+            body = self._in_world(one.drone, one.pose)
+            north_east_down = any(part is NED_WORLD for part in self.world.over_topic(one.pose))
             if self.options.mount is not None and north_east_down:
                 body = _as_forward_left_up(body)
             track = self._on_body(one, body, frame, child or BODY_FRAME)
@@ -200,65 +197,12 @@ class _Reader:
         self.warnings += [f"{drone}: {topic}: {remark}" for remark in remarks]
         return track
 
-    def _child(self, topic: str) -> str:
-        return self.content.rows[topic].child_frame if topic in self.content.rows else ""
-
-    def _in_enu(self, topic: str, track: PoseTrack) -> PoseTrack:
-        world = self._world_of(topic)
-        return composed([*world, track], self.limits.max_pose_gap_s) if world else track
-
-    def _world_of(self, topic: str) -> list[FixedTransform]:
-        """What brings the poses of a topic to the world of all, east-north-up; empty where they are there."""
-        frame, child = self.content.frames.get(topic, ""), self._child(topic)
-        world = self._world(frame)
-        # AirSim's odometry names the axes in its child frame alone.
-        return world or ([NED_WORLD] if is_ned(child) and not frame.endswith(_ENU) else [])
-
-    def _world(self, frame: str) -> list[FixedTransform]:
-        """The same for poses in a frame: by its own name, or by that of the one that it is fixed to."""
-        root, above = self._fixed_to(frame)
-        if above and is_ned(root):
-            found = [NED_WORLD, *above]
-        elif is_ned(frame):
-            root, found = frame, [NED_WORLD]
-        else:
-            return above if self._several_worlds else []
-        told = f"{root} is north-east-down by its name: its poses are turned"
-        if told not in self.warnings:
-            self.warnings.append(told)
-        return found
-
-    def _fixed_to(self, frame: str) -> tuple[str, list[FixedTransform]]:
-        """The uppermost frame that a frame is fixed to, and by what; itself where something moves."""
-        tree = self.content.tree
-        path, root = tree.path(frame), tree.root(frame)
-        if path and root in _EARTH:  # its axes are not those of a level world
-            path, root = path[1:], path[0]
-        above = tree.fixed_segments(path)
-        return (frame, []) if above is None else (root, above)
-
-    def _counted_from(self, topic: str) -> str:
-        frame = self.content.frames.get(topic, "")
-        return self._fixed_to(frame)[0] if self._several_worlds else frame
-
-    @property
-    def _several_worlds(self) -> bool:
-        """Whether the poses of the drones are in frames of their own."""
-        topics = [one.camera_pose or one.pose or "" for one in self.chosen]
-        return len({self.content.frames.get(topic, "") for topic in topics}) > 1
-
-    def _doubt_frames(self) -> None:
-        """Tells where poses of different frames are taken as being in one."""
-        lost = [drone for drone in self.counted_from if drone not in self.placed]
-        if not lost or (not self.placed and len(set(self.counted_from.values())) < 2):
-            return
-        frames = ", ".join(f"{drone} in {self.counted_from[drone] or '(no frame)'}" for drone in lost)
-        others = f" as those of {self.placed[0]}" if self.placed else ""
-        self.warnings.append(
-            f"nothing in the bag says how the frames of the poses lie to each other ({frames}): all are "
-            f"taken to count from the same place{others}, and what one drone sees may be put far from what "
-            "another sees there; name origin= or fix= of each in --topics, or record /tf_static"
-        )
+    def _in_world(self, drone: str, topic: str) -> PoseTrack:
+        """Poses of a topic in the world of all."""
+        track = self._rows(drone, topic)
+        self.world.counted_from[drone] = self.world.frame_over_topic(topic)
+        above = self.world.over_topic(topic)
+        return composed([*above, track], self.limits.max_pose_gap_s) if above else track
 
     def _on_body(self, one: DroneTopics, body: PoseTrack, frame: str, body_frame: str) -> PoseTrack:
         """The camera on a body, forward-left-up in ENU: by the user's word, or by tf."""
@@ -350,6 +294,8 @@ class _Reader:
             f"{one.drone}: (0, 0, 0) of its poses is placed on Earth by {len(known)} positions of {one.fix}, "
             f"which scatter by {spread_m:.1f} m; name an origin= topic or --origin if you know it better"
         )
+        if doubt := heading_doubt(at, anchor.local_from_geodetic(*places.T)):
+            self.warnings.append(f"{one.drone}: {doubt}")
         return anchor
 
     # --- what it saw ---
