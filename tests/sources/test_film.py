@@ -101,6 +101,42 @@ def test_a_film_with_poses_that_is_stored_turned_is_refused(tmp_path: Path) -> N
         assert f"says {clockwise_deg} degrees clockwise" in str(error.value)
 
 
+def test_a_film_that_was_cut_is_told_by_its_subtitles(tmp_path: Path) -> None:
+    """They are those of the whole film, and nothing else says what is gone."""
+    film, start_ns = write_film(tmp_path / "DJI_0001.MP4")
+    of_film = write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, mini)
+    blocks = of_film.read_text(encoding="utf-8-sig").split("\n\n")
+    end_s = FilmPictures(film).times_s[-1]
+    for after_s, told in ((1.5, []), (6.0, ["go on for 6 s after the film has ended"])):
+        times = [one for one in blocks if one.strip() and begin_s(one) <= end_s + 1e-3]
+        last = re.sub(r"00:00:\S+ -->", f"00:00:{end_s + after_s:06.3f} -->", times[-1])
+        of_film.write_text("\n\n".join([*times, last]) + "\n\n")
+        found = open_recording(film)
+        assert [one for one in told for warning in found.warnings if one in warning] == told
+        assert len([warning for warning in found.warnings if "was cut off" in warning]) == len(told)
+        known = open_recording(film, clock_offset_s=0.5)
+        assert not [warning for warning in known.warnings if "was cut off" in warning]
+
+
+def begin_s(block: str) -> float:
+    arrow = re.search(r"00:00:(\d\d)[,.](\d{3}) -->", block)
+    assert arrow is not None
+    return int(arrow[1]) + int(arrow[2]) / 1000
+
+
+@pytest.mark.parametrize(("speed", "told"), [(1.0, False), (0.25, True), (10.0, True)])
+def test_slow_motion_is_told_by_its_time_of_day(tmp_path: Path, speed: float, told: bool) -> None:
+    blocks = [
+        f"{n}\n00:00:{n:02},000 --> 00:00:{n:02},500\n2026-01-01 12:{int(n * speed) // 60:02}:"
+        f"{int(n * speed) % 60:02}\nGPS(46.500000,8.000000,0.0M) BAROMETER:30.0M\n"
+        for n in range(40)
+    ]
+    path = tmp_path / "a.SRT"
+    path.write_text("\n".join(blocks))
+    remarks = [one for one in read_subtitles(path).remarks if "times as fast as the film" in one]
+    assert bool(remarks) == told
+
+
 def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:
     film, start_ns = write_film(tmp_path / "a.mp4")
     write_subtitles(tmp_path / "a.srt", start_ns, mini)

@@ -108,7 +108,8 @@ def read_film(
         unplaced.append(UnplacedFrame(start_ns + round(time_s * 1e9), camera, pixels, fault))
     lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
-    remarks = [*log.remarks, *placed.remarks, how, *clock, lens, _spacing(step_s)]
+    cut = "" if options.clock_offset_s is not None else _cut(log, film)
+    remarks = [*log.remarks, *placed.remarks, how, *clock, cut, lens, _spacing(step_s)]
     return Recording(
         name=path.stem,
         drones=(drone,),
@@ -168,6 +169,17 @@ def _clock_offset(
     return found.offset_s, (
         f"the film begins {found.offset_s:.2f} s after the log, give or take {found.error_s:.2f} s, by how "
         f"both turn (agreement {found.agreement:.2f}); --clock-offset says it better"
+    )
+
+
+def _cut(log: FlightLog, film: FilmPictures) -> str:
+    """A doubt about subtitles, which drones write as long as their films."""
+    longer_s = float(log.time_s[-1]) - film.times_s[-1]
+    if not log.timed_by_film or longer_s <= _LONGEST_STEP_S:
+        return ""
+    return (
+        f"its subtitles go on for {longer_s:.0f} s after the film has ended: if its beginning was cut off, "
+        "every pose is of another moment; say by --clock-offset how many seconds were"
     )
 
 

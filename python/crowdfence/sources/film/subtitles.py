@@ -28,6 +28,9 @@ from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
 
 _LARGEST_BYTES = 1 << 28
+_SPEED_OFF = 0.2
+_LONG_S = 10.0
+"""Over so long a time of day in whole seconds tells how fast it runs."""
 _NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
 _ARROW = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 _CLOCK = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[,.](\d{1,3}))?(?:[,.](\d{1,3}))?")
@@ -224,7 +227,21 @@ def _remarks(path: Path, blocks: list[_Block], count: int) -> list[str]:
         remarks.append(f"{path.name}: GPS is read as longitude, latitude")
     if any(one.whole_seconds and one.clock_ns is not None for one in blocks):
         remarks.append(f"{path.name}: its time of day is in whole seconds; other drones may be off by one")
+    if (speed := _clock_speed(blocks)) is not None and abs(speed - 1.0) > _SPEED_OFF:
+        remarks.append(
+            f"{path.name}: its time of day runs {speed:.2f} times as fast as the film, as of slow motion or "
+            "of a time lapse: how old what it saw is counts by the film"
+        )
     return remarks
+
+
+def _clock_speed(blocks: list[_Block]) -> float | None:
+    """How fast the time of day runs against the film; None where too little of both is told."""
+    told = [one for one in blocks if one.clock_ns is not None and one.time_s is not None]
+    if not told:
+        return None
+    (a_s, a_ns), (b_s, b_ns) = ((one.time_s or 0.0, one.clock_ns or 0) for one in (told[0], told[-1]))
+    return (b_ns - a_ns) / 1e9 / (b_s - a_s) if b_s - a_s > _LONG_S else None
 
 
 def _column(blocks: list[_Block], name: str) -> NDArray[np.float64]:
