@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from scipy.spatial.transform import Rotation
 
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
@@ -89,6 +90,29 @@ def test_a_telemetry_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path)
     (tmp_path / "a.tlog").write_bytes(tlog(arrived))
     camera = read_tlog(tmp_path / "a.tlog").camera_ned
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
+
+
+def test_of_two_gimbals_one_is_taken(tmp_path: Path) -> None:
+    """One looks down to the east, the other ahead to the west: half way between no camera ever looked."""
+    down_east = Rotation.from_euler("ZY", [90.0, -90.0], degrees=True).as_quat()[[3, 0, 1, 2]]
+    west = [np.cos(np.pi / 4), 0.0, 0.0, -np.sin(np.pi / 4)]
+    arrived = []
+    for number in range(10):
+        boot_ms = 5000 + number * 100
+        place = [465000000, 80000000, 530000, 30000]
+        told = [mavlink.MAVLink_global_position_int_message(boot_ms, *place, 0, 0, 0, 0)]
+        for device, (look, later_ms) in enumerate([(down_east, 0), (west, 50)], start=1):
+            if number or device == 1:  # the first tells once more
+                status = [0, 0, boot_ms + later_ms, EARTH | LOCK, look, 0.0, 0.0, 0.0, 0, 0.0, 0.0, device]
+                told.append(mavlink.MAVLink_gimbal_device_attitude_status_message(*status))
+        arrived.append((1_760_000_000_000_000 + number * 100_000, told))
+    (tmp_path / "a.tlog").write_bytes(tlog(arrived))
+    log = read_tlog(tmp_path / "a.tlog")
+    assert log.camera_ned is not None
+    assert np.allclose(np.abs(log.camera_ned @ down_east), 1.0, atol=1e-6)
+    assert log.remarks == [
+        "it holds the attitudes of several gimbals: component 1, device 1 is taken, not component 1, device 2"
+    ]
 
 
 def test_a_flight_over_the_date_line_stays_there() -> None:

@@ -128,24 +128,40 @@ def _times_s(boots: Sequence[Boot], kind: str) -> list[float]:
 
 
 def _camera(boots: Sequence[Boot], body: Turns | None, remarks: list[str]) -> Turns | None:
-    gimbal = _all(boots, "GIMBAL_DEVICE_ATTITUDE_STATUS")
+    gimbal = _of_one_gimbal(_timed(boots, "GIMBAL_DEVICE_ATTITUDE_STATUS"), remarks)
     if gimbal:
-        rows, flags = [one.q for one in gimbal], [one.flags for one in gimbal]
-        return gimbal_turns(_times_s(boots, "GIMBAL_DEVICE_ATTITUDE_STATUS"), rows, flags, body, remarks)
+        rows, flags = [one.q for _, one in gimbal], [one.flags for _, one in gimbal]
+        return gimbal_turns([time_s for time_s, _ in gimbal], rows, flags, body, remarks)
+    told = _of_one_gimbal(_timed(boots, "MOUNT_ORIENTATION"), remarks)
     mount = [
         (time_s, from_yaw_pitch_roll_deg(one.yaw_absolute, one.pitch, one.roll))
-        for time_s, one in zip(
-            _times_s(boots, "MOUNT_ORIENTATION"), _all(boots, "MOUNT_ORIENTATION"), strict=True
-        )
+        for time_s, one in told
         if math.isfinite(one.yaw_absolute)
     ]
-    if mount and not any(one.yaw_absolute for one in _all(boots, "MOUNT_ORIENTATION")):
+    if mount and not any(one.yaw_absolute for _, one in told):
         # A later extension of the message: it is 0 where it was not sent, and NaN where it is not known.
         remarks.append(
             f"yaw_absolute is 0 in all {len(mount)} MOUNT_ORIENTATION: where the camera looked is not told"
         )
         return None
     return Turns.of([time_s for time_s, _ in mount], [turn for _, turn in mount])
+
+
+def _timed(boots: Sequence[Boot], kind: str) -> list[tuple[float, Any]]:
+    return list(zip(_times_s(boots, kind), _all(boots, kind), strict=True))
+
+
+def _of_one_gimbal(told: list[tuple[float, Any]], remarks: list[str]) -> list[tuple[float, Any]]:
+    """Of several gimbals the first of those that tell about as often as any: between two of them no camera
+    looks."""
+    of = [(one.get_srcComponent(), getattr(one, "gimbal_device_id", 0)) for _, one in told]
+    often = max((of.count(gimbal) for gimbal in set(of)), default=0) / 2
+    gimbals = sorted(set(of), key=lambda gimbal: (of.count(gimbal) < often, gimbal))
+    if len(gimbals) < 2:
+        return told
+    taken, *others = (f"component {component}, device {device}" for component, device in gimbals)
+    remarks.append(f"it holds the attitudes of several gimbals: {taken} is taken, not {'; '.join(others)}")
+    return [one for one, gimbal in zip(told, of, strict=True) if gimbal == gimbals[0]]
 
 
 def _turn(yaw: float, pitch: float, roll: float) -> Any:
