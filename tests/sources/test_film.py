@@ -321,6 +321,31 @@ def test_the_time_of_day_is_known_from_the_first_fix_on(tmp_path: Path) -> None:
     assert read_ulog(path).start_ns is None
 
 
+def test_positions_that_px4_does_not_believe_in_are_left_out(tmp_path: Path) -> None:
+    """10 s at 10 Hz: not valid up to 2 s, as before a first fix; from 8 s on by dead reckoning."""
+    topics = {
+        "vehicle_global_position": "double lat;double lon;float alt;bool lat_lon_valid;bool alt_valid;"
+        "bool dead_reckoning;",
+        "vehicle_attitude": "float[4] q;",
+    }
+    records = []
+    for number in range(100):
+        at = number * 100_000
+        valid, adrift = number >= 20, number >= 80
+        latitude = 46.5 if valid else 46.6  # 11 km north
+        told = struct.pack("<HQddf???", 0, at, latitude, 8.0, 500.0, valid, True, adrift)
+        records += [told, struct.pack("<HQ4f", 1, at, 1.0, 0.0, 0.0, 0.0)]
+    path = tmp_path / "a.ulg"
+    path.write_bytes(ulog(0, topics, records))
+    log = read_ulog(path)
+    assert log.time_s[0] == pytest.approx(2.0) and np.allclose(log.latitude_deg, 46.5)
+    assert log.remarks == [
+        "20 of 100 positions are left out: the log calls them not valid",
+        "20 of 100 positions are by dead reckoning, without satellites: they drift, and what was seen then "
+        "may be put elsewhere",
+    ]
+
+
 @pytest.mark.parametrize("kind", ["ulg", "tlog"])
 def test_a_log_that_was_read_is_closed(tmp_path: Path, kind: str) -> None:
     path, _ = (write_ulog if kind == "ulg" else write_tlog)(tmp_path / f"flight.{kind}")

@@ -61,9 +61,10 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
         return (topic["timestamp"].astype(np.int64) - zero_us) / 1e6
 
     place = topics["vehicle_global_position"]
+    remarks = list[str]()
     position = {
         "time_s": time_s(place),
-        "latitude": place["lat"],
+        "latitude": np.where(_valid(place, remarks), place["lat"], np.nan),
         "longitude": place["lon"],
         "sea": place["alt"],
     }
@@ -75,7 +76,7 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
     attitude = topics.get("vehicle_attitude")
     body = None if attitude is None else Turns.of(time_s(attitude), _quaternions(attitude))
     gimbal = topics.get("gimbal_device_attitude_status")
-    camera, remarks = None, list[str]()
+    camera = None
     if gimbal is not None:
         turns = _quaternions(gimbal)
         flags = gimbal.get("device_flags", np.zeros(len(turns)))
@@ -91,6 +92,23 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
         take_off=take_off,
         remarks=remarks,
     )
+
+
+def _valid(place: dict[str, Any], remarks: list[str]) -> NDArray[np.bool_]:
+    """Rows whose position the estimator itself believes in; logs before PX4 1.16 do not say."""
+    count = len(place["lat"])
+    valid = np.ones(count, np.bool_)
+    for name in ("lat_lon_valid", "alt_valid"):
+        valid &= np.asarray(place.get(name, valid), np.bool_)
+    if out := int(np.count_nonzero(~valid)):
+        remarks.append(f"{out} of {count} positions are left out: the log calls them not valid")
+    adrift = np.asarray(place.get("dead_reckoning", ~valid), np.bool_) & valid
+    if adrift.any():
+        remarks.append(
+            f"{adrift.sum()} of {count} positions are by dead reckoning, without satellites: they drift, and "
+            "what was seen then may be put elsewhere"
+        )
+    return valid
 
 
 def _quaternions(topic: dict[str, Any]) -> NDArray[np.float64]:
