@@ -202,6 +202,19 @@ def test_what_a_photograph_lacks_refuses_it_alone(tmp_path: Path) -> None:
         open_recording(folder / "c.jpg")
 
 
+@pytest.mark.parametrize("maker", [dji, parrot, skydio])
+def test_a_gimbal_that_says_0_throughout_says_nothing(tmp_path: Path, maker: Maker) -> None:
+    """As a P1 on an M400 wrote it (dji-sdk/Mobile-SDK-Android-V5 issue 772), whatever it looked at."""
+    path = tmp_path / "a.jpg"
+    image, place = frames()[0].image(), (46.5, 8.0, 500.0)
+    write_photograph(path, image, 10**18, place, maker((0.0, 0.0, 0.0)), focal_mm35=24)
+    with pytest.raises(ValueError, match="does not say where its camera looked"):
+        open_recording(path, geoid_m=48.0)
+    assert len(open_recording(path, geoid_m=48.0, mount="north:-90").frames) == 1
+    write_photograph(path, image, 10**18, place, maker((0.0, -90.0, 0.0)), focal_mm35=24)
+    assert len(open_recording(path, geoid_m=48.0).frames) == 1
+
+
 def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
     """Whether the attitude means the stored picture or the shown one, nobody can know."""
     folder = write_photographs(tmp_path / "flight", dji)

@@ -164,8 +164,10 @@ def _is_autel(make: str, xmp: Mapping[str, str]) -> bool:
 
 
 def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
+    """None where they are not told, or all 0, as a drone writes them that does not know them: to its last
+    digit level and north none ever hangs."""
     yaw, pitch, roll = (_number(angle) for angle in angles)
-    if yaw is None or pitch is None:
+    if yaw is None or pitch is None or (yaw, pitch, roll or 0.0) == (0.0, 0.0, 0.0):
         return None
     return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
 
