@@ -387,6 +387,20 @@ def srt(tmp_path: Path, text: str) -> Path:
     return path
 
 
+def test_angles_that_are_0_throughout_say_nothing(tmp_path: Path) -> None:
+    """A camera may look north along the ground for a moment, but not all the time to its last digit."""
+
+    def block(number: int, yaw: float) -> str:
+        return (
+            f"{number}\n00:00:{number:02},000 --> 00:00:{number:02},033\n[latitude: 46.5] [longitude: 8.0] "
+            f"[rel_alt: 30.0 abs_alt: 530.0] [gb_yaw: {yaw} gb_pitch: 0.0 gb_roll: 0.0]\n\n"
+        )
+
+    assert read_subtitles(srt(tmp_path, "".join(block(n, 0.0) for n in range(9)))).camera_ned is None
+    moving = read_subtitles(srt(tmp_path, "".join(block(n, n / 10) for n in range(9)))).camera_ned
+    assert moving is not None and np.allclose(moving[0], [1.0, 0.0, 0.0, 0.0])
+
+
 def test_matrice_writes_latitude_first_and_no_attitude(tmp_path: Path) -> None:
     text = (
         "1\n00:00:00,000 --> 00:00:01,000\n2022.06.21 16:06:17\nGPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M\n\n"

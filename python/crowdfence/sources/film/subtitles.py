@@ -198,7 +198,8 @@ def _heights(blocks: list[_Block], remarks: list[str]) -> dict[HeightsAbove, NDA
 def _attitudes(blocks: list[_Block], who: str) -> NDArray[np.float64] | None:
     angles = np.stack([_column(blocks, f"{who}_{angle}") for angle in ("yaw", "pitch", "roll")], axis=1)
     angles[:, 2] = np.where(np.isfinite(angles[:, 2]), angles[:, 2], 0.0)
-    if not np.isfinite(angles).all(axis=1).any():
+    told = angles[np.isfinite(angles).all(axis=1)]
+    if not told.any():  # nor where all are 0, as of a drone that does not know them
         return None
     return np.array([from_yaw_pitch_roll_deg(*row) for row in angles])
 
