@@ -58,7 +58,7 @@ def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[
         "sea": [one.alt / 1e3 for one in places],
         "take-off": [one.relative_alt / 1e3 for one in places],
     }
-    homes = _all(boots, "HOME_POSITION")
+    homes = [one for one in _all(boots, "HOME_POSITION") if one.latitude or one.longitude]
     if (moved_m := _moved_m(homes)) > _SAME_HOME_M:
         last_m = position["sea"][-1] - position["take-off"][-1]
         position["take-off"] = [height_m - last_m for height_m in position["sea"]]
