@@ -114,6 +114,8 @@ ELLIPSOIDAL = 'Camera:HorizCS="EPSG:4326" Camera:VertCS="ellipsoidal"'
         ("M3E", RTK + 'drone-dji:RtkFlag="50"'),  # fixed
         ("M3E", RTK + 'drone-dji:RtkFlag="16"'),  # a single receiver's
         ("ANAFI Ai", parrot((0.0, -90.0, 0.0))),  # by Parrot's "Embedded Photo Metadata"
+        ("S.O.D.A. 3D", pix4d((0.0, -90.0, 0.0))),  # as PIX4Dmatic takes it, and the next
+        ("FC6310R", RTK + 'drone-dji:RtkFlag="0"'),
     ],
 )
 def test_heights_above_the_ellipsoid_are_not_moved_by_the_geoid(tmp_path: Path, model: str, xmp: str) -> None:

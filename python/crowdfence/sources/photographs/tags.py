@@ -12,7 +12,7 @@ Angles, by maker (degrees; ours: yaw clockwise from north, pitch -90 straight do
 
 EXIF says "above sea level" of every height. Some are above the ellipsoid, tens of metres away, and XMP tells:
 Camera:VertCS "ellipsoidal" (pix4d's tags: senseFly, Autel, ...), and drone-dji:RtkFlag, with which DJI's
-absolute altitude is the "geodetic" one of its manuals. Of Parrot's ANAFI Ai only the documentation says it.
+absolute altitude is the "geodetic" one of its manuals. Of some cameras only documentation says it.
 """
 
 from __future__ import annotations
@@ -47,6 +47,9 @@ _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _BELOW = (1, 3, b"\x01", b"\x03")
 """GPSAltitudeRef of heights that are to be taken negative; 3 since EXIF 3.0."""
+_ELLIPSOIDAL = ("ANAFIAI", "FC6310R", "S.O.D.A.", "AERIAX")
+"""Cameras whose photographs say nothing of it: Parrot's by its "Embedded Photo Metadata", the Phantom 4 RTK
+and senseFly's as PIX4Dmatic takes them."""
 _SHAKES_DEG = 5.0
 """A gimbal that points straight down points no further back than this."""
 _RTK_POSITION = 16
@@ -205,9 +208,10 @@ def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str], model: str) -> dict
 
 def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
     """Whether the absolute height counts from the ellipsoid, whatever EXIF calls it."""
+    if said := xmp.get("Camera:VertCS"):
+        return said.lower().startswith("ellips")
     by_rtk = (_number(xmp.get("drone-dji:RtkFlag")) or 0) >= _RTK_POSITION
-    said = xmp.get("Camera:VertCS", "").lower().startswith("ellips")
-    return by_rtk or said or model.replace(" ", "").lower() == "anafiai"
+    return by_rtk or model.replace(" ", "").upper().startswith(_ELLIPSOIDAL)
 
 
 def _taken_ns(exif: Mapping[int, Any], more: Mapping[int, Any]) -> tuple[int | None, bool]:
