@@ -143,3 +143,8 @@ def test_a_home_that_moves_does_not_move_the_flight_before(tmp_path: Path) -> No
     path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(again)))
     log = read_tlog(path)  # the same place to some metres: every flight counts from its own
     assert np.allclose(log.heights_m["take-off"][:50], 30.0) and not log.remarks
+
+    lost = mavlink.MAVLink_home_position_message(0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)  # before a fix
+    told_late = [lost, *(one for one in flights if one.get_type() != "HOME_POSITION")]
+    path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(told_late)))
+    assert read_tlog(path).take_off is None
