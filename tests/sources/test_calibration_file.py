@@ -87,6 +87,21 @@ def test_a_fisheye_of_opencv_is_one(tmp_path: Path, fisheye: int) -> None:
     assert np.allclose(camera.project(point)[0], pixel + 0.5, atol=1e-6)
 
 
+def test_four_coefficients_of_no_model_are_not_guessed(tmp_path: Path) -> None:
+    """cv2.fisheye.calibrate gives four, which as k1, k2, p1, p2 bend a picture elsewhere."""
+    path = tmp_path / "camera.yaml"
+    four = ROS.replace(", 0.003]", "]").replace("cols: 5", "cols: 4")
+    path.write_text(four)
+    assert read_calibration(path).model == "brown_conrady"
+    path.write_text(four.replace("plumb_bob", "equidistant"))
+    assert read_calibration(path).model == "kannala_brandt"
+    path.write_text(four.replace("distortion_model: plumb_bob\n", ""))
+    with pytest.raises(ValueError, match="4 distortion coefficients .* distortion_model: equidistant"):
+        read_calibration(path)
+    path.write_text(ROS.replace("distortion_model: plumb_bob\n", ""))
+    assert read_calibration(path).model == "brown_conrady"
+
+
 def test_a_camchain_names_its_cameras(tmp_path: Path) -> None:
     path = tmp_path / "camchain.yaml"
     path.write_text(KALIBR)

@@ -16,6 +16,8 @@ from crowdfence.errors import one_line
 _HALF_PIXEL = 0.5
 _LARGEST_BYTES = 1 << 20
 _RADIAL = {"plumb_bob", "radtan", "rational_polynomial", "brown_conrady", ""}
+_OF_BOTH = 4
+"""So many coefficients may be of either model."""
 _FISHEYE = {"equidistant", "fisheye", "kannala_brandt"}
 
 
@@ -72,6 +74,12 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
     coefficients = next((_matrix(content[name]) for name in names if name in content), [])
     if len(matrix) != 9:
         raise ValueError(f"camera_matrix has {len(matrix)} values, expected 9")
+    told = "distortion_model" in content or "fisheye_model" in content
+    if not told and len(coefficients) == _OF_BOTH and any(coefficients):
+        raise ValueError(
+            "4 distortion coefficients are those of cv2.fisheye, or k1, k2, p1, p2 of another lens: add a "
+            "line distortion_model: equidistant for the former, plumb_bob for the latter"
+        )
     return _of(width, height, matrix[0], matrix[4], matrix[2], matrix[5], model, coefficients)
 
 
