@@ -367,11 +367,9 @@ def test_a_calibration_is_of_one_lens_and_zoom(tmp_path: Path, other: dict[str, 
 
 def test_photographs_of_one_second_keep_their_order(tmp_path: Path) -> None:
     row = row_at(frames()[0].stamp_ns)
-    for name in "ab":
+    for name, image in zip("ab", [frames()[0].image(), frames()[1].image()], strict=True):
         path = tmp_path / f"{name}.jpg"
-        write_photograph(
-            path, frames()[0].image(), 10**18, row.geodetic, dji(tuple(row.yaw_pitch_roll_deg)), focal_mm35=20
-        )
+        write_photograph(path, image, 10**18, row.geodetic, dji(tuple(row.yaw_pitch_roll_deg)), focal_mm35=20)
         picture = Image.open(path)
         exif = picture.getexif()
         del exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.SubsecTimeOriginal]
@@ -379,6 +377,19 @@ def test_photographs_of_one_second_keep_their_order(tmp_path: Path) -> None:
     found = open_recording(tmp_path, heights="sea", geoid_m=0.0)
     assert [frame.stamp_ns for frame in found.frames] == [10**18, 10**18 + 500_000_000]
     assert any("of the same second are spread" in warning for warning in found.warnings)
+
+
+def test_a_copy_of_a_photograph_is_no_second_look(tmp_path: Path) -> None:
+    path = taken(tmp_path / "a.jpg", focal_mm35=24)
+    with Image.open(path) as picture:
+        exif = picture.getexif()
+        del exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.SubsecTimeOriginal]
+        picture.save(path, exif=exif, xmp=picture.info["xmp"])
+    (tmp_path / "a (1).jpg").write_bytes(path.read_bytes())
+    found = open_recording(tmp_path)
+    assert len(found.frames) == 1
+    (refusal,) = found.refused
+    assert refusal.reason == "a.jpg is a copy of a (1).jpg"
 
 
 def test_damaged_photographs_are_one_line(tmp_path: Path) -> None:

@@ -113,6 +113,7 @@ def read_photographs(
 
 def _by_camera(paths: list[Path], refused: list[RefusedFrame]) -> dict[str, list[_Photograph]]:
     groups: dict[str, list[_Photograph]] = {}
+    at_once: dict[tuple[str, int], list[Path]] = {}
     for path in paths:
         try:
             tags = read_tags(path)
@@ -123,8 +124,19 @@ def _by_camera(paths: list[Path], refused: list[RefusedFrame]) -> dict[str, list
         if tags.taken_ns is None:
             refused.append(RefusedFrame(drone, None, f"{path.name} does not say when it was taken"))
             continue
+        others = at_once.setdefault((drone, tags.taken_ns), [])
+        original = next((other for other in others if _same_bytes(path, other)), None)
+        if original is not None:  # what one look shows is no second one
+            reason = f"{path.name} is a copy of {original.name}"
+            refused.append(RefusedFrame(drone, tags.taken_ns, reason))
+            continue
+        others.append(path)
         groups.setdefault(drone, []).append(_Photograph(path, tags, tags.taken_ns))
     return groups
+
+
+def _same_bytes(path: Path, other: Path) -> bool:
+    return path.stat().st_size == other.stat().st_size and path.read_bytes() == other.read_bytes()
 
 
 def _placeable(
