@@ -28,7 +28,7 @@ from crowdfence.sources.film.picture_reader import FilmPictures
 from crowdfence.sources.film.subtitles import read_subtitles
 from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
-from crowdfence.sources.geographic_track import HeightOptions
+from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Recording
 from support.flight_logs import tlog, ulog
@@ -423,6 +423,19 @@ def test_an_older_mavic_writes_longitude_first(tmp_path: Path) -> None:
     assert (log.latitude_deg[0], log.longitude_deg[0]) == (-34.7383, -58.4563)
     assert log.take_off == (-34.7386, -58.4563) and log.heights_m["take-off"][0] == 20.1
     assert any("1 of 2 blocks have no time or no position" in remark for remark in log.remarks)
+
+
+@pytest.mark.parametrize(("take_off", "told"), [((46.5, 8.0), False), ((46.5, 8.01), True), (None, False)])
+def test_a_stated_take_off_far_from_the_recorded_home_is_told(
+    tmp_path: Path, take_off: tuple[float, float] | None, told: bool
+) -> None:
+    """Of a fleet it would be that of all drones, whose grounds may lie otherwise."""
+    block = "1\n00:00:01,000 --> 00:00:02,000\nHOME(8.0,46.5) \nGPS(8.001,46.501,19) BAROMETER:20.1\n\n"
+    poses = read_subtitles(srt(tmp_path, block)).poses(CameraMount.parse("north:-90"))
+    remarks = local_track(poses, HeightOptions(take_off=take_off), None).remarks
+    # 0.01 degrees of longitude are 111.3 km * cos(46.5) / 100 = 767 m.
+    said = [one for one in remarks if "the stated take-off lies" in one]
+    assert len(said) == told and all("76" in one for one in said)
 
 
 def test_a_mavic_2_writes_no_arrows_and_misspells(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ HeightsAbove = Literal["ellipsoid", "sea", "take-off", "ground"]
 _GEOID = "EPSG:4326+5773"
 _GEOID_BOUNDS_M = (-110.0, 90.0)
 """EGM96 lies between -107 m south of India and 86 m in New Guinea."""
+_SAME_PLACE_M = 50.0
 _STARTED_M = 5.0
 """A first height above this says that the log begins in flight."""
 
@@ -168,6 +169,14 @@ def _contact(
                 "below the first position is taken for it; say it with --take-off LAT,LON"
             )
     x, y, z = (float(value) for value in anchor.local_from_geodetic(*place, anchor.height_m)[0])
+    if options.take_off is not None and poses.take_off is not None:
+        home = anchor.local_from_geodetic(*poses.take_off, anchor.height_m)[0]
+        apart_m = float(np.hypot(home[0] - x, home[1] - y))
+        if apart_m > _SAME_PLACE_M:
+            remarks.append(
+                f"the stated take-off lies {apart_m:.0f} m from the home that is recorded: of several "
+                "drones it is that of all"
+            )
     return GroundContact((x, y, z), said)
 
 
