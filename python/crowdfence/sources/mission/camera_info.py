@@ -13,7 +13,7 @@ from crowdfence.sources.rotation_angle import angle_between_deg
 
 _HALF_PIXEL = 0.5
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-_RECTIFIED = re.compile(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)")
+_RECTIFIED = re.compile(r"(?:^|[/_])(?:rect(?:ified)?|undist(?:ort(?:ed)?)?)(?:[/_]|$)")
 _MOST_TURN_DEG = 0.2
 """By which pictures may be rectified away from the frame of their poses: 0.35 m in 100 m."""
 
@@ -57,8 +57,8 @@ def camera_from_info(info: Any) -> Camera:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the pictures of a topic are rectified, by the names that image_proc gives: image_rect,
-    image_rect_color. Their CameraInfo is that of the raw pictures."""
+    """Whether the pictures of a topic are rectified, by the names that image_proc and others give, such as
+    image_rect, image_rect_color, image_undistorted. Their CameraInfo is that of the raw pictures."""
     return _RECTIFIED.search(topic) is not None
 
 
