@@ -282,6 +282,39 @@ def test_the_beginning_of_a_film_is_found_by_how_it_turns(tmp_path: Path) -> Non
     assert abs(offset_s - begin_s) <= error_s <= 0.1
 
 
+@pytest.mark.parametrize("created", [None, "2026-05-04T10:00:00.000000Z"])
+def test_films_of_logs_without_a_time_of_day_begin_together(tmp_path: Path, created: str | None) -> None:
+    """Their logs began 2 and 5 s before them (--clock-offset): the first frames are of one moment, that of
+    creation_time where they tell one."""
+    starts = []
+    for name, offset_s in (("a", 2.0), ("b", 5.0)):
+        (tmp_path / name).mkdir()
+        film, _ = turning_flight(tmp_path / name, 20.0)
+        if created is not None:
+            film = with_creation_time(film, created)
+        options = {"calibration": Camera.pinhole(160, 120, 200.0, 200.0, 80.0, 60.0), "geoid_m": 0.0}
+        found = open_recording(
+            film, telemetry=film.parent / "turning.ulg", clock_offset_s=offset_s, **options
+        )
+        assert not found.refused and min(track.stamps_ns[0] for track in found.tracks().values()) >= 0
+        starts.append(found.frames[0].stamp_ns)
+    assert abs(starts[0] - starts[1]) < 1_000_000
+    if created is not None:
+        assert abs(starts[0] - 1_777_888_800_000_000_000) < 1_000_000  # date -u -d "2026-05-04 10:00" +%s
+
+
+def with_creation_time(film: Path, created: str) -> Path:
+    told = film.with_name("told.mp4")
+    with av.open(str(film)) as source, av.open(str(told), "w") as target:
+        target.metadata["creation_time"] = created
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    return told
+
+
 def test_a_film_that_hardly_turns_is_not_guessed(tmp_path: Path) -> None:
     film, _ = turning_flight(tmp_path, 0.2)
     camera = Camera.pinhole(160, 120, 200.0, 200.0, 80.0, 60.0)

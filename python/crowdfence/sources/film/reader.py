@@ -37,6 +37,8 @@ from crowdfence.sources.recording import PixelSources, Recording
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".m4v", ".avi", ".webm", ".ts")
 LOG_SUFFIXES = (".srt", ".ulg", ".tlog")
+_NO_DAY_NS = 86_400 * 1_000_000_000
+"""When a film begins of which nobody knows: its log has begun before, and no stamp is below 0."""
 _LONGEST_STEP_S = 2.1
 """Subtitles come once a second at the least."""
 
@@ -96,7 +98,7 @@ def read_film(
     film = FilmPictures(path)
     cameras = film_cameras(path, film.size, log, options.calibration)
     offset_s, how = _clock_offset(log, film, cameras.usual, placed, log_path, options)
-    start_ns, clock = _start(log, film)
+    start_ns, clock = _start(log, film, offset_s)
     track = placed.track.shifted(start_ns)
     step_s = _usual_step_s(track.stamps_ns)
     gap_s = max(limits.max_pose_gap_s, min(1.5 * step_s, _LONGEST_STEP_S))
@@ -183,7 +185,7 @@ def _cut(log: FlightLog, film: FilmPictures) -> str:
     )
 
 
-def _start(log: FlightLog, film: FilmPictures) -> tuple[int, list[str]]:
+def _start(log: FlightLog, film: FilmPictures, offset_s: float) -> tuple[int, list[str]]:
     """Stamp of the log's time 0, and what had to be assumed."""
     if log.start_ns is not None:
         return log.start_ns, []
@@ -192,9 +194,15 @@ def _start(log: FlightLog, film: FilmPictures) -> tuple[int, list[str]]:
         seconds = int(created.replace(tzinfo=created.tzinfo or timezone.utc).timestamp())
     except ValueError:
         seconds = 0
+    # What is known, or assumed, is when the film began; a log of its own began before.
+    before_ns = 0 if log.timed_by_film else round(offset_s * 1e9)
     if seconds > 0:
-        return seconds * 1_000_000_000, ["the time of day is the film's creation_time, in whole seconds"]
-    return 0, ["no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"]
+        return seconds * 1_000_000_000 - before_ns, [
+            "the time of day is the film's creation_time, in whole seconds"
+        ]
+    return _NO_DAY_NS - before_ns, [
+        "no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"
+    ]
 
 
 def _taken(times_s: list[float], frames_per_s: float) -> list[int]:
