@@ -89,9 +89,7 @@ class Intake:
                 self._told(f"a view of {self._drone} was not taken: {error.reason}")
             except (ValueError, KeyError) as error:
                 self._refuse(f"a message of {self._drone} ({role}, {kind}) cannot be used: {error}")
-            except (
-                Exception
-            ) as error:  # a disk that cannot be read for a moment must not end all its pictures
+            except Exception as error:  # a disk that fails for a moment must not end all its pictures
                 _LOG.exception("a message of %s could not be given", self._drone)
                 self._refuse(f"a message of {self._drone} ({role}, {kind}) was not taken: {error}")
 
