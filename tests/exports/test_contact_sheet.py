@@ -9,6 +9,7 @@ from crowdfence import Camera, Terrain
 from crowdfence.exports.contact_sheet import write_contact_sheet
 from crowdfence.exports.contact_sheet.frame_tile import CLASS_COLOURS, REGION_COLOUR, labelled, photograph
 from crowdfence.exports.contact_sheet.ground_panel import panel_extent
+from crowdfence.exports.contact_sheet.sheet import legend_title
 from crowdfence.sources import open_recording
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.recorded_truth import RecordedPeople
@@ -83,6 +84,11 @@ def test_a_sheet_shows_every_tile_and_the_people(tmp_path, with_terrain):
     assert (areas[1:] > 10_000).sum() == 9
     crowd_dot = np.abs(pixels - (200, 30, 58)).max(axis=-1) < 12
     assert crowd_dot[:, pixels.shape[1] // 2 :].any()
+
+
+def test_people_are_named_where_a_recording_says_where_they_are():
+    assert legend_title(2.5, with_people=False) == "flights, and footprints (150 m) at 2.5 s"
+    assert legend_title(2.5, with_people=True) == "flights, and footprints (150 m) and people at 2.5 s"
 
 
 def test_a_recording_without_pixels_has_no_sheet(tmp_path):

@@ -93,6 +93,12 @@ def _tiles(instant: Instant, drones: Sequence[str]) -> list[_Tile]:
     return tiles
 
 
+def legend_title(when_s: float, *, with_people: bool) -> str:
+    """Nobody on the map means nothing where the recording does not say where people are."""
+    people = " and people" if with_people else ""
+    return f"flights, and footprints (150 m){people} at {when_s:.1f} s"
+
+
 def _compose(
     recording: Recording, terrain: Terrain | None, drones: Sequence[str], rows: list[list[_Tile]]
 ) -> Figure:
@@ -145,7 +151,7 @@ def _compose(
         people = recording.people_truth(_world_stamp_ns(frames[0]))
         draw_ground_panel(axes, recording, terrain, extent, frames, outlines, people, map_width)
         when = (frames[0].stamp_ns - first_ns) / 1e9
-        title = f"flights, and footprints (150 m) and people at {when:.1f} s"
+        title = legend_title(when, with_people=people is not None)
         axes.legend(loc="upper right", fontsize=10, framealpha=0.9, markerscale=2, title=title)
     return figure
 
