@@ -199,6 +199,8 @@ def test_the_reference_of_commands_is_current() -> None:
         "| `--output`, `-o` `<path>` |",
         "| `--max-vertices` `<int>` |",
         "| `--link` `udpin/udpout/tcp:HOST:PORT` |",
+        "| `--topics` `ROLE=TOPIC,...` |",
+        "| `--detector` `MODEL...` |",
         "| `--force` |",
     ):
         assert cell in reference(), cell

@@ -85,7 +85,8 @@ def _value(option: Any, context: Any) -> str:
     several = "..." if option.multiple else ""
     if option.metavar:
         # A bar would end the cell.
-        return str(option.metavar).replace("|", "/") + several
+        named = str(option.metavar).replace("|", "/")
+        return named if named.endswith("...") else named + several
     shown = str(option.display_type(context)).removesuffix("...")
     if "|" in shown:
         return "{" + shown.strip("<>").replace("|", ",") + "}" + several
