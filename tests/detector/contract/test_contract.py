@@ -161,6 +161,18 @@ def test_mean_and_std_of_other_pixels_are_refused(
         ("points", {"output__layout": "NCHW"}, r"output.layout is 'NCHW'; allowed: NDC, NCD"),
         ("points", {"output__rule": {"min_people": 0}}, r"output.rule.min_people is 0"),
         ("density", {"output__count_scale": None}, r"output.count_scale is missing"),
+        (
+            "points",
+            {"output__rule": {"min_people": 32, "radius_m": 1.0}},
+            r"output.rule.min_people 32 within output.rule.radius_m 1 is met nowhere; no more than 31.4 ",
+        ),
+        (
+            "boxes",
+            {"output__rule": {"person_height_m": 170}},
+            r"output.rule.person_height_m is 170; allowed: null or metres from 0.3 to 3",
+        ),
+        ("density", {"output__rule": {"people_per_m2": 24}}, r"people_per_m2 is 24; allowed: above 0 and at"),
+        ("density", {"output__rule": {"window_m": 350}}, r"window_m is 350; allowed: metres from 0 to 100"),
         ("density", {"output__rule": {"people_per_m2": -1}}, r"output.rule.people_per_m2 is -1"),
     ],
 )

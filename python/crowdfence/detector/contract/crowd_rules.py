@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from crowdfence.detector.contract.json_section import JsonSection
+from crowdfence.errors import DetectorError
+
+MOST_PER_M2 = 10.0
+"""No crowd is denser; a rule that asks for more is met nowhere."""
+_WIDEST_WINDOW_M = 100.0
+_PERSON_HEIGHT_M = 0.3, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +45,15 @@ class PeopleRule:
             person_height_m=section.number("person_height_m", 0.0, None, above=True),
         )
         section.done()
+        fitting = MOST_PER_M2 * math.pi * rule.radius_m**2
+        if rule.min_people > max(fitting, 1.0):
+            raise DetectorError(
+                f"{section.key('min_people')} {rule.min_people} within {section.key('radius_m')} "
+                f"{rule.radius_m:g} is met nowhere; no more than {fitting:.3g} people find room there"
+            )
+        low_m, high_m = _PERSON_HEIGHT_M
+        if rule.person_height_m is not None and not low_m <= rule.person_height_m <= high_m:
+            raise section.refuse("person_height_m", f"null or metres from {low_m:g} to {high_m:g}")
         return rule
 
     def to_json(self) -> dict[str, Any]:
@@ -67,6 +83,10 @@ class DensityRule:
             window_m=section.number("window_m", 0.0, default.window_m),
         )
         section.done()
+        if rule.people_per_m2 > MOST_PER_M2:
+            raise section.refuse("people_per_m2", f"above 0 and at most {MOST_PER_M2:g}: no crowd is denser")
+        if rule.window_m > _WIDEST_WINDOW_M:
+            raise section.refuse("window_m", f"metres from 0 to {_WIDEST_WINDOW_M:g}")
         return rule
 
     def to_json(self) -> dict[str, Any]:
