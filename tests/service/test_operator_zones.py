@@ -1,12 +1,15 @@
 """What operators close, lock and open: conservative, for a while, and told."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from shapely import Point, Polygon, box
 
+from crowdfence import Georeference
 from crowdfence.config import ZoneConfig
+from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.planner import ClearAir
 from crowdfence.service.access import User
 from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
@@ -187,6 +190,33 @@ def test_on_the_running_service(tmp_path: Path) -> None:
         settle(service)
         zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
         assert zones["Z1"]["dismissed"] is None and '"Z1"' in http.get("/api/v1/export").text
+
+
+def test_files_with_times_say_when_a_dismissed_zone_is_closed_again(tmp_path: Path) -> None:
+    """A consumer that asks every ten minutes, and once within the minute, had none of it for ten."""
+    with running(tmp_path, georeference=Georeference(46.5, 8.0, 1200.0)) as service, asked(service) as http:
+        flown(service, 9)
+        before = http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
+        told = http.post("/api/v1/zones/Z1/dismiss", json={"reason": "medical flight"}).json()
+        until = rfc3339(int(told["dismissed"]["until_ns"]))
+        features = http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
+        assert len(features) == len(before) >= 2
+        starts = {
+            feature["properties"]["identifier"]: feature["properties"]["limitedApplicability"][0]
+            for feature in features
+        }
+        now = rfc3339(service.mission.newest.stamp_ns)
+        assert starts.pop("Z1") == {"startDateTime": until}
+        assert {start["startDateTime"] for start in starts.values()} == {now}
+        for kind in ("ed269", "f3548", "kml", "csv"):
+            assert until in http.get(f"/api/v1/export?format={kind}&country=CHE").text
+        # Whoever reads these looks at no times.
+        assert '"Z1"' not in http.get("/api/v1/export?format=geojson").text
+        assert http.get("/api/v1/export?format=multidrone").text.count("<Placemark") == len(before) - 1
+        service.live.intake.give_view(message(view("uav1", 9 + 5 * 63)))
+        service.live.finish()
+        features = http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
+        assert until not in json.dumps(features) and '"Z1"' in json.dumps(features)
 
 
 def passed(mine: OperatorZones, zones: ZoneSet, second: int) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from crowdfence.exports.geojson import zones_geojson
@@ -9,10 +10,13 @@ from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.timeline import Moment
+from crowdfence.zones import ZoneSet
 
 _MEDIA = {"kml": ("kml", "application/vnd.google-earth.kml+xml"), "csv": ("csv", "text/csv")}
 _MEDIA["multidrone"] = _MEDIA["kml"]
 FORMATS = ("geojson", *ZONE_FORMATS)
+_TIMELESS = ("geojson", "qgc", "multidrone")
+"""Whoever reads these goes by what is in them, and looks at no times."""
 
 
 class NotPossible(ValueError):
@@ -31,7 +35,8 @@ def download(mission: Mission, moment: Moment, kind: str, **how: Any) -> Downloa
     """`how` is that of `ZoneExport`. ValueError for a format that there is not, NotPossible."""
     if kind not in FORMATS:
         raise ValueError(f"format {kind!r} is none of {', '.join(FORMATS)}")
-    zones = passable(moment.zones, moment.marks)
+    is_timeless = kind in _TIMELESS
+    zones, starts_ns = (passable(moment.zones, moment.marks), {}) if is_timeless else _later_too(moment)
     if kind == "geojson":
         description = mission.description(moment.stamp_ns, None)
         text = zones_geojson(zones, description, mission.georeference)
@@ -45,9 +50,26 @@ def download(mission: Mission, moment: Moment, kind: str, **how: Any) -> Downloa
         mission=mission.name,
         method=mission.loop.crowd_map.method.name,
         threshold=zones.threshold,
+        starts_ns=starts_ns,
         **how,
     )
     suffix, media_type = _MEDIA.get(kind, ("json", "application/json"))
     if kind == "qgc":
         suffix = "plan"
     return Download(f"zones-{kind}.{suffix}", media_type, ZONE_FORMATS[kind](export).encode())
+
+
+def _later_too(moment: Moment) -> tuple[ZoneSet, dict[str, int]]:
+    """With those that drones may pass for a while, and until when: a consumer that asks again in ten minutes
+    would have none of them for nine."""
+    ends_ns = {
+        name: int(mark["dismissed"]["until_ns"])
+        for name, mark in moment.marks.items()
+        if mark.get("dismissed")
+    }
+    kept = tuple(
+        zone
+        for zone in moment.zones
+        if zone.id not in ends_ns or zone.valid_until_ns is None or zone.valid_until_ns > ends_ns[zone.id]
+    )
+    return replace(moment.zones, zones=kept), ends_ns

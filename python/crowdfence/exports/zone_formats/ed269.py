@@ -45,7 +45,7 @@ def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
         "restriction": _RESTRICTIONS[zone.restriction],
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],
         **other,
-        "applicability": [{"permanent": "NO", "startDateTime": rfc3339(export.stamp_ns), **end}],
+        "applicability": [{"permanent": "NO", "startDateTime": rfc3339(export.start_ns(zone)), **end}],
         "zoneAuthority": [{"name": export.authority, "purpose": "INFORMATION", **email}],
         "geometry": [_geometry(part, zone, export) for part in polygons_of(export.outline(zone))],
     }

@@ -48,7 +48,7 @@ def _feature(zone: Zone, export: ZoneExport) -> dict[str, Any]:
         "type": _TYPES[zone.restriction],
         "variant": "COMMON",
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],
-        "limitedApplicability": [_period(zone, export.stamp_ns)],
+        "limitedApplicability": [_period(zone, export.start_ns(zone))],
         "zoneAuthority": [_authority(export)],
         "extendedProperties": _extended(zone),
     }
@@ -63,9 +63,9 @@ def _feature(zone: Zone, export: ZoneExport) -> dict[str, Any]:
     }
 
 
-def _period(zone: Zone, stamp_ns: int) -> dict[str, str]:
+def _period(zone: Zone, start_ns: int) -> dict[str, str]:
     end = {} if zone.valid_until_ns is None else {"endDateTime": rfc3339(zone.valid_until_ns, up=True)}
-    return {"startDateTime": rfc3339(stamp_ns), **end}
+    return {"startDateTime": rfc3339(start_ns), **end}
 
 
 def _authority(export: ZoneExport) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def f3548(export: ZoneExport) -> str:
 
 
 def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
-    start, end = _times(zone, export.stamp_ns)
+    start, end = _times(zone, export.start_ns(zone))
     reference = {
         "id": _id(zone, export),
         "manager": export.authority,
@@ -72,7 +72,7 @@ def _version(stamp_ns: int) -> int:
 
 def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
     band = export.band(zone, "WGS84")
-    start, end = _times(zone, export.stamp_ns)
+    start, end = _times(zone, export.start_ns(zone))
     return [
         {
             "volume": {
@@ -106,12 +106,12 @@ def _corners(part: Polygon) -> int:
     return len(part.exterior.coords) - 1
 
 
-def _times(zone: Zone, stamp_ns: int) -> tuple[dict[str, str], dict[str, str]]:
-    last_ns = stamp_ns + MAX_DURATION_NS
+def _times(zone: Zone, start_ns: int) -> tuple[dict[str, str], dict[str, str]]:
+    last_ns = start_ns + MAX_DURATION_NS
     end_ns = last_ns if zone.valid_until_ns is None else zone.valid_until_ns
-    end_ns = min(max(end_ns, stamp_ns + LEAST_DURATION_NS), last_ns)
+    end_ns = min(max(end_ns, start_ns + LEAST_DURATION_NS), last_ns)
     return (
-        {"value": rfc3339(stamp_ns), "format": "RFC3339"},
+        {"value": rfc3339(start_ns), "format": "RFC3339"},
         {"value": rfc3339(end_ns, up=True), "format": "RFC3339"},
     )
 

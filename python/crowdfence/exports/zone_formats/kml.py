@@ -51,7 +51,7 @@ def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) 
     place = xml.SubElement(document, "Placemark", id=zone.id)
     _child(place, "name", _MULTIDRONE_NO_FLY if multidrone else export.name_of(zone))
     span = _child(place, "TimeSpan")
-    _child(span, "begin", rfc3339(export.stamp_ns))
+    _child(span, "begin", rfc3339(export.start_ns(zone)))
     if zone.valid_until_ns is not None:
         _child(span, "end", rfc3339(zone.valid_until_ns, up=True))
     _child(place, "styleUrl", f"#{zone.kind}")

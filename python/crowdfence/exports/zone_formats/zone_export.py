@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class ZoneExport:
     """Of the heights that the file states."""
     max_items: int = 63
     """Capacity of an autopilot's fence, in corners and circles."""
+    starts_ns: Mapping[str, int] = field(default_factory=dict)
+    """From when on zones hold that hold later, by id."""
 
     def country_code(self) -> str:
         """ValueError where no country is given, or it has no three letters."""
@@ -58,6 +60,10 @@ class ZoneExport:
     def name_of(zone: Zone) -> str:
         """For people, at most 200 characters: the zone's own name, or its kind and id."""
         return (zone.name or f"{zone.kind.capitalize()} {zone.id}")[:200]
+
+    def start_ns(self, zone: Zone) -> int:
+        """From when on it holds."""
+        return max(self.stamp_ns, self.starts_ns.get(zone.id, self.stamp_ns))
 
     def outline(self, zone: Zone, **options: Any) -> Polygon | MultiPolygon:
         """Longitude and latitude, see `geographic_outline`."""

@@ -52,7 +52,7 @@ def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
         "id": table_cell(zone.id),
         "kind": zone.kind,
         "restriction": zone.restriction,
-        "valid_from": rfc3339(export.stamp_ns),
+        "valid_from": rfc3339(export.start_ns(zone)),
         "valid_until": "" if zone.valid_until_ns is None else rfc3339(zone.valid_until_ns, up=True),
         "created": "" if zone.created_ns is None else rfc3339(zone.created_ns),
         "lower_m": band.lower_m,
