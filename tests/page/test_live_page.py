@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import rasterio
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext
+from playwright.sync_api import Browser, BrowserContext, Route
 
 from crowdfence import Camera, Client, Georeference, View
 from crowdfence.service.client import ServiceError
@@ -263,3 +263,23 @@ def ground(console: Console, state: str) -> str:
 
 def clock(console: Console) -> str:
     return str(console.page.locator(".clock b").inner_text())
+
+
+def test_an_alarm_that_is_raised_while_the_page_loads_is_on_it(
+    context: BrowserContext, server: Server, fleet: Fleet
+) -> None:
+    """Between the answer with the alerts there are and the stream with those to come."""
+    loading = Console(context.new_page(), server)
+    held: list[Route] = []
+    loading.page.route("**/api/v1/terrain*", lambda route: held.append(route))
+    with loading.page.expect_response("**/api/v1/alerts"):
+        loading.page.goto(f"{server.url}/?token={server.token['operator']}", wait_until="commit")
+    while not held:
+        loading.page.wait_for_timeout(50)
+    with Client(server.url, token=server.token["operator"]) as client:
+        stamp_ns = time.time_ns() - 3_600_000_000_000
+        with pytest.raises(ServiceError, match="behind the clock of the service"):
+            client.give(View("uav9", stamp_ns, CAMERA, pose("uav1", 0.0), np.zeros((2, 2), np.float32)))
+    held[0].continue_()
+    loading.wait("alerts", lambda alerts: any(one["drone"] == "uav9" for one in alerts or []))
+    loading.page.close()

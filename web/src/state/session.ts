@@ -103,8 +103,19 @@ let again: number | undefined;
 function onConnection(connected: boolean): void {
   store.set({ connected });
   // What happened while the line was dead is asked for; the stream brings only what comes next.
-  if (connected && wasConnected) void refresh();
+  if (connected) void (wasConnected ? refresh() : askAlerts());
   wasConnected ||= connected;
+}
+
+/** Those that were raised since the page asked, before it had a line. */
+async function askAlerts(): Promise<void> {
+  window.clearTimeout(again);
+  try {
+    store.set({ alerts: await api.alerts() });
+  } catch (error) {
+    notify(reasonOf(error), "error");
+    again = window.setTimeout(() => store.state.connected && void askAlerts(), REFRESH_AGAIN_MS);
+  }
 }
 
 async function refresh(): Promise<void> {
