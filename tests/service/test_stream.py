@@ -174,6 +174,37 @@ def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
     assert told == [{"hello": 0}, {"age": 1}]
 
 
+@pytest.mark.parametrize(("alerts", "is_cut_off"), [(900, False), (2001, True)])
+def test_no_alert_is_left_out(alerts: int, is_cut_off: bool) -> None:
+    """Hundreds of zones appear with one step: all but the newest 200 alarms were dropped without a word."""
+
+    async def heard() -> tuple[list[dict[str, int]], list[int], int]:
+        hub, one, closed = stream.Hub(), Listening(), []
+
+        async def close(code: int, reason: str) -> None:
+            closed.append(code)
+
+        one.close = close  # type: ignore[attr-defined]
+        hub.start()
+        serving = asyncio.create_task(hub.serve(one, {"hello": 0}))
+        while not one.heard:
+            await asyncio.sleep(0.001)
+        for number in range(alerts):
+            hub.tell({"alert": number})
+        while len(one.heard) <= alerts and not serving.done():
+            await asyncio.sleep(0.001)
+        serving.cancel()
+        return one.heard[1:], closed, hub.cut_off
+
+    with ThreadPoolExecutor(1) as thread:
+        told, closed, cut_off = thread.submit(lambda: asyncio.run(asyncio.wait_for(heard(), 20.0))).result()
+    if is_cut_off:
+        assert (closed, cut_off) == ([1013], 1), "it may come again, and asks for all there are"
+    else:
+        assert told == [{"alert": number} for number in range(alerts)]
+        assert (closed, cut_off) == ([], 0)
+
+
 def test_many_listeners_leave_time_for_the_drones() -> None:
     """Ten steps a second to 15, then 150 a second to all together."""
     assert [stream.pause_s(listeners) for listeners in (1, 15, 30, 150)] == [0.1, 0.1, 0.2, 1.0]

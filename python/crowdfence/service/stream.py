@@ -23,11 +23,16 @@ MESSAGES_PER_S = 150.0
 views of drones go through, too."""
 SEND_WITHIN_S = 10.0
 """Who takes longer to take one message is cut off."""
+_CLOSE_WITHIN_S = 1.0
 FRESH_S = 1.0
 """A step that was made longer ago is made anew before it is sent: the ages in it are those of its making."""
 PING_EVERY_S = 15.0
-MOST_ALERTS = 200
+MOST_ALERTS = 2000
+"""That wait for one listener, more than are remembered. With more it is cut off: whoever comes again asks for
+all there are."""
 MOST_LISTENERS = 1000
+_AGAIN = 1013
+"""Code of a WebSocket whose other end may try again later."""
 
 
 class _Made(NamedTuple):
@@ -47,7 +52,8 @@ class _Listener:
     def __init__(self) -> None:
         self.news = asyncio.Event()
         self.step: _Made | None = None
-        self.others: deque[str] = deque(maxlen=MOST_ALERTS)
+        self.others: deque[str] = deque()
+        self.is_behind = False
 
 
 class Hub:
@@ -89,7 +95,10 @@ class Hub:
 
     def _put(self, text: str) -> None:
         for listener in self._listeners:
-            listener.others.append(text)
+            if len(listener.others) < MOST_ALERTS:
+                listener.others.append(text)
+            else:
+                listener.is_behind = True
             listener.news.set()
 
     def _step_due(self) -> None:
@@ -120,7 +129,7 @@ class Hub:
         """Accept a listener and send until it goes."""
         await socket.accept()
         if len(self._listeners) >= MOST_LISTENERS:
-            await socket.close(code=1013, reason="too many listeners")
+            await socket.close(code=_AGAIN, reason="too many listeners")
             return
         listener = _Listener()
         listener.others.append(json.dumps(hello, allow_nan=False))
@@ -137,14 +146,22 @@ class Hub:
             self._listeners.discard(listener)
             for task in (sender, receiver):
                 task.cancel()
+        if sender.done() and sender.exception() is None and sender.result():
+            self.cut_off += 1
+            with suppress(asyncio.TimeoutError, WebSocketDisconnect, RuntimeError):
+                closing = socket.close(code=_AGAIN, reason="messages were not read in time")
+                await asyncio.wait_for(closing, _CLOSE_WITHIN_S)
 
-    async def _send_all(self, socket: WebSocket, listener: _Listener) -> None:
+    async def _send_all(self, socket: WebSocket, listener: _Listener) -> bool:
+        """Until the listener goes; whether it has to, because it does not read."""
         while True:
             try:
                 await asyncio.wait_for(listener.news.wait(), PING_EVERY_S)
             except asyncio.TimeoutError:
                 listener.others.append('{"type": "ping"}')
             listener.news.clear()
+            if listener.is_behind:
+                return True
             try:
                 while listener.others:
                     await asyncio.wait_for(socket.send_text(listener.others.popleft()), SEND_WITHIN_S)
@@ -154,10 +171,9 @@ class Hub:
                 if made is not None:
                     await asyncio.wait_for(socket.send_text(made.text), SEND_WITHIN_S)
             except asyncio.TimeoutError:
-                self.cut_off += 1
-                return
+                return True
             except (WebSocketDisconnect, RuntimeError):
-                return
+                return False
 
 
 def pause_s(listeners: int) -> float:
