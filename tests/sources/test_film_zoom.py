@@ -129,6 +129,24 @@ def test_a_calibration_of_a_film_that_does_not_zoom_is_taken_as_it_is(tmp_path: 
     assert len(found.frames) == 10 and {frame.camera.fx for frame in found.frames} == {700.0}
 
 
+@pytest.mark.parametrize(
+    ("lens", "calibrated_mm", "told"),
+    [
+        (lambda n: "[focal_len: 24.00] [dzoom_ratio: 2.00]", 24.0, True),  # zoomed all the time
+        (lambda n: "[focal_len: 24.00] [dzoom_ratio: 1.00]", 30.0, False),  # cut to be stabilised
+        (lambda n: f"[focal_len: {70 if n < 36 else 90}.00]", 24.0, True),  # by the lens not calibrated
+    ],
+)
+def test_a_calibration_of_another_lens_or_zoom_is_told(
+    tmp_path: Path, lens: Callable[[int], str], calibrated_mm: float, told: bool
+) -> None:
+    focal_px = calibrated_mm * PX_PER_MM
+    calibration = Camera.pinhole(WIDTH, HEIGHT, focal_px, focal_px, 320.0, 180.0)
+    found = open_recording(film(tmp_path, lens), calibration=calibration)
+    doubts = [one for one in found.warnings if "is it of another lens, or zoom?" in one]
+    assert len(doubts) == told and all(f"calibration is of {calibrated_mm:.0f} mm" in one for one in doubts)
+
+
 def test_blocks_that_do_not_tell_it_and_lengths_of_no_lens_say_nothing(tmp_path: Path) -> None:
     told = {0: "[focal_len: 24.00]", 1: "[focal_len: 0.00]"}
     found = open_recording(film(tmp_path, lambda number: told.get(number % 3, "[iso: 100]")))

@@ -17,6 +17,7 @@ from crowdfence._core import Camera
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.lens.focal_length import (
     alike,
+    calibration_doubt,
     camera_from_35mm,
     focal_35mm_of,
     is_of_a_lens,
@@ -101,7 +102,10 @@ def film_cameras(
     varies = len(lengths) > 0 and not alike(float(lengths.min()), float(lengths.max()))
     if calibration is not None:
         camera = scaled_camera(calibration, width, height)
-        return FilmCameras(camera) if not varies else _calibrated(camera, _zoom(log, usable))
+        if varies:
+            return _calibrated(camera, _zoom(log, usable))
+        doubt = calibration_doubt(camera, float(np.median(lengths))) if len(lengths) else ""
+        return FilmCameras(camera, doubt)
     most = float(np.nanmedian(lengths if len(lengths) else log.focal_35mm))
     usual = camera_from_35mm(width, height, most, film=True)
     if not varies:
@@ -122,6 +126,8 @@ def _calibrated(camera: Camera, zoom: _Zoom) -> FilmCameras:
         f"the camera zooms, {_range(zoom.focal_35mm)}; its calibration is of one focal length, taken as "
         f"{length:g} mm"
     )
+    if doubt := calibration_doubt(camera, length):
+        remark = f"{remark}; {doubt}"
     return FilmCameras(camera, remark, zoom, length)
 
 

@@ -21,6 +21,8 @@ _SENSOR_ASPECT = 4 / 3
 _ALIKE = 1.03
 """Focal lengths up to this ratio are taken for one: with 3 % a point at the edge of the picture lands 3 % of
 its distance from the middle of the view away, little beside the 5 or 10 % of an estimate."""
+_MOST_CUT = 1.4
+"""Stabilised films show less than their lens by about a quarter, and makers round; a zoom is more."""
 
 SENSORS_MM = {
     "FC220": (6.17, 4.63),  # Mavic Pro, 1/2.3"
@@ -62,6 +64,18 @@ def is_of_a_lens(focal_35mm: float) -> bool:
 def alike(one: float, other: float) -> bool:
     """Whether two focal lengths count as one."""
     return max(one, other) <= _ALIKE * min(one, other)
+
+
+def calibration_doubt(calibration: Camera, told_mm: float) -> str:
+    """What is doubtful about a calibration of pictures that were taken at a focal length on 35 mm film; empty
+    where it may be theirs."""
+    of_mm = focal_35mm_of(calibration)
+    if max(of_mm, told_mm) <= _MOST_CUT * min(of_mm, told_mm):
+        return ""
+    return (
+        f"its calibration is of {of_mm:.0f} mm on 35 mm film, and {told_mm:.0f} mm are recorded: is it of "
+        "another lens, or zoom? Then everything is put too far from the middle of what it sees, or too near"
+    )
 
 
 def focal_35mm_of(camera: Camera) -> float:

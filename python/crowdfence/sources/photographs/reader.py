@@ -24,6 +24,7 @@ from crowdfence.sources.geographic_track import (
 from crowdfence.sources.lens.focal_length import (
     EstimatedCamera,
     alike,
+    calibration_doubt,
     camera_from_35mm,
     camera_from_sensor,
     focal_35mm_of,
@@ -217,6 +218,8 @@ def _unplaced(
     calibrated_mm = None
     if options.calibration is not None:
         calibrated_mm = _calibrated_mm(options.calibration, [one.tags for one in group])
+        if calibrated_mm is not None:
+            said[calibration_doubt(options.calibration, calibrated_mm)] = None
     for one in group:
         camera, fault = None, None
         try:
@@ -228,7 +231,7 @@ def _unplaced(
         except ValueError as error:
             fault = str(error)
         frames.append(UnplacedFrame(one.stamp_ns, camera, PixelSources(image=one.path.read_bytes), fault))
-    remarks += [f"{drone}: {how}" for how in list(said)[:3]]
+    remarks += [f"{drone}: {how}" for how in list(said)[:3] if how]
     return frames
 
 
