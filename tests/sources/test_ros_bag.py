@@ -268,17 +268,26 @@ UPSIDE_DOWN = Rotation.from_euler("ZYX", [90.0, 0.0, 180.0], degrees=True)
 
 
 @pytest.mark.parametrize(
-    ("imu_frame", "mounted"),
-    [("base_link", None), ("imu_link", UPSIDE_DOWN), ("imu_link_ned", None), ("imu_link_ned", FRD)],
+    ("imu_frame", "mounted", "told"),
+    [
+        ("base_link", None, ""),
+        ("imu_link", UPSIDE_DOWN, "/tf_static"),
+        ("imu_link", UPSIDE_DOWN, "/tf"),  # again and again, as the static_transform_publisher of ROS 1 does
+        ("imu_link_ned", None, ""),
+        ("imu_link_ned", FRD, "/tf_static"),
+    ],
 )
-def test_satellite_positions_and_an_imu(tmp_path: Path, imu_frame: str, mounted: Rotation | None) -> None:
+def test_satellite_positions_and_an_imu(
+    tmp_path: Path, imu_frame: str, mounted: Rotation | None, told: str
+) -> None:
     """Attitudes are those of the IMU, which tf may say to be fixed to the body otherwise than level; one that
     is north-east-down by its name counts from there (REP 145)."""
     first = rows()[0].stamp_ns
     messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(first)]
     if mounted is not None:
-        fixed = transform(first, "base_link", imu_frame, np.array([0.1, 0.0, 0.0]), mounted)
-        messages.append(("/tf_static", TF, first, {"transforms": [fixed]}))
+        for row in rows()[:: 1 if told == "/tf" else len(rows())]:
+            fixed = transform(row.stamp_ns, "base_link", imu_frame, np.array([0.1, 0.0, 0.0]), mounted)
+            messages.append((told, TF, row.stamp_ns, {"transforms": [fixed]}))
     for number, row in enumerate(rows()):
         turn = row.turn * MOUNT.inv()
         if imu_frame.endswith("ned"):

@@ -51,8 +51,16 @@ class _Edge:
 
     def segment(self) -> Segment:
         if self.fixed:
-            return FixedTransform(np.array(self.positions[-1]), normalise(np.array(self.quaternions[-1])))
+            return self.as_fixed()
         return track_from_rows(self.stamps_ns, self.positions, self.quaternions)[0]
+
+    def as_fixed(self) -> FixedTransform:
+        return FixedTransform(np.array(self.positions[-1]), normalise(np.array(self.quaternions[-1])))
+
+    def still(self) -> bool:
+        rows = zip(self.positions, self.quaternions, strict=True)
+        first = self.positions[0], self.quaternions[0]
+        return self.fixed or all(row == first for row in rows)
 
 
 class TransformTree:
@@ -95,15 +103,14 @@ class TransformTree:
         """Whether anything over `frame` moves."""
         return any(not self._edges[name].fixed for name in self.path(frame))
 
-    def fixed_segments(self, path: Sequence[str]) -> list[FixedTransform] | None:
-        """The same; None where one of them moves."""
-        segments = [self._edges[name].segment() for name in path]
-        fixed = [one for one in segments if isinstance(one, FixedTransform)]
-        return fixed if len(fixed) == len(segments) else None
-
     def segments(self, path: Iterable[str]) -> list[Segment]:
         """The transforms into the parents of the frames of a `path`."""
         return [self._edges[name].segment() for name in path]
+
+    def fixed_segments(self, path: Sequence[str]) -> list[FixedTransform] | None:
+        """The same; None where one of them moves. One that is told again and again, as by ROS 1, is fixed."""
+        edges = [self._edges[name] for name in path]
+        return [edge.as_fixed() for edge in edges] if all(edge.still() for edge in edges) else None
 
 
 def composed(segments: Sequence[Segment], max_gap_s: float) -> PoseTrack:
