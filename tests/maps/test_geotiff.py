@@ -1,6 +1,7 @@
 """Height models: the surface must come back at the right place, whatever the file's frame and units are."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -255,6 +256,15 @@ def test_heights_of_zero_far_below_all_others_are_doubted(tmp_path):
     path = local_map(tmp_path, heights, nodata=None)
     assert read_map(path, assume_local=True, nodata=0).doubts == ()
     assert read_map(path, assume_local=True, height_unit="ft").doubts == ()  # 18.3 m
+
+
+def test_whoever_takes_the_terrain_alone_is_warned(tmp_path):
+    heights = np.array([[0.0, 60.0, 60.0]] * 3)
+    path = local_map(tmp_path, heights, nodata=None)
+    for opened in (open_terrain, Terrain.open):
+        with pytest.warns(UserWarning, match="have the height 0 and all others 60 and more") as told:
+            opened(path, assume_local=True)
+        assert [Path(one.filename).name for one in told if one.category is UserWarning] == ["test_geotiff.py"]
 
 
 @pytest.mark.parametrize("shore", [0.5, 19.0, -1.0])

@@ -118,7 +118,7 @@ def _write_picture(
 ) -> None:
     from crowdfence.exports.contact_sheet import write_contact_sheet
     from crowdfence.inspection.recording import RecordingReport
-    from crowdfence.pipeline import open_terrain
+    from crowdfence.pipeline import read_map
     from crowdfence.sources.ground_contact import on_ground
 
     if not isinstance(report, RecordingReport):
@@ -126,7 +126,7 @@ def _write_picture(
     recording = source_options.open_source(Path(report.path), parameters)
     terrain = None
     if terrain_path is not None or recording.terrain is not None:
-        terrain = open_terrain(recording, terrain_path, **terrain_options)
+        terrain = read_map(recording, terrain_path, **terrain_options).terrain  # its doubts are in the report
         recording = on_ground(recording, terrain)
     write_contact_sheet(picture, recording, terrain, tolerance_ms=tolerance_ms)
 

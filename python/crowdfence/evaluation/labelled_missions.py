@@ -200,6 +200,6 @@ def _looked_at(recording: Recording, every: int, *, is_pictures: bool) -> list[F
 
 
 def _terrain(recording: Recording, plan: MeasurementPlan) -> Terrain | None:
-    from crowdfence.pipeline import open_terrain
+    from crowdfence.pipeline import read_map
 
-    return None if recording.terrain is None else open_terrain(recording, **plan.terrain_options)
+    return None if recording.terrain is None else read_map(recording, **plan.terrain_options).terrain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from inspect import signature
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from crowdfence._core import Terrain
     from crowdfence.georeference import Georeference
 
-__all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "stated_place"]
+__all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "stated_place", "told"]
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
 
@@ -39,8 +40,16 @@ def open_terrain(
     georeference: Georeference | None = None,
     **options: Any,
 ) -> Terrain:
-    """The terrain of `read_map`, which has the arguments and errors."""
-    return read_map(path, voxel_size_m=voxel_size_m, georeference=georeference, **options).terrain
+    """The terrain of `read_map`, which has the arguments and errors. What is doubtful about the map is a
+    Python warning, one for each doubt."""
+    return told(read_map(path, voxel_size_m=voxel_size_m, georeference=georeference, **options))
+
+
+def told(reading: MapReading) -> Terrain:
+    """Its terrain, for callers who take no more; its doubts become Python warnings (UserWarning)."""
+    for doubt in reading.doubts:
+        warnings.warn(doubt, stacklevel=3)
+    return reading.terrain
 
 
 def read_map(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, MapReading, stated_place
+from crowdfence.maps import MapError, MapReading, stated_place, told
 from crowdfence.maps import read_map as read_map_file
 from crowdfence.sources.recording import Recording
 
@@ -47,9 +47,10 @@ def open_terrain(
       metres added to coordinates
 
     ValueError when there is no map, a georeferenced map meets a recording without georeference and neither of
-    the two is given, one contradicts what the files say, or an option does not belong to the map's kind.
+    the two is given, one contradicts what the files say, or an option does not belong to the map's kind. What
+    is doubtful about the map is a Python warning, one for each doubt.
     """
-    return read_map(recording, path, georeference=georeference, assume_local=assume_local, **options).terrain
+    return told(read_map(recording, path, georeference=georeference, assume_local=assume_local, **options))
 
 
 def read_map(
