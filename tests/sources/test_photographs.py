@@ -217,6 +217,24 @@ def test_a_gimbal_that_says_0_throughout_says_nothing(tmp_path: Path, maker: Mak
     assert len(open_recording(path, geoid_m=48.0).frames) == 1
 
 
+def test_a_position_that_the_drone_calls_invalid_is_none(tmp_path: Path) -> None:
+    """GpsStatus is Normal, RTK or Invalid (DJI's Mavic 3M Image Processing Guide)."""
+    for status in ("Normal", "RTK"):
+        path = taken(tmp_path / f"{status}.jpg", xmp=f'drone-dji:GpsStatus="{status}"', focal_mm35=24)
+        assert len(open_recording(path).frames) == 1
+    path = taken(tmp_path / "invalid.jpg", xmp='drone-dji:GpsStatus="Invalid"', focal_mm35=24)
+    with pytest.raises(ValueError, match="does not say where it was taken"):
+        open_recording(path)
+
+
+def test_heights_of_dji_above_the_sea_are_doubted(tmp_path: Path) -> None:
+    """They are those of a barometer on a standard day: no weather is."""
+    path = taken(tmp_path / "a.jpg", focal_mm35=24)
+    for heights, told in (("sea", True), ("take-off", False)):
+        found = open_recording(path, heights=heights, geoid_m=48.0)
+        assert any("air pressure" in warning for warning in found.warnings) == told
+
+
 def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
     """Whether the attitude means the stored picture or the shown one, nobody can know."""
     folder = write_photographs(tmp_path / "flight", dji)

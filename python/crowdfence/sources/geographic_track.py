@@ -25,6 +25,11 @@ HeightsAbove = Literal["ellipsoid", "sea", "take-off", "ground"]
 _GEOID = "EPSG:4326+5773"
 _GEOID_BOUNDS_M = (-110.0, 90.0)
 """EGM96 lies between -107 m south of India and 86 m in New Guinea."""
+DJI_SEA_LEVEL = (
+    "without RTK, DJI tells heights above the sea by air pressure as of a standard day, off by up to 200 m "
+    "with the weather: use those above the take-off, or --ground-start"
+)
+"""What to tell whoever asks for these."""
 _SAME_PLACE_M = 50.0
 _STARTED_M = 5.0
 """A first height above this says that the log begins in flight."""

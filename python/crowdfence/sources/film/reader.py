@@ -27,6 +27,7 @@ from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.picture_reader import FilmPictures
 from crowdfence.sources.film.zoom import film_cameras
 from crowdfence.sources.geographic_track import (
+    DJI_SEA_LEVEL,
     HeightOptions,
     HeightsAbove,
     LocalTrack,
@@ -110,8 +111,9 @@ def read_film(
         unplaced.append(UnplacedFrame(start_ns + round(time_s * 1e9), camera, pixels, fault))
     lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
+    sea = DJI_SEA_LEVEL if options.heights == "sea" and log.timed_by_film else ""
     cut = "" if options.clock_offset_s is not None else _cut(log, film)
-    remarks = [*log.remarks, *placed.remarks, how, *clock, cut, lens, _spacing(step_s)]
+    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, lens, _spacing(step_s)]
     return Recording(
         name=path.stem,
         drones=(drone,),

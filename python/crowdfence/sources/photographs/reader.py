@@ -15,6 +15,7 @@ from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.geographic_track import (
+    DJI_SEA_LEVEL,
     GeographicPoses,
     HeightOptions,
     HeightsAbove,
@@ -96,6 +97,8 @@ def read_photographs(
         if placed.contact is not None:
             contacts[drone] = placed.contact
         remarks += [f"{drone}: {remark}" for remark in placed.remarks]
+        if options.heights == "sea" and all(one.tags.by_dji for one in group):
+            remarks.append(f"{drone}: {DJI_SEA_LEVEL}")
         unplaced[drone] = _unplaced(drone, group, options, remarks)
     frames, misplaced = place_cameras(unplaced, tracks, limits)
     return Recording(

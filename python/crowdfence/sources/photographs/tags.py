@@ -82,6 +82,7 @@ class PhotographTags:
     """Whether the drone has taken the distortion of that calibration out of the picture."""
     orientation: int
     """EXIF Orientation, 1 = as stored."""
+    by_dji: bool
 
 
 def read_tags(path: Path) -> PhotographTags:
@@ -123,6 +124,7 @@ def read_tags(path: Path) -> PhotographTags:
         dewarp=xmp.get("drone-dji:DewarpData"),
         dewarped=xmp.get("drone-dji:DewarpFlag") == "1",
         orientation=turned,
+        by_dji=make.upper() in ("DJI", "HASSELBLAD"),
     )
 
 
@@ -176,7 +178,10 @@ def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
 
 
 def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float] | None:
-    """XMP has more digits than EXIF where both are there; DJI misspelled one for years."""
+    """XMP has more digits than EXIF where both are there; DJI misspelled one for years. None also where the
+    drone calls what it writes invalid (GpsStatus, of Normal, RTK and Invalid)."""
+    if xmp.get("drone-dji:GpsStatus", "").lower() == "invalid":
+        return None
     for maker in ("drone-dji", "drone-skydio"):
         latitude = _number(xmp.get(f"{maker}:GpsLatitude") or xmp.get(f"{maker}:Latitude"))
         names = ("GpsLongitude", "GpsLongtitude", "Longitude")
