@@ -452,6 +452,36 @@ def test_crowd_that_meets_no_ground_is_an_alarm_also_after_a_long_good_flight(tm
         assert not active(service, "lost_crowd")
 
 
+def test_a_drone_whose_views_show_no_ground_is_told_of_and_one_that_looks_up_for_a_moment_is_not(
+    tmp_path: Path,
+) -> None:
+    """It is not silent, nothing of it is refused, and it shows no crowd that could be lost."""
+    above, beside = (30.0, 30.0, 18.0), (300.0, 30.0, 18.0)
+
+    def fly(service: Service, instants: range, eyes: dict[str, tuple[float, float, float]]) -> None:
+        for number in instants:
+            for drone, eye in eyes.items():
+                service.live.intake.give_view(crowd_at(drone, number, eye, 0.0))
+        service.live.finish()
+        Watch(service).look()
+
+    with running(tmp_path) as service:
+        fly(service, range(40), {"past": beside, "away": above})
+        assert not active(service, "no_ground"), "8 s are not long enough to tell"
+        fly(service, range(40, 60), {"past": beside, "away": beside})
+        assert active(service, "no_ground") == {("past", None)}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "no_ground"]
+        assert "no view of past of the last 10 s shows ground of the map within 80 m" in alert.text
+        assert alert.level == "warning"
+        fly(service, range(60, 100), {"past": beside, "away": beside})
+        assert active(service, "no_ground") == {("past", None), ("away", None)}
+    with running(tmp_path) as service:
+        fly(service, range(100, 110), {"past": beside})
+        assert len(active(service, "no_ground")) == 2, "a restart mends nothing"
+        fly(service, range(110, 111), {"past": above})
+        assert active(service, "no_ground") == {("away", None)}
+
+
 @pytest.mark.parametrize(
     ("config", "is_told"),
     [

@@ -16,7 +16,7 @@
 - `fleet` `zone_json` what is told of drones and of zones
 - `operator_zones`    what operators closed, locked and opened
 - `alerts` `watch`    what somebody should look at, and what notices it
-- `recent_crowd`      where the crowd went that drones showed of late
+- `recent_looks`      what drones showed of late, and where their crowd went
 - `unheeded_crowd`    crowd that every look shows and that never becomes any on the map
 - `access` `guard`    who may do what; limits, headers
 - `stream` `routes/` `app` `server`  HTTP and WebSocket

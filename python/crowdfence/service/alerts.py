@@ -25,6 +25,7 @@ AlertKind = Literal[
     "alignment_unused",
     "lost_crowd",
     "unheeded_crowd",
+    "no_ground",
     "heatmap_units",
     "clock",
     "disk",

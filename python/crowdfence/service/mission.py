@@ -20,7 +20,7 @@ from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
 from crowdfence.service.operator_zones import OperatorZones
 from crowdfence.service.packing import packed, unpacked
-from crowdfence.service.recent_crowd import RecentCrowd
+from crowdfence.service.recent_looks import RecentLooks
 from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.service.unheeded_crowd import UnheededCrowd
@@ -73,7 +73,7 @@ class Mission:
         # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
-        self.recent_crowd = RecentCrowd()
+        self.recent_looks = RecentLooks()
         self.unheeded_crowd = UnheededCrowd(terrain, crowd_map.method.b_threshold)
         self._seen = SeenColumns(self.terrain)
         self.still_video = StillVideo()
@@ -110,7 +110,7 @@ class Mission:
     def stepped(self, step: Step) -> Moment:
         """Publish what a step of the loop brought."""
         self.found = step.zones
-        self.recent_crowd.add(step.update.observations)
+        self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)

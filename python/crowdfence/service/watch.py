@@ -19,6 +19,7 @@ from crowdfence.pipeline import lost_crowd_warning
 from crowdfence.service import alerts as alert_log
 from crowdfence.service.alerts import AlertKind, Level
 from crowdfence.service.operator_zones import passable
+from crowdfence.service.recent_looks import WINDOW_S
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before
 from crowdfence.service.write_trouble import LEAST_FREE_BYTES
@@ -84,6 +85,7 @@ class Watch:
         self._poses()
         self._alignment()
         self._detector()
+        self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
         self._drones_and_zones()
@@ -182,9 +184,20 @@ class Watch:
         for drone, still in self._service.mission.still_video.standing().items():
             self._set(still is not None, "detector_stale", "alarm", still or "", drone=drone)
 
+    def _no_ground(self) -> None:
+        """Of drones that gave too little since the start to tell, what was raised before stays."""
+        range_m = self._service.mission.config.projection.max_range_m
+        for drone, meets_ground in self._service.mission.recent_looks.meets_ground().items():
+            text = (
+                f"no view of {drone} of the last {WINDOW_S:g} s shows ground of the map within {range_m:g} "
+                "m: what it should look at is seen by nobody. Does its camera look at the horizon, or past "
+                "the map?"
+            )
+            self._set(not meets_ground, "no_ground", "warning", text, drone=drone)
+
     def _lost_crowd(self) -> None:
         """Of drones that gave nothing since the start nobody knows: what was raised before stays."""
-        for drone, mass in self._service.mission.recent_crowd.masses().items():
+        for drone, mass in self._service.mission.recent_looks.masses().items():
             text = lost_crowd_warning(drone, mass)
             share = max(mass.lost / mass.total if text else 0.0, _SMALL_SHARE)
             self._set(text is not None, "lost_crowd", "alarm", text or "", drone=drone, measure=share)
