@@ -23,6 +23,7 @@ from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Record
 from crowdfence.service.live import Live
 from crowdfence.service.service import Service
+from crowdfence.service.ticker import Ticker
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 from support.small_service import (
     CAMERA,
@@ -666,6 +667,25 @@ def test_ground_that_no_drone_looks_at_any_more_is_closed_in_silence(tmp_path: P
         assert not live.heard.refused and not live.heard.late
     with running(tmp_path / "two", clock=now.clock(), **how) as service:
         assert live_of(service).applying.to_bytes() == state
+
+
+def test_what_the_clock_completes_goes_on_after_a_mistake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, failed, asked_again = Now(START_NS), Event(), Event()
+
+    def fail(ticker: Ticker, now_ns: int) -> bool:
+        failed.set()
+        raise MemoryError
+
+    with running(tmp_path, clock=now.clock(), settings=replace(SETTINGS, clock="system")):
+        with monkeypatch.context() as failing:
+            failing.setattr(Ticker, "_has_nothing_new", fail)
+            now.pass_s(60.0)
+            assert failed.wait(20.0)
+        monkeypatch.setattr(Ticker, "_has_nothing_new", lambda ticker, now_ns: asked_again.set())
+        now.pass_s(60.0)
+        assert asked_again.wait(20.0)
 
 
 def test_a_write_that_fails_by_a_mistake_of_ours_fails_alone(tmp_path: Path) -> None:

@@ -258,6 +258,25 @@ def test_two_drones_of_one_system_id_are_not_mixed(tmp_path: Path) -> None:
             assert np.linalg.norm(found[:3, 3] - frames()[number].world_from_camera[:3, 3]) < 0.1
 
 
+def test_one_message_that_cannot_be_taken_does_not_end_all_poses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, port = Now(frames()[-1].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        vehicle, taken = Vehicle(port), []
+
+        def failing(*message: Any) -> None:
+            taken.append(message)
+            raise OverflowError
+
+        with monkeypatch.context() as broken:
+            broken.setattr(Telemetry, "heard", failing)
+            vehicle.say([position(rows()[0])])
+            until(lambda: taken)
+        vehicle.say([position(rows()[0]), system_time(rows()[0]), gimbal(rows()[0])])
+        until(lambda: newest_ns(service) > 0)
+
+
 def test_what_each_row_is_off_by_itself_is_taken_out_of_its_neighbours() -> None:
     """Rows of half a metre's and half a degree's noise, as far as they have come when the view does."""
     dice = np.random.default_rng(4)

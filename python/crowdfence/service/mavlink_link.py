@@ -129,12 +129,15 @@ class MavlinkLink:
     def _listen(self) -> None:
         asked_s = 0.0
         while not self._stopping.is_set():
-            with suppress(TimeoutError):
-                packet, sender = self._socket.recvfrom(65536)
-                self._take(packet, sender)
-            if time.monotonic() - asked_s > _ASK_EVERY_S:
-                asked_s = time.monotonic()
-                self._ask()
+            try:
+                with suppress(TimeoutError):
+                    self._take(*self._socket.recvfrom(65536))
+                if time.monotonic() - asked_s > _ASK_EVERY_S:
+                    asked_s = time.monotonic()
+                    self._ask()
+            except Exception:  # one message, or a network that is down for a moment, must not end all poses
+                _LOG.exception("telemetry at port %d could not be taken; it goes on", self.port)
+                self._stopping.wait(_LISTEN_S)
 
     def _take(self, packet: bytes, sender: Any) -> None:
         now_ns = self._clock.now_ns()

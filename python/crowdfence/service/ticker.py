@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 import time
 from concurrent.futures import Future
@@ -16,6 +17,7 @@ from crowdfence.service.journal import Journal, Record, RecordKind
 from crowdfence.service.mission import Mission
 from crowdfence.service.settings import ServiceSettings
 
+_LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
 _TICK_S = 0.1
 
@@ -36,6 +38,7 @@ class Ticker:
         self._mission, self._journal, self._clock, self._settings = mission, journal, clock, settings
         self._heard, self._applying = heard, applying
         self._quiet_since_s = 0.0
+        self._ticked_ns = self._looked_ns = 0
         self._stopping = Event()
         self._thread = Thread(target=self._run, name="ticker", daemon=True)
 
@@ -58,21 +61,26 @@ class Ticker:
             self._applying.put(record.at(done.result()))
 
     def _run(self) -> None:
-        ticked_ns = looked_ns = 0
         while not self._stopping.wait(_TICK_S):
-            now_ns = self._clock.now_ns()
-            if self._applying.waiting:
-                continue
-            if self._clock.kind == "views":
-                self._tick_when_quiet()
-                continue
-            again = now_ns - ticked_ns > self._settings.max_delay_ms * 1e6
-            if again and self._applying.gathering.is_due(now_ns):
-                ticked_ns = now_ns
-                self.tick(now_ns)
-            if now_ns - looked_ns > self._look_every_ns and self._has_nothing_new(now_ns):
-                looked_ns = now_ns
-                self.tick(now_ns, "look")
+            try:
+                self._tick_if_due()
+            except Exception:  # a mistake of ours, or a moment without memory, must not end all ticks
+                _LOG.exception("the clock could complete nothing; it tries again")
+
+    def _tick_if_due(self) -> None:
+        now_ns = self._clock.now_ns()
+        if self._applying.waiting:
+            return
+        if self._clock.kind == "views":
+            self._tick_when_quiet()
+            return
+        again = now_ns - self._ticked_ns > self._settings.max_delay_ms * 1e6
+        if again and self._applying.gathering.is_due(now_ns):
+            self._ticked_ns = now_ns
+            self.tick(now_ns)
+        if now_ns - self._looked_ns > self._look_every_ns and self._has_nothing_new(now_ns):
+            self._looked_ns = now_ns
+            self.tick(now_ns, "look")
 
     def _tick_when_quiet(self) -> None:
         """The clock of the views stands still when none comes, as at the end of a simulation: the last ones
