@@ -88,14 +88,14 @@ def turned(pose: np.ndarray) -> Any:
     return T["geometry_msgs/msg/Quaternion"](x, y, z, w)
 
 
-def pose_message(stamp_ns: int, pose: np.ndarray) -> Any:
+def pose_message(stamp_ns: int, pose: np.ndarray, frame: str = "map") -> Any:
     place = T["geometry_msgs/msg/Point"](*pose[:3, 3])
     return T["geometry_msgs/msg/PoseStamped"](
-        header(stamp_ns, "map"), T["geometry_msgs/msg/Pose"](place, turned(pose))
+        header(stamp_ns, frame), T["geometry_msgs/msg/Pose"](place, turned(pose))
     )
 
 
-def odometry_message(stamp_ns: int, pose: np.ndarray, child: str) -> Any:
+def odometry_message(stamp_ns: int, pose: np.ndarray, child: str, frame: str = "map") -> Any:
     place = T["geometry_msgs/msg/Point"](*pose[:3, 3])
     with_covariance = T["geometry_msgs/msg/PoseWithCovariance"](
         T["geometry_msgs/msg/Pose"](place, turned(pose)), np.zeros(36)
@@ -104,7 +104,7 @@ def odometry_message(stamp_ns: int, pose: np.ndarray, child: str) -> Any:
     twist = T["geometry_msgs/msg/TwistWithCovariance"](
         T["geometry_msgs/msg/Twist"](nothing, nothing), np.zeros(36)
     )
-    return T["nav_msgs/msg/Odometry"](header(stamp_ns, "map"), child, with_covariance, twist)
+    return T["nav_msgs/msg/Odometry"](header(stamp_ns, frame), child, with_covariance, twist)
 
 
 def tf_message(stamp_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:
@@ -406,6 +406,61 @@ def test_tf_alone_carries_a_camera() -> None:
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
 
 
+NED = np.array([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""North-east-down in east-north-up, and the other way round."""
+FRD = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Forward-right-down in forward-left-up."""
+
+
+def test_camera_poses_that_are_north_east_down_by_name_are_turned(caplog: pytest.LogCaptureFixture) -> None:
+    """Taken as they are, the camera was 20 m under the ground, with north and east exchanged."""
+    feed = RosPoses("camera_pose", None)
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        feed.posed(decoded(pose_message(stamp_ns, NED @ straight_down(east), "map_ned")))
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+    assert [one.message for one in caplog.records] == [
+        "map_ned is north-east-down by its name: its poses are turned"
+    ]
+
+
+@pytest.mark.parametrize("frame", ["world_ned", "uav1"])
+@pytest.mark.parametrize("mount", [None, CameraMount("level", -90.0), CameraMount("body", -90.0)])
+def test_odometry_that_is_north_east_down_by_its_frames_is_turned(
+    frame: str, mount: CameraMount | None
+) -> None:
+    """As the ROS wrapper of AirSim tells it: at times the child alone says it."""
+    child = "uav1/odom_local_ned"
+    feed = RosPoses("pose", mount)
+    feed.camera_frame = FRAME
+    body_from_camera = FRD @ np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    feed.transformed(decoded(tf_message(0, child, FRAME, body_from_camera)), fixed=True)
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        feed.posed(decoded(odometry_message(stamp_ns, NED @ level_body(east) @ FRD, child, frame)))
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_a_tree_that_hangs_on_a_world_that_is_north_east_down_is_turned() -> None:
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        told = tf_message(stamp_ns, "world_ned", FRAME, NED @ straight_down(east))
+        feed.transformed(decoded(told), fixed=False)
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_poses_told_in_other_axes_from_now_on_are_not_mixed_with_those_of_before() -> None:
+    feed = RosPoses("camera_pose", None)
+    feed.posed(decoded(pose_message(START_NS, straight_down(10.0))))
+    later_ns = START_NS + SECOND_NS // 2
+    feed.posed(decoded(pose_message(later_ns, NED @ straight_down(12.0), "map_ned")))
+    with pytest.raises(ValueError, match="before the first"):
+        feed.pose_at(START_NS + SECOND_NS // 4)
+    assert np.allclose(feed.pose_at(later_ns), straight_down(12.0), atol=1e-9)
+
+
 def test_gaps_and_frames_without_a_way_are_refused() -> None:
     feed = RosPoses("camera_pose", None)
     with pytest.raises(ValueError, match="no pose"):
@@ -428,7 +483,8 @@ def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:
         stamp_ns = START_NS + number * SECOND_NS // 10
         sec, nanosec = divmod(stamp_ns, SECOND_NS)
         stamped = SimpleNamespace(
-            header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec)), pose=message.pose
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id="map"),
+            pose=message.pose,
         )
         feed.posed(stamped)
     assert len(feed._rows) <= 701

@@ -1,10 +1,12 @@
 """Poses of a camera from what a fleet of ROS publishes: PoseStamped, Odometry, tf.
 
-Worlds are the mission's local east-north-up frame (`map`), bodies forward-left-up, cameras as in REP 104.
+Worlds are the mission's local east-north-up frame (`map`), bodies forward-left-up, cameras as in REP 104. A
+frame that is named for north-east-down is turned, and bodies in it are forward-right-down, as in bags.
 """
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from threading import Condition
 from typing import Any, Literal
@@ -17,8 +19,18 @@ from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
-from crowdfence.sources.ros_bag.transforms import BODY_FRAME, Segment, TransformTree, composed
+from crowdfence.sources.ros_bag.transforms import (
+    BODY_FRAME,
+    NED_WORLD,
+    Segment,
+    TransformTree,
+    as_forward_left_up,
+    composed,
+    is_ned,
+    is_ned_pose,
+)
 
+_LOG = logging.getLogger(__name__)
 PoseRole = Literal["camera_pose", "pose", "tf"]
 
 _KEPT_NS = 70_000_000_000
@@ -48,6 +60,9 @@ class RosPoses:
         self.camera_frame = ""
         """The optical frame, as the pictures name it."""
         self._body_frame = BODY_FRAME
+        self._in_ned = False
+        """Whether `_rows` are north-east-down, with bodies forward-right-down."""
+        self._told_ned: set[str] = set()
         self.changed = Condition()
 
     def posed(self, message: Any) -> None:
@@ -55,8 +70,16 @@ class RosPoses:
         pose = getattr(message.pose, "pose", message.pose)
         at, turn = pose.position, pose.orientation
         stamp_ns = time_ns(message.header.stamp)
+        frame = message.header.frame_id.lstrip("/")
+        child = getattr(message, "child_frame_id", "").lstrip("/")
         with self.changed:
-            self._body_frame = getattr(message, "child_frame_id", "").lstrip("/") or self._body_frame
+            self._body_frame = child or self._body_frame
+            in_ned = is_ned_pose(frame, child)
+            if in_ned != self._in_ned:  # somebody else publishes now: no row of before fits
+                self._in_ned = in_ned
+                self._rows.clear()
+            if in_ned:
+                self._tell_ned(frame if is_ned(frame) else child)
             if self._rows and stamp_ns <= self._rows[-1][0]:
                 if not _of_another_clock(stamp_ns, self._rows[-1][0]):
                     return
@@ -84,6 +107,11 @@ class RosPoses:
                 while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
                     kept.popleft()
             self.changed.notify_all()
+
+    def _tell_ned(self, frame: str) -> None:
+        if frame not in self._told_ned:
+            self._told_ned.add(frame)
+            _LOG.warning("%s is north-east-down by its name: its poses are turned", frame)
 
     @property
     def newest_ns(self) -> int | None:
@@ -114,14 +142,22 @@ class RosPoses:
             path = tree.path(self.camera_frame)
             if not path:
                 raise ValueError(f"no tf leads to {self.camera_frame or '(no frame)'}")
-            return composed(tree.segments(path), self._max_gap_s)
+            segments = tree.segments(path)
+            root = tree.root(self.camera_frame)
+            if is_ned(root):
+                self._tell_ned(root)
+                segments = [NED_WORLD, *segments]
+            return composed(segments, self._max_gap_s)
         rows = [row for row in self._rows if abs(row[0] - stamp_ns) <= _AROUND_NS]
         stamps, positions, quaternions = zip(*rows, strict=True) if rows else ((), (), ())
         given, _ = track_from_rows(stamps, np.array(positions), np.array(quaternions))
+        if self._in_ned:
+            given = composed([NED_WORLD, given], self._max_gap_s)
         return given if self._role == "camera_pose" else self._on_body(given, stamp_ns)
 
     def _on_body(self, body: PoseTrack, stamp_ns: int) -> PoseTrack:
         if self._mount is not None:
+            body = as_forward_left_up(body) if self._in_ned else body
             attitudes = self._mount.camera_quaternions_ned(body_quaternions_ned(body.quaternions))
             return PoseTrack(body.stamps_ns, body.positions, optical_quaternions_enu(attitudes))
         tree = self._tree(stamp_ns)

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from crowdfence.sources.ros_bag.bag_content import BagContent
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
-from crowdfence.sources.ros_bag.transforms import NED_WORLD, FixedTransform, is_ned
+from crowdfence.sources.ros_bag.transforms import NED_WORLD, FixedTransform, is_ned, is_ned_pose
 
-_ENU = ("map", "odom", "world", "enu")
-"""Frames whose names end so are east-north-up."""
 _EARTH = ("earth", "utm")
 """Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _SCATTER_M = 1.0
@@ -38,9 +36,7 @@ class CommonWorld:
         """What brings the poses of a topic into the world; empty where they are in it."""
         frame = self._frame(topic)
         above = self.over(frame)
-        # AirSim's odometry names the axes in its child frame alone.
-        turned = is_ned(self.child(topic)) and not frame.endswith(_ENU)
-        return above or ([NED_WORLD] if turned else [])
+        return above or ([NED_WORLD] if is_ned_pose(frame, self.child(topic)) else [])
 
     def over(self, frame: str) -> list[FixedTransform]:
         """The same for poses in a frame: by its own name, or by that of the one that it is fixed to."""

@@ -26,11 +26,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources.axes import (
-    FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN,
-    body_quaternions_ned,
-    optical_quaternions_enu,
-)
+from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
@@ -52,6 +48,7 @@ from crowdfence.sources.ros_bag.transforms import (
     BODY_FRAME,
     NED_WORLD,
     Segment,
+    as_forward_left_up,
     composed,
     is_ned,
 )
@@ -174,7 +171,7 @@ class _Reader:
             body = self._in_world(one.drone, one.pose)
             north_east_down = any(part is NED_WORLD for part in self.world.over_topic(one.pose))
             if self.options.mount is not None and north_east_down:
-                body = _as_forward_left_up(body)
+                body = as_forward_left_up(body)
             track = self._on_body(one, body, frame, child or BODY_FRAME)
             return self._moved_to_anchor(one, track, f"{one.pose}{self._how(frame, child or BODY_FRAME)}")
         if one.fix and one.imu:
@@ -254,7 +251,7 @@ class _Reader:
             imu_on_body = reduce(multiply, (part.quaternion for part in mounted))
             turn = replace(turn, quaternions=multiply(turn.quaternions, imu_on_body * _INVERSE))
         elif ned:
-            turn = _as_forward_left_up(turn)
+            turn = as_forward_left_up(turn)
         return composed([NED_WORLD, turn], np.inf) if ned else turn
 
     # --- where on Earth ---
@@ -340,12 +337,6 @@ class _Reader:
             image=None if picture is None else lambda: encoded(picture),
             heatmap=None if heatmap is None else lambda: heatmap_pixels(message(heatmap)),
         )
-
-
-def _as_forward_left_up(body: PoseTrack) -> PoseTrack:
-    """A body forward-right-down with its axes as ROS has them."""
-    turned = multiply(body.quaternions, FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN)
-    return PoseTrack(body.stamps_ns, body.positions, turned)
 
 
 def _on_drone(frame: str) -> bool:

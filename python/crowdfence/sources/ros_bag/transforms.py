@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.axes import ENU_FROM_NED
+from crowdfence.sources.axes import ENU_FROM_NED, FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
 
@@ -33,12 +33,26 @@ Segment = FixedTransform | PoseTrack
 
 NED_WORLD = FixedTransform(np.zeros(3), ENU_FROM_NED)
 """A world that is north-east-down, in one that is east-north-up."""
+_ENU = ("map", "odom", "world", "enu")
+"""Frames whose names end so are east-north-up."""
 _NED = re.compile(r"(?:^|[/_])ned$", re.IGNORECASE)
 
 
 def is_ned(frame: str) -> bool:
     """Whether a frame is north-east-down by its name, as REP 103 has it: world_ned, odom_local_ned."""
     return _NED.search(frame) is not None
+
+
+def is_ned_pose(frame: str, child: str) -> bool:
+    """Whether the pose of `child` in a frame is north-east-down by their names: AirSim's odometry names the
+    axes in its child frame alone."""
+    return is_ned(frame) or (is_ned(child) and not frame.endswith(_ENU))
+
+
+def as_forward_left_up(body: PoseTrack) -> PoseTrack:
+    """A body forward-right-down with its axes as ROS has them."""
+    turned = multiply(body.quaternions, FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN)
+    return PoseTrack(body.stamps_ns, body.positions, turned)
 
 
 @dataclass(slots=True)
