@@ -461,6 +461,20 @@ def test_poses_told_in_other_axes_from_now_on_are_not_mixed_with_those_of_before
     assert np.allclose(feed.pose_at(later_ns), straight_down(12.0), atol=1e-9)
 
 
+def test_tf_that_says_where_the_map_is_on_earth_moves_no_camera() -> None:
+    """The service itself tells the fleet, on the topic that it listens to: cameras went to the middle of the
+    Earth."""
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    earth_from_map = np.diag([1.0, -1.0, -1.0, 1.0])
+    earth_from_map[:3, 3] = (4.3e6, 6.1e5, 4.6e6)
+    feed.transformed(decoded(tf_message(0, "earth", "map", earth_from_map)), fixed=True)
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, straight_down(east))), fixed=False)
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
 def test_gaps_and_frames_without_a_way_are_refused() -> None:
     feed = RosPoses("camera_pose", None)
     with pytest.raises(ValueError, match="no pose"):

@@ -215,6 +215,20 @@ def test_a_tree_that_hangs_on_a_world_that_is_north_east_down_is_turned(
     assert "world_ned is north-east-down by its name: its poses are turned" in found.warnings
 
 
+def test_tf_that_says_where_the_map_is_on_earth_moves_no_camera(tmp_path: Path) -> None:
+    """As the live service tells a fleet that is recorded."""
+    first = rows()[0].stamp_ns
+    moving = [
+        ("/tf", TF, stamp, {"transforms": [transform(stamp, "map", OPTICAL, at, turn)]})
+        for row in rows()
+        for stamp, at, turn in [(row.stamp_ns, np.array(row.position), row.turn)]
+    ]
+    on_earth = transform(first, "earth", "map", np.array([4.3e6, 6.1e5, 4.6e6]), FRD)
+    static = ("/tf_static", TF, first, {"transforms": [on_earth]})
+    bag = write_bag(tmp_path / "flight", "mcap", [*picture_messages(DRONE, OPTICAL), *moving, static])
+    assert_same_frames(open_recording(bag), (DRONE,), 1e-9)
+
+
 def test_camera_poses_that_are_north_east_down_are_turned(tmp_path: Path) -> None:
     told = [
         (f"/{DRONE}/cam/pose", POSE, row.stamp_ns, {"header": header(row.stamp_ns, "map_ned")} | {"pose": at})

@@ -139,11 +139,10 @@ class RosPoses:
     def _track(self, stamp_ns: int) -> PoseTrack:
         if self._role == "tf":
             tree = self._tree(stamp_ns)
-            path = tree.path(self.camera_frame)
+            root, path = tree.in_world(self.camera_frame)
             if not path:
                 raise ValueError(f"no tf leads to {self.camera_frame or '(no frame)'}")
             segments = tree.segments(path)
-            root = tree.root(self.camera_frame)
             if is_ned(root):
                 self._tell_ned(root)
                 segments = [NED_WORLD, *segments]

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from crowdfence.sources.ros_bag.bag_content import BagContent
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
-from crowdfence.sources.ros_bag.transforms import NED_WORLD, FixedTransform, is_ned, is_ned_pose
+from crowdfence.sources.ros_bag.transforms import EARTH, NED_WORLD, FixedTransform, is_ned, is_ned_pose
 
-_EARTH = ("earth", "utm")
-"""Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _SCATTER_M = 1.0
 """Receivers scatter by so much where nothing is turned."""
 
@@ -87,7 +85,7 @@ class CommonWorld:
         """The uppermost frame that a frame is fixed to, and by what; itself where something moves."""
         tree = self.content.tree
         path, root = tree.path(frame), tree.root(frame)
-        if path and root in _EARTH:  # its axes are not those of a level world
+        if path and root in EARTH:  # its axes are not those of a level world
             path, root = path[1:], path[0]
         above = tree.fixed_segments(path)
         return (frame, []) if above is None else (root, above)

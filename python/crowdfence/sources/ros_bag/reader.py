@@ -161,8 +161,8 @@ class _Reader:
             return self._moved_to_anchor(one, track, f"{one.camera_pose}")
         tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
-            root = self.content.tree.root(frame)
-            segments = [*self.world.over(root), *self.content.tree.segments(self.content.tree.path(frame))]
+            root, path = self.content.tree.in_world(frame)
+            segments = [*self.world.over(root), *self.content.tree.segments(path)]
             self.world.counted_from[one.drone] = root
             track = composed(segments, self.limits.max_pose_gap_s)
             return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")

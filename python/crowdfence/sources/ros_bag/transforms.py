@@ -35,6 +35,8 @@ NED_WORLD = FixedTransform(np.zeros(3), ENU_FROM_NED)
 """A world that is north-east-down, in one that is east-north-up."""
 _ENU = ("map", "odom", "world", "enu")
 """Frames whose names end so are east-north-up."""
+EARTH = ("earth", "utm")
+"""Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _NED = re.compile(r"(?:^|[/_])ned$", re.IGNORECASE)
 
 
@@ -112,6 +114,14 @@ class TransformTree:
         """The frame that everything over `frame` hangs on."""
         path = self.path(frame)
         return self._edges[path[0]].parent if path else frame
+
+    def in_world(self, frame: str) -> tuple[str, list[str]]:
+        """The level world that `frame` hangs in, and the path from there: what such a world is fixed to on
+        Earth is left out."""
+        path, root = self.path(frame), self.root(frame)
+        if len(path) > 1 and root in EARTH and self._edges[path[0]].still():
+            return path[0], path[1:]
+        return root, path
 
     def moves(self, frame: str) -> bool:
         """Whether anything over `frame` moves."""
