@@ -61,6 +61,7 @@ def test_telemetry_is_asked_for_the_time_that_a_picture_belongs_to() -> None:
     class Feed:
         changed = Condition()
         newest_ns = START_NS + 10_000_000_000
+        frame = None
 
         def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
             world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -27,6 +27,7 @@ from crowdfence.service.ros.link import RosLink
 from crowdfence.service.ros.poses import RosPoses
 from crowdfence.service.ros.topics import live_topics
 from crowdfence.service.service import Service
+from crowdfence.service.watch import Watch
 from crowdfence.sources.camera_mount import CameraMount
 from support.small_service import (
     CONFIG,
@@ -36,6 +37,7 @@ from support.small_service import (
     START_NS,
     plain,
     recording,
+    running,
     views,
 )
 
@@ -473,6 +475,45 @@ def test_tf_that_says_where_the_map_is_on_earth_moves_no_camera() -> None:
         stamp_ns = START_NS + number * SECOND_NS // 2
         feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, straight_down(east))), fixed=False)
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
+def test_drones_that_count_from_frames_of_their_own_are_told_of(tmp_path: Path) -> None:
+    """They were all taken to have begun at one place; only tf says how their frames lie."""
+    with running(tmp_path) as service:
+        assert service.live is not None
+
+        def told(**feeds: RosPoses) -> list[tuple[str, str]]:
+            assert service.live is not None
+            service.live.poses.feeds.clear()
+            service.live.poses.feeds.update(feeds)
+            Watch(service).look()
+            alert = service.alerts.active("pose_frames")
+            return [] if alert is None else [(alert.level, alert.text)]
+
+        def posed(frame: str) -> RosPoses:
+            feed = RosPoses("camera_pose", None)
+            feed.posed(decoded(pose_message(START_NS, straight_down(10.0), frame)))
+            return feed
+
+        def by_tf(world: str | None) -> RosPoses:
+            feed = RosPoses("tf", None)
+            feed.camera_frame = FRAME
+            feed.transformed(
+                decoded(tf_message(START_NS, "uav3/odom", FRAME, straight_down(10.0))), fixed=False
+            )
+            if world is not None:
+                feed.transformed(decoded(tf_message(0, world, "uav3/odom", np.eye(4))), fixed=True)
+            return feed
+
+        assert not told(uav1=posed("/map"), uav2=posed("map"), uav3=by_tf("map"))
+        ((level, text),) = told(uav1=posed("uav1/odom"), uav2=posed("uav2/odom"))
+        assert level == "warning"
+        assert text.startswith(
+            "poses come in frames that nothing joins (uav1 in uav1/odom, uav2 in uav2/odom): all are taken"
+        )
+        assert told(uav1=posed("uav1/odom"), uav2=RosPoses("camera_pose", None)), "not known yet: it stays"
+        assert not told(uav1=posed("uav1/odom")), "one alone counts from --origin"
+        assert told(uav1=posed("map"), uav3=by_tf(None))
 
 
 def test_gaps_and_frames_without_a_way_are_refused() -> None:

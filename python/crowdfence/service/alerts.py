@@ -22,6 +22,7 @@ AlertKind = Literal[
     "new_zone",
     "detector_stale",
     "pose_gap",
+    "pose_frames",
     "alignment_unused",
     "lost_crowd",
     "unheeded_crowd",

@@ -29,6 +29,10 @@ class PoseFeed(Protocol):
     def newest_ns(self) -> int | None:
         """Up to when poses are known."""
 
+    @property
+    def frame(self) -> str | None:
+        """Name of the local frame that its poses count from; None for none so far, or a place on Earth."""
+
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
         """`world_from_camera` [4, 4]. ValueError where the poses do not say it."""
 
@@ -106,6 +110,11 @@ class Poses:
         said = f"the pose of {drone} is not known at its view: {reason}"
         self._gaps[drone] = now_ns, said
         return Refused(status, said, 1.0 if status == 503 else 0.0)
+
+    def frames(self) -> dict[str, str]:
+        """Of the drones whose poses are local, what they count from, as far as it is known."""
+        found = {drone: self.feeds[drone].frame for drone in sorted(self.feeds)}
+        return {drone: frame for drone, frame in found.items() if frame is not None}
 
     def trouble(self, drone: str, now_ns: int) -> str | None:
         """What is wrong with a drone's poses now; None: nothing."""

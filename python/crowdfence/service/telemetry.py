@@ -49,6 +49,8 @@ class TelemetryOptions:
 class Telemetry:
     """A pose feed (`poses.PoseFeed`). ValueError for a mission without a place on Earth."""
 
+    frame = None
+
     def __init__(
         self, drone: str, terrain: Terrain, anchor: Georeference | None, options: TelemetryOptions
     ) -> None:

@@ -156,6 +156,22 @@ class Watch:
             text = live.poses.trouble(drone, now_ns)
             self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
 
+        self._pose_frames(live.poses.frames(), len(live.poses.feeds))
+
+    def _pose_frames(self, frames: dict[str, str], feeds: int) -> None:
+        """Local poses that count from different frames. Of drones that told none since the start nobody
+        knows: what was raised before stays."""
+        if len(frames) < 2 <= feeds:
+            return
+        told = ", ".join(f"{drone} in {frame or '(no frame)'}" for drone, frame in frames.items())
+        text = (
+            f"poses come in frames that nothing joins ({told}): all are taken to count from --origin, and "
+            "what one drone sees may be put far from what another sees there; publish them in one frame, or "
+            "give tf= in --topics, with tf from that frame to each camera"
+        )
+        apart = len(set(frames.values()))
+        self._set(apart > 1, "pose_frames", "warning", text, measure=float(apart))
+
     def _alignment(self) -> None:
         """Offsets for a drone that does not come: misspelled, they leave the poses of another as they are."""
         live, now_ns = self._service.live, self._service.now_ns()

@@ -60,6 +60,7 @@ class RosPoses:
         self.camera_frame = ""
         """The optical frame, as the pictures name it."""
         self._body_frame = BODY_FRAME
+        self._frame: str | None = None
         self._in_ned = False
         """Whether `_rows` are north-east-down, with bodies forward-right-down."""
         self._told_ned: set[str] = set()
@@ -74,6 +75,7 @@ class RosPoses:
         child = getattr(message, "child_frame_id", "").lstrip("/")
         with self.changed:
             self._body_frame = child or self._body_frame
+            self._frame = frame
             in_ned = is_ned_pose(frame, child)
             if in_ned != self._in_ned:  # somebody else publishes now: no row of before fits
                 self._in_ned = in_ned
@@ -107,6 +109,14 @@ class RosPoses:
                 while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
                     kept.popleft()
             self.changed.notify_all()
+
+    @property
+    def frame(self) -> str | None:
+        with self.changed:
+            if self._role != "tf":
+                return self._frame
+            newest_ns = self.newest_ns
+            return None if newest_ns is None else self._tree(newest_ns).in_world(self.camera_frame)[0]
 
     def _tell_ned(self, frame: str) -> None:
         if frame not in self._told_ned:
