@@ -1,16 +1,23 @@
 """What a run would warn of, the service tells too: frames without a pose, heatmaps in the wrong units."""
 
+import base64
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from crowdfence import View
+from crowdfence.detector.detector import Detector
 from crowdfence.service.alerts import Alert
 from crowdfence.service.opening import replayed
 from crowdfence.service.service import Service
+from crowdfence.service.view_message import ViewMessage
+from crowdfence.service.watch import Watch
 from crowdfence.sources.recording import RefusedFrame
+from support.onnx_models import contract, write_map_model
 from support.small_service import (
     CONFIG,
     SETTINGS,
@@ -21,6 +28,7 @@ from support.small_service import (
     recording,
     running,
     settle,
+    view,
     views,
     wait_for_end,
 )
@@ -114,3 +122,41 @@ def test_masks_of_one_raise_an_alarm_live_until_a_heatmap_is_none(tmp_path: Path
         service.live.finish()
         (told,) = alerts(service, "heatmap_units")
         assert told.cleared_ns is not None
+
+
+def with_picture(number: int, red: int) -> bytes:
+    """Noise in green and blue; `red` in one corner."""
+    levels = np.random.default_rng(number).integers(0, 256, (12, 16, 3), np.uint8)
+    levels[:, :, 0] = 0
+    levels[:4, :4, 0] = red
+    file = io.BytesIO()
+    Image.fromarray(levels).save(file, format="PNG")
+    told = ViewMessage.model_validate_json(message(view("uav1", number)))
+    image = base64.b64encode(file.getvalue()).decode()
+    return told.model_copy(update={"heatmap": None, "image": image}).model_dump_json().encode()
+
+
+def test_a_detector_that_gives_the_same_everywhere_is_an_alarm_until_an_answer_differs(
+    tmp_path: Path,
+) -> None:
+    """One that looks at red alone, of which there is none: by hand, sigmoid(-6) = 0.0025 everywhere, and with
+    red of 255 in a cell sigmoid(-6 + 255 / 255) = 0.0067 there, a logit more."""
+    model = write_map_model(tmp_path / "red.onnx", contract("logits"), offset=-6.0)
+
+    def given(service: Service, numbers: range, red: int = 0) -> list[tuple[str, bool]]:
+        assert service.live is not None
+        for number in numbers:
+            service.live.intake.give_view(with_picture(number, red))
+        service.live.finish()
+        Watch(service).look()
+        return [(one.level, one.cleared_ns is None) for one in alerts(service, "same_answer")]
+
+    with running(tmp_path / "data", detector=Detector(model)) as service:
+        assert not given(service, range(9)), "nine prove nothing"
+        assert given(service, range(9, 12)) == [("alarm", True)]
+        (told,) = alerts(service, "same_answer")
+        assert told.text.startswith("test model gives P = 0.0025 everywhere in all 12 pictures, whatever is")
+        assert service.live is not None and not service.live.heard.refused
+    with running(tmp_path / "data", detector=Detector(model)) as service:
+        assert given(service, range(12, 14)) == [("alarm", True)], "a restart mends nothing"
+        assert given(service, range(14, 22), 255) == [("alarm", False)]

@@ -29,11 +29,11 @@ class SameAnswer:
     def __init__(self, contract: Contract | None) -> None:
         self._name = "" if contract is None else contract.name
         self._kind = None if contract is None else contract.output.kind
-        self._count, self._lowest, self._highest = 0, np.inf, -np.inf
+        self.looked_at, self._lowest, self._highest = 0, np.inf, -np.inf
 
     def add(self, heatmap: NDArray[np.float32]) -> None:
         """Of the next picture [h, w]."""
-        self._count += 1
+        self.looked_at += 1
         self._lowest = min(self._lowest, float(heatmap.min()))
         self._highest = max(self._highest, float(heatmap.max()))
 
@@ -41,14 +41,14 @@ class SameAnswer:
     def warning(self) -> str | None:
         """One sentence where all of them hold next to one value; None for models that find people, which are
         as often right to find none, and for masks of nobody."""
-        if self._count == 0 or self._kind not in ("probability", "logits", "class_logits"):
+        if self.looked_at == 0 or self._kind not in ("probability", "logits", "class_logits"):
             return None
         if self._kind == "probability" and self._highest == 0.0:
             return None
         low, high = np.clip([self._lowest, self._highest], *_SURE)
         if np.log(high / low) - np.log((1.0 - high) / (1.0 - low)) > SAME_LOGITS:
             return None
-        pictures = "the picture" if self._count == 1 else f"all {self._count} pictures"
+        pictures = "the picture" if self.looked_at == 1 else f"all {self.looked_at} pictures"
         return (
             f"{self._name} gives P = {self._highest:.2g} everywhere in {pictures}, whatever is there: it "
             "does not see them; check scale, mean, std and color of its contract, and the model itself"

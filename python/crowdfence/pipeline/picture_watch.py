@@ -48,10 +48,16 @@ class PictureWatch:
         with self._lock:
             self._answer.add(heatmap)
 
+    def same_answer(self, least: int = 1) -> tuple[bool, str | None]:
+        """Whether the detector answered for `least` pictures, and one sentence where all answers are the
+        same."""
+        with self._lock:
+            return self._answer.looked_at >= least, self._answer.warning
+
     @property
     def warnings(self) -> list[str]:
         """One sentence where there are such pictures, and one where all answers are the same."""
-        same = self._answer.warning
+        _, same = self.same_answer()
         return [*self._unlike_tested(), *(() if same is None else (same,))]
 
     def _unlike_tested(self) -> list[str]:

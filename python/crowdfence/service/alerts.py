@@ -28,6 +28,7 @@ AlertKind = Literal[
     "unheeded_crowd",
     "no_ground",
     "heatmap_units",
+    "same_answer",
     "clock",
     "disk",
     "records_damaged",

@@ -18,6 +18,7 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import lost_crowd_warning
 from crowdfence.service import alerts as alert_log
 from crowdfence.service.alerts import AlertKind, Level
+from crowdfence.service.heatmap_doubts import LEAST_LOOKED_AT
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.recent_looks import WINDOW_S
 from crowdfence.service.service import Service
@@ -85,6 +86,7 @@ class Watch:
         self._poses()
         self._alignment()
         self._detector()
+        self._same_answer()
         self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
@@ -199,6 +201,14 @@ class Watch:
         self._set(stale, "detector_stale", "alarm", text)
         for drone, still in self._service.mission.still_video.standing().items():
             self._set(still is not None, "detector_stale", "alarm", still or "", drone=drone)
+
+    def _same_answer(self) -> None:
+        """A detector that does not see its pictures clears all ground, or closes it. Until it has answered
+        often enough since the start, what was raised before stays."""
+        heatmaps = self._service.mission.heatmaps
+        is_known, text = heatmaps.watch.same_answer(LEAST_LOOKED_AT)
+        if is_known or heatmaps.kind != "model":
+            self._set(text is not None, "same_answer", "alarm", text or "")
 
     def _no_ground(self) -> None:
         """Of drones that gave too little since the start to tell, what was raised before stays."""
