@@ -8,14 +8,26 @@ import pytest
 from shapely import Point, Polygon, box
 
 from crowdfence import Georeference
-from crowdfence.config import ZoneConfig
+from crowdfence.config import EvidenceConfig, PaperConfig, ZoneConfig
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.planner import ClearAir
 from crowdfence.service.access import User
+from crowdfence.service.clock import Clock
 from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
 from crowdfence.service.service import Service
 from crowdfence.zones import Zone, ZoneSet
-from support.small_service import SECOND_NS, START_NS, asked, message, plain, running, settle, view, views
+from support.small_service import (
+    CONFIG,
+    SECOND_NS,
+    START_NS,
+    asked,
+    message,
+    plain,
+    running,
+    settle,
+    view,
+    views,
+)
 from support.small_zones import DrawnZones, ids
 
 SQUARE = [[[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0]]]]
@@ -217,6 +229,50 @@ def test_files_with_times_say_when_a_dismissed_zone_is_closed_again(tmp_path: Pa
         service.live.finish()
         features = http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
         assert until not in json.dumps(features) and '"Z1"' in json.dumps(features)
+
+
+@pytest.mark.parametrize("method", [EvidenceConfig(memory_s=3.0), PaperConfig(fleet_size=3, decay=0.01)])
+def test_files_of_zones_that_stand_though_nobody_looks_name_no_end_that_is_over(
+    tmp_path: Path, method: EvidenceConfig | PaperConfig
+) -> None:
+    """Of F3548 a zone ends a day after it begins at the latest. By hand, of equation 3: at 0.01 a second a
+    crowd falls from 1 below the threshold of 0.5 after ln 2 / 0.01 = 69 s, and yet stands until somebody
+    looks."""
+    now_ns = START_NS
+    clock = Clock("system", system=lambda: now_ns, steady=lambda: now_ns)
+    how = {"config": replace(CONFIG, method=method), "clock": clock}
+    anchor = Georeference(46.5, 8.0, 1200.0)
+    with running(tmp_path, georeference=anchor, **how) as service, asked(service) as http:
+        assert service.live is not None
+        for one in views(9):
+            now_ns = one.stamp_ns
+            service.live.intake.give_view(message(one))
+        settle(service)
+        then_ns, zones = service.mission.newest.stamp_ns, len(service.mission.newest.zones)
+        now_ns += 25 * 3600 * SECOND_NS
+        constraints = http.get("/api/v1/export?format=f3548").json()["constraints"]
+        assert len(constraints) == zones > 0
+        for constraint in constraints:
+            told, (volume, *_) = constraint["reference"], constraint["details"]["volumes"]
+            for one in (told, volume):
+                assert one["time_start"]["value"] == rfc3339(now_ns)
+                assert one["time_end"]["value"] == rfc3339(now_ns + 24 * 3600 * SECOND_NS, up=True)
+            assert told["version"] == now_ns // SECOND_NS, "who knows an earlier one must read it again"
+        periods = [
+            *(
+                feature["properties"]["limitedApplicability"]
+                for feature in http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
+            ),
+            *(
+                feature["applicability"]
+                for feature in http.get("/api/v1/export?format=ed269&country=CHE").json()["features"]
+            ),
+        ]
+        assert len(periods) == 2 * zones
+        assert not any("endDateTime" in period for (period,) in periods)
+        # What is asked of an earlier moment stays as it was.
+        earlier = http.get(f"/api/v1/export?format=f3548&at={then_ns - 1}").json()["constraints"]
+        assert all(one["reference"]["time_start"]["value"] < rfc3339(then_ns) for one in earlier)
 
 
 def passed(mine: OperatorZones, zones: ZoneSet, second: int) -> list[str]:

@@ -31,12 +31,16 @@ class Download(NamedTuple):
     body: bytes
 
 
-def download(mission: Mission, moment: Moment, kind: str, **how: Any) -> Download:
-    """`how` is that of `ZoneExport`. ValueError for a format that there is not, NotPossible."""
+def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: Any) -> Download:
+    """`how` is that of `ZoneExport`. The newest moment holds now, however long no view has come. ValueError
+    for a format that there is not, NotPossible."""
     if kind not in FORMATS:
         raise ValueError(f"format {kind!r} is none of {', '.join(FORMATS)}")
     is_timeless = kind in _TIMELESS
-    zones, starts_ns = (passable(moment.zones, moment.marks), {}) if is_timeless else _later_too(moment)
+    holds_ns = max(moment.stamp_ns, now_ns) if moment is mission.newest else moment.stamp_ns
+    zones, starts_ns = (
+        (passable(moment.zones, moment.marks), {}) if is_timeless else _later_too(moment, holds_ns)
+    )
     if kind == "geojson":
         description = mission.description(moment.stamp_ns, None)
         text = zones_geojson(zones, description, mission.georeference)
@@ -45,7 +49,7 @@ def download(mission: Mission, moment: Moment, kind: str, **how: Any) -> Downloa
         raise NotPossible("the mission has no place on Earth; only geojson holds local metres")
     export = ZoneExport(
         zones=zones.closed,
-        stamp_ns=moment.stamp_ns,
+        stamp_ns=holds_ns,
         georeference=mission.georeference,
         mission=mission.name,
         method=mission.loop.crowd_map.method.name,
@@ -59,17 +63,23 @@ def download(mission: Mission, moment: Moment, kind: str, **how: Any) -> Downloa
     return Download(f"zones-{kind}.{suffix}", media_type, ZONE_FORMATS[kind](export).encode())
 
 
-def _later_too(moment: Moment) -> tuple[ZoneSet, dict[str, int]]:
+def _later_too(moment: Moment, holds_ns: int) -> tuple[ZoneSet, dict[str, int]]:
     """With those that drones may pass for a while, and until when: a consumer that asks again in ten minutes
-    would have none of them for nine."""
+    would have none of them for nine. Those that still stand at `holds_ns` have not ended before."""
     ends_ns = {
         name: int(mark["dismissed"]["until_ns"])
         for name, mark in moment.marks.items()
         if mark.get("dismissed")
     }
+    standing = (
+        zone
+        if zone.valid_until_ns is None or zone.valid_until_ns > holds_ns
+        else replace(zone, valid_until_ns=None)
+        for zone in moment.zones
+    )
     kept = tuple(
         zone
-        for zone in moment.zones
+        for zone in standing
         if zone.id not in ends_ns or zone.valid_until_ns is None or zone.valid_until_ns > ends_ns[zone.id]
     )
     return replace(moment.zones, zones=kept), ends_ns

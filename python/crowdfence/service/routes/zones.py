@@ -58,6 +58,7 @@ def export(
             service.mission,
             moment,
             format,
+            service.now_ns(),
             country=country,
             authority=authority,
             contact=contact,
