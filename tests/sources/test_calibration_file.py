@@ -168,3 +168,27 @@ def test_focal_lengths_without_a_calibration() -> None:
         assert cut is not None and cut.camera.fx == pytest.approx(wide.camera.fx)
     assert np.degrees(2 * np.arctan(1824 / wide.camera.fx)) == pytest.approx(53.13, abs=0.01)
     assert camera_from_sensor(5472, 3648, 8.8, "an unknown camera") is None
+
+
+@pytest.mark.parametrize(
+    ("model", "size", "focal_mm", "focal_35mm"),
+    [
+        ("FC3411", (5472, 3648), 8.38, 22.0),  # DJI Air 2S
+        ("FC3582", (4032, 3024), 6.72, 24.0),  # Mini 3 Pro
+        ("FC8482", (4032, 3024), 6.72, 24.0),  # Mini 4 Pro
+        ("FC8282", (4032, 3024), 6.72, 24.0),  # Air 3, wide
+        ("FC8284", (4032, 3024), 19.4, 70.0),  # Air 3, tele
+        ("FC6510", (5472, 3648), 8.8, 24.0),  # Zenmuse X4S
+        ("XT705", (5472, 3648), 10.57, 28.6),  # Autel EVO II Pro
+        ("ILCE-6000", (6000, 4000), 20.0, 30.0),  # Sony a6000: 1.5 times
+        ("ILCE-5100", (6000, 4000), 20.0, 30.0),
+        ("ILCE-7R", (7360, 4912), 35.0, 35.0),  # as film
+    ],
+)
+def test_sensors_fit_what_their_makers_call_the_lens_on_film(
+    model: str, size: tuple[int, int], focal_mm: float, focal_35mm: float
+) -> None:
+    by_sensor = camera_from_sensor(*size, focal_mm, model)
+    assert by_sensor is not None
+    by_film = camera_from_35mm(*size, focal_35mm, film=False)
+    assert by_sensor.camera.fx == pytest.approx(by_film.camera.fx, rel=0.05)

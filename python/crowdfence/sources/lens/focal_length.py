@@ -29,6 +29,11 @@ SENSORS_MM = {
     "FC2103": (6.17, 4.63),  # Mavic Air
     "FC2204": (6.17, 4.63),  # Mavic 2 Zoom
     "FC3170": (6.4, 4.8),  # Mavic Air 2, 1/2"
+    "FC3411": (13.2, 8.8),  # Air 2S, 1"
+    "FC3582": (9.68, 7.26),  # Mini 3 Pro, 1/1.3": 4032 pixels of 2.4 um
+    "FC8482": (9.68, 7.26),  # Mini 4 Pro
+    "FC8282": (9.68, 7.26),  # Air 3, the wide camera
+    "FC8284": (9.68, 7.26),  # and the medium tele, of 1/1.3" too
     "FC7203": (6.17, 4.63),  # Mavic Mini
     "FC7303": (6.17, 4.63),  # Mini 2
     "FC300S": (6.17, 4.63),  # Phantom 3 Professional
@@ -37,6 +42,7 @@ SENSORS_MM = {
     "FC6310": (13.2, 8.8),  # Phantom 4 Pro, 1"
     "FC6310S": (13.2, 8.8),
     "FC6310R": (13.2, 8.8),  # Phantom 4 RTK
+    "FC6510": (13.2, 8.8),  # Zenmuse X4S
     "FC6520": (17.3, 13.0),  # Zenmuse X5S, 4/3"
     "L1D-20C": (13.2, 8.8),  # Mavic 2 Pro
     "L2D-20C": (17.3, 13.0),  # Mavic 3
@@ -44,6 +50,10 @@ SENSORS_MM = {
     "ZENMUSEP1": (35.9, 24.0),
     "S.O.D.A.": (12.75, 8.5),  # senseFly
     "ANAFI": (5.92, 4.45),
+    "XT705": (13.2, 8.8),  # Autel EVO II Pro
+    "ILCE-5100": (23.5, 15.6),  # Sony, APS-C
+    "ILCE-6000": (23.5, 15.6),
+    "ILCE-7R": (35.9, 24.0),
 }
 """Width and height of the sensor by the model that EXIF names, in capitals: the makers' data sheets."""
 
