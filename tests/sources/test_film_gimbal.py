@@ -115,6 +115,38 @@ def test_of_two_gimbals_one_is_taken(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("instances", [True, False])
+def test_of_two_gimbals_of_a_px4_log_one_is_taken_and_told(tmp_path: Path, instances: bool) -> None:
+    """In two instances of the topic, or in turn in one of them. The first looks down to the east, the other
+    ahead to the west."""
+    down_east = Rotation.from_euler("ZY", [90.0, -90.0], degrees=True).as_quat()[[3, 0, 1, 2]]
+    west = [np.cos(np.pi / 4), 0.0, 0.0, -np.sin(np.pi / 4)]
+    gimbal = "gimbal_device_attitude_status"
+    formats = {
+        "vehicle_global_position": "double lat;double lon;float alt;",
+        gimbal: "float[4] q;uint16_t device_flags;uint8_t gimbal_device_id;",
+    }
+    parts = [(b"F", f"{name}:uint64_t timestamp;{fields}".encode()) for name, fields in formats.items()]
+    for instance, number, name in [(0, 0, "vehicle_global_position"), (0, 1, gimbal), (1, 2, gimbal)]:
+        parts.append((b"A", struct.pack("<BH", instance, number) + name.encode()))
+    for step in range(10):
+        parts.append((b"D", struct.pack("<HQddf", 0, step * 100_000, 46.5, 8.0, 530.0)))
+        for device, (look, later_us) in enumerate([(down_east, 0), (west, 50_000)]):
+            topic, told = (1 + device, 0) if instances else (1, 1 + device)
+            row = (topic, step * 100_000 + later_us, *look, EARTH | LOCK, told)
+            parts.append((b"D", struct.pack("<HQ4fHB", *row)))
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    data += b"".join(struct.pack("<HB", len(body), kind[0]) + body for kind, body in parts)
+    (tmp_path / "a.ulg").write_bytes(data)
+    log = read_ulog(tmp_path / "a.ulg")
+    assert log.camera_ned is not None
+    assert np.allclose(np.abs(log.camera_ned @ down_east), 1.0, atol=1e-6)
+    taken, other = ("instance 0, device 0", "instance 1, device 0")
+    if not instances:
+        taken, other = ("instance 0, device 1", "instance 0, device 2")
+    assert f"it holds the attitudes of several gimbals: {taken} is taken, not {other}" in log.remarks
+
+
 def test_a_flight_over_the_date_line_stays_there() -> None:
     """Fiji: 0.0001 degrees west of it and east of it; half way is on it and not on Greenwich's meridian."""
     body = Turns.of(np.arange(0.0, 1.01, 0.1), [EAST] * 11)

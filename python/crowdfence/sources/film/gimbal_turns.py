@@ -11,6 +11,8 @@ GIMBAL_DEVICE_ATTITUDE_STATUS (also PX4's gimbal_device_attitude_status):
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,6 +23,20 @@ from crowdfence.sources.rotation import multiply
 _YAW_LOCK = 16
 _YAW_IN_VEHICLE_FRAME = 32
 _YAW_IN_EARTH_FRAME = 64
+
+
+def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[str]) -> tuple[int, int]:
+    """Of several gimbals the first of those that tell about as often as any: between two of them no camera
+    looks. `rows`: how many there are by (number of what tells them, device), of which at least one; `where`:
+    what that is."""
+    often = max(rows.values()) / 2
+    gimbals = sorted(rows, key=lambda gimbal: (rows[gimbal] < often, gimbal))
+    taken, *others = (f"{where} {number}, device {device}" for number, device in gimbals)
+    if others:
+        remarks.append(
+            f"it holds the attitudes of several gimbals: {taken} is taken, not {'; '.join(others)}"
+        )
+    return gimbals[0]
 
 
 def gimbal_turns(

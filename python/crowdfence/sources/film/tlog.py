@@ -8,6 +8,7 @@ start of the autopilot (`boots`).
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 from crowdfence.errors import one_line
 from crowdfence.sources.film.boots import PLACE, Boot, boots_of
 from crowdfence.sources.film.flight_log import FlightLog
-from crowdfence.sources.film.gimbal_turns import gimbal_turns
+from crowdfence.sources.film.gimbal_turns import gimbal_turns, one_gimbal
 from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
 
@@ -152,16 +153,11 @@ def _timed(boots: Sequence[Boot], kind: str) -> list[tuple[float, Any]]:
 
 
 def _of_one_gimbal(told: list[tuple[float, Any]], remarks: list[str]) -> list[tuple[float, Any]]:
-    """Of several gimbals the first of those that tell about as often as any: between two of them no camera
-    looks."""
+    if not told:
+        return []
     of = [(one.get_srcComponent(), getattr(one, "gimbal_device_id", 0)) for _, one in told]
-    often = max((of.count(gimbal) for gimbal in set(of)), default=0) / 2
-    gimbals = sorted(set(of), key=lambda gimbal: (of.count(gimbal) < often, gimbal))
-    if len(gimbals) < 2:
-        return told
-    taken, *others = (f"component {component}, device {device}" for component, device in gimbals)
-    remarks.append(f"it holds the attitudes of several gimbals: {taken} is taken, not {'; '.join(others)}")
-    return [one for one, gimbal in zip(told, of, strict=True) if gimbal == gimbals[0]]
+    taken = one_gimbal(Counter(of), "component", remarks)
+    return [one for one, gimbal in zip(told, of, strict=True) if gimbal == taken]
 
 
 def _turn(yaw: float, pitch: float, roll: float) -> Any:

@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import one_line
 from crowdfence.sources.film.flight_log import FlightLog
-from crowdfence.sources.film.gimbal_turns import gimbal_turns
+from crowdfence.sources.film.gimbal_turns import gimbal_turns, one_gimbal
 from crowdfence.sources.film.merged_rows import Turns, merged
 from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.stamp_unit import THIS_CENTURY_S
 
+_GIMBAL = "gimbal_device_attitude_status"
 _TOPICS = [
     "vehicle_global_position",
     "vehicle_attitude",
-    "gimbal_device_attitude_status",
+    _GIMBAL,
     "vehicle_gps_position",
     "sensor_gps",
     "home_position",
@@ -44,11 +45,12 @@ def read_ulog(path: Path) -> FlightLog:
         with contextlib.redirect_stdout(said):
             log = ULog(str(path), message_name_filter_list=_TOPICS)
         topics = {data.name: data.data for data in reversed(log.data_list)}
+        gimbals = {data.multi_id: data.data for data in log.data_list if data.name == _GIMBAL}
         zero_us = int(log.start_timestamp)
     except Exception as error:  # whatever the library meets in a damaged file
         raise ValueError(f"{path} is damaged: {one_line(error)}") from error
     try:
-        found = _flight_log(topics, zero_us)
+        found = _flight_log(topics, gimbals, zero_us)
     except KeyError as error:
         raise ValueError(f"{path} holds no {error.args[0]}") from error
     if "corrupt" in said.getvalue():
@@ -56,7 +58,9 @@ def read_ulog(path: Path) -> FlightLog:
     return found
 
 
-def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
+def _flight_log(
+    topics: dict[str, dict[str, Any]], gimbals: dict[int, dict[str, Any]], zero_us: int
+) -> FlightLog:
     def time_s(topic: dict[str, Any]) -> NDArray[np.float64]:
         return (topic["timestamp"].astype(np.int64) - zero_us) / 1e6
 
@@ -75,7 +79,7 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
         heights["ellipsoid"] = "ellipsoid"
     attitude = topics.get("vehicle_attitude")
     body = None if attitude is None else Turns.of(time_s(attitude), _quaternions(attitude))
-    gimbal = topics.get("gimbal_device_attitude_status")
+    gimbal = _of_one_gimbal(gimbals, remarks)
     camera = None
     if gimbal is not None:
         turns = _quaternions(gimbal)
@@ -92,6 +96,19 @@ def _flight_log(topics: dict[str, dict[str, Any]], zero_us: int) -> FlightLog:
         take_off=take_off,
         remarks=remarks,
     )
+
+
+def _of_one_gimbal(gimbals: dict[int, dict[str, Any]], remarks: list[str]) -> dict[str, Any] | None:
+    """The rows of one gimbal: several may tell in instances of the topic, or in turn in one of them."""
+    rows: dict[tuple[int, int], NDArray[np.bool_]] = {}
+    for instance, topic in gimbals.items():
+        devices = np.asarray(topic.get("gimbal_device_id", np.zeros(len(topic["timestamp"]))), np.int64)
+        rows |= {(instance, int(device)): devices == device for device in np.unique(devices)}
+    if not rows:
+        return None
+    counts = {gimbal: int(np.count_nonzero(of_it)) for gimbal, of_it in rows.items()}
+    taken = one_gimbal(counts, "instance", remarks)
+    return {name: values[rows[taken]] for name, values in gimbals[taken[0]].items()}
 
 
 def _valid(place: dict[str, Any], remarks: list[str]) -> NDArray[np.bool_]:
