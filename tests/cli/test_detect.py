@@ -54,6 +54,17 @@ def index(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def test_a_video_whose_pixels_are_not_square_is_told(model: Path, tmp_path: Path) -> None:
+    """Players stretch it; the model is shown people half as wide as they are."""
+    film = write_video(tmp_path / "film.mp4", 2, pixel_aspect="2:1")
+    done = detect(film, "--model", model, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    (told,) = [one for one in json.loads(done.stdout)["warnings"] if "squeezed" in one]
+    assert "2.000 times as wide as high" in told
+    done = detect(write_video(tmp_path / "square.mp4", 2), "--model", model, "-o", tmp_path / "2", "--json")
+    assert "squeezed" not in done.stdout
+
+
 def test_a_video_with_broken_frames_says_which_are_missing(model: Path, tmp_path: Path) -> None:
     film = damage(write_video(tmp_path / "film.mp4", 12), [6])
     done = detect(film, "--model", model, "-o", tmp_path / "out", "--json")

@@ -101,6 +101,25 @@ def test_a_film_with_poses_that_is_stored_turned_is_refused(tmp_path: Path) -> N
         assert f"says {clockwise_deg} degrees clockwise" in str(error.value)
 
 
+def test_pixels_of_a_film_that_are_not_square_need_a_calibration_of_them(tmp_path: Path) -> None:
+    """4:3: fy is 4/3 of fx, and the one focal length that subtitles tell is neither."""
+    film, start_ns = write_film(tmp_path / "DJI_0001.MP4", pixel_aspect="4:3")
+    write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, mini)
+    with pytest.raises(ValueError, match=r"DJI_0001.MP4 has pixels 1.333 times as wide as high.*--calibrat"):
+        open_recording(film)
+    width, height = FilmPictures(film).size
+    for fy, told in ((400.0, False), (300.0, True)):
+        calibration = Camera.pinhole(width, height, 300.0, fy, width / 2, height / 2)
+        found = open_recording(film, calibration=calibration)
+        assert found.frames[0].camera.fy == fy
+        assert any("people look squeezed" in warning for warning in found.warnings)
+        assert any("fy / fx is 1.000" in warning for warning in found.warnings) == told
+    # Rounding to whole pixels, as scaling by ffmpeg leaves it, is no squeezing.
+    film, start_ns = write_film(tmp_path / "DJI_0002.MP4", pixel_aspect="240:241")
+    write_subtitles(tmp_path / "DJI_0002.SRT", start_ns, mini)
+    assert not any("pixels" in warning for warning in open_recording(film).warnings)
+
+
 def test_a_film_that_was_cut_is_told_by_its_subtitles(tmp_path: Path) -> None:
     """They are those of the whole film, and nothing else says what is gone."""
     film, start_ns = write_film(tmp_path / "DJI_0001.MP4")

@@ -279,12 +279,12 @@ def camera_pose_messages(drone: str = DRONE, topic: str | None = None) -> list[t
 # --- films ---
 
 
-def write_film(path: Path, drone: str = DRONE) -> tuple[Path, int]:
+def write_film(path: Path, drone: str = DRONE, pixel_aspect: str = "1:1") -> tuple[Path, int]:
     """The pictures as a film that begins at the last row half a second before them: (path, its begin)."""
     chosen = frames(drone)
     start_ns = max(row.stamp_ns for row in rows(drone) if row.stamp_ns <= chosen[0].stamp_ns - 500_000_000)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=10)
+        stream = container.add_stream("mpeg4", rate=10, options={"aspect": pixel_aspect})
         stream.width, stream.height, stream.pix_fmt = (
             chosen[0].camera.width,
             chosen[0].camera.height,

@@ -19,10 +19,10 @@ def picture(number: int) -> NDArray[np.uint8]:
     return rgb
 
 
-def write_video(path: Path, frames: int, *, key_every: int = 5) -> Path:
+def write_video(path: Path, frames: int, *, key_every: int = 5, pixel_aspect: str = "1:1") -> Path:
     """MPEG-4 part 2 at 10 frames a second, a key frame every `key_every`, frame n showing `picture(n)`."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=RATE)
+        stream = container.add_stream("mpeg4", rate=RATE, options={"aspect": pixel_aspect})
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         stream.gop_size, stream.bit_rate = key_every, 4_000_000
         for number in range(frames):

@@ -128,9 +128,11 @@ def _detect_pictures(
             files = picture_files(source)
             stream, count = read_pictures(files, every=every), len(files)
         else:
-            from crowdfence.sources.pictures.video import Video
+            from crowdfence.sources.pictures.video import Video, squeezed
 
             film = stack.enter_context(Video(source))
+            if squeeze := squeezed(film.pixel_aspect):
+                missed.append(f"{source} {squeeze}")
             stream, count = film.pictures(every=every), film.frame_count or 0
         advance = stack.enter_context(console.progress("detecting", -(-count // every), "frames"))
         try:

@@ -33,6 +33,7 @@ from crowdfence.sources.geographic_track import (
     LocalTrack,
     local_track,
 )
+from crowdfence.sources.pictures.video import squeezed
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording
 
@@ -97,6 +98,7 @@ def read_film(
     except ValueError as error:
         raise ValueError(f"{error}" if str(log_path) in str(error) else f"{log_path}: {error}") from error
     film = FilmPictures(path)
+    squeeze = _squeeze(film, options.calibration)
     cameras = film_cameras(path, film.size, log, options.calibration)
     offset_s, how = _clock_offset(log, film, cameras.usual, placed, log_path, options)
     start_ns, clock = _start(log, film, offset_s)
@@ -113,7 +115,7 @@ def read_film(
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
     sea = DJI_SEA_LEVEL if options.heights == "sea" and log.timed_by_film else ""
     cut = "" if options.clock_offset_s is not None else _cut(log, film)
-    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, lens, _spacing(step_s)]
+    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, squeeze, lens, _spacing(step_s)]
     return Recording(
         name=path.stem,
         drones=(drone,),
@@ -174,6 +176,21 @@ def _clock_offset(
         f"the film begins {found.offset_s:.2f} s after the log, give or take {found.error_s:.2f} s, by how "
         f"both turn (agreement {found.agreement:.2f}); --clock-offset says it better"
     )
+
+
+def _squeeze(film: FilmPictures, calibration: Camera | None) -> str:
+    """A doubt about a film whose pixels are not square; ValueError without a calibration of them, as one
+    focal length does not hold along both sides."""
+    squeeze = squeezed(film.pixel_aspect)
+    if not squeeze:
+        return ""
+    if calibration is None:
+        raise ValueError(f"{film.path} {squeeze}, or give --calibration of the pixels as they are stored")
+    said = f"the film {squeeze}"
+    found = calibration.fy / calibration.fx
+    if squeezed(film.pixel_aspect / found):
+        said += f"; of its calibration, fy / fx is {found:.3f}: is it of the pixels as they are stored?"
+    return said
 
 
 def _cut(log: FlightLog, film: FilmPictures) -> str:

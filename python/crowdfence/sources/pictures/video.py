@@ -9,6 +9,7 @@ are meant to be shown.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import islice
@@ -34,6 +35,8 @@ FORMATS = (
 
 _MISSING_END_S = 0.35
 """Sound may go on a little longer than the pictures."""
+_SQUARE = 0.01
+"""Scaling to whole pixels leaves such a share between the sides of one."""
 _HEAD = 50
 """Among so many frames, one is whole in any film of use."""
 
@@ -121,6 +124,12 @@ class Video:
             frames = (item for item in islice(again._frames(), _HEAD) if not isinstance(item, _Broken))
             first = next(frames, None)
             return 0 if first is None else int(first.rotation)
+
+    @property
+    def pixel_aspect(self) -> float:
+        """How many times as wide as high a pixel is meant to be shown; 1 where the file does not say."""
+        stored = float(self._stream.sample_aspect_ratio or 1.0)
+        return 1.0 / stored if _quarters(self.rotation_deg) % 2 else stored
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -219,6 +228,17 @@ class Video:
     def _time_s(self, pts: int | None) -> float | None:
         base = self._stream.time_base
         return None if pts is None or base is None else float((pts - (self._stream.start_time or 0)) * base)
+
+
+def squeezed(pixel_aspect: float) -> str:
+    """What pixels that are not square mean for a detector, which is shown them as if they were; empty where
+    they are."""
+    if abs(math.log(pixel_aspect)) <= _SQUARE:
+        return ""
+    return (
+        f"has pixels {pixel_aspect:.3f} times as wide as high, in which people look squeezed to a detector: "
+        "save it with square pixels (ffmpeg -vf scale=iw*sar:ih,setsar=1)"
+    )
 
 
 def require_unturned(film: Video) -> None:
