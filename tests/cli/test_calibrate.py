@@ -1,6 +1,7 @@
 """`crowdfence calibrate` on small recordings with truth, and what it leaves in the model."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,6 +16,8 @@ from PIL import Image
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import Detector
+from crowdfence.evaluation.labelled_missions import MeasurementPlan
+from crowdfence.evaluation.model_quality import model_quality
 from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
@@ -165,6 +168,26 @@ def test_one_mission_gives_a_temperature_and_warnings(data: list[Path], tmp_path
     assert done.returncode == 0, done.stderr
     assert "only a temperature was fitted" in done.stderr and "one mission only" in done.stderr
     assert (Detector(tmp_path / "out.onnx").contract.calibration or {})["temperature"] > 1.5
+
+
+def test_doubts_about_a_map_are_told(data: list[Path], tmp_path: Path) -> None:
+    """A square of ground of 100 m by 100 m below a wall of 1000 m by 100 m: which of them is the ground?"""
+    mission = tmp_path / "mission"
+    shutil.copytree(data[0], mission)
+    (mission / "terrain" / "terrain.bt").unlink()
+    (mission / "terrain" / "dem.tif").unlink()
+    east, north, _ = ground().mean(axis=0)
+    corners = [(-50, -50, -24.5), (50, -50, -24.5), (50, 50, -24.5), (-50, 50, -24.5)]
+    corners += [(-500, 50, -24.5), (500, 50, -24.5), (500, 50, 75.5), (-500, 50, 75.5)]
+    lines = [f"v {east + x} {north + y} {z}" for x, y, z in corners]
+    (mission / "terrain" / "site.obj").write_text("\n".join([*lines, "f 1 2 3 4", "f 5 6 7 8"]) + "\n")
+    told = "mission: it shows 100,000 m2 of surface from the south and 10,000 m2 from above, a wall and"
+    model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)
+    done = calibrate(model, [mission], tmp_path / "out.onnx", "--every", "4", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len([one for one in json.loads(done.stdout)["warnings"] if one.startswith(told)]) == 1
+    quality = model_quality(Detector(model), [mission], MeasurementPlan(every=4))
+    assert quality.warnings[0].startswith(told)
 
 
 def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:

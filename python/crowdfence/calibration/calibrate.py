@@ -170,6 +170,7 @@ def _warnings(calibration: Calibration, measured: PassResult, missions: Labelled
             "crowd in fewer than two missions: only a temperature was fitted, and no mission held out "
             "shows whether it helps"
         )
+    yield from missions.doubts
     yield from missions.interval_warnings(measured.quality.overall.units)
     yield from _of_chance(measured.quality.overall)
     yield from _of_people_lost(calibration.before, measured.quality.overall)

@@ -92,6 +92,8 @@ class LabelledMissions:
         self.paths, self.plan, self._on_frame = paths, plan, on_frame
         self.refused: dict[str, None] = {}
         """What was not used and why, in order, each once."""
+        self.doubts: dict[str, None] = {}
+        """What is doubtful about the maps that were opened, in order, each once."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
         """One mission after the other; maps are opened if wanted here or needed for the labels."""
@@ -104,10 +106,19 @@ class LabelledMissions:
                 continue
             recording = _recorded(path)
             with_map = with_maps or self.plan.target == "ground"
-            terrain = _terrain(recording, self.plan) if with_map else None
+            terrain = self._terrain(name, recording) if with_map else None
             with _or_annotated(path):
                 labels = label_functions(self.plan.target, recording, terrain)
             yield LabelledMission(name, recording, terrain, *labels)
+
+    def _terrain(self, name: str, recording: Recording) -> Terrain | None:
+        from crowdfence.pipeline import read_map
+
+        if recording.terrain is None:
+            return None
+        ground = read_map(recording, **self.plan.terrain_options)
+        self.doubts |= {f"{name}: {doubt}": None for doubt in ground.doubts}
+        return ground.terrain
 
     def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:
         """Call `use` for every n-th frame of each drone and return how many could be used. A frame for which
@@ -197,9 +208,3 @@ def _looked_at(recording: Recording, every: int, *, is_pictures: bool) -> list[F
             kept.append(frame)
         number[track] += 1
     return kept
-
-
-def _terrain(recording: Recording, plan: MeasurementPlan) -> Terrain | None:
-    from crowdfence.pipeline import read_map
-
-    return None if recording.terrain is None else read_map(recording, **plan.terrain_options).terrain

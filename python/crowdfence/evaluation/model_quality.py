@@ -41,7 +41,7 @@ class ModelQuality:
     people: PeopleFound
     """Where people are recorded and a map is there."""
     warnings: tuple[str, ...]
-    """What the intervals do not cover."""
+    """What is doubtful about the maps, and what the intervals do not cover."""
 
     def to_json(self) -> dict[str, Any]:
         """Ready for JSON; unknown is null."""
@@ -102,5 +102,5 @@ def model_quality(
         page.picture(),
         pictures,
         people,
-        tuple(missions.interval_warnings(result.quality.overall.units)),
+        (*missions.doubts, *missions.interval_warnings(result.quality.overall.units)),
     )
