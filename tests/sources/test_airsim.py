@@ -504,3 +504,15 @@ def test_people_of_another_shape_are_refused(recorded):
     write_people(recorded, [EPOCH_NS], np.zeros((1, 2, 3)), [1, 1, 1])
     (warning,) = [one for one in open_recording(recorded).warnings if "people" in one]
     assert "position_enu [1, 2, 3] for 1 stamps and 3 people" in warning
+
+
+def test_labels_of_no_frame_are_counted(tmp_path):
+    folder = write_airsim(tmp_path / "a", flight())
+    assert not any("label file" in warning for warning in open_recording(folder).warnings)
+    first = min((folder / "truth" / "regions").iterdir())
+    count = len(list(first.parent.iterdir()))
+    first.rename(first.with_name("region_uav1_17.png"))  # a stamp that nobody has
+    (told,) = [warning for warning in open_recording(folder).warnings if "label file" in warning]
+    assert told.startswith(
+        f"1 of {count} label files in truth/regions/ belong to no frame, first: region_uav1_17.png"
+    )

@@ -17,6 +17,7 @@ from support.small_recordings import (
     heatmap,
     write_airsim,
     write_folder,
+    write_hovering,
 )
 
 MS = 1_000_000
@@ -382,3 +383,24 @@ def test_tables_of_another_form_say_what_to_do(recorded, header, encoding, said)
     with pytest.raises(ValueError, match="poses.csv") as refused:
         open_recording(recorded)
     assert said in str(refused.value)
+
+
+def test_labels_of_no_frame_are_counted(tmp_path):
+    """A tool that rounded stamps to microseconds, and one more file for a frame that was deleted."""
+    folder = write_hovering(tmp_path / "m", {"uav1": [EPOCH_NS + 1234, EPOCH_NS + 10**9]})
+    labels, layer = folder / "truth" / "regions", folder / "truth" / "layers" / "water"
+    (folder / "layers" / "water").mkdir(parents=True)
+    for of in (labels, layer):
+        of.mkdir(parents=True)
+        for stamp_ns in (EPOCH_NS + 1000, EPOCH_NS + 10**9, EPOCH_NS + 3 * 10**9):
+            Image.new("L", (32, 24)).save(of / f"uav1_{stamp_ns}.png")
+    found = open_recording(folder)
+    told = [warning for warning in found.warnings if "label file" in warning]
+    assert [one.partition(";")[0] for one in told] == [
+        f"2 of 3 label files in truth/{kind}/ belong to no frame, first: uav1_{EPOCH_NS + 1000}.png"
+        for kind in ("regions", "layers/water")
+    ]
+    for of in (labels, layer):
+        for stamp_ns in (EPOCH_NS + 1000, EPOCH_NS + 3 * 10**9):
+            (of / f"uav1_{stamp_ns}.png").unlink()
+    assert not any("label file" in warning for warning in open_recording(folder).warnings)

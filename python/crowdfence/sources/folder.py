@@ -33,6 +33,7 @@ from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.folder_description import camera_of, georeference_of, read_description
 from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import read_only_heatmap, read_regions
+from crowdfence.sources.pictures.left_out import labels_without_frame
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
@@ -64,6 +65,9 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
         )
         fault = _ambiguous({"heatmaps": heatmaps.get(key, []), "pictures": images.get(key, [])})
         unplaced.setdefault(drone, []).append(UnplacedFrame(stamp_ns, camera, pixels, fault))
+    framed = {(drone, frame.stamp_ns) for drone, frames in unplaced.items() for frame in frames}
+    labels = {"truth/regions": regions, **{f"truth/layers/{name}": layers[name].labels for name in layers}}
+    warnings.extend(_labels_of_no_frame(labels, framed))
     if not unplaced:
         raise ValueError(f"{folder} holds no frames: {POSES_NAME} has no row and heatmaps/ no file")
     frames, refused = place_cameras(unplaced, tracks, limits)
@@ -122,6 +126,18 @@ def _files_by_frame(
             f"first: {strange[0]}"
         )
     return files
+
+
+def _labels_of_no_frame(
+    labels: dict[str, dict[tuple[str, int], list[Path]]], framed: set[tuple[str, int]]
+) -> list[str]:
+    """What is told of label files by folder, each by (drone, stamp), that none of the frames has."""
+    said = []
+    for folder, files in labels.items():
+        names = {key: path.name for key, paths in files.items() for path in paths}
+        unused = [name for key, name in names.items() if key not in framed]
+        said.extend(labels_without_frame(folder, names.values(), unused))
+    return said
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,7 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         georeference=settings.georeference(),
         terrain=find_terrain(folder),
         refused=(*(RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty), *refused),
-        warnings=(*reader.warnings, *doubts, *cameras.warnings),
+        warnings=(*reader.warnings, *reader.labels_without_frame(), *doubts, *cameras.warnings),
         manifest={
             "kind": "airsim",
             "path": str(folder),

@@ -23,6 +23,7 @@ from crowdfence.sources.airsim.truth_pictures import (
 )
 from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import Size, read_only_heatmap, read_regions, read_silhouettes
+from crowdfence.sources.pictures.left_out import labels_without_frame
 from crowdfence.sources.place_camera import UnplacedFrame
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth
@@ -90,6 +91,8 @@ class VehicleReader:
     """What is known of the picture of a vehicle with a stamp."""
     warnings: list[str] = field(default_factory=list)
     _layer_names: list[str] = field(default_factory=list, init=False)
+    _labels_of_frames: dict[str, set[str]] = field(default_factory=dict, init=False)
+    """Names that labels of the frames may have, by kind."""
 
     def __post_init__(self) -> None:
         self._layer_names = layer_names(self.folder, self.warnings)
@@ -97,6 +100,15 @@ class VehicleReader:
             self.warnings.append(
                 "no settings.json: AirSim's default camera (256x144, 90 degrees) at the body's own position"
             )
+
+    def labels_without_frame(self) -> list[str]:
+        """What is told of label files that are of no frame, once all vehicles are read."""
+        said = []
+        for kind in ("regions", *(f"layers/{name}" for name in self._layer_names)):
+            names = [path.name for path in (self.folder / "truth" / kind).glob("*.png")]
+            unused = [name for name in names if name not in self._labels_of_frames.get(kind, ())]
+            said.extend(labels_without_frame(f"truth/{kind}", names, unused))
+        return said
 
     def read(self, vehicle: str, rows: list[TableRow]) -> Vehicle:
         """ValueError when the settings do not say where the vehicle started or its camera looks."""
@@ -224,9 +236,7 @@ class VehicleReader:
         size = (camera.width, camera.height)
         stamps = dict.fromkeys((moment.anchor.stamp_ns, moment.stamp_ns))
         heatmaps = _heatmap_files(self.folder / "heatmaps", vehicle, list(stamps))
-        regions = first_file(
-            self.folder / "truth" / "regions", [f"region_{vehicle}_{stamp}.png" for stamp in stamps]
-        )
+        regions = self._label_file("regions", [f"region_{vehicle}_{stamp}.png" for stamp in stamps])
         truth = {
             key: self.folder / "images" / moment.truth[key].file for key in truth_types & set(moment.truth)
         }
@@ -246,15 +256,17 @@ class VehicleReader:
         found = {}
         for name in self._layer_names:
             heatmaps = _heatmap_files(self.folder / "layers" / name, vehicle, stamps)
-            labels = first_file(
-                self.folder / "truth" / "layers" / name, [f"label_{vehicle}_{stamp}.png" for stamp in stamps]
-            )
+            labels = self._label_file(f"layers/{name}", [f"label_{vehicle}_{stamp}.png" for stamp in stamps])
             if heatmaps or labels:
                 found[name] = LayerPixels(
                     partial(read_only_heatmap, heatmaps, size) if heatmaps else None,
                     None if labels is None else partial(read_regions, labels, size),
                 )
         return found
+
+    def _label_file(self, kind: str, names: Sequence[str]) -> Path | None:
+        self._labels_of_frames.setdefault(kind, set()).update(names)
+        return first_file(self.folder / "truth" / kind, names)
 
     def _warn(self, vehicle: str, *sentences: str) -> None:
         self.warnings.extend(f"{vehicle}: {sentence}" for sentence in sentences)

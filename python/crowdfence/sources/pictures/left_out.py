@@ -1,4 +1,4 @@
-"""What else a folder of pictures holds: whatever looks like a picture and is not read is told."""
+"""What else a folder of pictures holds: whatever looks like a picture or a label and is not read is told."""
 
 from __future__ import annotations
 
@@ -29,6 +29,16 @@ def left_out(folder: Path, suffixes: Sequence[str], *, except_for: Collection[st
     missed = [path.name for path in files if _looks_like_one(path, suffixes, taken)]
     folders = [path.name for path in entries if path.is_dir() and _holds_pictures(path, suffixes, except_for)]
     return [*_told(folder, missed, folders, suffixes)]
+
+
+def labels_without_frame(folder: str, names: Collection[str], unused: Sequence[str]) -> list[str]:
+    """One sentence where label files of a folder are nobody's, `unused` of all its `names`."""
+    if not unused:
+        return []
+    return [
+        f"{len(unused)} of {_counted(len(names), 'label file')} in {folder}/ belong to no frame, first: "
+        f"{min(unused)}; their stamps must be those of the pictures or heatmaps"
+    ]
 
 
 def _told(folder: Path, files: list[str], folders: list[str], suffixes: Sequence[str]) -> Iterator[str]:
