@@ -202,3 +202,33 @@ def test_a_mark_of_missing_data_is_no_pit(tmp_path, name, data):
     path.write_bytes(data(vertices=np.vstack([SQUARE[:3], [0.5, 3.5, -32768.0]])))
     with pytest.raises(MapError, match="vertex 3 has the height -32768; heights of ground are within 9000 m"):
         open_terrain(path, voxel_size_m=1.0)
+
+
+@pytest.mark.parametrize("kind", ["float", "double", "origin", "obj"])
+def test_coordinates_of_single_precision_far_from_zero_are_told(tmp_path, kind):
+    """A roof of 10.3 m by 10.3 m in UTM: between 2^22 and 2^23 neighbouring float32 are 0.5 apart, the
+    eastings between 2^18 and 2^19 0.03."""
+    corners = np.array([[0.0, 0.0, 5.1], [10.3, 0.0, 5.1], [10.3, 10.3, 5.1], [0.0, 10.3, 5.1]])
+    origin = np.array([412345.6, 5654321.7, 0.0])
+    written = corners if kind == "origin" else corners + origin
+    written = written if kind == "double" else written.astype(np.float32).astype(np.float64)
+    if kind == "obj":
+        path = tmp_path / "roof.obj"
+        lines = ["v " + " ".join(map(repr, row)) for row in written.tolist()]
+        path.write_text("\n".join([*lines, "f 1 2 3 4"]) + "\n")
+    else:
+        path, of = tmp_path / "roof.ply", "double" if kind == "double" else "float"
+        head = ["ply", "format binary_little_endian 1.0", "element vertex 4"]
+        head += [f"property {of} {axis}" for axis in "xyz"]
+        head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+        data = written.astype("<f8" if kind == "double" else "<f4").tobytes()
+        path.write_bytes("\n".join([*head, ""]).encode() + data + struct.pack("<B4i", 4, 0, 1, 2, 3))
+    options = {"origin": origin.tolist()} if kind == "origin" else {}
+    doubts = read_map(path, voxel_size_m=1.0, **options).doubts
+    if kind in ("double", "origin"):
+        assert doubts == ()
+    else:
+        (doubt,) = doubts
+        assert "single precision (float32), so far from 0 in steps of 0.5 m, beside voxels of 1 m" in doubt
+        assert "by up to 0.25 m" in doubt
+    assert read_map(path, voxel_size_m=2.0, **options).doubts == ()

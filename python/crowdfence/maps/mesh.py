@@ -23,6 +23,8 @@ LONGEST_SIDE_M = 1e6
 """Larger ones are a mistake of units: a voxel tree spans as many cells of a metre."""
 _WALL = 3.0
 """Times as much surface seen from one side as from above and from the other is no land."""
+_FINEST_STEP = 0.25
+"""Of a voxel: coordinates in wider steps move surfaces to other voxels."""
 _CHUNK_TRIANGLES = 1 << 20
 
 
@@ -49,6 +51,7 @@ def open_mesh(
     if not (math.isfinite(unit_m) and unit_m > 0):
         raise MapError(path, f"unit_m is {unit_m}, must be finite and > 0")
     vertices, triangles = _read(path)
+    step_m = _single_precision_step(vertices) * unit_m
     with np.errstate(over="ignore"):
         vertices = vertices * unit_m
     if up == "y":
@@ -68,7 +71,32 @@ def open_mesh(
     )
     terrain = Terrain.from_triangles(vertices, triangles, voxels.size_m)
     terrain.georeference = georeference
-    return MapReading(terrain, voxel_size_why=voxels.why, doubts=_stands_upright(vertices, triangles, up))
+    doubts = (*_too_coarse(step_m, voxels.size_m), *_stands_upright(vertices, triangles, up))
+    return MapReading(terrain, voxel_size_why=voxels.why, doubts=doubts)
+
+
+def _single_precision_step(vertices: NDArray[np.float64]) -> float:
+    """The widest step between neighbouring coordinates of single precision, in units of the file; 0 where
+    they are of double precision. Whole numbers may be either."""
+    widest = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for axis in vertices.T:
+            step = float(np.spacing(np.float32(np.abs(axis).max())))
+            is_single = bool((axis == axis.astype(np.float32)).all())
+            if is_single and (step > 1.0 or bool((axis != np.round(axis)).any())):
+                widest = max(widest, step)
+    return widest
+
+
+def _too_coarse(step_m: float, voxel_size_m: float) -> tuple[str, ...]:
+    """One sentence where coordinates are rounded to steps that the voxels show."""
+    if not step_m > voxel_size_m * _FINEST_STEP:
+        return ()
+    return (
+        f"its coordinates are of single precision (float32), so far from 0 in steps of {step_m:g} m, beside "
+        f"voxels of {voxel_size_m:g} m: edges and heights are rounded by up to {step_m / 2:g} m; write it in "
+        "double precision, or around an origin of its own and pass that",
+    )
 
 
 def _stands_upright(
