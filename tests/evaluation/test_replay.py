@@ -1,5 +1,6 @@
 """Methods on the bundled recording, which knows where everybody stood."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.iou import IouAccumulator
-from crowdfence.evaluation.replay import Scores, score
+from crowdfence.evaluation.replay import Scores, TruthKind, score, unrecorded_warning
 from crowdfence.pipeline import heatmap_source, open_terrain
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.sources import open_recording
@@ -79,3 +80,30 @@ def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scor
     evidence, paper, either, _ = (row.safety for row in scores.rows)
     assert evidence is not None and paper is not None and either is not None
     assert evidence.share_on_empty < 0.1 * min(paper.share_on_empty, either.share_on_empty)
+
+
+@pytest.mark.parametrize("truth", ["world", "projected"])
+def test_instants_without_recorded_people_are_left_out_and_told(truth: TruthKind) -> None:
+    """People are kept of the instants in the first third alone: those within 0.25 s of the last of them are
+    the last that count."""
+    whole = open_recording(DEMO)
+    stamps_ns = list(whole.people.stamps_ns)[: len(whole.people.stamps_ns) // 3]
+    recording = replace(whole, people=replace(whole.people, stamps_ns=stamps_ns))
+    config = RunConfig(EvidenceConfig())
+    terrain = open_terrain(recording)
+    exposures = [one.frames[-1].exposure_ns() for one in recording.instants(config.grouping.tolerance_ms)]
+    known = [min(abs(one - stamp) for stamp in stamps_ns) <= 250_000_000 for one in exposures]
+    assert 0 < sum(known) < len(known)
+    (row,) = score(recording, terrain, [config], truth=truth).rows
+    assert len(row.iou.per_frame) == (sum(known) if truth == "world" else len(known))
+    assert row.safety is not None and row.safety.people > 0
+    told = unrecorded_warning(recording, config.grouping.tolerance_ms, truth)
+    assert told is not None and f"of {len(known) - sum(known)} of {len(known)} instants" in told
+    assert unrecorded_warning(whole, config.grouping.tolerance_ms, truth) is None
+
+    another_clock = replace(whole, people=replace(whole.people, stamps_ns=[17]))
+    if truth == "world":
+        with pytest.raises(ValueError, match=r"at no time within 0.25 s of an exposure"):
+            score(another_clock, terrain, [config], truth=truth)
+    else:
+        assert score(another_clock, terrain, [config], truth=truth).rows[0].safety is None

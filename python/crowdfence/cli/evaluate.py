@@ -115,7 +115,7 @@ def evaluate(
         _refuse_unused(context, method, paper)
     from crowdfence.atomic_folder import replaceable_folder
     from crowdfence.evaluation.knobs import turned, turns
-    from crowdfence.evaluation.replay import CellCounter, score
+    from crowdfence.evaluation.replay import CellCounter, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
@@ -183,9 +183,10 @@ def evaluate(
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
     unlabelled = unlabelled_warning(source) if truth is options.TruthChoice.projected else None
+    unrecorded = unrecorded_warning(source, configs[0].grouping.tolerance_ms, truth.value)
     warnings = [
         *source.warnings,
-        *([] if unlabelled is None else [unlabelled]),
+        *(one for one in (unlabelled, unrecorded) if one is not None),
         *reading.doubts,
         *heatmaps.of_detectors,
         *doubts,

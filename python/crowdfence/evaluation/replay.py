@@ -26,7 +26,12 @@ from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
-from crowdfence.truth.at_exposure import people_at
+from crowdfence.truth.at_exposure import (
+    MAX_PEOPLE_GAP_S,
+    are_people_recorded,
+    instants_without_people,
+    people_at,
+)
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.over_time import (
     CrowdsOfTheWorld,
@@ -169,7 +174,7 @@ def score(
     judged = [_Judged(config, loop(config), Measures() if measured else None) for config in configs]
     beside = [_Judged(config, loop(config), None) for config in swept]
     tested = None if contract is None else contract.validity
-    knows_people = len(recording.people.stamps_ns) > 0
+    knows_people = _knows_people(recording, first.grouping.tolerance_ms, needed=truth == "world" or measured)
     watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
@@ -187,26 +192,57 @@ def score(
             for one in judged if of_crowds else ():
                 one.hold(instant.stamp_ns)
             crowd = ahead.next()
-            for one in [*judged, *beside]:
-                one.compare(crowd, highest, instant.stamp_ns)
             if watch is not None:
                 watch.saw(update.observations)
+            if crowd is not None:
+                for one in [*judged, *beside]:
+                    one.compare(crowd, highest, instant.stamp_ns)
                 if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-                    watched_ns = instant.stamp_ns
-                    in_view = watch.at(instant)
-                    for one in judged:
-                        one.watch(in_view, crowd, highest, instant.stamp_ns)
-            if not of_crowds and instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-                watched_ns = instant.stamp_ns
-                people = people_at(instant.frames[-1], recording).position if knows_people else None
-                for one in judged:
-                    one.look_at_layer(crowd, people, instant.stamp_ns)
+                    known = knows_people and are_people_recorded(instant.frames[-1], recording)
+                    if watch is not None and known:
+                        watched_ns = instant.stamp_ns
+                        in_view = watch.at(instant)
+                        for one in judged:
+                            one.watch(in_view, crowd, highest, instant.stamp_ns)
+                    elif not of_crowds:
+                        watched_ns = instant.stamp_ns
+                        people = people_at(instant.frames[-1], recording).position if known else None
+                        for one in judged:
+                            one.look_at_layer(crowd, people, instant.stamp_ns)
             refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
     return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others)
+
+
+def _knows_people(recording: Recording, tolerance_ms: float, *, needed: bool) -> bool:
+    """Whether it is recorded at any instant where people are; ValueError where that is `needed` and they are
+    recorded, but at other times."""
+    if not len(recording.people.stamps_ns):
+        return False
+    without, total = instants_without_people(recording, tolerance_ms)
+    if needed and without == total > 0:
+        raise ValueError(
+            f"{recording.name} records where people are at no time within {MAX_PEOPLE_GAP_S} s of an "
+            "exposure: are the clocks of the pictures and of the world the same?"
+        )
+    return without < total
+
+
+def unrecorded_warning(recording: Recording, tolerance_ms: float, truth: TruthKind) -> str | None:
+    """One sentence where people are recorded, but not at every instant."""
+    if not len(recording.people.stamps_ns):
+        return None
+    without, total = instants_without_people(recording, tolerance_ms)
+    if not without:
+        return None
+    left_out = "the IoU and of who stands in a zone" if truth == "world" else "who stands in a zone"
+    return (
+        f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of {without} of {total} instants: they "
+        f"are left out of {left_out}"
+    )
 
 
 def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:

@@ -76,10 +76,15 @@ class PeopleLog:
 
     def nearest(self, stamp_ns: int, max_gap_s: float) -> RecordedPeople | None:
         """The recorded instant that is closest in time; None when there is none within `max_gap_s`."""
-        if not len(self.stamps_ns) or self.read is None:
+        closest = self.nearest_ns(stamp_ns, max_gap_s)
+        return None if closest is None or self.read is None else self.read(closest)
+
+    def nearest_ns(self, stamp_ns: int, max_gap_s: float) -> int | None:
+        """Its stamp, without reading it."""
+        if not len(self.stamps_ns):
             return None
         stamps = np.asarray(self.stamps_ns, np.int64)
         after = int(np.searchsorted(stamps, stamp_ns))
         around = stamps[max(after - 1, 0) : after + 1]
         closest = int(around[np.argmin(np.abs(around - stamp_ns))])
-        return self.read(closest) if abs(closest - stamp_ns) <= max_gap_s * 1e9 else None
+        return closest if abs(closest - stamp_ns) <= max_gap_s * 1e9 else None

@@ -28,6 +28,23 @@ def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
     return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
 
 
+def are_people_recorded(frame: Frame, recording: Recording) -> bool:
+    """Whether `people_at` knows anything when `frame` was exposed. FrameError when that time is damaged."""
+    return recording.people.nearest_ns(frame.exposure_ns(), MAX_PEOPLE_GAP_S) is not None
+
+
+def instants_without_people(recording: Recording, tolerance_ms: float) -> tuple[int, int]:
+    """At how many instants nobody's position is recorded, and of how many."""
+    without = total = 0
+    for instant in recording.instants(tolerance_ms):
+        total += 1
+        try:
+            without += not are_people_recorded(instant.frames[-1], recording)
+        except FrameError:
+            without += 1
+    return without, total
+
+
 def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
     """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then."""
     people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.sources.recording import Instant, Recording
-from crowdfence.truth.at_exposure import crowd_ground_at, people_at
+from crowdfence.truth.at_exposure import are_people_recorded, crowd_ground_at, people_at
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
@@ -20,8 +20,9 @@ from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 class TruthOverTime(Protocol):
     """Called with the instants of a recording in their order."""
 
-    def at(self, instant: Instant) -> NDArray[np.bool_]:
-        """Crowd voxels [V]. FrameError when the truth of the instant is damaged."""
+    def at(self, instant: Instant) -> NDArray[np.bool_] | None:
+        """Crowd voxels [V]; None where the truth is people's positions and nobody's is recorded then.
+        FrameError when the truth of the instant is damaged."""
 
 
 class TruthAhead:
@@ -30,7 +31,7 @@ class TruthAhead:
     def __init__(self, truth: TruthOverTime, executor: Executor) -> None:
         """Of an executor with one worker: truths are called with the instants in their order."""
         self._truth, self._executor = truth, executor
-        self._begun: deque[Future[NDArray[np.bool_]]] = deque()
+        self._begun: deque[Future[NDArray[np.bool_] | None]] = deque()
 
     def begun(self, instants: Iterable[Instant]) -> Iterator[Instant]:
         """The same instants; with each the truth of the next one is begun."""
@@ -43,8 +44,9 @@ class TruthAhead:
         if held is not None:
             yield held
 
-    def next(self) -> NDArray[np.bool_]:
-        """Crowd voxels [V] of the first instant that was not asked for yet, or what its truth raised."""
+    def next(self) -> NDArray[np.bool_] | None:
+        """Crowd voxels [V] or None of the first instant that was not asked for yet, or what its truth
+        raised."""
         return self._begun.popleft().result()
 
 
@@ -105,7 +107,9 @@ class CrowdsOfTheWorld:
             )
         self._recording, self._terrain = recording, terrain
 
-    def at(self, instant: Instant) -> NDArray[np.bool_]:
+    def at(self, instant: Instant) -> NDArray[np.bool_] | None:
+        if not are_people_recorded(instant.frames[-1], self._recording):
+            return None
         return crowd_ground_at(instant.frames[-1], self._recording, self._terrain)
 
 
@@ -127,9 +131,11 @@ class LayerOfTheWorld:
         xy = np.asarray(terrain.origin)[:2] + places * terrain.voxel_size_m
         self._cell_of_voxel = ground.numbers_at(xy)
 
-    def at(self, instant: Instant) -> NDArray[np.bool_]:
+    def at(self, instant: Instant) -> NDArray[np.bool_] | None:
         cells = self._ground.cells
         if len(self._recording.people.stamps_ns):
+            if not are_people_recorded(instant.frames[-1], self._recording):
+                return None
             people = people_at(instant.frames[-1], self._recording)
             cells = self._ground.without(people.position)
         return (self._cell_of_voxel >= 0) & cells.ravel()[self._cell_of_voxel]
