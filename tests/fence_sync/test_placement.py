@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from crowdfence import Georeference
@@ -47,6 +47,12 @@ def held(shapes: tuple[FenceShape, ...]) -> EmulatedVehicle:
         [ItemCapacity(n) for n in (1, 3, 5, 16, 63)] + [StorageCapacity(n) for n in (48, 160, 560)]
     ),
     ground_m=st.sampled_from([(0.0, 0.0), (-40.0, 300.0)]),
+)
+@example(  # a spike without width beside a triangle
+    place="antimeridian",
+    corners=[[(0, 0), (0, 0), (0, 0)], [(0, 0), (1, 0), (0, -1), (0, -1.7e-220), (-1, 1)]],
+    capacity=ItemCapacity(1),
+    ground_m=(0.0, 0.0),
 )
 def test_every_zone_is_covered_and_the_fence_fits(
     place: str,

@@ -205,7 +205,7 @@ def test_live_poses_are_smoothed_as_far_as_they_have_come() -> None:
         )
         stamp = SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         for feed in feeds:
-            feed.posed(SimpleNamespace(header=SimpleNamespace(stamp=stamp), pose=pose))
+            feed.posed(SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id="map"), pose=pose))
     # The newest is the hardest: nothing has come after it.
     last = [int(stamp) for stamp in exact.stamps_ns[-20:]]
     errors = [

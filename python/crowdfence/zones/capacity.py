@@ -74,7 +74,7 @@ def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circle
     least = 1 if circles else LEAST_VERTICES
     if max_items < least:
         raise ValueError(f"a fence of {max_items} items holds no zone; it takes {least}")
-    union = _union(_whole_parts(outlines))
+    union = _covering_union(_whole_parts(outlines))
     shapes = [
         _Shape(shapely.Polygon(part.exterior), circles)
         for part in shapely.get_parts(union).tolist()
@@ -102,6 +102,22 @@ def _whole_parts(outlines: Sequence[Polygon | MultiPolygon]) -> NDArray[Any]:
     broken = ~shapely.is_valid(parts) | is_needle
     parts[broken] = shapely.buffer(shapely.convex_hull(parts[broken]), MARGIN_M, join_style="mitre")
     return np.asarray(parts)
+
+
+def _covering_union(parts: NDArray[Any]) -> Polygon | MultiPolygon:
+    """The union, which leaves out a spike without width, also one that is part of a wider outline: such an
+    outline is closed with everything between its corners."""
+    import shapely
+
+    union = _union(parts)
+    corners, of = shapely.get_coordinates(parts, return_index=True)
+    shapely.prepare(union)
+    out = np.flatnonzero(~shapely.intersects_xy(union, corners))
+    lost = np.unique(of[out[~shapely.dwithin(shapely.points(corners[out]), union, MARGIN_M)]])
+    if len(lost):
+        parts[lost] = shapely.convex_hull(parts[lost])
+        union = _union(parts)
+    return union
 
 
 def _union(parts: NDArray[Any]) -> Polygon | MultiPolygon:
