@@ -13,7 +13,13 @@ from typing import Protocol, TypeVar
 
 from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
 from crowdfence.simulation.recording.frame_summary import FrameSummary
-from crowdfence.simulation.recording.interrupts import end_with_parent, ignore_interrupts, interrupts_ignored
+from crowdfence.simulation.recording.interrupts import (
+    end_between_tasks,
+    end_if_wanted,
+    end_with_parent,
+    ignore_interrupts,
+    interrupts_ignored,
+)
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.schedule import Capture
 from crowdfence.sources.mission.messages import FrameContent
@@ -142,6 +148,7 @@ _worker: _Worker | None = None
 def _start_worker(scene: Scene, options: FrameOptions, encoder: FrameEncoder) -> None:
     global _job
     ignore_interrupts()
+    end_between_tasks()
     end_with_parent()
     # One core each: more threads of the software rasteriser would fight for them.
     os.environ.setdefault("LP_NUM_THREADS", "1")
@@ -162,6 +169,7 @@ def _this_worker_is_ready() -> bool:
 
 
 def _make(task: _Task) -> MadeFrame:
+    end_if_wanted()
     return _this_worker().make(task)
 
 
