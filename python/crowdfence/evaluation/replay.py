@@ -29,7 +29,7 @@ from crowdfence.sources.recording import Instant, InstantViews, Recording, Refus
 from crowdfence.truth.at_exposure import (
     MAX_PEOPLE_GAP_S,
     are_people_recorded,
-    instants_without_people,
+    instants_with_people,
     people_at,
 )
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
@@ -222,26 +222,26 @@ def _knows_people(recording: Recording, tolerance_ms: float, *, needed: bool) ->
     recorded, but at other times."""
     if not len(recording.people.stamps_ns):
         return False
-    without, total = instants_without_people(recording, tolerance_ms)
-    if needed and without == total > 0:
+    known = any(instants_with_people(recording, tolerance_ms))
+    if needed and not known and recording.frames:
         raise ValueError(
             f"{recording.name} records where people are at no time within {MAX_PEOPLE_GAP_S} s of an "
             "exposure: are the clocks of the pictures and of the world the same?"
         )
-    return without < total
+    return known
 
 
 def unrecorded_warning(recording: Recording, tolerance_ms: float, truth: TruthKind) -> str | None:
     """One sentence where people are recorded, but not at every instant."""
     if not len(recording.people.stamps_ns):
         return None
-    without, total = instants_without_people(recording, tolerance_ms)
-    if not without:
+    known = list(instants_with_people(recording, tolerance_ms))
+    if all(known):
         return None
     left_out = "the IoU and of who stands in a zone" if truth == "world" else "who stands in a zone"
     return (
-        f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of {without} of {total} instants: they "
-        f"are left out of {left_out}"
+        f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of {known.count(False)} of "
+        f"{len(known)} instants: they are left out of {left_out}"
     )
 
 

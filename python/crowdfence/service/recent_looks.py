@@ -3,7 +3,7 @@ camera that sees no ground any more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from threading import Lock
 from typing import NamedTuple
 
@@ -55,7 +55,6 @@ class RecentLooks:
             if looks[-1].met_ground or looks[-1].stamp_ns - looks[0].stamp_ns >= _SPANNED_NS
         }
 
-    def _each(self) -> Iterator[tuple[str, tuple[_Look, ...]]]:
+    def _each(self) -> list[tuple[str, list[_Look]]]:
         with self._lock:
-            kept = [(drone, tuple(looks)) for drone, looks in self._looks.items()]
-        return iter(kept)
+            return list(self._looks.items())  # a list of looks is replaced, never changed

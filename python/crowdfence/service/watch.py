@@ -157,7 +157,6 @@ class Watch:
         for drone in live.poses.feeds:
             text = live.poses.trouble(drone, now_ns)
             self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
-
         self._pose_frames(live.poses.frames(), len(live.poses.feeds))
 
     def _pose_frames(self, frames: dict[str, str], feeds: int) -> None:

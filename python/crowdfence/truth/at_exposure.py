@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,16 +34,13 @@ def are_people_recorded(frame: Frame, recording: Recording) -> bool:
     return recording.people.nearest_ns(frame.exposure_ns(), MAX_PEOPLE_GAP_S) is not None
 
 
-def instants_without_people(recording: Recording, tolerance_ms: float) -> tuple[int, int]:
-    """At how many instants nobody's position is recorded, and of how many."""
-    without = total = 0
+def instants_with_people(recording: Recording, tolerance_ms: float) -> Iterator[bool]:
+    """Of one instant after the other, whether anybody's position is recorded there."""
     for instant in recording.instants(tolerance_ms):
-        total += 1
         try:
-            without += not are_people_recorded(instant.frames[-1], recording)
+            yield are_people_recorded(instant.frames[-1], recording)
         except FrameError:
-            without += 1
-    return without, total
+            yield False
 
 
 def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
