@@ -20,14 +20,7 @@ impl Terrain {
     /// Voxels without a voxel on top, on which somebody can stand: sorted by column (i, then j), then from below.
     pub fn standing_places(&self) -> Vec<u32> {
         self.by_column(|_, bricks, number, places| {
-            for (at, brick) in bricks.iter().enumerate() {
-                let above = bricks.get(at + 1).filter(|above| above.low == brick.low + Brick::SIDE);
-                let first_above = above.map_or(0, |above| above.column(number) & 1);
-                let here = brick.column(number);
-                let stands = here & !(here >> 1 | first_above << (Brick::SIDE - 1));
-                let heights = (0..Brick::SIDE).filter(|z| stands >> z & 1 != 0);
-                places.extend(heights.map(|z| brick.voxel_id(number, z)));
-            }
+            places.extend(standing(bricks, number).map(|(brick, z)| brick.voxel_id(number, z)));
         })
     }
 
@@ -49,9 +42,10 @@ impl Terrain {
     pub fn surface_map(&self) -> Vec<f32> {
         let [rows, columns, _] = self.extent.map(|side| side as usize);
         let heights = self.by_column(|[i, j], bricks, number, heights: &mut Vec<(usize, f32)>| {
-            let Some(brick) = bricks.iter().rfind(|brick| brick.column(number) != 0) else { return };
-            let z = brick.column(number).ilog2();
-            let top = f64::from(brick.low + z) + self.plane(brick.voxel_id(number, z)).height();
+            // Not always that of the uppermost voxel: its plane may lie deeper than one that rises from below.
+            let tops = standing(bricks, number)
+                .map(|(brick, z)| f64::from(brick.low + z) + self.plane(brick.voxel_id(number, z)).height());
+            let Some(top) = tops.reduce(f64::max) else { return };
             let [row, column] = [i.abs_diff(self.base[0]), j.abs_diff(self.base[1])].map(|at| at as usize);
             heights.push((row * columns + column, (top * self.voxel_size_m) as f32));
         });
@@ -99,6 +93,17 @@ impl Terrain {
     }
 }
 
+/// Voxels of a column without a voxel on top, from the lowest upwards: their bricks, and how high they lie in these.
+fn standing(bricks: &[Brick], number: u32) -> impl Iterator<Item = (&Brick, u32)> {
+    bricks.iter().enumerate().flat_map(move |(at, brick)| {
+        let above = bricks.get(at + 1).filter(|above| above.low == brick.low + Brick::SIDE);
+        let first_above = above.map_or(0, |above| above.column(number) & 1);
+        let here = brick.column(number);
+        let stands = here & !(here >> 1 | first_above << (Brick::SIDE - 1));
+        (0..Brick::SIDE).filter(move |z| stands >> z & 1 != 0).map(move |z| (brick, z))
+    })
+}
+
 /// Lowest corners of the squares of 4 x 4 columns with something over them.
 fn leaves(stacks: &mut Stacks<'_>, square: &Square, places: &mut Vec<[u32; 2]>) {
     if square.levels() == Square::LEAF {
@@ -144,7 +149,6 @@ mod tests {
     }
 
     proptest! {
-        /// Looking straight down from high above shows the same surface.
         #[test]
         fn the_surface_from_above_is_what_rays_meet(
             heights in prop::collection::vec(-3.0..9.0f32, 12 * 10),
@@ -162,20 +166,44 @@ mod tests {
             } else {
                 ground
             };
-            let (low, high) = terrain.bounds();
-            let [rows, columns] = terrain.extent_xy();
-            let map = terrain.surface_map();
-            prop_assert_eq!(map.len(), rows * columns);
-            for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
-                let over = DVec3::new(low.x + (row as f64 + 0.5) * size, low.y + (column as f64 + 0.5) * size, high.z + 9.0);
-                let met = terrain.raycast(Surface::Planes, over, DVec3::NEG_Z, f64::INFINITY);
-                let height = map[row * columns + column];
-                match met {
-                    None => prop_assert!(height.is_nan()),
-                    Some(hit) => prop_assert!((f64::from(height) - (over.z - hit.distance_m - low.z)).abs() < 1e-4),
+            is_what_rays_meet(&terrain)?;
+        }
+    }
+
+    /// Looking straight down from high above shows the same surface.
+    fn is_what_rays_meet(terrain: &Terrain) -> Result<(), TestCaseError> {
+        let (low, high) = terrain.bounds();
+        let size = terrain.voxel_size_m();
+        let [rows, columns] = terrain.extent_xy();
+        let map = terrain.surface_map();
+        prop_assert_eq!(map.len(), rows * columns);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let middle = [row, column].map(|at| (at as f64 + 0.5) * size);
+            let over = DVec3::new(low.x + middle[0], low.y + middle[1], high.z + 9.0);
+            let met = terrain.raycast(Surface::Planes, over, DVec3::NEG_Z, f64::INFINITY);
+            let height = map[row * columns + column];
+            match met {
+                None => prop_assert!(height.is_nan()),
+                Some(hit) => {
+                    prop_assert!((f64::from(height) - (over.z - hit.distance_m - low.z)).abs() < 1e-4)
                 }
             }
         }
+        Ok(())
+    }
+
+    #[test]
+    fn a_surface_that_rises_past_the_voxel_above_it_is_what_rays_meet() {
+        let mut heights = [0.0; 12 * 10];
+        [heights[12], heights[13], heights[25]] = [5.638961, 5.722361, 8.565159];
+        let ground =
+            Terrain::from_height_map(&HeightMap::new(&heights, [12, 10], 0.5).unwrap(), 0.5, DVec3::ZERO)
+                .unwrap();
+        let all: Vec<u32> = (0..ground.voxel_count() as u32).collect();
+        let roofs = vec![[0, 4, 12], [1, 3, 13], [1, 4, 14], [2, 1, 12]];
+        let bare = [ground.indices_of(&all), roofs].concat();
+        let terrain = Terrain::from_indices(&bare, 0.5, DVec3::new(7.0, -3.0, 40.0)).unwrap();
+        is_what_rays_meet(&terrain).unwrap();
     }
 
     #[test]
