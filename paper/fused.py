@@ -143,12 +143,10 @@ class _Judged:
 
 
 def _complete(method: MethodConfig, mission: Mission | Weakened) -> MethodConfig:
-    """`paper` with the prior of the map, and the rates of a weakened detector."""
+    """`paper` with the prior of the map, and the rates of these looks."""
     if not isinstance(method, PaperConfig):
         return method
     method = replace(method, prior=mission.prior if method.prior is None else method.prior)
-    if isinstance(mission, Mission):
-        return method
     rates = mission.rates
     return replace(method, true_positive_rate=rates.true_positive, false_positive_rate=rates.false_positive)
 

@@ -28,7 +28,7 @@ class Tuned(NamedTuple):
 
 PUBLISHED = Tuned("paper, as published", PaperConfig(), 0.06)
 TUNED = (
-    Tuned("evidence", EvidenceConfig(), 0.178),
+    Tuned("evidence", EvidenceConfig(), 0.095),
     Tuned("paper, tuned for people", PaperConfig(prior=0.015), 0.044, 0.02),
     Tuned(
         "paper, tuned for mIoU",

@@ -15,7 +15,7 @@ from crowdfence.plain_values import make_plain
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
-DEFAULT_PRIOR = 0.015
+DEFAULT_PRIOR = 0.0105
 """Share of the ground in view that crowds stand on, in the shipped detector's calibration missions."""
 DEFAULT_FOCAL_PX = 376.0
 """Of the cameras of those missions."""
@@ -23,7 +23,7 @@ FURTHEST_LOG_ODDS = 12.0
 """So far from the prior log odds end, whatever was seen (`MOST_EVIDENCE` of the core)."""
 
 _MEAN_BORDERS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
-_LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7, 6.5, 8.2)
+_LOG_RATIO = (-3.2, -0.8, 0.2, 1.0, 1.7, 2.4, 2.9, 3.3, 3.8, 4.3, 4.7, 5.3, 6.0, 6.7, 8.8)
 """ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector
 is taken for that states nothing."""
 _MOST_EXPONENT = 700.0
@@ -45,7 +45,7 @@ class EvidenceConfig:
     one's."""
     prior: float | None = None
     """P(A = 1) where nobody has looked, inside (0, 1); None: the share in the detector's calibration, or
-    0.015."""
+    0.0105."""
     focal_px: float | None = None
     """Focal length of the calibration's cameras, for views that do not say theirs; None: the detector's."""
     memory_s: float = 5.0
@@ -57,7 +57,7 @@ class EvidenceConfig:
     """Sharp looks that the prior stands against."""
     agreement: float = 0.1
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
-    zone_log_odds: float = 1.35
+    zone_log_odds: float = 1.0
     """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior, in (0, 12]; between the two it is looked at and not
