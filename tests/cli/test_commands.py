@@ -114,7 +114,7 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
 
 def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--off-threshold", 0.04).returncode == 0
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--off-threshold", 0.02).returncode == 0
     assert crowdfence("export", out, "-f", "geojson", "-o", tmp_path / "zones.geojson").returncode == 0
     exported, written = (
         json.loads((folder / "zones.geojson").read_text())["crowdfence"] for folder in (tmp_path, out)

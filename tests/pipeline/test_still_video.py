@@ -168,7 +168,7 @@ def test_a_picture_that_stands_still_opens_no_zone() -> None:
     """A camera sees a crowd, then free ground beside it, and flies back above the crowd; its video still
     shows the free ground."""
     terrain = cf.Terrain.from_height_map(np.zeros((120, 60)), cell_size_m=1.0)
-    crowd, free = picture(1), picture(2) / 30
+    crowd, free = picture(1) / 30, picture(2) / 30
     crowd[4:8, 6:10] = 0.98
     path = [(crowd + picture(10 + n) / 100, 30.0) for n in range(6)]
     path += (
