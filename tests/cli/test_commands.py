@@ -122,7 +122,7 @@ def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Pat
     assert exported == written
     header = json.loads((out / "zone_history.jsonl").read_text().splitlines()[0])
     rules = header["zone_rules"]
-    assert (rules["threshold"], rules["off_threshold"]) == (exported["threshold"], 0.04)
+    assert (rules["threshold"], rules["off_threshold"]) == (exported["threshold"], 0.02)
 
 
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
