@@ -30,6 +30,7 @@ from uas_standards.astm.f3548.v21 import api as f3548_api
 from uas_standards.astm.f3548.v21 import constants as f3548_constants
 
 from crowdfence import Georeference
+from crowdfence.exports.geographic_circle import great_circle_m
 from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
@@ -717,6 +718,26 @@ def test_a_circle_covers_on_the_sphere_that_autopilots_take_the_earth_for() -> N
     haversine_m = 6_371_000.0 * np.radians(abs(south[0]))
     assert haversine_m == pytest.approx(703.9, abs=0.1)
     assert haversine_m <= circle["circle"]["radius"] <= 1.008 * 700.0
+
+
+@pytest.mark.parametrize("items", [2, 63])
+def test_a_plan_covers_a_zone_of_others_far_away_beside_one_of_ours(tmp_path: Path, items: int) -> None:
+    """153 km away it was read 1.8 km below the local plane, and the plan had it 64 m beside its place."""
+    corners = [(10.0, 46.5), (10.01, 46.5), (10.01, 46.51), (10.0, 46.51)]
+    path = tmp_path / "far.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [[*corners, corners[0]]]}))
+    (far,) = open_static_zones(path, Georeference(*ANCHOR)).zones
+    fence = json.loads(
+        qgc_plan(replace(exported(zones_of("#")), zones=(*zones_of("#"), far), max_items=items))
+    )["geoFence"]
+    closed = np.zeros(4, dtype=bool)
+    for one in fence["polygons"]:
+        closed |= shapely.intersects_xy(shapely.Polygon(np.array(one["polygon"])[:, ::-1]), corners)
+    for one in fence["circles"]:
+        latitude, longitude = one["circle"]["center"]
+        away_m = great_circle_m((longitude, latitude), *np.transpose(corners), 6_371_000.0)
+        closed |= away_m <= one["circle"]["radius"]
+    assert len(fence["polygons"]) + len(fence["circles"]) == 2 and closed.all()
 
 
 def test_a_fence_is_added_to_a_plan_and_what_was_there_stays() -> None:

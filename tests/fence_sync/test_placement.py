@@ -14,9 +14,11 @@ from crowdfence.fence_sync import ItemCapacity, StorageCapacity
 from crowdfence.fence_sync.autopilot_capacity import Capacity
 from crowdfence.fence_sync.fence_item import FenceItem, FenceShape, items_of
 from crowdfence.fence_sync.placement import float32_above, ground_of, placed
+from crowdfence.static_zones.given_zone import GivenZone, local_zones
+from crowdfence.zones.altitude_band import DEFAULT_BAND
 from crowdfence.zones.capacity import Circle
 from support.fence_zones import HERE, box, covers, zone
-from support.vehicle_emulator import EmulatedVehicle
+from support.vehicle_emulator import EmulatedVehicle, closes
 
 PLACES = {
     "here": HERE,
@@ -120,6 +122,22 @@ def test_a_radius_is_never_rounded_down() -> None:
     """What travels as a float32 is not below what was worked out."""
     for value in (0.1, 25.0, 33.33, 1234.57, 98765.43):
         assert value <= float32_above(value) <= value * (1 + 2e-7)
+
+
+@pytest.mark.parametrize("items", [2, 63])
+@pytest.mark.parametrize("east_deg", [0.5, 2.0, 10.0])
+def test_a_zone_of_others_far_away_is_covered_beside_one_of_ours(items: int, east_deg: float) -> None:
+    """It was read at the ellipsoid, 1.8 km below the local plane at 2 degrees of longitude: a fence that
+    stood on the ground of the crowd lay 64 m beside it."""
+    corners = np.array([[8.0, 46.5], [8.01, 46.5], [8.01, 46.51], [8.0, 46.51]])
+    corners[:, 0] += east_deg
+    given = GivenZone("far", [corners[[0, 1, 2, 3, 0]]], DEFAULT_BAND)
+    here = Georeference(46.5, 8.0, 1200.0)
+    (far,) = local_zones([given], here, set(), [])
+    near = zone(shapely.box(-10.0, -10.0, 10.0, 10.0), "Z1", (-30.0, 40.0))
+    vehicle = held(placed([near, far], here, ItemCapacity(items)).shapes)
+    assert all(closes(vehicle.items, latitude, longitude) for longitude, latitude in corners.tolist())
+    assert covers(vehicle, [near], here)
 
 
 def test_an_outline_too_fine_for_the_decimals_is_closed_by_a_convex_one() -> None:

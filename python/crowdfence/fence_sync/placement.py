@@ -12,6 +12,7 @@ import numpy as np
 
 from crowdfence.exports.geographic_circle import geographic_circle
 from crowdfence.exports.geographic_outline import geographic_outline, polygons_of
+from crowdfence.exports.ground_of_shapes import GroundOfShapes
 from crowdfence.fence_sync.autopilot_capacity import Capacity
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_item import (
@@ -77,10 +78,9 @@ def placed(
 
 
 def _shapes(fence: Fence, zones: Sequence[Zone], georeference: Georeference) -> Iterable[FenceShape]:
-    heights = [height for zone in zones for height in (zone.lower_m, zone.upper_m)]
-    lowest_m, highest_m = min(heights), max(heights)
+    ground = GroundOfShapes(zones)
     for polygon in fence.polygons:
-        # Fences have no heights, so this one stands for the ground of all zones.
+        lowest_m, highest_m = ground.between_m(polygon)
         whole = replace(zones[0], id="fence", polygon=polygon, lower_m=lowest_m, upper_m=highest_m)
         for part in polygons_of(_outline(whole, georeference)):
             corners = np.round(np.asarray(part.exterior.coords)[:-1] * 10**DECIMALS).astype(int).tolist()
@@ -88,6 +88,7 @@ def _shapes(fence: Fence, zones: Sequence[Zone], georeference: Georeference) -> 
                 FenceItem(POLYGON_EXCLUSION, float(len(corners)), north, east) for east, north in corners
             )
     for circle in fence.circles:
+        lowest_m, highest_m = ground.between_m(circle.outline())
         east, north, radius_m = geographic_circle(circle, georeference, lowest_m, highest_m, DECIMALS)
         yield (FenceItem(CIRCLE_EXCLUSION, float32_above(radius_m), round(north * 1e7), round(east * 1e7)),)
 

@@ -40,6 +40,12 @@ class Circle:
     def area_m2(self) -> float:
         return float(np.pi * self.radius_m**2)
 
+    def outline(self) -> Polygon:
+        """With corners on the circle, to draw or to ask."""
+        import shapely
+
+        return shapely.Point(self.east_m, self.north_m).buffer(self.radius_m, 64)
+
 
 @dataclass(frozen=True, slots=True)
 class Fence:
@@ -86,7 +92,7 @@ def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circle
     _reduce(shapes, max_items, circles)
     polygons = tuple(shape.shape for shape in shapes if not isinstance(shape.shape, Circle))
     rounds = tuple(shape.shape for shape in shapes if isinstance(shape.shape, Circle))
-    drawn = [*polygons, *(shapely.Point(c.east_m, c.north_m).buffer(c.radius_m, 64) for c in rounds)]
+    drawn = [*polygons, *(circle.outline() for circle in rounds)]
     return Fence(polygons, rounds, float(union.area), float(_union(np.array(drawn, dtype=object)).area))
 
 

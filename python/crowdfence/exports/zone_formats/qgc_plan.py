@@ -8,13 +8,14 @@ the plan held before stays, its other fence items too, and they count.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from crowdfence.exports.geographic_circle import geographic_circle
+from crowdfence.exports.ground_of_shapes import GroundOfShapes
 from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
-from crowdfence.zones import Zone
 from crowdfence.zones.capacity import Circle, Fence, fitted
 
 PLAN_VERSION = 1
@@ -30,8 +31,9 @@ def qgc_plan(export: ZoneExport, plan: dict[str, Any] | None = None) -> str:
     result = _empty_plan(export) if plan is None else _checked(plan)
     fence = result["geoFence"]
     ours = fence_of(export, None if plan is None else result)
-    fence["polygons"] += [_polygon(one, export) for one in ours.polygons]
-    fence["circles"] += [_circle(one, export) for one in ours.circles]
+    ground = GroundOfShapes(export.zones)
+    fence["polygons"] += [_polygon(one, export, ground) for one in ours.polygons]
+    fence["circles"] += [_circle(one, export, ground) for one in ours.circles]
     return json.dumps(result, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
 
 
@@ -87,8 +89,9 @@ def _empty_plan(export: ZoneExport) -> dict[str, Any]:
     }
 
 
-def _polygon(polygon: Any, export: ZoneExport) -> dict[str, Any]:
-    zone = _as_zone(polygon, export)
+def _polygon(polygon: Any, export: ZoneExport, ground: GroundOfShapes) -> dict[str, Any]:
+    lowest_m, highest_m = ground.between_m(polygon)
+    zone = replace(export.zones[0], id="fence", polygon=polygon, lower_m=lowest_m, upper_m=highest_m)
     outline = export.outline(zone, max_edge_m=None, decimals=_DECIMALS)
     if outline.geom_type != "Polygon":
         raise ValueError("a fence across the antimeridian cannot be written as a plan")
@@ -100,26 +103,12 @@ def _polygon(polygon: Any, export: ZoneExport) -> dict[str, Any]:
     }
 
 
-def _circle(circle: Circle, export: ZoneExport) -> dict[str, Any]:
-    heights = [height for zone in export.zones for height in (zone.lower_m, zone.upper_m)]
+def _circle(circle: Circle, export: ZoneExport, ground: GroundOfShapes) -> dict[str, Any]:
     longitude, latitude, radius_m = geographic_circle(
-        circle, export.georeference, min(heights), max(heights), _DECIMALS
+        circle, export.georeference, *ground.between_m(circle.outline()), _DECIMALS
     )
     return {
         "circle": {"center": [latitude, longitude], "radius": radius_m},
         "inclusion": False,
         "version": _ITEM_VERSION,
     }
-
-
-def _as_zone(polygon: Any, export: ZoneExport) -> Zone:
-    """A shape of the fence as something that has an outline; heights of all zones."""
-    from dataclasses import replace
-
-    return replace(
-        export.zones[0],
-        id="fence",
-        polygon=polygon,
-        lower_m=min(zone.lower_m for zone in export.zones),
-        upper_m=max(zone.upper_m for zone in export.zones),
-    )
