@@ -182,6 +182,39 @@ def test_polygons_of_a_kml(tmp_path: Path) -> None:
     assert read.left_out == ("Pilot: no polygon, closes no ground",)
 
 
+KML_RING = "<LinearRing><coordinates>{}</coordinates></LinearRing>"
+
+
+def kml_ring(west: float, south: float, side: float) -> str:
+    east, north = west + side, south + side
+    return KML_RING.format(f"{west},{south} {east},{south} {east},{north} {west},{north} {west},{south}")
+
+
+def test_polygons_of_a_kml_are_closed_wherever_they_stand(tmp_path: Path) -> None:
+    """A Polygon beside the Placemark, and those in what some old files call theirs, vanished."""
+    polygons = [
+        f"<Polygon><outerBoundaryIs>{kml_ring(west, 46.5, 0.001)}</outerBoundaryIs></Polygon>"
+        for west in (8.0, 8.01, 8.02)
+    ]
+    text = (
+        f"<kml><Document><Placemark><name>A</name>{polygons[0]}</Placemark>"
+        f"<Folder>{polygons[1]}</Folder><Zone><name>B</name>{polygons[2]}</Zone></Document></kml>"
+    )
+    assert len(opened(tmp_path, text)) == 3
+
+
+@pytest.mark.parametrize("between", ["", "</outerBoundaryIs><outerBoundaryIs>"])
+def test_a_second_outer_ring_of_a_kml_opens_nothing(tmp_path: Path, between: str) -> None:
+    """It was left out, or a hole of the first."""
+    rings = (kml_ring(8.0, 46.5, 0.01), kml_ring(8.002, 46.502, 0.001), kml_ring(8.1, 46.5, 0.001))
+    polygon = f"<Polygon><outerBoundaryIs>{between.join(rings)}</outerBoundaryIs></Polygon>"
+    zones = opened(tmp_path, f"<kml><Placemark><name>A</name>{polygon}</Placemark></kml>")
+    closed = shapely.union_all([zone.polygon for zone in zones])
+    for longitude, latitude in ((8.0025, 46.5025), (8.1005, 46.5005)):
+        east, north, _ = ANCHOR.local_from_geodetic(latitude, longitude, 1200.0)[0]
+        assert closed.covers(shapely.Point(east, north))
+
+
 def test_files_that_a_kml_links_to_are_told(tmp_path: Path) -> None:
     link = "<NetworkLink><name>Town</name><Link><href>town.kml</href></Link></NetworkLink></Document>"
     path = tmp_path / "zones.kml"

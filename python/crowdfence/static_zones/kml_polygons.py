@@ -23,6 +23,7 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
         raise ValueError(f"it is no XML: {error}") from error
     if _tag(root) != "kml":
         raise ValueError(f"it is no KML: it begins with {_tag(root)!r}")
+    placed: set[int] = set()
     for place in root.iter():
         if _tag(place) not in ("Placemark", "NetworkLink"):
             continue
@@ -33,24 +34,42 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
         polygons = [element for element in place.iter() if _tag(element) == "Polygon"]
         if not polygons:
             left_out.append(f"{name}: no polygon, closes no ground")
+        placed.update(map(id, polygons))
         for polygon in polygons:
-            rings = [
-                *_rings_of(polygon, "outerBoundaryIs", name),
-                *_rings_of(polygon, "innerBoundaryIs", name),
+            yield from _zones_of(polygon, name)
+    # Where no Placemark is around them, as in old files that call theirs otherwise.
+    for polygon in root.iter():
+        if _tag(polygon) == "Polygon" and id(polygon) not in placed:
+            yield from _zones_of(polygon, "")
+
+
+def _zones_of(polygon: Any, name: str) -> Iterator[GivenZone]:
+    """One, or one for each outer ring where there are several: what is a hole of which is not known then."""
+    band = AltitudeBand(0.0, NO_CEILING_M, "AGL")
+    outer = [ring for rings in _rings_of(polygon, "outerBoundaryIs", name) for ring in rings]
+    if len(outer) > 1:
+        for ring in outer:
+            yield GivenZone(name, [ring], band)
+    else:
+        # A hole has one ring; of more, the others open nothing.
+        holes = [ring for rings in _rings_of(polygon, "innerBoundaryIs", name) for ring in rings[:1]]
+        yield GivenZone(name, [*outer, *holes], band)
+
+
+def _rings_of(polygon: Any, boundary: str, name: str) -> list[list[NDArray[np.float64]]]:
+    """Of each such boundary."""
+    try:
+        return [
+            [
+                ring_of([corner.split(",") for corner in (text.text or "").split()])
+                for text in element.iter()
+                if _tag(text) == "coordinates"
             ]
-            yield GivenZone(name, rings, AltitudeBand(0.0, NO_CEILING_M, "AGL"))
-
-
-def _rings_of(polygon: Any, boundary: str, name: str) -> list[NDArray[np.float64]]:
-    rings = []
-    for element in polygon:
-        if _tag(element) == boundary:
-            text = next((e.text or "" for e in element.iter() if _tag(e) == "coordinates"), "")
-            try:
-                rings.append(ring_of([corner.split(",") for corner in text.split()]))
-            except ValueError as error:
-                raise ValueError(f"zone {name!r} has a corner that cannot be read: {error}") from error
-    return rings
+            for element in polygon
+            if _tag(element) == boundary
+        ]
+    except ValueError as error:
+        raise ValueError(f"zone {name!r} has a corner that cannot be read: {error}") from error
 
 
 def _tag(element: Any) -> str:
