@@ -4,6 +4,7 @@ import json
 import time
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -317,6 +318,15 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
         ("<kml>", "it is no XML"),
         ('<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "declares entities"),
         (KML.format(corners="8,46.5 here"), "a corner that cannot be read"),
+        (
+            KML.format(corners="8, 46.5 8.1, 46.5 8.1, 46.6 8, 46.5"),
+            "a corner that cannot be read: a corner is no longitude and latitude",
+        ),
+        (ed269(upperLimit=0), "zone 'ABC1234': band 0 to 0 m"),
+        (
+            ed318({"type": "Polygon", "coordinates": [SQUARE], "layer": {"upper": 10, "lower": 20}}),
+            "zone 'ABC1234': band 20 to 10 m",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line_with_the_file(tmp_path: Path, content: Any, message: str) -> None:
@@ -362,6 +372,34 @@ def test_a_mark_of_the_byte_order_before_a_kml_is_no_part_of_it(tmp_path: Path) 
     text = KML.format(corners=" ".join(f"{x},{y},500" for x, y in SQUARE))
     path.write_text(text, encoding="utf-8-sig")
     assert [zone.id for zone in open_static_zones(path, ANCHOR).zones] == ["Flights"]
+
+
+def test_an_archive_and_text_of_two_bytes_are_told_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "zones.kmz"
+    with ZipFile(path, "w") as archive:
+        archive.writestr("doc.kml", KML.format(corners="8,46.5 8.1,46.5 8.1,46.6 8,46.5"))
+    with pytest.raises(StaticZoneError, match=r"zip archive, as a \.kmz is; unpack it"):
+        open_static_zones(path, ANCHOR)
+    path.write_text(KML.format(corners=""), encoding="utf-16")
+    with pytest.raises(StaticZoneError, match="UTF-16; save it in UTF-8"):
+        open_static_zones(path, ANCHOR)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"title": "as export --format ed269 writes a run without crowds", "features": []},
+        ed318({"type": "GeometryCollection", "geometries": []}),
+        {"type": "MultiPolygon", "coordinates": []},
+        {"features": [{"identifier": "A", "restriction": "PROHIBITED", "geometry": []}]},
+    ],
+)
+def test_what_closes_no_ground_because_it_holds_none_is_told(tmp_path: Path, content: Any) -> None:
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps(content))
+    read = open_static_zones(path, ANCHOR)
+    assert read.zones == () and len(read.left_out) == 1
+    assert read.left_out[0] == "it holds no zone" or "closes no ground" in read.left_out[0]
 
 
 def test_without_a_place_on_earth_nothing_is_placed(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from codecs import BOM_UTF8
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from pathlib import Path
@@ -19,6 +19,8 @@ from crowdfence.static_zones.uas_zones import ed269_zones, ed318_zones, is_ed269
 from crowdfence.zones import Zone
 
 __all__ = ["StaticZoneError", "StaticZones", "open_static_zones", "read_static_zones"]
+
+_ZIP = b"PK\x03\x04"
 
 
 class StaticZoneError(ValueError):
@@ -57,7 +59,12 @@ def _document(data: bytes) -> Any:
     try:
         return json.loads(data)
     except ValueError as error:
-        raise ValueError(f"it is neither KML nor JSON (ED-318, ED-269, GeoJSON): {error}") from error
+        why: object = error
+        if data.startswith(_ZIP):
+            why = "it is a zip archive, as a .kmz is; unpack it (unzip FILE.kmz) and give the .kml in it"
+        elif data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            why = "it is text in UTF-16; save it in UTF-8"
+        raise ValueError(f"it is neither KML nor JSON (ED-318, ED-269, GeoJSON): {why}") from error
 
 
 def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:

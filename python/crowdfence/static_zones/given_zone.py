@@ -105,6 +105,8 @@ def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
 
 def ring_of(corners: Sequence[Sequence[float | str]]) -> NDArray[np.float64]:
     """Longitude and latitude [C, 2] of corners that may have a height too; ValueError for any other."""
+    if len({len(corner[:2]) for corner in corners}) > 1:
+        raise ValueError("a corner is no longitude and latitude")
     ring = np.array([corner[:2] for corner in corners], dtype=np.float64)
     if len(ring) and (ring.ndim != 2 or ring.shape[1] != 2):
         raise ValueError("a corner is no longitude and latitude")
@@ -179,6 +181,19 @@ def metres(value: float | str | None, unit: str | None) -> float | None:
     if unit not in _METRES_PER:
         raise ValueError(f"a length in {unit!r}; what is read is {', '.join(map(repr, _METRES_PER))}")
     return float(value) * _METRES_PER[unit]
+
+
+def band_of(
+    name: str,
+    limits: tuple[float | str | None, float | str | None],
+    unit: str | None,
+    datums: tuple[str, str],
+) -> AltitudeBand:
+    """Of a zone's lower and upper limit, see `metres` and `band_between`. ValueError that names the zone."""
+    try:
+        return band_between(metres(limits[0], unit), metres(limits[1], unit), *datums)
+    except ValueError as error:
+        raise ValueError(f"zone {name!r}: {error}") from error
 
 
 def band_between(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from crowdfence.datum import datum_doubt, wgs84_from
 from crowdfence.errors import quoted
-from crowdfence.static_zones.given_zone import GivenZone, band_between, metres, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_of, ring_of
 
 if TYPE_CHECKING:
     from pyproj import Transformer
@@ -38,6 +38,7 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
         title = str(properties.get("name") or "")
         polygons: list[Any] = []
+        said_before = len(left_out)
         crs = _stated_crs(document, feature, feature["geometry"])
         for geometry in _geometries(feature["geometry"]):
             kind = geometry and geometry["type"]
@@ -46,12 +47,11 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
                 continue
             shapes = geometry["coordinates"]
             polygons += [shapes] if kind == "Polygon" else shapes
-        band = band_between(
-            metres(properties.get("lower_m"), "m"),
-            metres(properties.get("upper_m"), "m"),
-            properties.get("datum", "AGL"),
-            properties.get("datum", "AGL"),
-        )
+        if not polygons and len(left_out) == said_before:
+            left_out.append(f"{name}: no polygon, closes no ground")
+        datum = properties.get("datum", "AGL")
+        limits = properties.get("lower_m"), properties.get("upper_m")
+        band = band_of(name, limits, "m", (datum, datum))
         for rings in polygons:
             yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
 

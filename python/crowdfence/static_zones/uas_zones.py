@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from crowdfence.static_zones.given_zone import GivenZone, band_between, metres, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_of, metres, ring_of
 
 OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 """What does not keep anybody out by itself."""
@@ -27,8 +27,11 @@ def is_ed318(document: Mapping[str, Any]) -> bool:
 def is_ed269(document: Mapping[str, Any]) -> bool:
     if "UASZoneList" in document:
         return True
-    features = document.get("features") or [{}]
-    return "identifier" in features[0] and "geometry" in features[0]
+    features = document.get("features")
+    if features == []:  # a file of no zones, which is no GeoJSON either
+        return "type" not in document
+    first = (features or [{}])[0]
+    return "identifier" in first and "geometry" in first
 
 
 def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
@@ -39,7 +42,7 @@ def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
         if properties["type"] in OPEN_TYPES:
             left_out.append(f"{name}: {properties['type']} keeps nobody out")
         else:
-            yield from _layered(name, _text(properties.get("name")), feature["geometry"])
+            yield from _layered(name, _text(properties.get("name")), feature["geometry"], left_out)
 
 
 def _text(name: Any) -> str:
@@ -49,18 +52,19 @@ def _text(name: Any) -> str:
     return text.strip() if isinstance(text, str) else ""
 
 
-def _layered(name: str, title: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
+def _layered(name: str, title: str, geometry: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
     if geometry["type"] == "GeometryCollection":
+        if not geometry["geometries"]:
+            left_out.append(f"{name}: no geometry, closes no ground")
         for part in geometry["geometries"]:
-            yield from _layered(name, title, part)
+            yield from _layered(name, title, part, left_out)
         return
-    layer = geometry.get("layer", {})
-    unit = layer.get("uom", "m")
-    band = band_between(
-        metres(layer.get("lower"), unit),
-        metres(layer.get("upper"), unit),
-        layer.get("lowerReference", "AGL"),
-        layer.get("upperReference", "AGL"),
+    layer = geometry.get("layer") or {}
+    band = band_of(
+        name,
+        (layer.get("lower"), layer.get("upper")),
+        layer.get("uom", "m"),
+        (layer.get("lowerReference", "AGL"), layer.get("upperReference", "AGL")),
     )
     if geometry["type"] == "Point":
         longitude, latitude = geometry["coordinates"][:2]
@@ -82,13 +86,15 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
         if zone["restriction"] in OPEN_TYPES:
             left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
             continue
+        if not zone["geometry"]:
+            left_out.append(f"{name}: no geometry, closes no ground")
         for geometry in zone["geometry"]:
             unit = geometry["uomDimensions"]
-            band = band_between(
-                metres(geometry.get("lowerLimit"), unit),
-                metres(geometry.get("upperLimit"), unit),
-                geometry["lowerVerticalReference"],
-                geometry["upperVerticalReference"],
+            band = band_of(
+                name,
+                (geometry.get("lowerLimit"), geometry.get("upperLimit")),
+                unit,
+                (geometry["lowerVerticalReference"], geometry["upperVerticalReference"]),
             )
             projection = geometry["horizontalProjection"]
             if projection["type"] == "Circle":
