@@ -81,6 +81,9 @@ def test_zones_lie_on_their_cells_far_from_the_anchor_too(tmp_path: Path) -> Non
     assert write_state_geotiff(tmp_path / "state.tif", path, [zone]) == []
     with rasterio.open(tmp_path / "state.tif") as raster:
         np.testing.assert_array_equal(raster.read(1), expected)
+    # A navigation map knows no projection: it has the metres in which vehicles fly and zones are drawn.
+    write_costmap(tmp_path / "nav.yaml", path, [zone])
+    assert "resolution: 0.5\norigin: [2000.0, 0.0, 0.0]\n" in (tmp_path / "nav.yaml").read_text()
 
 
 def test_a_navigation_map_frees_what_is_known_to_be_empty_and_nothing_else(tmp_path: Path) -> None:
