@@ -196,6 +196,19 @@ def test_a_fence_says_what_it_closes_for_nothing(run: Path, tmp_path: Path) -> N
     assert tight["fence_items"] == 1 and tight["over_coverage_m2"] == pytest.approx(75.1, abs=0.5)
 
 
+@pytest.mark.parametrize(("kind", "country"), [("ed269", ("--country", "GRC")), ("f3548", ())])
+def test_a_hole_that_a_format_closes_is_told(tmp_path: Path, kind: str, country: tuple[str, ...]) -> None:
+    """With --close-unseen these are all of the ground that was seen empty."""
+    whole = history(Georeference(46.5, 8.0, 1200.0))
+    (zone,) = whole.sets[1].zones
+    ring = replace(zone, polygon=shapely.box(0, 0, 20, 10) - shapely.box(2, 2, 6, 6))
+    sets = [replace(zones, zones=(ring,)) for zones in whole.sets]
+    replace(whole, sets=sets).write(tmp_path / "zone_history.jsonl")
+    arguments = ["export", tmp_path, "-f", kind, *country, "-o", tmp_path / "out"]
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert f"16 m2 more than the zones are closed: in {kind}, holes of zones are closed" in done.output
+
+
 def test_a_plan_that_exists_leaves_less_room(run: Path, tmp_path: Path) -> None:
     full = tmp_path / "full.plan"
     arguments = ("export", run, "-f", "qgc", "--at", "first", "--json")

@@ -35,6 +35,7 @@ from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
+from crowdfence.exports.zone_formats.over_coverage import over_coverage_m2
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.static_zones import open_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneSet
@@ -398,6 +399,27 @@ def test_f3548_counts_no_corners_of_holes_which_it_closes() -> None:
     (part,) = read_by("f3548", exported(zones))
     assert len(part.exterior.coords) == 5
     assert part.covers(zones[0].polygon) and part.area == pytest.approx(81.0**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["ed269", "f3548"])
+def test_what_a_format_without_holes_closes_beside_the_zones_is_known(name: str) -> None:
+    ring = replace(zones_of("#").zones[0], polygon=shapely.box(0, 0, 9, 9) - shapely.box(2, 2, 4, 5))
+    inside = replace(ring, id="Z2", polygon=shapely.box(2, 2, 3, 5))
+    export = replace(exported(), zones=[ring, inside])
+    assert over_coverage_m2(name, export) == pytest.approx(3.0)
+    assert over_coverage_m2(name, replace(export, zones=[])) == 0.0
+    closed = shapely.union_all(read_by(name, export)).area
+    assert closed == pytest.approx(sum(zone.polygon.area for zone in export.zones) + 3.0, abs=0.1)
+
+
+def test_corners_that_a_constraint_has_no_room_for_close_ground() -> None:
+    angle = np.linspace(0.0, 2 * np.pi, 4001)[:-1]
+    corners = np.column_stack([np.cos(angle), np.sin(angle)]) * (50.0 + (np.arange(4000) % 2))[:, None]
+    star = replace(zones_of("#").zones[0], polygon=shapely.Polygon(corners))
+    export = replace(exported(), zones=[star])
+    (closed,) = read_by("f3548", export)
+    assert over_coverage_m2("f3548", export) == pytest.approx(closed.area - star.polygon.area, abs=1.0)
+    assert over_coverage_m2("f3548", export) > 10.0
 
 
 def test_a_kml_opens_whatever_drones_are_called() -> None:

@@ -42,6 +42,9 @@ class ExportFormat(str, Enum):
 
 _RASTERS = (ExportFormat.state, ExportFormat.costmap)
 
+_TOLD_M2 = 0.5
+"""Less is rounding."""
+
 
 class DatumName(str, Enum):
     """What heights are above."""
@@ -229,8 +232,11 @@ def _zone_export(history: ZoneHistory, stamp_ns: int, **how: Any) -> ZoneExport:
 
 def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict[str, Any]) -> str:
     from crowdfence.exports.zone_formats import ZONE_FORMATS, qgc_plan
+    from crowdfence.exports.zone_formats.over_coverage import WITHOUT_HOLES, over_coverage_m2
     from crowdfence.exports.zone_formats.qgc_plan import fence_of
 
+    if kind.value in WITHOUT_HOLES:
+        report["over_coverage_m2"] = over_coverage_m2(kind.value, zones)
     if kind is not ExportFormat.qgc:
         return ZONE_FORMATS[kind.value](zones)
     existing = None if plan is None else _read_plan(plan)
@@ -269,6 +275,13 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         over_m2 = report["over_coverage_m2"]
         out.print(
             f"a fence of {counted(report['fence_items'], 'item')} closes {over_m2:.0f} m2 more than the zones"
+        )
+    elif report.get("over_coverage_m2", 0.0) >= _TOLD_M2:
+        from crowdfence.exports.zone_formats.over_coverage import WITHOUT_HOLES
+
+        over = square_metres(report["over_coverage_m2"])
+        console.warn(
+            f"{over} more than the zones are closed: in {report['format']}, {WITHOUT_HOLES[report['format']]}"
         )
     if report["dropped_area_m2"] and not report["dropped_is_closed"]:
         dropped = square_metres(report["dropped_area_m2"])

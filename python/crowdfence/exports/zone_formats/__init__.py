@@ -4,6 +4,7 @@
 - `ed318` `ed269` `f3548`  for authorities and UTM
 - `kml` `zones_csv`  for viewers, spreadsheets and databases
 - `qgc_plan`  the fence of an autopilot
+- `over_coverage`  what formats without holes close beside the zones
 - `times` `geoid`  stamps as text, heights above sea level
 """
 

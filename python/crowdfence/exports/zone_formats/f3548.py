@@ -23,7 +23,7 @@ from crowdfence.zones import Zone
 from crowdfence.zones.capacity import fitted
 
 if TYPE_CHECKING:
-    from shapely import Polygon
+    from shapely import MultiPolygon, Polygon
 
 MAX_VERTICES = 1000
 MAX_DURATION_NS = 24 * 3600 * 10**9
@@ -89,16 +89,21 @@ def _volumes(zone: Zone, export: ZoneExport) -> list[dict[str, Any]]:
 
 def _parts(zone: Zone, export: ZoneExport) -> list[Polygon]:
     """In longitude and latitude, with no more corners than a constraint may have."""
-    parts, budget = _outlined([zone], export), MAX_VERTICES
-    while (over := sum(map(_corners, parts)) - MAX_VERTICES) > 0:
-        drawn = fitted([zone.polygon], budget, circles=False).polygons
-        parts = _outlined([replace(zone, polygon=shape) for shape in drawn], export)
+    return _outlined(zone, shapes_in_constraint(zone, export), export)
+
+
+def shapes_in_constraint(zone: Zone, export: ZoneExport) -> list[Polygon | MultiPolygon]:
+    """In local metres: the zone, or shapes around it with no more corners. Their holes are closed."""
+    shapes, budget = [zone.polygon], MAX_VERTICES
+    while (over := sum(map(_corners, _outlined(zone, shapes, export))) - MAX_VERTICES) > 0:
+        shapes = list(fitted([zone.polygon], budget, circles=False).polygons)
         budget -= over  # what the antimeridian cuts has more
-    return parts
+    return shapes
 
 
-def _outlined(zones: Iterable[Zone], export: ZoneExport) -> list[Polygon]:
-    return [part for zone in zones for part in polygons_of(export.outline(zone, max_edge_m=None))]
+def _outlined(zone: Zone, shapes: Iterable[Polygon | MultiPolygon], export: ZoneExport) -> list[Polygon]:
+    outlines = (export.outline(replace(zone, polygon=shape), max_edge_m=None) for shape in shapes)
+    return [part for outline in outlines for part in polygons_of(outline)]
 
 
 def _corners(part: Polygon) -> int:
