@@ -311,6 +311,14 @@ def test_ed318_keeps_the_published_schema() -> None:
     assert not validator.is_valid(broken)
 
 
+@pytest.mark.parametrize("contact", ["", "nobody", "+41 44 123 45 67", "@example.org", "ops@", "a b@c.org"])
+def test_a_contact_is_an_email_address(contact: str) -> None:
+    """The published schema asks for one: such a file was written, and refused by whoever checks it."""
+    with pytest.raises(ValueError, match="must be an e-mail address"):
+        exported(contact=contact)
+    assert exported(contact="ops+drones@example.org").contact
+
+
 def test_no_sustained_flight_is_a_condition() -> None:
     export = exported(zones_of(restriction="no_sustained_flight"))
     ed318, ed269 = (json.loads(ZONE_FORMATS[name](export))["features"][0] for name in ("ed318", "ed269"))

@@ -48,6 +48,13 @@ class ZoneExport:
     starts_ns: Mapping[str, int] = field(default_factory=dict)
     """From when on zones hold that hold later, by id."""
 
+    def __post_init__(self) -> None:
+        """ValueError for a contact that is no e-mail address, which the schema of ED-318 refuses."""
+        if self.contact is not None:
+            name, at, host = self.contact.partition("@")
+            if not (name and at and host) or any(c.isspace() or c == "@" for c in name + host):
+                raise ValueError(f"contact is {self.contact!r}; it must be an e-mail address")
+
     def country_code(self) -> str:
         """ValueError where no country is given, or it has no three letters."""
         code = self.country
