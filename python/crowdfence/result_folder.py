@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from os import PathLike
@@ -122,8 +123,11 @@ def _told_ns(text: str, first_ns: int) -> int:
         return first_ns + round(float(text) * 1e9)
     if text.lstrip("-").isdigit():
         return int(text)
-    whole, _, digits = text.removesuffix("Z").partition(".")
-    moment = datetime.fromisoformat(whole)
+    # Whole seconds apart: datetime knows no nanoseconds.
+    parts = re.fullmatch(r"(.*?)(?:\.(\d+))?(Z|[+-]\d\d:?\d\d)?", text, re.DOTALL)
+    assert parts is not None
+    whole, digits, offset = parts.groups(default="")
+    moment = datetime.fromisoformat(whole + offset.removesuffix("Z"))
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=timezone.utc)
     fraction_ns = int(digits.ljust(9, "0")[:9]) if digits else 0

@@ -291,6 +291,15 @@ def test_a_pipe_is_no_place_for_an_export(run: Path, tmp_path: Path) -> None:
     assert "is a device or a pipe" in message and (tmp_path / "zones.kml").is_fifo()
 
 
+@pytest.mark.parametrize(
+    "at", ["2026-01-01T00:00:01.5Z", "2026-01-01T02:00:01.5+02:00", "2025-12-31T18:30:01.500000001-05:30"]
+)
+def test_an_instant_may_be_told_in_the_time_of_a_place(run: Path, tmp_path: Path, at: str) -> None:
+    """With a fraction of a second, too: that was no stamp."""
+    told = command("export", run, "-f", "csv", "--at", at, "-o", tmp_path / "a.csv", "--json")
+    assert json.loads(told)["stamp_ns"] == START_NS + SECOND_NS
+
+
 def test_an_instant_after_the_last_one_is_told(run: Path, tmp_path: Path) -> None:
     """Two seconds of history; an hour after its beginning nothing is known that was not known at its end."""
     commands = (
