@@ -459,6 +459,17 @@ def test_a_run_that_does_not_say_how_far_its_map_reaches(run: Path) -> None:
     assert done.exit_code == GATE_NOT_MET
 
 
+def test_a_way_across_the_antimeridian_does_not_go_round_the_earth(tmp_path: Path) -> None:
+    history(Georeference(-17.0, 180.0, 0.0)).write(tmp_path / "zone_history.jsonl")
+    ends = ("--from", "-17.00005,179.9995", "--to", "-16.99995,-179.9995")
+    command("route", tmp_path, *ends, "--beyond-map", "--at", "first", "-o", tmp_path / "way.geojson")
+    way = shapely.geometry.shape(json.loads((tmp_path / "way.geojson").read_text())["geometry"])
+    west, east = way.geoms
+    assert west.coords[0] == (179.9995, -17.00005) and west.coords[-1][0] == 180.0
+    assert east.coords[0] == (-180.0, west.coords[-1][1]) and east.coords[-1] == (-179.9995, -16.99995)
+    assert west.length == pytest.approx(0.0005, rel=0.1) and east.length == pytest.approx(0.0005, rel=0.1)
+
+
 def test_a_way_with_a_departure(run: Path) -> None:
     common = ("route", run, "--local", "--from", "0,5", "--to", "20,5", "--at", "+1", "--speed-m-s", 2)
     told = json.loads(command(*common, "--json"))

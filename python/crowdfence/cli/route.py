@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -267,10 +269,26 @@ def _feature(report: dict[str, Any]) -> dict[str, Any]:
     names = ("longitude", "latitude") if "latitude" in report["waypoints"][0] else ("east_m", "north_m")
     corners = [[place[name] for name in names] for place in report["waypoints"]]
     lengths = {name: report[name] for name in _LENGTHS}
-    frame = {} if names[0] == "longitude" else {"crs": None}
-    return {
-        "type": "Feature",
-        **frame,
-        "geometry": {"type": "LineString", "coordinates": corners},
-        "properties": lengths,
-    }
+    in_degrees = names[0] == "longitude"
+    lines = _cut_at_antimeridian(corners) if in_degrees else [corners]
+    geometry: dict[str, Any] = {"type": "LineString", "coordinates": corners}
+    if len(lines) > 1:
+        geometry = {"type": "MultiLineString", "coordinates": lines}
+    frame = {} if in_degrees else {"crs": None}
+    return {"type": "Feature", **frame, "geometry": geometry, "properties": lengths}
+
+
+def _cut_at_antimeridian(corners: list[list[float]]) -> list[list[list[float]]]:
+    """RFC 7946, 3.1.9: a line (longitude, latitude) that crosses it is cut there, and does not go round the
+    Earth."""
+    lines = [[corners[0]]]
+    for (west, south), (east, north) in pairwise(corners):
+        if abs(east - west) > 180.0:
+            edge = math.copysign(180.0, west)
+            beyond = east + 2.0 * edge
+            share = (edge - west) / (beyond - west) if beyond != west else 0.0
+            latitude = round(south + share * (north - south), 8)
+            lines[-1].append([edge, latitude])
+            lines.append([[-edge, latitude]])
+        lines[-1].append([east, north])
+    return lines
