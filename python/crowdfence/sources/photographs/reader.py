@@ -6,7 +6,8 @@ attitude of their camera are refused one by one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from crowdfence.sources.lens.focal_length import (
     scaled_camera,
 )
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
+from crowdfence.sources.photographs.when_taken import WhenTaken
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.pictures.files import is_file_or_lost
 from crowdfence.sources.pictures.left_out import left_out
@@ -62,7 +64,11 @@ class PhotographOptions:
 class _Photograph:
     path: Path
     tags: PhotographTags
-    stamp_ns: int
+    taken: WhenTaken
+
+    @property
+    def stamp_ns(self) -> int:
+        return self.taken.stamp_ns
 
 
 def photographs(path: Path) -> list[Path]:
@@ -85,7 +91,7 @@ def read_photographs(
     for drone, group in _by_camera(photographs(path), refused).items():
         usable = _placeable(drone, group, options, refused)
         if usable:
-            by_drone[drone] = _in_time(drone, usable, remarks)
+            by_drone[drone] = _in_time(drone, _in_utc(drone, usable, remarks), remarks)
     if not by_drone:
         why = f": {refused[0].reason}" if refused else ""
         raise ValueError(f"{path}: no photograph can be placed on a map, the first{why}")
@@ -125,17 +131,17 @@ def _by_camera(paths: list[Path], refused: list[RefusedFrame]) -> dict[str, list
             refused.append(RefusedFrame("", None, f"{path.name}: {error}"))
             continue
         drone = "_".join(word for word in (tags.model.replace(" ", "") or "camera", tags.serial[-4:]) if word)
-        if tags.taken_ns is None:
+        if tags.taken is None:
             refused.append(RefusedFrame(drone, None, f"{path.name} does not say when it was taken"))
             continue
-        others = at_once.setdefault((drone, tags.taken_ns), [])
+        others = at_once.setdefault((drone, tags.taken.stamp_ns), [])
         original = next((other for other in others if _same_bytes(path, other)), None)
         if original is not None:  # what one look shows is no second one
             reason = f"{path.name} is a copy of {original.name}"
-            refused.append(RefusedFrame(drone, tags.taken_ns, reason))
+            refused.append(RefusedFrame(drone, tags.taken.stamp_ns, reason))
             continue
         others.append(path)
-        groups.setdefault(drone, []).append(_Photograph(path, tags, tags.taken_ns))
+        groups.setdefault(drone, []).append(_Photograph(path, tags, tags.taken))
     return groups
 
 
@@ -171,17 +177,30 @@ def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
     return None if tags.orientation == UPRIGHT else turned_fault(tags.orientation)
 
 
+def _in_utc(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_Photograph]:
+    """Those that do not say their time zone are in that of most others of the camera."""
+    zones = Counter(one.taken.zone_s for one in group if one.taken.zone_s is not None)
+    if not zones:
+        remarks.append(
+            f"{drone}: its photographs do not say their time zone: their times, and with them those of the "
+            "zones, are taken as UTC"
+        )
+        return group
+    ((zone_s, _),) = zones.most_common(1)
+    return [replace(one, taken=one.taken.in_zone(zone_s)) for one in group]
+
+
 def _in_time(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_Photograph]:
     """By time and name; those of one whole second are spread over it in the order of their names."""
     group = sorted(group, key=lambda one: (one.stamp_ns, one.path.name))
     same: dict[int, list[_Photograph]] = {}
     for one in group:
         same.setdefault(one.stamp_ns, []).append(one)
-    if any(len(ones) > 1 and ones[0].tags.whole_second for ones in same.values()):
+    if any(len(ones) > 1 and ones[0].taken.whole_second for ones in same.values()):
         remarks.append(f"{drone}: photographs of the same second are spread over it by their names")
     return [
-        _Photograph(one.path, one.tags, one.stamp_ns + number * 1_000_000_000 // len(ones))
-        if one.tags.whole_second
+        replace(one, taken=replace(one.taken, stamp_ns=one.stamp_ns + number * 1_000_000_000 // len(ones)))
+        if one.taken.whole_second
         else one
         for ones in same.values()
         for number, one in enumerate(ones)

@@ -22,7 +22,6 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
 from crowdfence.sources.pictures.decoding import orientation
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
 
@@ -62,8 +62,7 @@ class PhotographTags:
 
     width: int
     height: int
-    taken_ns: int | None
-    whole_second: bool
+    taken: WhenTaken | None
     make: str
     model: str
     serial: str
@@ -105,12 +104,10 @@ def read_tags(path: Path) -> PhotographTags:
         head = file.read(_HEAD_BYTES)
     xmp = _xmp(head)
     make, model = _text(exif.get(ExifTags.Base.Make)), _text(exif.get(ExifTags.Base.Model))
-    taken_ns, whole = _taken_ns(exif, more)
     return PhotographTags(
         width=width,
         height=height,
-        taken_ns=taken_ns,
-        whole_second=whole,
+        taken=when_taken(exif, more, gps, xmp),
         make=make,
         model=model,
         serial=_text(more.get(ExifTags.Base.BodySerialNumber)) or xmp.get("drone-dji:DroneSerialNumber", ""),
@@ -217,20 +214,6 @@ def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
         return said.lower().startswith("ellips")
     by_rtk = (_number(xmp.get("drone-dji:RtkFlag")) or 0) >= _RTK_POSITION
     return by_rtk or model.replace(" ", "").upper().startswith(_ELLIPSOIDAL)
-
-
-def _taken_ns(exif: Mapping[int, Any], more: Mapping[int, Any]) -> tuple[int | None, bool]:
-    """When it was taken, and whether only to the second. The zone is told by few cameras: else as in UTC."""
-    text = _text(more.get(ExifTags.Base.DateTimeOriginal)) or _text(exif.get(ExifTags.Base.DateTime))
-    zone = _text(more.get(ExifTags.Base.OffsetTimeOriginal)) or "+00:00"
-    try:
-        taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")
-        taken = datetime.fromisoformat(f"{taken.isoformat()}{zone}").astimezone(timezone.utc)
-    except ValueError:
-        return None, False
-    fraction = _text(more.get(ExifTags.Base.SubsecTimeOriginal)).strip()
-    part_ns = int(fraction[:9].ljust(9, "0")) if fraction.isascii() and fraction.isdecimal() else 0
-    return int(taken.timestamp()) * 1_000_000_000 + part_ns, not fraction
 
 
 def _degrees(value: Any, negative: bool) -> float | None:
