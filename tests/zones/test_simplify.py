@@ -148,6 +148,18 @@ def test_an_arc_that_gets_too_few_segments_keeps_its_distance() -> None:
     assert 60.0 <= shapely.distance(shapely.Point(0, 0), reached) <= 60.0 * 1.0005
 
 
+@pytest.mark.parametrize("between_m", [1e-3, 5e-3, 0.0118])
+def test_an_arc_right_behind_another_corner_keeps_its_distance(between_m: float) -> None:
+    """GEOS leaves out the first corner of its arc, so near the last of the one before: what is left spans
+    more than the one and a half segments of the turn, and its middle was up to a millimetre too near."""
+    before, turn = np.radians(5.0), np.radians(22.4999)
+    west = (-between_m - 50 * np.cos(before), 50 * np.sin(before))
+    ground = shapely.Polygon(
+        [west, (-between_m, 0), (0, 0), (50 * np.cos(turn), 50 * np.sin(turn)), (-50, 60)]
+    )
+    assert 120.0 <= shapely.distance(shapely.boundary(grown(ground, 120.0)), ground) <= 120.0 * 1.0005
+
+
 def test_holes_are_filled_by_area() -> None:
     cells = np.ones((9, 9), bool)
     cells[1, 1] = cells[4:7, 4:7] = False

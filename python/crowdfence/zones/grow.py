@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 
 SEGMENTS_PER_QUARTER = 6
 """Of a circle around a corner, as GEOS is asked for them. It rounds their number: an arc of 1.5 segments may
-be drawn as one, and none spans more."""
-_WIDEST_SEGMENT = 1.5 * math.pi / (2 * SEGMENTS_PER_QUARTER)
+be drawn as one, and none spans more, but for what it leaves out."""
+_LEFT_OUT = 1e-4
+"""Of the distance. A corner of the buffer that is so near the one before it GEOS leaves out: the arc of a
+corner right behind another one begins that much early."""
+_WIDEST_SEGMENT = 1.5 * math.pi / (2 * SEGMENTS_PER_QUARTER) + 2.0 * _LEFT_OUT
 _REACH = (1.0 + 1e-9) / math.cos(_WIDEST_SEGMENT / 2)
 """The middle of the widest segment is this much nearer than its ends, and coordinates are rounded: 2 % of the
 distance too far at the corners, nowhere too near."""
