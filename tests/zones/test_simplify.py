@@ -111,6 +111,13 @@ def test_a_buffer_too_small_for_floats_loses_no_ground() -> None:
         assert shapely.covers(shapely.buffer(grown(ground, distance_m), 1e-9), ground)
 
 
+def test_a_buffer_fills_a_slanting_wedge_of_a_hole() -> None:
+    """It is wide along both axes, and thin: without the corner at its broad end two corners are left, and
+    shapely says that a ring needs at least four."""
+    ground = shapely.Point(0, 0).buffer(50.0) - shapely.Polygon([(0, 0), (20, 20), (19.8, 20.2)])
+    assert grown(ground, 1.0).covers(shapely.Point(0, 0).buffer(50.9))
+
+
 @st.composite
 def outlines_of_any_shape(draw: st.DrawFn) -> shapely.Polygon | shapely.MultiPolygon:
     """Cells of any proportions, stars that are hardly ever convex, hulls, corners of every sharpness."""

@@ -60,17 +60,14 @@ def _without_notches(outline: Polygon | MultiPolygon, distance_m: float) -> Poly
 
     if shapely.get_num_coordinates(outline) <= _FEW_CORNERS:
         return outline
-    parts = [
-        shapely.Polygon(
-            _without_inward_corners(part.exterior, WIDEST_NOTCH * distance_m),
-            [
-                _without_inward_corners(hole, WIDEST_NOTCH * distance_m)
-                for hole in part.interiors
-                if _width(hole) > 2.0 * distance_m
-            ],
-        )
-        for part in shapely.get_parts(shapely.orient_polygons(outline))
-    ]
+    widest_m = WIDEST_NOTCH * distance_m
+    parts = []
+    for part in shapely.get_parts(shapely.orient_polygons(outline)):
+        wide = [hole for hole in part.interiors if _width(hole) > 2.0 * distance_m]
+        holes = [_without_inward_corners(hole, widest_m) for hole in wide]
+        # What is left of a wedge with two corners so near each other are its ends.
+        holes = [hole for hole in holes if len(hole) > 2]
+        parts.append(shapely.Polygon(_without_inward_corners(part.exterior, widest_m), holes))
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
