@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -30,14 +29,6 @@ class StopRequest:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
-
-    def wanted_within(self, seconds: float) -> bool:
-        """Whether a stop is wanted, or comes in time: whoever ends the processes of a run ends one after the
-        other."""
-        late_s = time.monotonic() + seconds
-        while not self.wanted and time.monotonic() < late_s:
-            time.sleep(0.01)
-        return self.wanted
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         if self.wanted:

@@ -102,7 +102,7 @@ def simulate(
     --voxel 1 takes a minute. Ctrl-C leaves a readable recording that --resume goes on with.
     """
     from crowdfence.simulation.recording.frame_maker import FrameOptions
-    from crowdfence.simulation.recording.frame_pool import WorkerKilled
+    from crowdfence.simulation.recording.helping_process import HelperKilled
     from crowdfence.simulation.recording.timeline_run import capture_counts
     from crowdfence.simulation.rendering.opengl_context import NoOpenGL
     from crowdfence.simulation.scenarios.plan_checks import ScenarioError
@@ -155,7 +155,7 @@ def simulate(
                 )
             except NoOpenGL as error:
                 raise OSError(f"{error}: try --no-rgb") from error
-            except WorkerKilled as error:
+            except HelperKilled as error:
                 raise OSError(str(error)) from error
     _report(recorded, time.perf_counter() - started, as_json=as_json)
     if not recorded.complete:

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
+from queue import SimpleQueue
 from types import TracebackType
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from crowdfence.simulation.recording.frame_maker import FrameMaker, FrameOptions
 from crowdfence.simulation.recording.frame_summary import FrameSummary
-from crowdfence.simulation.recording.interrupts import (
-    end_between_tasks,
-    end_if_wanted,
-    end_with_parent,
-    ignore_interrupts,
-    interrupts_ignored,
-)
+from crowdfence.simulation.recording.helping_process import HelperKilled, HelpingProcess
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.schedule import Capture
 from crowdfence.sources.mission.messages import FrameContent
@@ -28,10 +22,6 @@ _T = TypeVar("_T")
 
 MOST_WORKERS = 8
 _WORKER_MEMORY_BYTES = 900e6
-
-
-class WorkerKilled(RuntimeError):
-    """A helping process ended without being asked to."""
 
 
 class FrameEncoder(Protocol):
@@ -58,27 +48,31 @@ class FramePool:
     """Makes frames of a scene in `workers` processes (1: in this one). Use as a context manager.
 
     Entering starts the workers and raises what keeps them from working: NoOpenGL, ScenarioError. A worker
-    that is killed ends the pool with WorkerKilled.
+    that is killed ends the pool with HelperKilled.
     """
 
     def __init__(self, scene: Scene, options: FrameOptions, encoder: FrameEncoder, workers: int) -> None:
         self.workers = worker_count(workers)
         self._job = (scene, options, encoder)
         self._own: _Worker | None = None
-        self._executor: ProcessPoolExecutor | None = None
+        self._processes: list[HelpingProcess] = []
+        self._idle: SimpleQueue[HelpingProcess] = SimpleQueue()
+        self._threads: ThreadPoolExecutor | None = None
 
     def __enter__(self) -> FramePool:
         if self.workers == 1:
             self._own = _Worker(*self._job)
             return self
-        self._executor = ProcessPoolExecutor(
-            self.workers, get_context("spawn"), initializer=_start_worker, initargs=self._job
-        )
+        # A thread for each process: a frame is read as soon as it is made, whatever this one does meanwhile.
+        self._threads = ThreadPoolExecutor(self.workers, thread_name_prefix="frames")
         try:
-            # Processes start as they are needed; an interrupt that meets one on its way would kill it.
-            with interrupts_ignored():
-                starts = [self._executor.submit(_this_worker_is_ready) for _ in range(self.workers)]
-            _outcome(starts[0].result)
+            for _ in range(self.workers):
+                process = HelpingProcess()
+                self._processes.append(process)
+                self._idle.put(process)
+            start = partial(self._call, _start_worker, *self._job)
+            for started in [self._threads.submit(start) for _ in self._processes]:
+                started.result()
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -90,9 +84,14 @@ class FramePool:
         if self._own is not None:
             self._own.maker.__exit__(kind, error, trace)
             self._own = None
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
-            self._executor = None
+        for process in self._processes:
+            process.kill()  # nobody waits for what it still makes
+        if self._threads is not None:
+            self._threads.shutdown(wait=True, cancel_futures=True)
+            self._threads = None
+        for process in self._processes:
+            process.close()
+        self._processes.clear()
 
     def begin(self, capture: Capture, *, footprint: bool) -> Callable[[], MadeFrame]:
         """Begin a frame; the function returned waits for it."""
@@ -100,9 +99,20 @@ class FramePool:
         if self._own is not None:
             own = self._own
             return lambda: own.make(task)
-        assert self._executor is not None, "the pool was not entered"
-        future = self._executor.submit(_make, task)
-        return lambda: _outcome(future.result)
+        assert self._threads is not None, "the pool was not entered"
+        return self._threads.submit(self._call, _make, task).result
+
+    def _call(self, function: Callable[..., _T], *arguments: Any) -> _T:
+        process = self._idle.get()
+        try:
+            return process.call(function, *arguments)
+        except HelperKilled as error:
+            raise HelperKilled(
+                "a process that makes frames was killed (out of memory?); go on with --resume and fewer "
+                "--workers"
+            ) from error
+        finally:
+            self._idle.put(process)
 
 
 def worker_count(asked: int | None) -> int:
@@ -141,42 +151,17 @@ class _Worker:
         return MadeFrame(self._encoder(content, task.capture), summary)
 
 
-_job: tuple[Scene, FrameOptions, FrameEncoder] | None = None
 _worker: _Worker | None = None
+"""Of a helping process."""
 
 
 def _start_worker(scene: Scene, options: FrameOptions, encoder: FrameEncoder) -> None:
-    global _job
-    ignore_interrupts()
-    end_between_tasks()
-    end_with_parent()
+    global _worker
     # One core each: more threads of the software rasteriser would fight for them.
     os.environ.setdefault("LP_NUM_THREADS", "1")
-    _job = (scene, options, encoder)
-
-
-def _this_worker() -> _Worker:
-    # Made by the first task, not by the initializer: what goes wrong there would be lost.
-    global _worker
-    if _worker is None:
-        assert _job is not None
-        _worker = _Worker(*_job)
-    return _worker
-
-
-def _this_worker_is_ready() -> bool:
-    return _this_worker() is not None
+    _worker = _Worker(scene, options, encoder)
 
 
 def _make(task: _Task) -> MadeFrame:
-    end_if_wanted()
-    return _this_worker().make(task)
-
-
-def _outcome(wait: Callable[[], _T]) -> _T:
-    try:
-        return wait()
-    except BrokenProcessPool as error:
-        raise WorkerKilled(
-            "a process that makes frames was killed (out of memory?); go on with --resume and fewer --workers"
-        ) from error
+    assert _worker is not None
+    return _worker.make(task)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, WorkerKilled
+from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame
 from crowdfence.simulation.recording.frame_summary import MissionStatistics
 from crowdfence.simulation.recording.recorded import Progress
 from crowdfence.simulation.recording.timeline import Event, TelemetryRow, WorldInstant, timeline
@@ -51,15 +51,7 @@ class TimelineRun:
         return self.written == self.planned
 
     def into(self, sink: Sink) -> None:
-        """Record everything, or until a stop is wanted. Systemd and `timeout` ask the workers too, who end at
-        once; what they had begun a resumed run makes again."""
-        try:
-            self._into(sink)
-        except WorkerKilled:
-            if not self._stop.wanted_within(1.0):
-                raise
-
-    def _into(self, sink: Sink) -> None:
+        """Record everything, or until a stop is wanted."""
         begun = 0
         for event in timeline(self._schedule):
             if self._stop.wanted:
