@@ -1,5 +1,7 @@
 """The frame loop by itself: views in, what happened out."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -110,6 +112,26 @@ def test_an_instant_that_cannot_be_integrated_changes_nothing() -> None:
     with pytest.raises(StampError, match="not after the last instant"):
         loop.step([view("a", 8.0, NONE)], START_NS)
     assert loop.crowd_map.to_bytes() == before
+
+
+def test_a_thread_for_every_drone_may_call_one_loop() -> None:
+    """As callbacks of a fleet do: each step stays whole, its zones are those of the map behind it."""
+    crowd = crowd_in(slice(2, 4), slice(2, 4))
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig())
+
+    def fly(drone: str, x: float, offset_ns: int) -> None:
+        for k in range(40):
+            stamp_ns = START_NS + k * SECOND_NS // 10 + offset_ns
+            assert len(loop.step([view(drone, x, crowd, stamp_ns)], stamp_ns).zones) > 0
+
+    fleet = [("a", 8.0, 0), ("b", 20.0, 1_000_000), ("c", 32.0, 2_000_000)]
+    with ThreadPoolExecutor(len(fleet)) as threads:
+        for flown in [threads.submit(fly, *drone) for drone in fleet]:
+            flown.result()
+    assert loop.crowd_map.instant_count == 120
+    assert loop.crowd_mass == {drone: CrowdMass(ground=160.0) for drone, *_ in fleet}
+    zones = loop.look_again(START_NS + 5 * SECOND_NS)
+    assert [zone.evidence[0].looks for zone in sorted(zones, key=lambda zone: zone.seen_by)] == [40] * 3
 
 
 def test_an_instant_that_comes_late_changes_the_zones_of_now() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -47,7 +48,8 @@ class FrameLoop:
     """Keeps a crowd map and its zones up to date. `run`, `evaluate` and a live service differ in where views
     come from and in what becomes of the steps, and in nothing else.
 
-    A step costs what was seen at it and what is closed, never the map.
+    A step costs what was seen at it and what is closed, never the map. Threads may share a loop, and wait
+    for each other.
     """
 
     def __init__(
@@ -69,44 +71,54 @@ class FrameLoop:
         )
         self.crowd_mass: dict[str, CrowdMass] = {}
         """Where the crowd in the pictures of each drone went, over all steps."""
+        # The zones of a step are those of the map behind it, and not of what another thread puts into it.
+        self._whole = threading.RLock()
 
     def step(self, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame] = ()) -> Step:
         """Take in the views of one instant, each drone at most once; where the method takes instants in any
         order, also of one before the newest. `refused` are frames that did not become views. StampError or
         ViewError where the instant cannot be integrated; nothing has changed then."""
-        return self._happened(self.integrate(views, stamp_ns), refused)
+        with self._whole:
+            return self._happened(self.integrate(views, stamp_ns), refused)
 
     def step_observed(
         self, observations: Sequence[Observation], stamp_ns: int, refused: Sequence[RefusedFrame] = ()
     ) -> Step:
         """The same for views that were projected before, by another loop on this terrain or elsewhere."""
-        return self._happened(self.integrate_observed(observations, stamp_ns), refused)
+        with self._whole:
+            return self._happened(self.integrate_observed(observations, stamp_ns), refused)
 
     def look_again(self, stamp_ns: int) -> ZoneSet:
         """The zones at a stamp after the last step, when nothing came: what nobody looked at for long is not
         known any more. StampError for a stamp before the last step."""
-        return self._engine.step(stamp_ns)
+        with self._whole:
+            return self._engine.step(stamp_ns)
 
     def integrate(self, views: Sequence[View], stamp_ns: int) -> Update:
         """The first half of `step`, for those who want the map without zones."""
-        return self._counted(self.crowd_map.integrate(views, stamp_ns))
+        with self._whole:
+            return self._counted(self.crowd_map.integrate(views, stamp_ns))
 
     def integrate_observed(self, observations: Sequence[Observation], stamp_ns: int) -> Update:
         """The first half of `step_observed`."""
-        return self._counted(self.crowd_map.integrate_observations(observations, stamp_ns))
+        with self._whole:
+            return self._counted(self.crowd_map.integrate_observations(observations, stamp_ns))
 
     def to_bytes(self) -> bytes:
         """What the next step depends on beside the crowd map, to go on from."""
-        masses = {drone: mass.by_fate() for drone, mass in self.crowd_mass.items()}
-        return len(lost := json.dumps(masses).encode()).to_bytes(8, "little") + lost + self._engine.to_bytes()
+        with self._whole:
+            masses = {drone: mass.by_fate() for drone, mass in self.crowd_mass.items()}
+            lost = json.dumps(masses).encode()
+            return len(lost).to_bytes(8, "little") + lost + self._engine.to_bytes()
 
     def restore(self, data: bytes) -> None:
         """What `to_bytes` gave, for a loop made with the same settings around the crowd map of that moment.
         ValueError for anything else."""
         end = 8 + int.from_bytes(data[:8], "little")
         masses = json.loads(data[8:end])
-        self.crowd_mass = {drone: CrowdMass(**mass) for drone, mass in masses.items()}
-        self._engine.restore(data[end:])
+        with self._whole:
+            self.crowd_mass = {drone: CrowdMass(**mass) for drone, mass in masses.items()}
+            self._engine.restore(data[end:])
 
     def _counted(self, update: Update) -> Update:
         for observation in update.observations:
