@@ -102,9 +102,7 @@ def _is_shown(member: ast.FunctionDef) -> bool:
     decorators = {ast.unparse(one) for one in member.decorator_list}
     if any(one.endswith(".setter") for one in decorators):
         return False
-    return not member.name.startswith("_") or (
-        member.name in ("__init__", "__new__", "__call__") and bool(ast.get_docstring(member))
-    )
+    return not member.name.startswith("_") or member.name in ("__init__", "__new__", "__call__")
 
 
 def _signature(node: ast.FunctionDef, owner: str) -> str:
