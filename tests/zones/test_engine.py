@@ -712,6 +712,7 @@ def test_the_same_instants_give_the_same_zones_to_the_bit() -> None:
         ("off_threshold", 0.6, "off_threshold is 0.6; it must be at most the threshold, 0.5"),
         ("off_threshold", 0.0, "off_threshold is 0"),
         ("buffer_m", -1.0, "buffer_m is -1; it must be finite and >= 0"),
+        ("buffer_m", 1e9, "buffer_m is 1e+09; it must be at most 100000 m"),
         ("simplify_m", np.inf, "simplify_m is inf"),
         ("max_hole_m2", -1.0, "max_hole_m2 is -1"),
         ("max_vertices", 2, "max_vertices is 2; it must be at least 3"),

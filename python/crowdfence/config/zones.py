@@ -30,7 +30,7 @@ class ZoneConfig:
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area, >= 0; inf: always."""
     buffer_m: float = 0.0
-    """Distance around the crowd that is closed too; finite and >= 0 (`safety_distance_m` has formulas)."""
+    """Distance around the crowd that is closed too; from 0 to 100,000 (`safety_distance_m` has formulas)."""
     simplify_m: float = 0.0
     """How far an outline with fewer corners may reach beyond the exact one; finite and >= 0."""
     max_vertices: int | None = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
+from crowdfence.zones.safety_distance import MOST_M
 
 Restriction = Literal["prohibited", "no_sustained_flight"]
 """No flight at all, or (14 CFR 107.110, 107.115) none that stays above."""
@@ -36,7 +37,7 @@ class ZoneRules:
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area; inf for all of it."""
     buffer_m: float = 0.0
-    """Distance around the crowd that is closed too; >= 0. `safety_distance` has formulas."""
+    """Distance around the crowd that is closed too; >= 0, at most 100 km. `safety_distance` has formulas."""
     simplify_m: float = 0.0
     """How far an outline with fewer corners may reach beyond; >= 0."""
     max_vertices: int | None = None
@@ -74,6 +75,8 @@ class ZoneRules:
         for name in ("min_area_m2", "buffer_m", "simplify_m", "stale_after_s"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and >= 0")
+        if self.buffer_m > MOST_M:
+            raise ValueError(f"buffer_m is {self.buffer_m:g}; it must be at most {MOST_M:g} m")
         if not self.max_hole_m2 >= 0.0:
             raise ValueError(f"max_hole_m2 is {self.max_hole_m2:g}; it must be >= 0")
         if self.max_vertices is not None and self.max_vertices < 3:
