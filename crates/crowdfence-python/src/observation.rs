@@ -23,7 +23,8 @@ use crate::view::PyView;
 /// mean          [V] m_i of equation 1, in [0, 1]
 /// pixel_count   [V] pixels that show the voxel; 0 = in view, but between the pixel centres
 /// range_m       [V] from the camera to the voxel's centre, metres
-/// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down
+/// tilt_deg      [V] of that line, degrees below the horizon: 90 is straight down; negative
+///               where it comes from below, also from below the plane of the voxel's top
 /// occluded_ids  [O] sorted, unique and not seen: in the image and in range, but hidden by something
 /// crowd_mass    where the crowd in the picture went; None: it shows none, or nobody knows
 /// focal_px      focal length of the camera in pixels, >= 0: a voxel is seen with range / focal metres per

@@ -23,6 +23,7 @@ mod tile;
 use glam::{DVec3, Vec3};
 
 use super::sighting::{Sighting, seen_voxels};
+use super::tops::is_turned_away;
 use super::{Looked, Vantage};
 use crate::camera::IdealPixels;
 use crate::terrain::tree::{Square, Stacks};
@@ -44,8 +45,7 @@ pub(super) fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixel
     let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
     radsort::sort_by_key(&mut order, |&(id, _)| id);
     radsort::sort(&mut occluded_ids);
-    let voxel_size_m = vantage.terrain.voxel_size_m();
-    let sightings = order.iter().map(|&(_, row)| rows[row as usize].sighting(voxel_size_m));
+    let sightings = order.iter().map(|&(_, row)| rows[row as usize].sighting(vantage));
     Looked { seen: seen_voxels(sightings, rows.len()), occluded_ids, on_ground: canvas.into_painted() }
 }
 
@@ -60,10 +60,13 @@ struct Row {
 }
 
 impl Row {
-    fn sighting(&self, voxel_size_m: f64) -> Sighting {
+    fn sighting(&self, vantage: &Vantage) -> Sighting {
         let Painted { sum, count } = self.painted;
         let mean = (sum / f64::from(count.max(1))).min(1.0);
-        Sighting { voxel_id: self.id, mean, pixel_count: count, line: self.place.as_dvec3() * voxel_size_m }
+        let line = self.place.as_dvec3() * vantage.terrain.voxel_size_m();
+        let is_turned_away =
+            self.below_top == 0.0 && is_turned_away(line, vantage.plane_of_top(self.id).normal());
+        Sighting { voxel_id: self.id, mean, pixel_count: count, line, is_turned_away }
     }
 }
 
@@ -80,6 +83,9 @@ struct Painter<'a> {
     /// Voxels.
     range: f64,
     between_pixels: bool,
+    /// Whether lines of sight may have passed under the ground: over a hole of the map, or from beside it. What is
+    /// turned away may show from below then.
+    is_open: bool,
 }
 
 /// The work on one tile, compiled for every width of vectors and run with the widest of this machine: on all the same
@@ -145,6 +151,10 @@ impl Place {
 impl<'a> Painter<'a> {
     fn new(vantage: &'a Vantage<'a>, lens: Option<&'a IdealPixels>, between_pixels: bool) -> Painter<'a> {
         let terrain = vantage.terrain;
+        let origin = terrain.tree_from_world(vantage.origin);
+        let [x, y] =
+            [origin.x, origin.y].map(|at| (at >= 0.0 && at < f64::from(u32::MAX)).then_some(at as u32));
+        let is_over_ground = x.zip(y).is_some_and(|(x, y)| terrain.tree().column(x, y).next().is_some());
         Painter {
             vantage,
             optics: Optics::of(vantage.view, lens),
@@ -153,15 +163,17 @@ impl<'a> Painter<'a> {
             rows: Vec::new(),
             occluded_ids: Vec::new(),
             strokes: Strokes::default(),
-            origin: terrain.tree_from_world(vantage.origin),
+            origin,
             range: vantage.max_range_m / terrain.voxel_size_m(),
             between_pixels,
+            is_open: !is_over_ground,
         }
     }
 
     /// Paints what stands on a square, outward from the camera.
     fn walk(&mut self, square: &Square, tile: &mut Tile) {
-        if !self.may_show(square) {
+        let (low, high) = self.bounds(square);
+        if !self.may_show(low, high) {
             return;
         }
         if square.side() as usize <= tile::SIDE {
@@ -173,6 +185,11 @@ impl<'a> Painter<'a> {
                 if let Some(child) = self.stacks.child(square, x, y) {
                     self.walk(&child, tile);
                     self.stacks.release(&child);
+                } else if !self.is_open {
+                    let from = DVec3::new(f64::from(x * side), f64::from(y * side), 0.0);
+                    let (low, high) = self.bounds(square);
+                    let size = DVec3::new(f64::from(side), f64::from(side), high.z - low.z);
+                    self.is_open = self.may_show(low + from, low + from + size);
                 }
             }
         }
@@ -202,9 +219,8 @@ impl<'a> Painter<'a> {
         (low, high)
     }
 
-    /// False only when nothing of a square is in range and in the image.
-    fn may_show(&self, square: &Square) -> bool {
-        let (low, high) = self.bounds(square);
+    /// False only when nothing of a box is in range and in the image.
+    fn may_show(&self, low: DVec3, high: DVec3) -> bool {
         let nearest = DVec3::ZERO.clamp(low, high);
         nearest.length_squared() <= self.range * self.range && self.optics.may_show(low, high)
     }
@@ -225,6 +241,7 @@ impl<'a> Painter<'a> {
             self.canvas.ask_for(low, high);
         }
         self.gather(square, !is_covered, tile);
+        self.is_open |= !tile.is_full();
         if is_covered {
             self.paint_middles(square, tile);
         } else {

@@ -39,11 +39,11 @@ impl PixelHits {
         };
         self.hits
             .chunk_by(|a, b| a >> 32 == b >> 32)
-            .map(|pixels| Sighting {
-                voxel_id: (pixels[0] >> 32) as u32,
-                mean: pixels.iter().map(value).sum::<f64>() / pixels.len() as f64,
-                pixel_count: pixels.len() as u32,
-                line: vantage.line_to((pixels[0] >> 32) as u32),
+            .map(|pixels| {
+                let voxel_id = (pixels[0] >> 32) as u32;
+                let (line, is_turned_away) = vantage.line_to(voxel_id);
+                let mean = pixels.iter().map(value).sum::<f64>() / pixels.len() as f64;
+                Sighting { voxel_id, mean, pixel_count: pixels.len() as u32, line, is_turned_away }
             })
             .collect()
     }

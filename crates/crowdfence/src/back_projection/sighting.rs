@@ -11,19 +11,27 @@ pub(super) struct Sighting {
     pub pixel_count: u32,
     /// From where rays start to the voxel's part of the surface, metres.
     pub line: DVec3,
+    /// Whether that is a top, and the rays come from below its plane: what they meet is its side at most.
+    pub is_turned_away: bool,
 }
 
 /// Of sightings sorted by id, so many of them.
 pub(super) fn seen_voxels(mut sightings: impl Iterator<Item = Sighting>, count: usize) -> SeenVoxels {
     let mut seen = SeenVoxels::with_capacity(count);
-    let mut lines = Lines { along: [[0.0; LINES]; 3], range_m: [0.0; LINES], tilt_deg: [0.0; LINES] };
+    let mut lines = Lines {
+        along: [[0.0; LINES]; 3],
+        is_turned_away: [false; LINES],
+        range_m: [0.0; LINES],
+        tilt_deg: [0.0; LINES],
+    };
     loop {
         let mut found = 0;
-        for Sighting { voxel_id, mean, pixel_count, line } in sightings.by_ref().take(LINES) {
+        for Sighting { voxel_id, mean, pixel_count, line, is_turned_away } in sightings.by_ref().take(LINES) {
             seen.ids.push(voxel_id);
             seen.mean.push(mean);
             seen.pixel_count.push(pixel_count);
             (0..3).for_each(|axis| lines.along[axis][found] = line[axis]);
+            lines.is_turned_away[found] = is_turned_away;
             found += 1;
         }
         if found == 0 {
@@ -41,6 +49,7 @@ const LINES: usize = 256;
 /// Lines of sight, their numbers side by side.
 struct Lines {
     along: [[f64; LINES]; 3],
+    is_turned_away: [bool; LINES],
     range_m: [f32; LINES],
     tilt_deg: [f32; LINES],
 }
@@ -53,12 +62,13 @@ impl pulp::WithSimd for Measure<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Lines { along: [xs, ys, zs], range_m, tilt_deg: tilts_deg } = self.0;
+        let Lines { along: [xs, ys, zs], is_turned_away, range_m, tilt_deg: tilts_deg } = self.0;
         for at in 0..LINES {
             let (x, y, z) = (xs[at], ys[at], zs[at]);
             let level = x * x + y * y;
             range_m[at] = (level + z * z).sqrt() as f32;
-            tilts_deg[at] = tilt_deg(-z as f32, level.sqrt() as f32);
+            let tilt = tilt_deg(-z as f32, level.sqrt() as f32);
+            tilts_deg[at] = if is_turned_away[at] { -tilt.abs() } else { tilt };
         }
     }
 }
@@ -102,7 +112,7 @@ mod tests {
     #[test]
     fn tilts_are_those_of_the_library() {
         let tilt_of = |line: DVec3| {
-            let sighting = Sighting { voxel_id: 0, mean: 0.0, pixel_count: 0, line };
+            let sighting = Sighting { voxel_id: 0, mean: 0.0, pixel_count: 0, line, is_turned_away: false };
             f64::from(seen_voxels([sighting].into_iter(), 1).tilt_deg[0])
         };
         for step in -900..=900 {

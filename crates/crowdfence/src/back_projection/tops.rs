@@ -29,12 +29,18 @@ pub(super) fn beside_rays(vantage: &Vantage, hit: &[Sighting]) -> (Vec<Sighting>
     for (voxel_id, view) in views {
         match view {
             TopView::Visible(mean) => {
-                seen.push(Sighting { voxel_id, mean, pixel_count: 0, line: vantage.line_to(voxel_id) })
+                let (line, is_turned_away) = vantage.line_to(voxel_id);
+                seen.push(Sighting { voxel_id, mean, pixel_count: 0, line, is_turned_away })
             }
             TopView::Hidden => occluded_ids.push(voxel_id),
         }
     }
     (seen, occluded_ids)
+}
+
+/// Of a top, by the line to its middle and the direction in which it faces.
+pub(super) fn is_turned_away(to_top: DVec3, normal: DVec3) -> bool {
+    to_top.dot(normal) >= 0.0
 }
 
 impl Vantage<'_> {
@@ -50,8 +56,7 @@ impl Vantage<'_> {
         if !camera.contains(pixel) {
             return None;
         }
-        let is_turned_to_camera = to_top.dot(normal) < 0.0;
-        if is_turned_to_camera && self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
+        if !is_turned_away(to_top, normal) && self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
             let value = self.view.value_at(pixel.x as u32, pixel.y as u32);
             Some(TopView::Visible(f64::from(value)))
         } else {
@@ -59,24 +64,31 @@ impl Vantage<'_> {
         }
     }
 
-    /// From where rays start to what is seen of a voxel: the middle of its top, or in a wall its centre.
-    pub(super) fn line_to(&self, id: u32) -> DVec3 {
-        let point = self.middle_of_top(id).map_or_else(|| self.terrain.center(id), |(middle, _)| middle);
-        point - self.origin
+    /// From where rays start to what is seen of a voxel: the middle of its top, or in a wall its centre; and whether
+    /// that is a top which is turned away.
+    pub(super) fn line_to(&self, id: u32) -> (DVec3, bool) {
+        match self.middle_of_top(id) {
+            Some((middle, normal)) => (middle - self.origin, is_turned_away(middle - self.origin, normal)),
+            None => (self.terrain.center(id) - self.origin, false),
+        }
     }
 
     /// World metres, with the direction in which the top faces; None when another voxel lies on top.
     fn middle_of_top(&self, id: u32) -> Option<(DVec3, DVec3)> {
         let terrain = self.terrain;
-        let index = terrain.index(id);
-        let top = terrain.top_plane(id, index)?;
-        let plane = match self.surface {
-            Surface::Planes => top,
-            Surface::Voxels => Plane::CEILING,
-        };
+        terrain.top_plane(id, terrain.index(id))?;
+        let plane = self.plane_of_top(id);
         // A hair inside the solid, so that the ray to its top enters it.
         let height = plane.height() - 1e-6;
         let middle = terrain.center(id) + DVec3::Z * (height - 0.5) * terrain.voxel_size_m();
         Some((middle, plane.normal()))
+    }
+
+    /// Of a voxel on which no other lies.
+    pub(super) fn plane_of_top(&self, id: u32) -> Plane {
+        match self.surface {
+            Surface::Planes => self.terrain.plane(id),
+            Surface::Voxels => Plane::CEILING,
+        }
     }
 }

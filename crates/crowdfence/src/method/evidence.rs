@@ -96,8 +96,9 @@ impl FusionMethod for Evidence {
         sum
     }
 
-    /// From below its top a camera sees the side of a place, and of those who stand on it at most the nearest: that
-    /// nobody shows there clears nothing.
+    /// From below its top, where the tilt is negative, a camera sees the side of a place, and of those who stand on it
+    /// at most the nearest: that nobody shows there clears nothing. Nor does a look from under the ground, through a
+    /// hole of the map.
     fn tells(&self, look: &VoxelLook) -> bool {
         look.tilt_deg > 0.0 || self.log_ratio(look) > 0.0
     }

@@ -56,6 +56,8 @@ pub struct Frame {
     middle: [f32; 3],
     range: f32,
     focal_px: f32,
+    /// See [`Painter`].
+    is_open: bool,
 }
 
 /// A row of columns along y: the polygon that each is painted as.
@@ -150,6 +152,7 @@ impl Frame {
             middle: single(middle),
             range: painter.range as f32,
             focal_px: optics.focal_px as f32,
+            is_open: painter.is_open,
         })
     }
 
@@ -265,12 +268,13 @@ impl Frame {
                 let within = most(one, other) + outlines.unsure_within[j];
                 outlines.under[number][j] = if under > 0.0 { within } else { -1.0 };
             }
-            // Turned away behind an edge that is no lower, it shows nothing.
+            // Turned away behind an edge that is no lower, it shows nothing, but for its underside.
             let is_hidden = above < 0.0 && step <= 0.0;
             let is_step_behind = above + drop < SURE && step > 0.0;
-            outlines.sure[j] = if is_step_behind { -1.0 } else { sure };
+            let is_underside = is_hidden && self.is_open;
+            outlines.sure[j] = if is_step_behind || is_underside { -1.0 } else { sure };
             outlines.reach[j] = spare + size;
-            outlines.count[0][j] = if is_hidden { 0 } else { outlines.count[0][j] };
+            outlines.count[0][j] = if is_hidden && !is_underside { 0 } else { outlines.count[0][j] };
 
             let (u, v) = self.image(x, y, top);
             let (u, v) = (u + self.middle_px[0], v + self.middle_px[1]);

@@ -99,6 +99,37 @@ fn landscape(seed: f64) -> Terrain {
     })
 }
 
+/// A hill across the whole map, behind which lies a plain; the camera is lower than its top. Through a hole in the
+/// near slope, or from beside a map that begins on the ridge, lines of sight go under the ground: what they meet is the
+/// far slope, from below, and nothing of the plain.
+#[test]
+fn a_pixel_that_shows_what_lies_under_the_ground_belongs_to_what_its_ray_meets() {
+    let hill = |y: f64| (20.0 - (y - 20.0).abs()).max(0.0);
+    for (hole, from) in [(Some(5..14), 0), (None, 20), (None, 16)] {
+        let heights: Vec<f32> = (0..60 * (60 - from))
+            .map(|cell| {
+                let (x, y) = (cell / (60 - from), from + cell % (60 - from));
+                let is_hole = (20..40).contains(&x) && hole.as_ref().is_some_and(|hole| hole.contains(&y));
+                if is_hole { f32::NAN } else { hill(y as f64 + 0.5) as f32 }
+            })
+            .collect();
+        let map = HeightMap::new(&heights, [60, 60 - from], 1.0).unwrap();
+        let terrain = Terrain::from_height_map(&map, 1.0, DVec3::new(0.0, from as f64, 0.0)).unwrap();
+        for (height, tilt) in [(12.0, 0.25), (9.0, 0.1), (15.0, 0.4)] {
+            let view = view(DVec3::new(30.2, from as f64 - 5.0, height), looking(0.0, tilt, 0.0), 60.0);
+            // Of a column that is turned to the camera nobody paints the underside: its rays meet nothing.
+            if from != 16 {
+                let [one_sided, elsewhere] = disagreements(&terrain, Surface::Planes, &view, 100.0);
+                assert_eq!(one_sided, 0, "hole {hole:?}, from {from}, camera at {height}");
+                assert!(elsewhere <= 2, "{elsewhere} pixels on the border of two columns");
+            }
+            let seen = project(&view, &terrain, &Projection::new(100.0, 0.0, Coverage::Full).unwrap());
+            let behind = |id: u32| terrain.center(id).y > 41.0;
+            assert!(!seen.voxel_ids().iter().any(|&id| behind(id)), "the plain lies behind the hill");
+        }
+    }
+}
+
 #[test]
 fn a_pixel_of_a_lens_that_distorts_belongs_to_what_its_ray_meets() {
     let terrain = landscape(0.7);
