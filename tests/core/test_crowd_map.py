@@ -425,6 +425,10 @@ def _integrate(
         (lambda crowd_map: crowd_map.state(_at(0.9)), "a crowd map cannot be read in its past"),
         (lambda crowd_map: crowd_map.probability(_at(2.0), [256]), "voxel id 256 does not exist"),
         (lambda crowd_map: crowd_map.probability(_at(2.0), [0.5]), "ids has elements of type float64"),
+        (
+            lambda crowd_map: crowd_map.seen_by(crowd_map.seen()),
+            "ids has elements of type bool; they must be int64: np.flatnonzero gives the places of a mask",
+        ),
         (lambda crowd_map: crowd_map.state(_at(2.0), threshold=0.0), "threshold is 0; it must be in (0, 1]"),
         (
             lambda crowd_map: crowd_map.state(_at(2.0), threshold=math.nan),

@@ -328,6 +328,11 @@ ONE_CELL = np.ones((1, 1, 1), bool)
         (lambda: BOX.voxel_centers([0, 8]), "voxel id 8 does not exist; the terrain has ids 0 to 7"),
         (lambda: BOX.voxel_centers([-1]), "voxel id -1 does not exist; the terrain has ids 0 to 7"),
         (lambda: BOX.voxel_indices([0.7]), "ids has elements of type float64; they must be int64"),
+        (
+            lambda: BOX.surface_heights(np.arange(8) > 5),
+            "ids has elements of type bool; they must be int64: np.flatnonzero gives the places of a mask",
+        ),
+        (lambda: BOX.voxel_ids([[True, False, True]]), "indices has elements of type bool"),
         (lambda: BOX.voxel_indices([[0]]), "ids has shape [1, 1]; it must be [N]"),
         (lambda: BOX.voxel_ids([0, 0, 0]), "indices has shape [3]; it must be [N, 3]"),
         (lambda: BOX.with_origin((0.0, 0.0, math.nan)), "origin z is NaN; it must be finite"),

@@ -3,8 +3,8 @@
 use crowdfence::Error;
 use glam::DVec3;
 use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
@@ -71,7 +71,7 @@ fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
     Ok(())
 }
 
-/// numpy would turn id 0.7 into 0 and an occupancy of NaN into true without a word.
+/// numpy would turn id 0.7 into 0, a mask into ids 0 and 1, and an occupancy of NaN into true without a word.
 fn check_element_type<'py>(
     given: &Bound<'py, PyAny>,
     wanted: &Bound<'py, PyArrayDescr>,
@@ -82,10 +82,12 @@ fn check_element_type<'py>(
     let is_empty = given.getattr("size")?.extract::<usize>()? == 0; // [] has an element type by accident
     let numpy = given.py().import("numpy")?;
     let fits = || numpy.call_method1("can_cast", (&dtype, wanted, "same_kind"))?.extract::<bool>();
-    if is_empty || matches!(kind, 'b' | 'i' | 'u') || fits()? {
+    let is_mask = kind == 'b' && matches!(wanted.kind(), b'i' | b'u');
+    if is_empty || (!is_mask && (matches!(kind, 'b' | 'i' | 'u') || fits()?)) {
         return Ok(());
     }
-    Err(CrowdfenceError::new_err(format!("{name} has elements of type {dtype}; they must be {wanted}")))
+    let hint = if is_mask { ": np.flatnonzero gives the places of a mask" } else { "" };
+    Err(CrowdfenceError::new_err(format!("{name} has elements of type {dtype}; they must be {wanted}{hint}")))
 }
 
 /// The place of grid index (0, 0, 0), as `#[pyo3(from_py_with = origin)] origin: [f64; 3]`.
