@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from crowdfence import Terrain
+from crowdfence.maps.outstanding import raised
 from support.slow_projection import DenseTerrain
 
 Array = NDArray[np.float64]
@@ -112,7 +113,7 @@ def test_a_column_reaches_from_its_height_down_to_its_lowest_neighbour(
 
 
 @ORIGINS
-@pytest.mark.parametrize("voxel_size_m", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("voxel_size_m", [0.5, 1.0, 2.0])
 def test_voxels_of_another_size_sample_the_height_between_cells(
     voxel_size_m: float, origin: tuple[float, float, float]
 ) -> None:
@@ -130,6 +131,44 @@ def test_voxels_of_another_size_sample_the_height_between_cells(
     # A plane keeps its height to half a step of 2^-13 voxels.
     np.testing.assert_allclose(distances, 50.0 - height, rtol=0, atol=voxel_size_m * 2.0**-14 + 1e-7)
     np.testing.assert_allclose(terrain.surface_heights(ids), 50.0 + origin[2] - distances, rtol=0, atol=1e-7)
+
+
+@ORIGINS
+@pytest.mark.parametrize("voxel_size_m", [2.0, 3.0, 4.5, 9.0])
+def test_a_voxel_larger_than_the_cells_is_as_high_as_what_stands_out_of_it(
+    voxel_size_m: float, origin: tuple[float, float, float]
+) -> None:
+    """By the rule for files (`maps.outstanding`): poles and a house, a hole, and a slope that stays one."""
+    rng = np.random.default_rng(5)
+    heights = np.repeat(0.3 * np.arange(36.0, dtype=np.float32)[:, None], 45, axis=1)
+    heights.flat[rng.choice(heights.size, 40, replace=False)] += np.float32(9.5)
+    heights[20:24, 30:33] += np.float32(6.0)
+    heights[5:9, 5:9] = np.nan
+    terrain = Terrain.from_height_map(heights, 1.0, voxel_size_m, origin)
+    shape = [math.ceil(side / voxel_size_m) for side in heights.shape]
+    middles, tops = np.full((2, *shape), np.nan, np.float32)
+    for i, j in np.ndindex(*shape):
+        at = (np.array([i, j]) + 0.5) * voxel_size_m - 0.5
+        (i0, j0), (i1, j1) = (
+            np.clip(at.astype(int) + step, 0, np.array(heights.shape) - 1) for step in (0, 1)
+        )
+        x, y = np.clip(at, 0, np.array(heights.shape) - 1) - (i0, j0)
+        around = heights[np.ix_([i0, i1], [j0, j1])]
+        weights = np.outer([1 - x, x], [1 - y, y])
+        middles[i, j] = (around[weights > 0] * weights[weights > 0]).sum()
+        low, high = (np.array([i + k, j + k]) * voxel_size_m for k in (0, 1))
+        cells = heights[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])]
+        tops[i, j] = np.nan if np.isnan(cells).all() else np.nanmax(cells)
+    expected = raised(middles, tops, voxel_size_m)
+    assert (expected > middles).any()
+    columns = np.argwhere(~np.isnan(expected))
+    above = np.column_stack([(columns + 0.5) * voxel_size_m, np.full(len(columns), 90.0)]) + origin
+    ids, distances = terrain.raycast(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)), 1e3)
+    np.testing.assert_array_equal(np.unique(terrain.columns()[:, :2], axis=0), columns)
+    np.testing.assert_array_equal(terrain.voxel_indices(ids)[:, :2], columns)
+    np.testing.assert_allclose(
+        90.0 - distances, expected[tuple(columns.T)], rtol=0, atol=voxel_size_m * 2.0**-14 + 1e-5
+    )
 
 
 @given(

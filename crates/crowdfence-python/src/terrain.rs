@@ -106,7 +106,9 @@ impl PyTerrain {
     /// voxel_size_m  None = cell_size_m
     /// origin        world coordinates (x, y, z) of the corner of cell (0, 0), metres
     ///
-    /// A column also fills the step down to its lowest neighbour, so that no ray slips through.
+    /// A column also fills the step down to its lowest neighbour, so that no ray slips through. In voxels
+    /// larger than the cells it has the height at its middle, but that of its highest cell where this stands
+    /// out of it by a metre and half a voxel: what a wall hides would be called seen.
     /// CrowdfenceError as for the class.
     #[staticmethod]
     #[pyo3(signature = (height_m, cell_size_m, voxel_size_m=None, origin=[0.0; 3]), text_signature = "(height_m, cell_size_m, voxel_size_m=None, origin=(0.0, 0.0, 0.0))")]

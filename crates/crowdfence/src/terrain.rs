@@ -8,6 +8,7 @@ pub mod height_map;
 mod key;
 pub mod octomap;
 mod outline;
+mod outstanding;
 mod plane;
 mod plane_fit;
 mod point_means;

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 
+use super::outstanding::{self, Middles};
 use super::plane::Plane;
 use super::tree::MAX_EXTENT;
 use super::{MAX_HEIGHT, MAX_HEIGHT_M, MAX_VOXELS};
@@ -48,17 +49,35 @@ impl<'a> HeightMap<'a> {
         if count > MAX_VOXELS {
             return Err(Error::TooManyVoxels { count, bound: MAX_VOXELS });
         }
+        let middle_m = |i: usize, j: usize| {
+            self.sample((i as f64 + 0.5) / columns_per_cell, (j as f64 + 0.5) / columns_per_cell)
+        };
+        if columns_per_cell * outstanding::COARSER >= 1.0 {
+            return self.surface(shape, voxel_size_m, middle_m);
+        }
+        let columns = (0..shape[0] * shape[1]).into_par_iter();
+        let heights_m = columns.map(|at| middle_m(at / shape[1], at % shape[1])).collect();
+        let middles = Middles { heights_m, shape, voxel_size_m };
+        self.surface(shape, voxel_size_m, |i, j| middles.raised(i, j, self.highest_m(i, j, columns_per_cell)))
+    }
+
+    /// The surface over columns of the heights that `height_m` gives, NaN for a hole.
+    fn surface(
+        &self,
+        shape: [usize; 2],
+        voxel_size_m: f64,
+        height_m: impl Fn(usize, usize) -> f64 + Sync,
+    ) -> Result<SurfaceColumns> {
         let mut tops = vec![Top::HOLE; shape[0] * shape[1]];
         tops.par_chunks_mut(shape[1].max(1)).enumerate().try_for_each(|(i, row)| {
             row.iter_mut().enumerate().try_for_each(|(j, top)| {
-                let height_m =
-                    self.sample((i as f64 + 0.5) / columns_per_cell, (j as f64 + 0.5) / columns_per_cell);
+                let height_m = height_m(i, j);
                 if height_m.is_nan() {
                     return Ok(());
                 }
                 let height = height_m / voxel_size_m;
                 if height.abs() >= f64::from(i32::MAX) - 1.0 {
-                    let cell = |at: usize| (at as f64 / columns_per_cell) as usize;
+                    let cell = |at: usize| (at as f64 * voxel_size_m / self.cell_size_m) as usize;
                     let (column, row, value) = (cell(i), cell(j), height_m as f32);
                     return Err(Error::Height { column, row, value, bound: "2^31 voxels" });
                 }
@@ -67,6 +86,18 @@ impl<'a> HeightMap<'a> {
             })
         })?;
         Ok(SurfaceColumns { tops, shape })
+    }
+
+    /// Greatest height of the cells in a column, NaN where all of them are holes.
+    fn highest_m(&self, i: usize, j: usize, columns_per_cell: f64) -> f64 {
+        let [rows, columns] = [(i, self.shape[0]), (j, self.shape[1])].map(|(at, cells)| {
+            // A hair less: a cell that only touches the column is not in it.
+            let [low, high] = [at as f64, at as f64 + 1.0].map(|edge| edge / columns_per_cell);
+            (low + 1e-9) as usize..((high - 1e-9).ceil() as usize).min(cells)
+        });
+        let row = |i: usize| &self.heights_m[i * self.shape[1]..][..self.shape[1]];
+        rows.flat_map(|i| &row(i)[columns.clone()])
+            .fold(f64::NAN, |highest, &height| highest.max(height.into()))
     }
 
     /// Height at a position given in cells, bilinear between cell centres and level beyond the outermost
