@@ -15,7 +15,8 @@ use crate::stamps::stamp_ns;
 /// stamp_ns           when the image was exposed: int, nanoseconds since the Unix epoch
 /// camera             intrinsics of the image
 /// world_from_camera  [4, 4] rigid transform, camera axes -> local ENU metres
-/// heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image
+/// heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image; a mask of
+///                    0 and 1 is given as bool: as uint8 its ones are next to nothing
 ///
 /// ViewError for a drone without a name, a pose that is not rigid to 1e-4, a heatmap that is empty, holds a
 /// value outside [0, 1] or is no reduction of the image; StampError for a stamp that is no int64;
