@@ -8,6 +8,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from multiprocessing import Pipe, get_all_start_methods, get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -251,6 +253,36 @@ def test_a_reader_sees_whole_instants_while_another_thread_integrates() -> None:
             instants += 1
             assert instants < len(after), "a reading between two instants, or older than the one before"
     assert len(readings) > 1
+
+
+def _fly_forked(generations: int, answer: Connection) -> None:
+    crowd_map = CrowdMap(_floor(), Or())
+    crowd_map.integrate([_view("a", 0.0)], _at(0.0))
+    answer.send(crowd_map.to_bytes())
+    if generations > 1:
+        child = get_context("fork").Process(target=_fly_forked, args=(generations - 1, answer))
+        child.start()
+        child.join()
+
+
+@pytest.mark.skipif("fork" not in get_all_start_methods(), reason="this system does not fork")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_process_works_without_the_threads_of_its_parent() -> None:
+    """It would wait for them for ever, and so would a child of it."""
+    answers, answer = Pipe(duplex=False)
+    crowd_map = CrowdMap(_floor(), Or())
+    crowd_map.integrate([_view("a", 0.0)], _at(0.0))
+    child = get_context("fork").Process(target=_fly_forked, args=(2, answer))
+    child.start()
+    try:
+        for _ in range(2):
+            assert answers.poll(60), "the forked process hangs"
+            assert answers.recv() == crowd_map.to_bytes()
+        child.join(60)
+        assert child.exitcode == 0
+    finally:
+        child.kill()
+        child.join()
 
 
 # --- fleets

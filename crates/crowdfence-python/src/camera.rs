@@ -10,6 +10,7 @@ use pyo3::types::PyTuple;
 
 use crate::arrays::{Array, points, refuse, rows};
 use crate::errors::ViewError;
+use crate::released::released;
 
 /// Intrinsics of one camera. `Camera.pinhole` and `Camera.fisheye` make one.
 ///
@@ -154,7 +155,7 @@ impl PyCamera {
         points_camera: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let points = points(points_camera, "points_camera")?;
-        let pixels = py.detach(|| {
+        let pixels = released(py, || {
             points.iter().flat_map(|&point| self.0.project(point).unwrap_or(DVec2::NAN).to_array()).collect()
         });
         rows(py, pixels, 2)
@@ -180,7 +181,7 @@ impl PyCamera {
 
     /// How many pixel centres have no ray because the distortion cannot be inverted there.
     fn blind_pixel_count(&self, py: Python<'_>) -> usize {
-        py.detach(|| self.0.blind_pixel_count())
+        released(py, || self.0.blind_pixel_count())
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {

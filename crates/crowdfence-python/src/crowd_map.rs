@@ -11,6 +11,7 @@ use crate::crowd_columns::PyCrowdColumns;
 use crate::errors::MapFileError;
 use crate::method::{MethodArgument, method_object};
 use crate::observation::{PyObservation, projection};
+use crate::released::released;
 use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
 use crate::view::PyView;
@@ -123,7 +124,7 @@ impl PyCrowdMap {
         py: Python<'_>,
         question: impl FnOnce(&CrowdMap) -> crowdfence::Result<T> + Send,
     ) -> PyResult<T> {
-        py.detach(|| question(&self.map.read().expect("no writer panics"))).map_err(refuse)
+        released(py, || question(&self.map.read().expect("no writer panics"))).map_err(refuse)
     }
 
     fn ids(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
@@ -231,7 +232,7 @@ impl PyCrowdMap {
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
     ) -> PyResult<PyUpdate> {
         let views: Vec<View> = views.iter().map(|view| view.0.clone()).collect();
-        py.detach(|| {
+        released(py, || {
             let mut map = self.map.write().expect("no writer panics");
             map.integrate(&views, stamp_ns)
         })
@@ -251,7 +252,7 @@ impl PyCrowdMap {
     ) -> PyResult<PyUpdate> {
         let observations: Vec<Arc<Observation>> =
             observations.iter().map(|observation| observation.0.clone()).collect();
-        py.detach(|| {
+        released(py, || {
             let mut map = self.map.write().expect("no writer panics");
             map.integrate_observations(observations, stamp_ns)
         })
@@ -523,7 +524,7 @@ impl PyCrowdMap {
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: Cow<'_, [u8]>, terrain: Py<PyTerrain>) -> PyResult<Self> {
         let voxels = terrain.borrow(py).terrain.clone();
-        let map = py.detach(|| CrowdMap::from_bytes(&data, voxels)).map_err(refuse)?;
+        let map = released(py, || CrowdMap::from_bytes(&data, voxels)).map_err(refuse)?;
         Ok(PyCrowdMap { map: RwLock::new(map), terrain })
     }
 

@@ -13,6 +13,7 @@ mod evidence;
 mod method;
 mod observation;
 mod opinion_pool;
+mod released;
 mod stamps;
 mod terrain;
 mod vibrance;

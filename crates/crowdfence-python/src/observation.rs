@@ -10,6 +10,7 @@ use pyo3::types::PyBytes;
 use crate::arrays::{Array, id_array, refuse};
 use crate::crowd_mass::PyCrowdMass;
 use crate::errors::CrowdfenceError;
+use crate::released::released;
 use crate::stamps::stamp_ns;
 use crate::terrain::{PyTerrain, checked_ids};
 use crate::view::PyView;
@@ -144,14 +145,14 @@ impl PyObservation {
     /// The observation as bytes, with a checksum, for other machines and other versions of this
     /// library.
     fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &py.detach(|| self.0.to_bytes()))
+        PyBytes::new(py, &released(py, || self.0.to_bytes()))
     }
 
     /// The observation that `to_bytes` wrote. MapFileError for bytes that are damaged, of another kind
     /// or of a newer version, CrowdfenceError where their content breaks a promise of an observation.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: Cow<'_, [u8]>) -> PyResult<Self> {
-        py.detach(|| Observation::from_bytes(&data))
+        released(py, || Observation::from_bytes(&data))
             .map(|observation| PyObservation(Arc::new(observation)))
             .map_err(refuse)
     }
@@ -242,6 +243,6 @@ pub fn project(
 ) -> PyResult<PyObservation> {
     let projection = projection(max_range_m, target_height_m, coverage, surface)?;
     let projection = projection.with_crowd_threshold(crowd_threshold).map_err(refuse)?;
-    let observation = py.detach(|| crowdfence::project(&view.0, &terrain.terrain, &projection));
+    let observation = released(py, || crowdfence::project(&view.0, &terrain.terrain, &projection));
     Ok(PyObservation(Arc::new(observation)))
 }

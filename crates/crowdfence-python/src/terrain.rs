@@ -13,6 +13,7 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::arrays::{Array, id_array, origin, points, refuse, rows};
 use crate::errors::CrowdfenceError;
 use crate::observation::surface;
+use crate::released::released;
 
 /// The known terrain: a sparse voxel surface.
 ///
@@ -94,7 +95,7 @@ impl PyTerrain {
         let occupied = Array::<bool>::new(occupied, "occupied", &[None, None, None])?;
         let shape = [occupied.shape()[0], occupied.shape()[1], occupied.shape()[2]];
         let occupied = occupied.to_vec()?;
-        py.detach(|| Terrain::from_occupancy(&occupied, shape, voxel_size_m, origin.into()))
+        released(py, || Terrain::from_occupancy(&occupied, shape, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
@@ -122,7 +123,7 @@ impl PyTerrain {
         let heights = Array::<f32>::new(height_m, "height_m", &[None, None])?;
         let shape = [heights.shape()[0], heights.shape()[1]];
         let heights = heights.to_vec()?;
-        py.detach(|| {
+        released(py, || {
             let map = HeightMap::new(&heights, shape, cell_size_m)?;
             Terrain::from_height_map(&map, voxel_size_m.unwrap_or(cell_size_m), origin.into())
         })
@@ -143,7 +144,7 @@ impl PyTerrain {
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let points = self::points(points, "points")?;
-        py.detach(|| Terrain::from_points(&points, voxel_size_m, origin.into()))
+        released(py, || Terrain::from_points(&points, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
@@ -167,7 +168,7 @@ impl PyTerrain {
         let corner = |index: i64| u32::try_from(index).unwrap_or(u32::MAX);
         let triangles: Vec<[u32; 3]> =
             flat.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect();
-        py.detach(|| Terrain::from_triangles(&vertices, &triangles, voxel_size_m, origin.into()))
+        released(py, || Terrain::from_triangles(&vertices, &triangles, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
@@ -185,7 +186,7 @@ impl PyTerrain {
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         let indices = grid_indices(indices, "indices")?;
-        py.detach(|| Terrain::from_indices(&indices, voxel_size_m, origin.into()))
+        released(py, || Terrain::from_indices(&indices, voxel_size_m, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
@@ -207,7 +208,7 @@ impl PyTerrain {
         let indices = grid_indices(indices, "indices")?;
         let unmeasured = unmeasured.map_or(Ok(Vec::new()), |columns| grid_indices(columns, "unmeasured"))?;
         let planes = Array::<u32>::new(planes, "planes", &[Some(indices.len())])?.to_vec()?;
-        py.detach(|| {
+        released(py, || {
             let planes: Vec<Plane> = planes.into_iter().map(Plane::from_bits).collect();
             Terrain::from_voxels(&indices, &planes, voxel_size_m, origin.into())
                 .map(|terrain| terrain.with_unmeasured(&unmeasured))
@@ -226,7 +227,7 @@ impl PyTerrain {
         data: Cow<'_, [u8]>,
         #[pyo3(from_py_with = origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
-        py.detach(|| Terrain::from_octomap(&octomap::read(&data)?, origin.into()))
+        released(py, || Terrain::from_octomap(&octomap::read(&data)?, origin.into()))
             .map(PyTerrain::new)
             .map_err(refuse)
     }
@@ -339,12 +340,12 @@ impl PyTerrain {
         let surface = self::surface(surface)?;
         let origins = points(origins, "origins")?;
         let directions = points(directions, "directions")?;
-        let (ids, distances): (Vec<i64>, Vec<f64>) = py
-            .detach(|| self.terrain.raycast_many(surface, &origins, &directions, max_range_m))
-            .map_err(refuse)?
-            .into_iter()
-            .map(|hit| hit.map_or((-1, f64::INFINITY), |h| (i64::from(h.voxel_id), h.distance_m)))
-            .unzip();
+        let (ids, distances): (Vec<i64>, Vec<f64>) =
+            released(py, || self.terrain.raycast_many(surface, &origins, &directions, max_range_m))
+                .map_err(refuse)?
+                .into_iter()
+                .map(|hit| hit.map_or((-1, f64::INFINITY), |h| (i64::from(h.voxel_id), h.distance_m)))
+                .unzip();
         Ok((ids.into_pyarray(py), distances.into_pyarray(py)))
     }
 
@@ -357,7 +358,7 @@ impl PyTerrain {
         ids: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let ids = self.checked_ids(ids)?;
-        let centers = py.detach(|| self.terrain.centers(&ids).iter().flat_map(DVec3::to_array).collect());
+        let centers = released(py, || self.terrain.centers(&ids).iter().flat_map(DVec3::to_array).collect());
         rows(py, centers, 3)
     }
 
@@ -370,7 +371,7 @@ impl PyTerrain {
         ids: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let ids = self.checked_ids(ids)?;
-        Ok(py.detach(|| self.terrain.surface_heights(&ids)).into_pyarray(py))
+        Ok(released(py, || self.terrain.surface_heights(&ids)).into_pyarray(py))
     }
 
     /// Grid indices (i, j, k) [N, 3] of the voxels `ids` [N].
@@ -383,21 +384,21 @@ impl PyTerrain {
     ) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let ids = self.checked_ids(ids)?;
         let indices =
-            py.detach(|| self.terrain.indices_of(&ids).into_iter().flatten().map(i64::from).collect());
+            released(py, || self.terrain.indices_of(&ids).into_iter().flatten().map(i64::from).collect());
         rows(py, indices, 3)
     }
 
     /// Ids [N] int64 of the voxels without a voxel on top, on which somebody can stand: sorted by column
     /// (i, then j), then from below. Costs the map, 0.02 s a million voxels.
     fn standing_places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        let ids = py.detach(|| self.terrain.standing_places());
+        let ids = released(py, || self.terrain.standing_places());
         id_array(py, &ids)
     }
 
     /// Every column of voxels, sorted [C, 4] int64: grid indices i and j, k of its lowest and of its
     /// highest voxel. Costs the map, 0.03 s a million voxels.
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        let ends = py.detach(|| {
+        let ends = released(py, || {
             let columns = self.terrain.columns();
             columns.iter().flat_map(|one| [one.i, one.j, one.bottom, one.top]).map(i64::from).collect()
         });
@@ -408,7 +409,7 @@ impl PyTerrain {
     /// column, metres above the lowest face, from the smallest grid indices in use on. NaN in a column
     /// without a voxel. Costs the map, 0.03 s a million voxels.
     fn surface_map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        rows(py, py.detach(|| self.terrain.surface_map()), self.terrain.extent_xy()[1])
+        rows(py, released(py, || self.terrain.surface_map()), self.terrain.extent_xy()[1])
     }
 
     /// Ids [N] of grid indices [N, 3], -1 where there is no voxel. CrowdfenceError for another shape.
@@ -437,7 +438,7 @@ impl PyTerrain {
     /// CrowdfenceError for another shape.
     fn with_unmeasured(&self, py: Python<'_>, columns: &Bound<'_, PyAny>) -> PyResult<Self> {
         let columns = grid_indices(columns, "columns")?;
-        let marked = py.detach(|| Terrain::clone(&self.terrain).with_unmeasured(&columns));
+        let marked = released(py, || Terrain::clone(&self.terrain).with_unmeasured(&columns));
         let marked = PyTerrain::new(marked);
         marked.set_georeference(self.georeference(py));
         Ok(marked)
@@ -448,7 +449,7 @@ impl PyTerrain {
     /// In a voxel of both, this terrain's surface counts. The georeference is this one's.
     /// CrowdfenceError for another voxel_size_m or origin.
     fn joined(&self, py: Python<'_>, other: &Self) -> PyResult<Self> {
-        let joined = py.detach(|| self.terrain.joined(&other.terrain)).map_err(refuse)?;
+        let joined = released(py, || self.terrain.joined(&other.terrain)).map_err(refuse)?;
         let joined = PyTerrain::new(joined);
         joined.set_georeference(self.georeference(py));
         Ok(joined)
@@ -457,7 +458,7 @@ impl PyTerrain {
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
         let (py, terrain) = (slf.py(), &slf.get().terrain);
         let ids: Vec<u32> = (0..terrain.voxel_count() as u32).collect();
-        let indices = py.detach(|| terrain.indices_of(&ids).into_iter().flatten().collect());
+        let indices = released(py, || terrain.indices_of(&ids).into_iter().flatten().collect());
         let planes = slf.get().planes(py);
         let this = slf.get();
         let parts =
@@ -494,7 +495,7 @@ pub fn write_octomap_binary<'py>(
     ids: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyBytes>> {
     let voxels = voxels(&terrain.terrain, ids)?;
-    let bytes = py.detach(|| octomap::write_binary(&voxels, terrain.voxel_size_m())).map_err(refuse)?;
+    let bytes = released(py, || octomap::write_binary(&voxels, terrain.voxel_size_m())).map_err(refuse)?;
     Ok(PyBytes::new(py, &bytes))
 }
 
@@ -518,8 +519,7 @@ pub fn write_octomap_color<'py>(
     let colors = Array::<u8>::new(colors, "colors", &[Some(voxels.len()), Some(3)])?.to_vec()?;
     let colors: Vec<[u8; 3]> = colors.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
     let probability = Array::<f64>::new(probability, "probability", &[Some(voxels.len())])?.to_vec()?;
-    let bytes = py
-        .detach(|| octomap::write_color(&voxels, &colors, &probability, terrain.voxel_size_m()))
+    let bytes = released(py, || octomap::write_color(&voxels, &colors, &probability, terrain.voxel_size_m()))
         .map_err(refuse)?;
     Ok(PyBytes::new(py, &bytes))
 }
