@@ -269,6 +269,12 @@ def test_frames_that_fail_are_refused_and_the_rest_is_fused(
     with pytest.raises(AttributeError):
         pipeline.run(open_recording(recorded), terrain, CONFIG, detector=mistaken)
 
+    def without_return(frame: Frame) -> NDArray[np.float32]:
+        return None  # type: ignore[return-value]
+
+    with pytest.raises(TypeError, match=r"heatmap made for uav\w+ at \d+ is None; it must be"):
+        pipeline.run(open_recording(recorded), terrain, CONFIG, detector=without_return)
+
 
 def test_automatic_choice(
     recorded: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

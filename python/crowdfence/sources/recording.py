@@ -212,7 +212,12 @@ def _sorted_out(results: Iterable[View | RefusedFrame]) -> InstantViews:
 
 def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> View | RefusedFrame:
     try:
-        return frame.view(heatmap_of(frame))
+        heatmap = heatmap_of(frame)
+        if heatmap is None:
+            # `Frame.view` would take the recorded one.
+            told = "it must be an array [h, w], or FrameError raised for a frame without"
+            raise TypeError(f"the heatmap made for {frame.drone} at {frame.stamp_ns} is None; {told}")
+        return frame.view(heatmap)
     except FrameError as error:
         return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
 
