@@ -57,6 +57,31 @@ def small_mission(path, frames=4, drone="uav1", **options):
     return path
 
 
+# --- whole or absent --------------------------------------------------------------------------------------
+
+
+def test_two_writers_of_one_file_do_not_mix_what_they_write(tmp_path):
+    """The first one ended without a word, and its file held pieces of both."""
+    path = tmp_path / "flight.mcap"
+    with MissionWriter(path) as first:
+        first.add_camera("uav1", CAMERA)
+        first.add_frame("uav1", EPOCH_NS, heatmap=np.full((6, 8), 7, dtype=np.uint8))
+        with pytest.raises(FileExistsError, match=r"flight\.mcap is being written by another command; wait"):
+            small_mission(path)
+    assert [frame.drone for frame in open_recording(path).frames] == []
+    assert [file.name for file in tmp_path.iterdir()] == ["flight.mcap"]
+    small_mission(path)
+    assert len(open_recording(path).refused) + len(open_recording(path).frames) == 4
+
+
+def test_an_error_while_writing_leaves_nothing_and_the_name_free(tmp_path):
+    path = tmp_path / "flight.mcap"
+    with pytest.raises(RuntimeError), MissionWriter(path):
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    small_mission(path)
+
+
 # --- the same views as the source -------------------------------------------------------------------------
 
 

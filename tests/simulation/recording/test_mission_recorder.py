@@ -380,6 +380,17 @@ def test_no_map_is_overwritten_unasked(tmp_path, name):
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
 
 
+@pytest.mark.parametrize("how", [{}, {"resume": True}, {"overwrite": True}])
+def test_a_run_that_goes_on_is_left_alone(mission, tmp_path, how):
+    """Its file was taken for what a kill had left, and both runs wrote into one."""
+    path = tmp_path / "beach.mcap"
+    with mission_recorder.MissionWriter(path) as writer:
+        writer.add_drone("uav1")
+        with pytest.raises(FileExistsError, match="is being written by another command"):
+            record_mission(beach(), path, options=LABELS, workers=1, **how)
+    assert [file.name for file in tmp_path.iterdir()] == ["beach.mcap"]
+
+
 def test_a_target_that_cannot_be_is_refused_first(tmp_path):
     with pytest.raises(FileNotFoundError, match="does not exist"):
         record_mission(beach(), tmp_path / "no" / "beach.mcap", options=LABELS)

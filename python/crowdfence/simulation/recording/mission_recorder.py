@@ -26,7 +26,7 @@ from crowdfence.simulation.schedule import Capture, build_schedule
 from crowdfence.sources.layers import LANDING_SITE
 from crowdfence.sources.mission.layout import FramePart, LayerPart, camera_frame, topic_prefix
 from crowdfence.sources.mission.messages import FrameContent, encode_frame
-from crowdfence.sources.mission.topic_writer import part_path
+from crowdfence.sources.mission.topic_writer import part_path, refuse_while_written
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.stop_request import StopRequest
@@ -69,6 +69,7 @@ def record_mission(
     require_folder(path)
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; name the mission file inside it")
+    refuse_while_written(path)
     if not (resume or overwrite):
         require_nothing_there(path, "exists")
         require_nothing_there(part_path(path), "is left of an interrupted run")

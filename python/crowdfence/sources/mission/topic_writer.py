@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, TypeVar
+from typing import BinaryIO, NamedTuple, TypeVar
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
@@ -43,12 +44,15 @@ class TopicMessage(NamedTuple):
 
 class TopicWriter:
     """An MCAP file that grows as `<path>.part` and takes its name when it is closed, so that no half-written
-    file ever carries it; a context manager. After an error inside the `with` block nothing is left behind."""
+    file ever carries it; a context manager. After an error inside the `with` block nothing is left behind.
+
+    FileExistsError while another process, or another writer of this one, writes the same file.
+    """
 
     def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
         self._part_path = part_path(self.path)
-        self._file = self._part_path.open("wb")
+        self._file = _locked_and_empty(self.path)
         self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._mcap.start(profile=Profile.ROS2, library="crowdfence")
         self._schemas: dict[str, int] = {}
@@ -70,8 +74,8 @@ class TopicWriter:
         self._mcap.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
+        os.replace(self._part_path, self.path)  # while it is locked: nobody else has begun to write it
         self._file.close()
-        os.replace(self._part_path, self.path)
 
     def abandon(self) -> None:
         """Stop writing and leave the partial file, which can be read as far as it goes."""
@@ -80,9 +84,9 @@ class TopicWriter:
 
     def discard(self) -> None:
         """Stop writing and remove the partial file."""
-        # Closing flushes, which fails again on a full disk; the file is removed anyway.
-        self.abandon()
-        self._part_path.unlink(missing_ok=True)
+        if not self._file.closed:
+            self._part_path.unlink(missing_ok=True)  # while it is locked: it is ours
+        self.abandon()  # closing flushes, which fails again on a full disk
 
     def __enter__(self: WriterT) -> WriterT:
         return self
@@ -130,3 +134,37 @@ class TopicWriter:
 def part_path(path: Path) -> Path:
     """Where a file grows until it is closed."""
     return path.with_name(path.name + ".part")
+
+
+def refuse_while_written(path: Path) -> None:
+    """FileExistsError while somebody else writes a file, who would lose it to whoever writes it too."""
+    with contextlib.suppress(FileNotFoundError), part_path(path).open("rb") as file:
+        _lock(file.fileno(), path)
+
+
+def _locked_and_empty(path: Path) -> BinaryIO:
+    """Where a file grows, for one writer alone; the lock ends with its process. FileExistsError."""
+    part = part_path(path)
+    while True:
+        handle = os.open(part, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            _lock(handle, path)
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), part.stat()):
+                    os.truncate(handle, 0)
+                    return os.fdopen(handle, "wb")
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)  # somebody finished it meanwhile, so that it has another name
+
+
+def _lock(handle: int, path: Path) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise FileExistsError(
+            f"{path} is being written by another command; wait until that has ended, or name another file"
+        ) from None
+    except OSError:
+        pass  # a disk of another machine that cannot lock
