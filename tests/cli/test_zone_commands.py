@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -267,6 +268,33 @@ def test_a_file_of_the_run_that_is_read_is_never_written(run: Path, tmp_path: Pa
         for option in ("-o", "--picture"):
             assert "is read for this, and would be lost" in refused(*way, option, output)
     assert (run / name).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["route", "--local", "--from", "1,5", "--to", "2,5", "-o"],
+        ["export", "-f", "kml", "-o"],
+        ["export", "-f", "mcap", "-o"],
+    ],
+)
+def test_a_run_that_is_replaced_while_it_is_read_is_no_mixture(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    """The zones of one run lay on the ground of the other."""
+    read = ZoneHistory.read
+
+    def replaced_afterwards(path: Path) -> ZoneHistory:
+        found = read(path)
+        run.rename(tmp_path / "old")
+        shutil.copytree(tmp_path / "old", run)
+        return found
+
+    monkeypatch.setattr(ZoneHistory, "read", replaced_afterwards)
+    output = tmp_path / ("out.mcap" if "mcap" in words else "out.tif")
+    message = refused(words[0], run, *words[1:], output)
+    assert message == f"{run} was replaced by another run while it was read; give the command again"
+    assert not output.exists()
 
 
 def test_what_others_drew_and_plans_are_never_written_either(run: Path, tmp_path: Path) -> None:

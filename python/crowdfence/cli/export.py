@@ -19,6 +19,7 @@ from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from crowdfence.exports.zone_formats import ZoneExport
+    from crowdfence.surface_grid import SurfaceGrid
     from crowdfence.zones import Zone
     from crowdfence.zones.history import ZoneHistory
 
@@ -113,7 +114,13 @@ def export(
 ) -> None:
     """Write the no-fly zones of a run, as they were at an instant, for authorities, UTM, autopilots and
     viewers."""
-    from crowdfence.result_folder import files_read_of, open_history
+    from crowdfence.result_folder import (
+        files_read_of,
+        folder_at,
+        open_grid,
+        open_history,
+        require_same_folder,
+    )
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
 
@@ -127,6 +134,7 @@ def export(
         for path in written:
             reads = [*files_read_of(run), plan, *(static_zones or [])]
             stack.enter_context(replaceable_file(path, force=force, reads=reads))
+        standing = folder_at(run)
         history = open_history(run)
         taken = {zone.id for zones in history.sets for zone in zones.closed}
         others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
@@ -134,8 +142,10 @@ def export(
         # Zones hold from the instant that found them, not from when somebody asks.
         stamp_ns = history.stamps_ns[history.index_at(asked_stamp(at, history))]
         report: dict[str, Any] = {"file": str(output), "format": kind.value}
+        grid = open_grid(run, history) if kind is ExportFormat.mcap else None
+        require_same_folder(run, standing)
         if kind is ExportFormat.mcap:
-            _write_mcap(output, run, history, report)
+            _write_mcap(output, run, history, grid, report)
         elif kind in _RASTERS:
             report["beyond_raster"] = _write_raster(kind, output, run, history, stamp_ns)
         elif kind is ExportFormat.geojson:
@@ -189,14 +199,14 @@ def _write_raster(
     return write(output, crowd_map, history.at(stamp_ns).closed)
 
 
-def _write_mcap(output: Path, run: Path, history: ZoneHistory, report: dict[str, Any]) -> None:
+def _write_mcap(
+    output: Path, run: Path, history: ZoneHistory, grid: SurfaceGrid | None, report: dict[str, Any]
+) -> None:
     """Of all instants, whichever is asked for."""
     from crowdfence.exports.closed_cells import reach_beyond
     from crowdfence.exports.raster_placement import RasterPlacement
     from crowdfence.exports.ros2 import write_results_mcap
-    from crowdfence.result_folder import open_grid
 
-    grid = open_grid(run, history)
     report["messages"] = write_results_mcap(output, history, grid)
     if grid is None:
         console.warn(f"{run} holds no terrain.bt and crowd_map.crowdmap: the file shows zones alone")

@@ -101,13 +101,21 @@ def route(
     from crowdfence.planner import NoRoute, safe_route
     from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.planner.told_in_degrees import at_one_height
-    from crowdfence.result_folder import files_read_of, ground_height_of, known_ground_of, open_history
+    from crowdfence.result_folder import (
+        files_read_of,
+        folder_at,
+        ground_height_of,
+        known_ground_of,
+        open_history,
+        require_same_folder,
+    )
     from crowdfence.static_zones import read_static_zones
 
     with ExitStack() as stack:
         for path in filter(None, (output, picture)):
             reads = [*files_read_of(run), *(static_zones or [])]
             stack.enter_context(replaceable_file(path, force=force, reads=reads))
+        standing = folder_at(run)
         history = open_history(run)
         others, left_out = read_static_zones(static_zones or [], history.georeference)
         for reason in left_out:
@@ -127,6 +135,7 @@ def route(
                 f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
             )
         states = _states_at(run, history, departure_ns)
+        require_same_folder(run, standing)
         if known_empty:
             if beyond_map or ground is None:
                 raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
