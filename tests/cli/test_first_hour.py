@@ -8,6 +8,7 @@ import os
 import pty
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -24,6 +25,7 @@ from PIL import Image
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.app import app
 from crowdfence.cli.command_line import command_line
+from crowdfence.cli.demo import RECORDING as DEMO
 from crowdfence.cli.wording import counted
 from support.command_line import commands, crowdfence
 from support.onnx_models import contract, write_endless_model, write_map_model
@@ -197,6 +199,34 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path: Path) -> 
     )
     done = crowdfence("--version", PYTHONPATH=str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+def test_told_to_end_a_command_leaves_nothing_half_written(tmp_path: Path) -> None:
+    """A timeout or a system that shuts down: the hidden files of every such command stayed for good."""
+    folder, temporary = tmp_path / "out", tmp_path / "tmp"
+    folder.mkdir()
+    temporary.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crowdfence", "convert", DEMO, "-o", folder / "flight.mcap"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(temporary)},
+    )
+    while process.poll() is None and not list(folder.glob("*.part")):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, b"Traceback" in said) == (143, False)
+    assert [*folder.iterdir(), *temporary.iterdir()] == []
+
+
+def test_a_library_that_cannot_be_loaded_is_one_line(airsim: Path, tmp_path: Path) -> None:
+    """For want of memory, or of a library of the system."""
+    broken = "raise ImportError('libGL.so.1: cannot open shared object file')"
+    (tmp_path / "scipy.py").write_text(broken)
+    done = crowdfence("inspect", airsim, PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
+    (line,) = done.stderr.strip().splitlines()
+    assert done.returncode == 1 and "a library cannot be loaded: libGL.so.1: cannot open" in line
 
 
 def write_dem(path: Path, crs: str | None = "EPSG:32632") -> Path:

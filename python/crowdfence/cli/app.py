@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from typing import Annotated
+from types import FrameType
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -19,7 +21,7 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
-from crowdfence.cli.exit_codes import FAILED, INTERRUPTED
+from crowdfence.cli.exit_codes import ENDED, FAILED, INTERRUPTED
 from crowdfence.cli.explain import explain
 from crowdfence.cli.export import export
 from crowdfence.cli.fence import app as fence
@@ -83,6 +85,8 @@ def _options(
 
 def main() -> None:
     """Run the command line; a failure is one line on stderr. CROWDFENCE_DEBUG=1 shows where it came from."""
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _unwind)
     try:
         check_words(sys.argv[1:])
         command_line(app)()
@@ -93,6 +97,13 @@ def main() -> None:
         _reraise_for_debugging()
         console.fail(f"{error.name} is not installed; `crowdfence doctor` says how to get it")
         sys.exit(FAILED)
+    except ImportError as error:
+        _reraise_for_debugging()
+        console.fail(
+            f"a library cannot be loaded: {one_line(error)}; is memory short? `crowdfence doctor` says what "
+            "this machine lacks"
+        )
+        sys.exit(FAILED)
     except MemoryError:
         _reraise_for_debugging()
         console.fail("this machine's memory does not hold what was given; is one of the files too large?")
@@ -101,6 +112,13 @@ def main() -> None:
         _reraise_for_debugging()
         console.fail(in_options(one_line(error, whole=True)))
         sys.exit(FAILED)
+
+
+def _unwind(number: int, frame: FrameType | None) -> NoReturn:
+    """SIGTERM leaves every block that is open, as Ctrl-C does: what is half written is removed. A second one
+    ends the process on the spot."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    raise SystemExit(ENDED)
 
 
 def _reraise_for_debugging() -> None:
