@@ -1,13 +1,18 @@
 """Labels on a scene small enough to work out by hand: a plain, a camera that looks straight down, people."""
 
+import errno
 import json
+import multiprocessing
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from crowdfence import Camera, Terrain
-from crowdfence.detector_training.frame_store import store_missions
+from crowdfence.detector_training.frame_store import _Arrays, store_missions
 from crowdfence.detector_training.labels import training_labels
 from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
@@ -177,6 +182,34 @@ def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
     assert {
         path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()
     } == written  # nothing done twice
+
+
+def test_a_store_without_room_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The frames are written into mapped files: on a full disk the system killed the process that wrote."""
+    sizes = []
+
+    def no_room(handle: int, begin: int, size: int) -> None:
+        sizes.append(size)
+        if len(sizes) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", no_room)
+    with pytest.raises(OSError, match=r"No space left on device for 2 MB; make room, .*--store") as caught:
+        _Arrays.create(tmp_path / "race", 100, 1, 240, 320)
+    assert caught.value.filename == str(tmp_path / "race.crowd.npy")
+    assert sizes[0] > 100 * 240 * 320 * 3 and list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_process_that_decodes_is_one_line(tmp_path: Path):
+    def kill_the_first() -> None:
+        while not (children := multiprocessing.active_children()):
+            time.sleep(0.01)
+        children[0].kill()
+
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(kill_the_first)
+        with pytest.raises(OSError, match=r"was killed \(out of memory\?\); .* fewer --workers goes on"):
+            store_missions([DEMO], ["silhouettes"], tmp_path)
 
 
 def test_an_interrupted_store_is_made_again(tmp_path: Path):

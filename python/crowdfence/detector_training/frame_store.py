@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from crowdfence.atomic_file import NO_ROOM
 from crowdfence.detector_training.labels import (
     LABEL_STRIDE,
     STRIDE,
@@ -60,7 +63,8 @@ def store_missions(
 
     Sides that are no multiple of the stride are cut down to one. Frames that cannot be read are skipped and
     named. `terrain_options` say how the maps are opened, see `pipeline.open_terrain`. ValueError for a
-    recording without a usable frame, or with frames of several sizes.
+    recording without a usable frame, or with frames of several sizes; OSError for a folder without room, and
+    for a process that is killed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missions = []
@@ -69,10 +73,16 @@ def store_missions(
         options = dict(terrain_options or {})
         parts = [folder / _key(path, targets, options) for path in paths]
         stored = pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts)
-        for path, part in zip(paths, stored, strict=True):
-            missions.append(_mapped(part, is_labelled_pictures(path)))
-            if on_mission is not None:
-                on_mission(missions[-1])
+        try:
+            for path, part in zip(paths, stored, strict=True):
+                missions.append(_mapped(part, is_labelled_pictures(path)))
+                if on_mission is not None:
+                    on_mission(missions[-1])
+        except BrokenProcessPool as error:
+            raise OSError(
+                "a process that decodes missions was killed (out of memory?); the same command with fewer "
+                "--workers goes on"
+            ) from error
     return missions
 
 
@@ -162,11 +172,31 @@ class _Arrays:
     @classmethod
     def create(cls, part: Path, frames: int, targets: int, height: int, width: int) -> _Arrays:
         labels = (frames, targets, height // LABEL_STRIDE, width // LABEL_STRIDE)
-        return cls(
-            np.lib.format.open_memmap(_file(part, "images"), "w+", np.uint8, (frames, height, width, 3)),
-            np.lib.format.open_memmap(_file(part, "crowd"), "w+", np.uint8, labels),
-            np.lib.format.open_memmap(_file(part, "known"), "w+", np.bool_, labels),
-        )
+        try:
+            return cls(
+                _created(_file(part, "images"), np.uint8, (frames, height, width, 3)),
+                _created(_file(part, "crowd"), np.uint8, labels),
+                _created(_file(part, "known"), np.bool_, labels),
+            )
+        except OSError:
+            for name in ("images", "crowd", "known"):
+                _file(part, name).unlink(missing_ok=True)
+            raise
+
+
+def _created(path: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> Any:
+    """A mapped array of zeros. OSError where the disk has no room for it: whoever finds that out by writing
+    into it is killed."""
+    array = np.lib.format.open_memmap(path, "w+", dtype, shape)
+    with path.open("r+b") as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+        except OSError as error:
+            if error.errno in NO_ROOM:
+                needs = f"{error.strerror} for {size / 1e6:.0f} MB; make room, or take another --store"
+                raise OSError(error.errno, needs, str(path)) from error
+    return array
 
 
 def _mapped(part: Path, photographs: bool) -> StoredMission:
