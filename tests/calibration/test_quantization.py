@@ -149,6 +149,30 @@ def test_rates_are_measured_in_eight_bits(model: Path, labelled: list[Path], tmp
     assert "floating point" not in crowdfence("model", "check", tmp_path / "int8.onnx").stdout
 
 
+def test_what_is_doubtful_about_rates_measured_anew_is_told(
+    model: Path, labelled: list[Path], tmp_path: Path
+) -> None:
+    """A label of no frame, a frame that is no picture, and a wall of 100 m beside a square of ground."""
+    mission = tmp_path / "mission"
+    shutil.copytree(labelled[0], mission)
+    labels = sorted((mission / "truth" / "regions").iterdir())
+    shutil.copyfile(labels[0], labels[0].with_name("region_uav1_1760000000999999999.png"))
+    (mission / "terrain" / "terrain.bt").unlink()
+    (mission / "terrain" / "dem.tif").unlink()
+    east, north, _ = ground().mean(axis=0)
+    corners = [(-50, -50, -24.5), (50, -50, -24.5), (50, 50, -24.5), (-50, 50, -24.5)]
+    corners += [(-500, 50, -24.5), (500, 50, -24.5), (500, 50, 75.5), (-500, 50, 75.5)]
+    lines = [f"v {east + x} {north + y} {z}" for x, y, z in corners]
+    (mission / "terrain" / "site.obj").write_text("\n".join([*lines, "f 1 2 3 4", "f 5 6 7 8"]) + "\n")
+    picture = sorted((mission / "images").glob("img_uav3_front_center_0_*"))[1]
+    picture.write_bytes(b"no picture")
+    told, _ = quantized(tmp_path, model, [mission])
+    assert told["rates"]["arithmetic"] == "int8"
+    for words in ("belong", "a wall and", "one mission only"):
+        assert len([one for one in told["warnings"] if words in one]) == 1, words
+    assert len(told["refused"]) == 1 and told["refused"][0].startswith("mission: uav3 at ")
+
+
 def test_rates_that_are_not_measured_say_whose_they_are(
     model: Path, recording: Path, labelled: list[Path], tmp_path: Path
 ) -> None:

@@ -190,6 +190,30 @@ def test_doubts_about_a_map_are_told(data: list[Path], tmp_path: Path) -> None:
     assert quality.warnings[0].startswith(told)
 
 
+def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tmp_path: Path) -> None:
+    """A frame 500 hours after the others of its drone, and a label of no frame."""
+    flown = flight(frames=4)
+    stamps = flown.frame_stamps_ns["uav1"]
+    flown = flown.with_frames("uav1", [*stamps[:3], stamps[3] + 500 * 3_600_000_000_000])
+    mission = write_airsim(tmp_path / "mission", flown)
+    shutil.copyfile(data[0] / "terrain" / "terrain.bt", mission / "terrain" / "terrain.bt")
+    labels = sorted((mission / "truth" / "regions").iterdir())
+    shutil.copyfile(labels[0], labels[0].with_name("region_uav1_1760000000999999999.png"))
+    warned, refused = open_recording(mission).warnings, open_recording(mission).refused
+    assert "belong" in warned[0] and "jumps 500.00 h away" in refused[0].reason
+    model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)
+    commands = {
+        "calibrate": ("calibrate", model, "--data", mission, "-o", tmp_path / "out.onnx"),
+        "evaluate": ("model", "evaluate", model, "--data", mission),
+    }
+    for name, words in commands.items():
+        done = crowdfence(*words, "--every", "2", "--json")
+        assert done.returncode == 0, done.stderr
+        report = json.loads(done.stdout)
+        assert report["warnings"].count(f"mission: {warned[0]}") == 1, name
+        assert report["refused"].count(f"mission: {refused[0]}") == 1, name
+
+
 def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:
     """Of the red cells 100 are crowd and 300 are not: what is red is crowd with probability 1/4, below 0.5,
     where the model called all of it."""

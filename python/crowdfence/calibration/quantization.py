@@ -61,6 +61,10 @@ class Quantization:
     """What its contract states of them: true_positive, false_positive, missions, arithmetic."""
     rates_not_measured: str | None
     """Why they are those in floating point, or none."""
+    warnings: tuple[str, ...]
+    """What is doubtful about rates that were measured anew, as of `calibrate_model`."""
+    refused: tuple[str, ...]
+    """Frames that those do not rest on, and why."""
 
 
 def quantize_model(
@@ -90,14 +94,15 @@ def quantize_model(
     ranges, judges = frames[::2], frames[1::2] or frames[:1]
     tensors = _tensors(ranges, detector.contract, on_picture)
     quantized = _quantized(model, tensors, in_eight_bits(detector.contract))
-    why_not = None
+    why_not, warnings, refused = None, tuple[str, ...](), tuple[str, ...]()
     with atomic_path(output) as temporary:
         temporary.write_bytes(quantized.SerializeToString())
         after = Detector(temporary)
         agreement, mean_difference, cpu_ms = _judged(detector, after, judges, on_picture)
         contract = after.contract
         try:
-            contract = with_own_rates(after, data, plan or MeasurementPlan(), on_picture)
+            measured = with_own_rates(after, data, plan or MeasurementPlan(), on_picture)
+            contract, warnings, refused = measured
         except DetectorError:
             raise
         except ValueError as reason:
@@ -113,6 +118,8 @@ def quantize_model(
         (model.stat().st_size, output.stat().st_size),
         contract.rates and {name: contract.rates[name] for name in told if name in contract.rates},
         why_not,
+        warnings,
+        refused,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from crowdfence.calibration.calibrate import plan_for
 from crowdfence.calibration.model_file import with_measured_rates
@@ -45,9 +45,20 @@ def in_eight_bits(contract: Contract) -> Contract:
     )
 
 
+class OwnRates(NamedTuple):
+    """Measured of a model in eight bits."""
+
+    contract: Contract
+    """Its own with these rates."""
+    warnings: tuple[str, ...]
+    """What is doubtful about the recordings and their maps, and what the intervals do not cover."""
+    refused: tuple[str, ...]
+    """Frames that were not used, and why."""
+
+
 def with_own_rates(
     detector: Detector, data: Sequence[Path], plan: MeasurementPlan, on_frame: Callable[[], None]
-) -> Contract:
+) -> OwnRates:
     """The contract of a model in eight bits with rates of its own, measured as its contract says that those
     in floating point were.
 
@@ -68,4 +79,6 @@ def with_own_rates(
     if rates.missions < stated.get("missions", 0):
         raise ValueError(f"they rest on {stated['missions']} missions, --data has {rates.missions}")
     own = with_measured_rates(contract, rates, measured.settings)
-    return replace(own, rates={**(own.rates or {}), ARITHMETIC: EIGHT_BITS})
+    own = replace(own, rates={**(own.rates or {}), ARITHMETIC: EIGHT_BITS})
+    intervals = missions.interval_warnings(measured.quality.overall.units)
+    return OwnRates(own, (*missions.doubts, *intervals), tuple(missions.refused))

@@ -215,6 +215,10 @@ def quantize(
         result = quantize_model(
             detector, model, paths, output, pictures=pictures, plan=plan, on_picture=advance
         )
+    for warning in result.warnings:
+        console.warn(warning)
+    if result.refused:
+        console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
     if as_json:
         console.print_json(asdict(result))
         return

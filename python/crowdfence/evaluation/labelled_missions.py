@@ -93,7 +93,7 @@ class LabelledMissions:
         self.refused: dict[str, None] = {}
         """What was not used and why, in order, each once."""
         self.doubts: dict[str, None] = {}
-        """What is doubtful about the maps that were opened, in order, each once."""
+        """What is doubtful about the recordings and the maps that were opened, in order, each once."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
         """One mission after the other; maps are opened if wanted here or needed for the labels."""
@@ -105,6 +105,8 @@ class LabelledMissions:
                 yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
                 continue
             recording = _recorded(path)
+            self.doubts |= {f"{name}: {warning}": None for warning in recording.warnings}
+            self.refused |= {f"{name}: {frame}": None for frame in recording.refused}
             with_map = with_maps or self.plan.target == "ground"
             terrain = self._terrain(name, recording) if with_map else None
             with _or_annotated(path):

@@ -41,7 +41,7 @@ class ModelQuality:
     people: PeopleFound
     """Where people are recorded and a map is there."""
     warnings: tuple[str, ...]
-    """What is doubtful about the maps, and what the intervals do not cover."""
+    """What is doubtful about the recordings and their maps, and what the intervals do not cover."""
 
     def to_json(self) -> dict[str, Any]:
         """Ready for JSON; unknown is null."""
