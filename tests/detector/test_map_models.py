@@ -247,6 +247,20 @@ def test_output_that_is_no_heatmap_is_refused(tmp_path: Path, kind: str, value: 
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_probabilities_are_no_class_logits(tmp_path: Path, dtype: type) -> None:
+    """Of 20 classes P = 1 would become e / (e + 19) = 0.125: nothing would ever be crowd."""
+    logits = np.random.default_rng(0).normal(0.0, 5.0, (1, 20, 2, 2))
+    answer = (np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)).astype(dtype).astype(float)
+    given = document("class_logits", output__class_index=12)
+    path = write_fixed_output_model(tmp_path / "m.onnx", answer, given)
+    with pytest.raises(DetectorError, match=r"add up to 1: .*; is output.kind 'probability'\?"):
+        Detector(path)(np.zeros((8, 8, 3), np.uint8))
+    given = document("probability", output__class_index=12)
+    path = write_fixed_output_model(tmp_path / "m.onnx", answer, given)
+    assert Detector(path)(np.zeros((8, 8, 3), np.uint8)) == pytest.approx(answer[0, 12], abs=1e-6)
+
+
 def test_a_rounding_beyond_one_is_cut(tmp_path: Path) -> None:
     answer = np.array([[[[0.5, 1.0 + 5e-5], [-5e-5, 0.0]]]])
     path = write_fixed_output_model(tmp_path / "m.onnx", answer, document())
