@@ -191,7 +191,7 @@ def test_doubts_about_a_map_are_told(data: list[Path], tmp_path: Path) -> None:
 
 
 def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tmp_path: Path) -> None:
-    """A frame 500 hours after the others of its drone, and a label of no frame."""
+    """A frame 500 hours after the others of its drone, a label of no frame, and a file that is no picture."""
     flown = flight(frames=4)
     stamps = flown.frame_stamps_ns["uav1"]
     flown = flown.with_frames("uav1", [*stamps[:3], stamps[3] + 500 * 3_600_000_000_000])
@@ -199,6 +199,8 @@ def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tm
     shutil.copyfile(data[0] / "terrain" / "terrain.bt", mission / "terrain" / "terrain.bt")
     labels = sorted((mission / "truth" / "regions").iterdir())
     shutil.copyfile(labels[0], labels[0].with_name("region_uav1_1760000000999999999.png"))
+    damaged = f"img_uav3_front_center_0_{flown.frame_stamps_ns['uav3'][2]}.png"
+    (mission / "images" / damaged).write_bytes(b"no picture")
     warned, refused = open_recording(mission).warnings, open_recording(mission).refused
     assert "belong" in warned[0] and "jumps 500.00 h away" in refused[0].reason
     model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)
@@ -212,6 +214,7 @@ def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tm
         report = json.loads(done.stdout)
         assert report["warnings"].count(f"mission: {warned[0]}") == 1, name
         assert report["refused"].count(f"mission: {refused[0]}") == 1, name
+        assert len([one for one in report["refused"] if "uav3" in one]) == 1, name
 
 
 def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from crowdfence.errors import one_line
 from crowdfence.sources.pictures.intact_jpeg import require_intact
@@ -241,6 +241,8 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
             yield picture
     except (SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError) as error:
         raise ValueError(f"{name} is damaged: {error}") from error
+    except UnidentifiedImageError as error:  # its own words name the object that held the bytes
+        raise ValueError(f"{name} is damaged: it is no picture that can be read") from error
     except OSError as error:
         if error.errno is not None:
             raise
