@@ -13,9 +13,11 @@ from crowdfence import Detector, Terrain, _core, open_recording
 from crowdfence.calibration.quantization import quantize_model
 from crowdfence.detector.combination import COMBINATIONS
 from crowdfence.errors import DetectorError
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import flight, ground, write_airsim
+from support.small_recordings import HEIGHT, WIDTH, flight, ground, write_airsim
 
 CHANNELS = 8
 MODELS = COMBINATIONS.parent
@@ -211,6 +213,44 @@ def test_a_share_of_nothing_is_null_and_said(recording: Path, tmp_path: Path) ->
 
     told = crowdfence(*given, "-o", tmp_path / "b.onnx", "--json").stdout
     assert json.loads(told, parse_constant=refuse)["agreement"] is None
+
+
+@pytest.mark.parametrize("labels", [False, True])
+def test_pictures_that_cannot_be_read_are_told_and_not_counted(
+    model: Path, recording: Path, tmp_path: Path, labels: bool
+) -> None:
+    """Of a recording, and of pictures with COCO annotations."""
+    data = tmp_path / "data"
+    if labels:
+        data.mkdir()
+        for number, frame in enumerate(open_recording(recording).frames[:6]):
+            (data / f"{number}.png").write_bytes(frame.encoded_image())
+        marked = [
+            AnnotatedPicture(
+                data / f"{number}.png", WIDTH, HEIGHT, np.empty((0, 4)), (rectangle(0, 0, 9, 9),)
+            )
+            for number in range(6)
+        ]
+        write_coco(marked, data / ANNOTATIONS)
+        pictures = sorted(data.glob("*.png"))
+    else:
+        shutil.copytree(recording, data)
+        pictures = sorted((data / "images").glob("img_*_0_*.png"), key=lambda path: path.stem.split("_")[-1])
+    pictures[0].write_bytes(b"no picture")
+    detector = Detector(model, contract())
+    told = quantize_model(detector, model, [data], tmp_path / "int8.onnx", pictures=3)
+    assert told.pictures == 2 and told.rates is None
+    assert len(told.refused) == 1 and told.refused[0].startswith("data: ")
+    for picture in pictures:
+        picture.write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"none of 3 pictures can be read, the last: data: "):
+        quantize_model(detector, model, [data], tmp_path / "int8.onnx", pictures=3)
+
+
+def test_a_model_that_needs_metres_per_pixel(model: Path, recording: Path, tmp_path: Path) -> None:
+    people = Detector(model, contract("density", output__count_scale=0.01))
+    quantize_model(people, model, [recording], tmp_path / "int8.onnx", pictures=2)
+    assert Detector(tmp_path / "int8.onnx").contract.output == people.contract.output
 
 
 def test_what_cannot_be_quantized(recording: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,10 @@ from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.lookup import sidecar_path
 from crowdfence.detector.inference.image_tensor import Image, InputTensor, patch_pixels
 from crowdfence.detector.inference.patches import patches
+from crowdfence.detector.model_check import ASSUMED_GSD_M
 from crowdfence.errors import DetectorError, FrameError
-from crowdfence.evaluation.labelled_missions import MeasurementPlan
-from crowdfence.sources import open_recording
-from crowdfence.sources.recording import Frame
+from crowdfence.evaluation.labelled_missions import MeasurementPlan, mission_names, open_labelled
+from crowdfence.sources.recording import Frame, RefusedFrame
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -64,7 +64,7 @@ class Quantization:
     warnings: tuple[str, ...]
     """What is doubtful about rates that were measured anew, as of `calibrate_model`."""
     refused: tuple[str, ...]
-    """Frames that those do not rest on, and why."""
+    """Pictures that could not be used, and why."""
 
 
 def quantize_model(
@@ -90,15 +90,17 @@ def quantize_model(
 
     if sidecar_path(output).exists():
         raise ValueError(f"{sidecar_path(output)} would hide the contract inside {output}: remove it first")
+    unread: dict[str, None] = {}
     frames = _spread(data, 2 * pictures)
     ranges, judges = frames[::2], frames[1::2] or frames[:1]
-    tensors = _tensors(ranges, detector.contract, on_picture)
+    tensors = _tensors(ranges, detector.contract, on_picture, unread)
     quantized = _quantized(model, tensors, in_eight_bits(detector.contract))
+    used = len(ranges) - len(unread)
     why_not, warnings, refused = None, tuple[str, ...](), tuple[str, ...]()
     with atomic_path(output) as temporary:
         temporary.write_bytes(quantized.SerializeToString())
         after = Detector(temporary)
-        agreement, mean_difference, cpu_ms = _judged(detector, after, judges, on_picture)
+        agreement, mean_difference, cpu_ms = _judged(detector, after, judges, on_picture, unread)
         contract = after.contract
         try:
             measured = with_own_rates(after, data, plan or MeasurementPlan(), on_picture)
@@ -111,7 +113,7 @@ def quantize_model(
         temporary.write_bytes(quantized.SerializeToString())
     told = ("true_positive", "false_positive", "missions", ARITHMETIC)
     return Quantization(
-        len(ranges),
+        used,
         agreement,
         mean_difference,
         cpu_ms,
@@ -119,39 +121,57 @@ def quantize_model(
         contract.rates and {name: contract.rates[name] for name in told if name in contract.rates},
         why_not,
         warnings,
-        refused,
+        tuple(dict.fromkeys([*unread, *refused])),
     )
 
 
-def _spread(data: Sequence[Path], count: int) -> list[Frame]:
+class _Chosen(NamedTuple):
+    """A frame with a picture, and the name of its mission."""
+
+    mission: str
+    frame: Frame
+
+
+def _spread(data: Sequence[Path], count: int) -> list[_Chosen]:
     """Frames with pictures, evenly over each recording and as many of each."""
     each = -(-count // max(1, len(data)))
-    chosen: list[Frame] = []
-    for path in data:
-        frames = [frame for frame in open_recording(path).frames if frame.pixels.image is not None]
+    chosen: list[_Chosen] = []
+    for path, name in zip(data, mission_names(data), strict=True):
+        frames = [frame for frame in open_labelled(path).frames if frame.pixels.image is not None]
         at = np.unique(np.linspace(0, len(frames) - 1, min(each, len(frames))).round().astype(np.intp))
-        chosen += [frames[index] for index in at]
+        chosen += [_Chosen(name, frames[index]) for index in at]
     if not chosen:
         raise ValueError("the recordings hold no pictures to take the ranges of a model's layers from")
     return chosen
 
 
-def _images(frames: Sequence[Frame], on_picture: Callable[[], None]) -> Iterator[Image]:
-    for frame in frames:
+def _images(
+    chosen: Sequence[_Chosen], on_picture: Callable[[], None], unread: dict[str, None]
+) -> Iterator[Image]:
+    """Those that can be read; into `unread` why others cannot. ValueError where none can."""
+    read, reason = 0, ""
+    for mission, frame in chosen:
         try:
             yield frame.image()
-        except FrameError:
-            continue
+            read += 1
+        except FrameError as error:
+            reason = f"{mission}: {RefusedFrame(frame.drone, frame.stamp_ns, error.reason)}"
+            unread[reason] = None
         finally:
             on_picture()
+    if not read:
+        raise ValueError(f"none of {len(chosen)} pictures can be read, the last: {reason}")
 
 
 def _tensors(
-    frames: Sequence[Frame], contract: Contract, on_picture: Callable[[], None]
+    chosen: Sequence[_Chosen],
+    contract: Contract,
+    on_picture: Callable[[], None],
+    unread: dict[str, None],
 ) -> Iterator[dict[str, NDArray[np.generic]]]:
     """What the model is shown of each picture."""
     tensor = InputTensor(contract.input)
-    for image in _images(frames, on_picture):
+    for image in _images(chosen, on_picture, unread):
         for patch in patches(image.shape[0], image.shape[1], contract.input, contract.output.stride):
             yield {contract.input.name: tensor(patch_pixels(image, patch)[None])}
 
@@ -209,15 +229,24 @@ def _kept_in_floating_point(model: ModelProto) -> list[str]:
 
 
 def _judged(
-    before: Detector, after: Detector, judges: Sequence[Frame], on_picture: Callable[[], None]
+    before: Detector,
+    after: Detector,
+    judges: Sequence[_Chosen],
+    on_picture: Callable[[], None],
+    unread: dict[str, None],
 ) -> tuple[float, float, tuple[float, float]]:
     """Agreement, mean difference and CPU times, as in `Quantization`."""
     both = either = cells = 0
     difference = 0.0
     cpu_ms = (np.inf, np.inf)
-    for image in _images(judges, on_picture):
-        maps = before(image, as_it_is=True), after(image, as_it_is=True)
-        cpu_ms = cpu_ms if np.isfinite(cpu_ms[0]) else (_cpu_ms(before, image), _cpu_ms(after, image))
+    gsd_m = ASSUMED_GSD_M if before.needs_gsd else None
+    for image in _images(judges, on_picture, unread):
+        maps = before(image, gsd_m, as_it_is=True), after(image, gsd_m, as_it_is=True)
+        cpu_ms = (
+            cpu_ms
+            if np.isfinite(cpu_ms[0])
+            else (_cpu_ms(before, image, gsd_m), _cpu_ms(after, image, gsd_m))
+        )
         called = [values >= CALLED for values in maps]
         both += int((called[0] & called[1]).sum())
         either += int((called[0] | called[1]).sum())
@@ -226,10 +255,10 @@ def _judged(
     return both / either if either else np.nan, difference / max(cells, 1), cpu_ms
 
 
-def _cpu_ms(detector: Detector, image: Image, runs: int = 5) -> float:
+def _cpu_ms(detector: Detector, image: Image, gsd_m: float | None, runs: int = 5) -> float:
     def once() -> float:
         start = process_time()
-        detector(image, as_it_is=True)
+        detector(image, gsd_m, as_it_is=True)
         return 1e3 * (process_time() - start)
 
     return min(once() for _ in range(runs))

@@ -177,7 +177,9 @@ def quantize(
     data: Annotated[
         list[Path],
         typer.Option(
-            "--data", help="Recording with pictures such as the model will see, or a folder of them; repeat."
+            "--data",
+            help="Recording with pictures such as the model will see, a folder of recordings, or one of "
+            "pictures with COCO annotations; repeat.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],

@@ -97,9 +97,7 @@ class LabelledMissions:
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
         """One mission after the other; maps are opened if wanted here or needed for the labels."""
-        stems = [path.stem for path in self.paths]
-        for path, stem in zip(self.paths, stems, strict=True):
-            name = stem if stems.count(stem) == 1 else str(path)
+        for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
                 yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
@@ -168,6 +166,12 @@ class LabelledMissions:
             except FrameError:
                 continue
         raise ValueError(f"{self.paths[0]} holds no picture that can be read")
+
+
+def mission_names(paths: Sequence[Path]) -> list[str]:
+    """How missions are told apart: by the names of their files, where those differ."""
+    stems = [path.stem for path in paths]
+    return [stem if stems.count(stem) == 1 else str(path) for path, stem in zip(paths, stems, strict=True)]
 
 
 def open_labelled(path: Path) -> Recording:
