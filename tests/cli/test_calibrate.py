@@ -217,6 +217,21 @@ def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tm
         assert len([one for one in report["refused"] if "uav3" in one]) == 1, name
 
 
+def test_a_map_beside_the_cameras_is_refused(data: list[Path], tmp_path: Path) -> None:
+    """5 km to the east: as `run` refuses it. Its pictures were of unknown scale, and no rate rested on them."""
+    mission = tmp_path / "mission"
+    shutil.copytree(data[0], mission)
+    aside = Terrain.from_points(ground() + [5000.0, 0.0, 0.0], 2.0)
+    written = _core.write_octomap_binary(aside, np.arange(aside.voxel_count))
+    (mission / "terrain" / "terrain.bt").write_bytes(written)
+    model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)
+    done = calibrate(model, [mission, data[1]], tmp_path / "out.onnx")
+    assert done.returncode == FAILED and not (tmp_path / "out.onnx").exists()
+    assert "error: mission: terrain and poses do not overlap: the nearest camera is 4" in done.stderr
+    done = crowdfence("model", "evaluate", model, "--data", mission)
+    assert done.returncode == FAILED and "mission: terrain and poses do not overlap" in done.stderr
+
+
 def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:
     """Of the red cells 100 are crowd and 300 are not: what is red is crowd with probability 1/4, below 0.5,
     where the model called all of it."""

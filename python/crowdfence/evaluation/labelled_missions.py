@@ -96,7 +96,8 @@ class LabelledMissions:
         """What is doubtful about the recordings and the maps that were opened, in order, each once."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
-        """One mission after the other; maps are opened if wanted here or needed for the labels."""
+        """One mission after the other; maps are opened if wanted here or needed for the labels. ValueError for
+        one whose map lies beside all its cameras."""
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
@@ -112,11 +113,15 @@ class LabelledMissions:
             yield LabelledMission(name, recording, terrain, *labels)
 
     def _terrain(self, name: str, recording: Recording) -> Terrain | None:
-        from crowdfence.pipeline import read_map
+        from crowdfence.pipeline import check_overlap, read_map
 
         if recording.terrain is None:
             return None
         ground = read_map(recording, **self.plan.terrain_options)
+        try:
+            check_overlap(recording, ground.terrain, self.plan.max_range_m)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
         self.doubts |= {f"{name}: {doubt}": None for doubt in ground.doubts}
         return ground.terrain
 
