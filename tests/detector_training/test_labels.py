@@ -4,6 +4,7 @@ import errno
 import json
 import multiprocessing
 import os
+import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +19,7 @@ from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, PixelSources, Recording
 from crowdfence.truth.ground_labels import ground_cells
+from support.small_recordings import flight, write_airsim
 
 # 20 m above the plain with a focal length of 80 px, a cell of 4 px covers 1 m; the image covers 40 x 30 m and
 # cell (row, column) lies 40 + column east and 75 - row north (its lower edge at 74 - row).
@@ -171,7 +173,8 @@ def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
 
     (stored,) = store_missions([DEMO], ["silhouettes"], tmp_path)
     recorded = open_recording(DEMO)
-    assert len(stored) == len(recorded.frames) and stored.skipped == ()
+    assert len(stored) == len(recorded.frames)
+    assert stored.skipped == tuple(str(frame) for frame in recorded.refused)
     for index in (0, len(stored) // 2, len(stored) - 1):
         frame = recorded.frames[index]
         assert np.array_equal(stored.images[index], frame.image())
@@ -210,6 +213,20 @@ def test_a_killed_process_that_decodes_is_one_line(tmp_path: Path):
         thread.submit(kill_the_first)
         with pytest.raises(OSError, match=r"was killed \(out of memory\?\); .* fewer --workers goes on"):
             store_missions([DEMO], ["silhouettes"], tmp_path)
+
+
+def test_what_a_recording_refuses_and_warns_of_is_kept(tmp_path: Path):
+    """A frame 500 hours after the others of its drone, and a label of no frame; told again of a full store."""
+    flown = flight(frames=4)
+    stamps = flown.frame_stamps_ns["uav1"]
+    flown = flown.with_frames("uav1", [*stamps[:3], stamps[3] + 500 * 3_600_000_000_000])
+    mission = write_airsim(tmp_path / "mission", flown)
+    labels = sorted((mission / "truth" / "regions").iterdir())
+    shutil.copyfile(labels[0], labels[0].with_name("region_uav1_1760000000999999999.png"))
+    for _ in range(2):
+        (stored,) = store_missions([mission], ["silhouettes"], tmp_path / "store")
+        assert len(stored) == 11 and len(stored.skipped) == 1 and "jumps 500.00 h" in stored.skipped[0]
+        assert len(stored.doubts) == 1 and "belong" in stored.doubts[0]
 
 
 def test_an_interrupted_store_is_made_again(tmp_path: Path):

@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_file import replaceable_file, require_replaceable, writable_folder
 from crowdfence.cli import console, options
+from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
     from crowdfence.detector_training.frame_store import StoredMission
@@ -132,8 +133,12 @@ def train(
                     terrain_options=map_options,
                     on_mission=lambda mission: advance(),
                 )
-        for why in (why for mission in stored for why in mission.skipped):
-            console.warn(f"skipped {why}")
+        for mission in stored:
+            for doubt in mission.doubts:
+                console.warn(f"{mission.name}: {doubt}")
+            if mission.skipped:
+                count, first = counted(len(mission.skipped), "frame"), mission.skipped[0]
+                console.warn(f"{mission.name}: skipped {count}, the first: {first}")
         learned, judged = stored[: len(paths)], stored[len(paths) :]
         with console.progress("training", plan.steps, "steps") as advance:
             trained = train_network(

@@ -27,7 +27,7 @@ from crowdfence.detector_training.labels import (
 from crowdfence.labelled_pictures.coco import annotation_file
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
 
-_FORMAT = 4
+_FORMAT = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +45,8 @@ class StoredMission:
     """Frames that could not be used, and why."""
     photographs: bool = False
     """Labelled pictures instead of a recording."""
+    doubts: tuple[str, ...] = ()
+    """What is doubtful about the recording and its map, one sentence each."""
 
     def __len__(self) -> int:
         return len(self.images)
@@ -99,7 +101,7 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     if description.exists():
         return part
     from crowdfence.errors import FrameError
-    from crowdfence.pipeline import open_terrain
+    from crowdfence.pipeline import read_map
     from crowdfence.sources import open_recording
 
     if is_labelled_pictures(path):
@@ -107,13 +109,14 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     recording = open_recording(path)
     if not recording.frames:
         raise ValueError(f"{path} holds no usable frame")
-    terrain = open_terrain(recording, **options) if "ground" in targets else None
+    ground = read_map(recording, **options) if "ground" in targets else None
+    terrain = None if ground is None else ground.terrain
     sizes = {(frame.camera.height, frame.camera.width) for frame in recording.frames}
     if len(sizes) > 1:
         raise ValueError(f"{path} holds frames of several sizes: {sorted(sizes)}")
     height, width = (side // STRIDE * STRIDE for side in sizes.pop())
     arrays = _Arrays.create(part, len(recording.frames), len(targets), height, width)
-    kept, skipped = 0, []
+    kept, skipped = 0, [str(refused) for refused in recording.refused]
     for frame in recording.frames:
         try:
             labels = [training_labels(target, frame, recording, terrain) for target in targets]
@@ -124,7 +127,8 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
         arrays.crowd[kept] = np.stack([label.crowd for label in labels])
         arrays.known[kept] = np.stack([label.known for label in labels])
         kept += 1
-    return _described(path, part, kept, skipped)
+    doubts = [*recording.warnings, *(() if ground is None else ground.doubts)]
+    return _described(path, part, kept, skipped, doubts)
 
 
 def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
@@ -155,10 +159,10 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
     return _described(path, part, kept, skipped)
 
 
-def _described(path: Path, part: Path, kept: int, skipped: list[str]) -> Path:
+def _described(path: Path, part: Path, kept: int, skipped: list[str], doubts: Sequence[str] = ()) -> Path:
     if not kept:
         raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
-    facts = {"name": path.stem, "frames": kept, "skipped": skipped}
+    facts = {"name": path.stem, "frames": kept, "skipped": skipped, "doubts": list(doubts)}
     part.with_suffix(".json").write_text(json.dumps(facts))
     return part
 
@@ -204,7 +208,8 @@ def _mapped(part: Path, photographs: bool) -> StoredMission:
     images, crowd, known = (
         np.load(_file(part, name), mmap_mode="r")[: facts["frames"]] for name in ("images", "crowd", "known")
     )
-    return StoredMission(facts["name"], images, crowd, known, tuple(facts["skipped"]), photographs)
+    skipped, doubts = tuple(facts["skipped"]), tuple(facts["doubts"])
+    return StoredMission(facts["name"], images, crowd, known, skipped, photographs, doubts)
 
 
 def _file(part: Path, name: str) -> Path:

@@ -52,6 +52,9 @@ def training_facts(
         "missions": {mission.name: len(mission) for mission in missions},
         "validation_missions": {mission.name: len(mission) for mission in validation},
         "skipped_frames": [why for mission in [*missions, *validation] for why in mission.skipped],
+        "doubts": [
+            f"{mission.name}: {doubt}" for mission in [*missions, *validation] for doubt in mission.doubts
+        ],
         "stopped_early": trained.stopped_early,
         "best": _row(trained.best),
         "history": [_row(checkup) for checkup in trained.history],
