@@ -218,10 +218,10 @@ def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tm
 
 
 def test_a_map_beside_the_cameras_is_refused(data: list[Path], tmp_path: Path) -> None:
-    """5 km to the east: as `run` refuses it. Its pictures were of unknown scale, and no rate rested on them."""
+    """5 km to the east, as `run` refuses it: pictures were of unknown scale, and no rate rested on them."""
     mission = tmp_path / "mission"
     shutil.copytree(data[0], mission)
-    aside = Terrain.from_points(ground() + [5000.0, 0.0, 0.0], 2.0)
+    aside = Terrain.from_points(ground() + np.array([5000.0, 0.0, 0.0]), 2.0)
     written = _core.write_octomap_binary(aside, np.arange(aside.voxel_count))
     (mission / "terrain" / "terrain.bt").write_bytes(written)
     model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)

@@ -216,7 +216,7 @@ def test_a_killed_process_that_decodes_is_one_line(tmp_path: Path):
 
 
 def test_what_a_recording_refuses_and_warns_of_is_kept(tmp_path: Path):
-    """A frame 500 hours after the others of its drone, and a label of no frame; told again of a full store."""
+    """A frame 500 hours after the others of its drone, and a label of no frame; told again by a store."""
     flown = flight(frames=4)
     stamps = flown.frame_stamps_ns["uav1"]
     flown = flown.with_frames("uav1", [*stamps[:3], stamps[3] + 500 * 3_600_000_000_000])
