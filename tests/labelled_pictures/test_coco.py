@@ -127,7 +127,11 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         (document({"bbox": "1,2"}), "allowed: a list of finite numbers"),
         (document({"segmentation": [[1, 2, 3, 4]]}), "has 4 numbers; allowed: x, y of 3 corners"),
         (document({"segmentation": [[1, 2, 3, 4, 5, 6, 7]]}), "has 7 numbers"),
-        (document({"segmentation": {"counts": "abc"}}), "has no outline"),
+        (
+            document({"segmentation": {"counts": "abc"}}),
+            r"given run by run \(RLE\), which is not read: give its box",
+        ),
+        (document({"segmentation": [[1, 2, 3, 4, 5, 10**400]]}), "allowed: a list of finite numbers"),
         (
             document({"bbox": [1, 2, 3, 4], "image_id": 8}),
             r"annotations\[0\].image_id is 8, which is no image",

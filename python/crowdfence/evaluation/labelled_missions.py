@@ -96,8 +96,8 @@ class LabelledMissions:
         """What is doubtful about the recordings and the maps that were opened, in order, each once."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
-        """One mission after the other; maps are opened if wanted here or needed for the labels. ValueError for
-        one whose map lies beside all its cameras."""
+        """One mission after the other; maps are opened if wanted here or needed for the labels. ValueError
+        where a map lies beside all cameras of its mission."""
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)

@@ -12,7 +12,7 @@ Our own key `gsd_m` of an image states its metres per pixel.
 from __future__ import annotations
 
 import json
-import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -197,6 +197,10 @@ def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
         return [np.array(one, np.float64).reshape(-1, 2) for one in polygons]
     if mark.get("bbox"):
         return [rectangle(*_box(mark, where))]
+    if outline and isinstance(outline, dict):
+        raise AnnotationError(
+            f"{where}.segmentation is given run by run (RLE), which is not read: give its box (bbox) beside it"
+        )
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
 
 
@@ -266,4 +270,7 @@ def _numbers(value: object, where: str, count: int | None) -> list[float]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether it is one, and finite as a float: whole numbers of JSON have no end."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
