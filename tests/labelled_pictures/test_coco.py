@@ -138,6 +138,10 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         ),
         (document({"bbox": [1, 2, 3, 4], "image_id": [8]}), "allowed: a whole number or text"),
         (document(categories=[{"id": 1}]), r"categories\[0\].name is None"),
+        (
+            document(categories=[{"id": 1, "name": "car"}, {"id": 1, "name": "crowd"}]),
+            r"categories\[1\].id 1 occurs twice",
+        ),
     ],
 )
 def test_a_wrong_file_is_one_line(tmp_path: Path, content: object, message: str) -> None:

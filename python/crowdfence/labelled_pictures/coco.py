@@ -103,8 +103,15 @@ def _is_coco(path: Path) -> bool:
 def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list[AnnotatedPicture]:
     if not isinstance(document, dict):
         raise AnnotationError(f"must hold an object, got {quoted(document)}")
+    known: set[Any] = set()
+    for place, row in _rows(document, "categories"):
+        category = _key(row.get("id"), place, "id")
+        if category in known:
+            raise AnnotationError(
+                f"{place}.id {quoted(category)} occurs twice: nobody knows which class is meant"
+            )
+        known.add(category)
     role_of = dict(_roles(_rows(document, "categories"), roles))
-    known = {row.get("id") for _, row in _rows(document, "categories")}
     marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
     for place, row in _rows(document, "annotations"):
         key = _key(row.get("image_id"), place, "image_id")
@@ -199,7 +206,7 @@ def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
         return [rectangle(*_box(mark, where))]
     if outline and isinstance(outline, dict):
         raise AnnotationError(
-            f"{where}.segmentation is given run by run (RLE), which is not read: give its box (bbox) beside it"
+            f"{where}.segmentation is given run by run (RLE), which is not read: give its box (bbox) too"
         )
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
 
