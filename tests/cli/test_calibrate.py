@@ -217,6 +217,23 @@ def test_what_a_recording_warns_of_and_refuses_is_told_once(data: list[Path], tm
         assert len([one for one in report["refused"] if "uav3" in one]) == 1, name
 
 
+def test_a_model_that_needs_metres_per_pixel_says_what_pictures_lack(tmp_path: Path) -> None:
+    """`model evaluate` has no --terrain, and `detect` has --gsd-m."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(pictures / "a.png")
+    marked = AnnotatedPicture(pictures / "a.png", WIDTH, HEIGHT, np.empty((0, 4)), (rectangle(0, 0, 9, 9),))
+    write_coco([marked], pictures / ANNOTATIONS)
+    model = write_map_model(tmp_path / "m.onnx", contract("density"))
+    told = crowdfence("model", "evaluate", model, "--data", pictures, columns=400).stderr
+    assert "needs metres per pixel, and pictures comes without a map that tells them" in told
+    assert "--terrain" not in told
+    detect = ("detect", pictures, "--detector", model, "-o", tmp_path / "out")
+    assert "give them with --gsd-m" in crowdfence(*detect, columns=400).stderr
+    assert crowdfence(*detect, "--gsd-m", "0.1").returncode == 0
+
+
 def test_a_map_beside_the_cameras_is_refused(data: list[Path], tmp_path: Path) -> None:
     """5 km to the east, as `run` refuses it: pictures were of unknown scale, and no rate rested on them."""
     mission = tmp_path / "mission"

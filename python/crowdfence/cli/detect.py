@@ -88,6 +88,11 @@ def detect(
     if not with_poses:
         with writable_folder(output):
             detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
+            if detector.needs_gsd and gsd_m is None:
+                raise ValueError(
+                    f"{detector.contract.name} needs metres per pixel, which pictures without poses do not "
+                    "tell: give them with --gsd-m"
+                )
             _detect_pictures(source, detector, output, every, video is not False, gsd_m, force, as_json)
         return
     if gsd_m is not None:

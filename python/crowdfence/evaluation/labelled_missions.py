@@ -74,6 +74,12 @@ class LabelledMission:
         without a map at all sizes. FrameError when it fails."""
         from crowdfence.pipeline import heatmap_source
 
+        if detector.needs_gsd and self.terrain is None:
+            raise ValueError(
+                f"{detector.contract.name} needs metres per pixel, and {self.name} comes without a map that "
+                "tells them: take missions with maps (a model of boxes does without where its rule states "
+                "person_height_m)"
+            )
         return heatmap_source(detector, self.terrain, max_range_m).heatmap_of(frame)
 
     def ignored(self, frame: Frame) -> NDArray[np.bool_] | None:
