@@ -1,6 +1,7 @@
 """`crowdfence evaluate --report` on the bundled recording."""
 
 import json
+from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from PIL import Image
 
 from crowdfence.cli.demo import RECORDING
 from crowdfence.evaluation.report import plots
+from crowdfence.evaluation.report.page import MOST_REFUSALS, _doubts
 from support.command_line import crowdfence
 from support.small_recordings import flight, write_airsim
 
@@ -63,6 +65,19 @@ def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
         line = next(line for line in done.stdout.splitlines() if line.split()[:1] == [method])
         assert line.split()[-2] == f"{row['best_threshold']:.4g}"
     assert line.split()[1] == "0.700"  # of `or` its b_threshold, which the best one is set beside
+
+
+def test_the_page_says_what_was_doubtful_and_what_was_refused(report: Path) -> None:
+    """The page is what is sent around, without the warnings of the command and scores.json."""
+    told, page = json.loads((report / "scores.json").read_text()), (report / "index.html").read_text()
+    for sentence in (*told["warnings"], *told["refused"]):
+        assert f"<li>{escape(sentence)}</li>" in page
+    assert ("Nothing was doubtful." in page) == (not told["warnings"])
+    assert ("Every picture was used." in page) == (not told["refused"])
+    refused = [f"uav1 at {number}: it is <cut> off" for number in range(MOST_REFUSALS + 3)]
+    page = "".join(_doubts({"warnings": ["nobody's position is recorded"], "refused": refused}))
+    assert "<li>nobody&#x27;s position is recorded</li>" in page
+    assert page.count("it is &lt;cut&gt; off") == MOST_REFUSALS and "and 3 more" in page
 
 
 def test_every_method_is_drawn_however_many_are_asked_for() -> None:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 CONTENTS = ("index.html", "scores.json", *DRAWN)
 
+MOST_REFUSALS = 200
+
 Rows = Sequence[Sequence[str]]
 _UNKNOWN = "&ndash;"
 
@@ -50,13 +52,13 @@ def write_report(
     against   what the truth is, in words
     heatmaps  what made them, in words
     names     of the methods, one per score
-    summary   goes into scores.json as it is
+    summary   goes into scores.json as it is; its "warnings" and "refused" stand on the page too
     knobs     of each method, where they were turned; else nothing
 
     The scores hold measures and safety, or what is counted of a layer. FileExistsError where the folder holds
     anything else or may not be replaced, OSError where it cannot be written.
     """
-    page = _page(name, against, heatmaps, names, scores, knobs)
+    page = _page(name, against, heatmaps, names, scores, knobs, _doubts(summary))
     with whole_folder(folder, contents=CONTENTS, force=force) as beside:
         write_plots(beside, names, scores)
         (beside / "scores.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
@@ -70,9 +72,10 @@ def _page(
     names: list[str],
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
+    doubts: list[str],
 ) -> str:
     if scores[0].layer is not None:
-        return _layer_page(name, against, heatmaps, names, scores, knobs)
+        return _layer_page(name, against, heatmaps, names, scores, knobs, doubts)
     pictures = "".join(f'<img src="{file}" alt="">' for file in DRAWN)
     parts = [
         f"<h1>{escape(name)}</h1>",
@@ -102,8 +105,27 @@ def _page(
         _table("Map", _map(names, scores)),
         _paragraph(_MAP_LEGEND),
         *_knobs(names, knobs),
+        *doubts,
     ]
     return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
+
+
+def _doubts(summary: Mapping[str, Any]) -> list[str]:
+    """What was doubtful and which pictures took no part: figures mean little without it."""
+    refused = list(summary["refused"])
+    more = len(refused) - MOST_REFUSALS
+    return [
+        "<h2>Warnings</h2>",
+        _list(summary["warnings"], "Nothing was doubtful."),
+        "<h2>Refused pictures</h2>",
+        _list(refused[:MOST_REFUSALS], "Every picture was used."),
+        *([_paragraph(f"and {more:,} more, all in scores.json")] if more > 0 else []),
+    ]
+
+
+def _list(sentences: Sequence[str], none: str) -> str:
+    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return f"<ul>{items}</ul>" if items else _paragraph(none)
 
 
 def _counted(scores: list[Score]) -> str:
@@ -120,6 +142,7 @@ def _layer_page(
     names: list[str],
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
+    doubts: list[str],
 ) -> str:
     """Of a layer other than crowds, which closes nothing."""
     pictures = "".join(f'<img src="{file}" alt="">' for file in OF_LAYERS)
@@ -139,6 +162,7 @@ def _layer_page(
             "ground that was seen, in a crowd or not."
         ),
         *_knobs(names, knobs),
+        *doubts,
     ]
     return _HEAD.replace("TITLE", escape(name)) + "\n".join(parts) + "\n</main></body></html>\n"
 
@@ -281,7 +305,7 @@ h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { padding: .35rem .6rem; text-align: right; border-bottom: 1px solid #e4e7eb; }
 th:first-child { text-align: left; } thead th { color: #52606d; font-weight: 500; font-size: .85rem; }
-p { color: #52606d; font-size: .9rem; max-width: 75ch; }
+p, li { color: #52606d; font-size: .9rem; max-width: 75ch; overflow-wrap: anywhere; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(420px, 1fr)); gap: 1rem; }
 .plots img { width: 100%; border: 1px solid #e4e7eb; border-radius: 6px; }
 </style></head><body><main>
