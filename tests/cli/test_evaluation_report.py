@@ -1,6 +1,7 @@
 """`crowdfence evaluate --report` on the bundled recording."""
 
 import json
+import re
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
@@ -78,6 +79,13 @@ def test_the_page_says_what_was_doubtful_and_what_was_refused(report: Path) -> N
     page = "".join(_doubts({"warnings": ["nobody's position is recorded"], "refused": refused}))
     assert "<li>nobody&#x27;s position is recorded</li>" in page
     assert page.count("it is &lt;cut&gt; off") == MOST_REFUSALS and "and 3 more" in page
+
+
+def test_a_small_threshold_is_shown_by_table_and_page(tmp_path: Path) -> None:
+    done = crowdfence(*ARGUMENTS[:8], "--threshold", "0.0003", "--report", tmp_path / "report")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"evidence +0\.0003 ", done.stdout)
+    assert "<td>0.0003</td>" in (tmp_path / "report" / "index.html").read_text()
 
 
 def test_every_method_is_drawn_however_many_are_asked_for() -> None:

@@ -35,7 +35,7 @@ from crowdfence.config import (
     PaperConfig,
     RunConfig,
 )
-from crowdfence.evaluation.text_table import number, percent
+from crowdfence.evaluation.text_table import number, percent, threshold_number
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -346,7 +346,7 @@ def _print(name: str, against: str, made_by: str, counts: Confusion, scores: lis
         best_threshold, best = row.sweep.best()
         table.add_row(
             _label(row.config),
-            f"{row.knob:.3f}",
+            threshold_number(row.knob),
             number(row.iou.mean),
             number(row.iou.std),
             "-" if best_threshold != best_threshold else _value(best_threshold),
@@ -362,7 +362,7 @@ def _print(name: str, against: str, made_by: str, counts: Confusion, scores: lis
     rates = ""
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
-        rates = f"; per heatmap cell of labelled images TPR {tpr.rate:.3f}, FPR {fpr.rate:.4f}"
+        rates = f"; per heatmap cell of labelled images TPR {number(tpr.rate)}, FPR {number(fpr.rate, 4)}"
     out.print(f"Heatmaps: {console.escaped(made_by)}{rates}.")
     out.print(
         "The threshold of `or` is its b_threshold. The best threshold is chosen on this very recording."
@@ -383,7 +383,7 @@ def _knob_table(scores: list[Score], knobs: list[list[Turned]]) -> Table:
         table.add_column(column, no_wrap=column != "values tried")
     for row, ones in zip(scores, knobs, strict=True):
         for one in ones:
-            tried = ", ".join(f"{_value(value)}: {iou:.3f}" for value, iou in one.values)
+            tried = ", ".join(f"{_value(value)}: {number(iou)}" for value, iou in one.values)
             table.add_row(_label(row.config), one.knob, tried)
     return table
 

@@ -23,6 +23,11 @@ def number(value: float, digits: int = 3) -> str:
     return "-" if value != value else f"{value:.{digits}f}"
 
 
+def threshold_number(value: float) -> str:
+    """Those of a rare class are small: three digits after the point would make 0.000 of them."""
+    return f"{value:.3f}" if value >= 0.01 else f"{value:.3g}"
+
+
 def percent(share: float) -> str:
     """Such as "97.3%"; "-" for unknown. Nobody who is missed is rounded away: what is not all is ">99.9%" at
     most, and what is not nothing "<0.1%" at least."""

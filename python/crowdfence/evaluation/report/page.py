@@ -13,7 +13,7 @@ import numpy as np
 from crowdfence.atomic_folder import whole_folder
 from crowdfence.evaluation.report.plots import DRAWN, MOST_COST, OF_LAYERS, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
-from crowdfence.evaluation.text_table import percent
+from crowdfence.evaluation.text_table import percent, threshold_number
 
 if TYPE_CHECKING:
     from crowdfence.evaluation.knobs import Turned
@@ -266,10 +266,15 @@ def _map(names: list[str], scores: list[Score]) -> Rows:
         assert row.quality is not None
         best, best_iou = row.sweep.best()
         quality = row.quality
-        numbers = [row.knob, row.iou.mean, best, best_iou.mean, quality.average_precision, quality.brier]
-        cells = [_number(one, "{:.3f}") for one in numbers]
-        rows.append([name, *cells, _number(quality.calibration_error, "{:.4f}")])
+        own = [_threshold(row.knob), _number(row.iou.mean, "{:.3f}")]
+        there = [_threshold(best), _number(best_iou.mean, "{:.3f}")]
+        means_it = [_number(one, "{:.3f}") for one in (quality.average_precision, quality.brier)]
+        rows.append([name, *own, *there, *means_it, _number(quality.calibration_error, "{:.4f}")])
     return rows
+
+
+def _threshold(value: float) -> str:
+    return threshold_number(value) if np.isfinite(value) else _UNKNOWN
 
 
 def _percent(share: float) -> str:
