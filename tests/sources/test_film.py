@@ -55,6 +55,23 @@ def home() -> tuple[float, float]:
     return rows()[0].geodetic[:2]
 
 
+def test_a_film_whose_subtitles_come_seldom_is_converted_whole(tmp_path: Path) -> None:
+    """Twice a second: further apart than the poses of other recordings may be."""
+    film, start_ns = write_film(tmp_path / "DJI_0001.MP4")
+    write_subtitles(tmp_path / "DJI_0001.SRT", start_ns, every=25)
+    seldom = open_recording(film, take_off=home())
+    found = on_ground(seldom, read_map(seldom, write_dem(tmp_path / "dem.tif")).terrain)
+    assert len(found.frames) > 5 and not found.refused
+    convert(found, tmp_path / "a.mcap", map_inside=False)
+    again = open_recording(tmp_path / "a.mcap")
+    convert(again, tmp_path / "b.mcap", map_inside=False)
+    for one in (again, open_recording(tmp_path / "b.mcap")):
+        assert [frame.stamp_ns for frame in one.frames] == [frame.stamp_ns for frame in found.frames]
+        assert not one.refused
+        for was, frame in zip(found.frames, one.frames, strict=True):
+            np.testing.assert_allclose(frame.world_from_camera, was.world_from_camera, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("dialect", [mini, rtk])
 def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, dialect: Dialect) -> None:
     film, start_ns = write_film(tmp_path / "DJI_0001.MP4")

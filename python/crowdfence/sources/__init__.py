@@ -64,7 +64,8 @@ def open_recording(
     * a folder with poses.csv (plain heatmaps and poses; see `folder`).
 
     A frame is refused, with its reason in `Recording.refused`, where the telemetry rows around it are more
-    than `max_pose_gap_s` apart (films: what their subtitles need), or its stamp repeats, goes backwards, or
+    than `max_pose_gap_s` apart (films: what their subtitles need; files of `convert`: what was bridged
+    before), or its stamp repeats, goes backwards, or
     lies more than `max_jump_s` away from the others; several frames in a row may, if the drone was away for
     less than a day. `ground_start`: every drone stood on the ground at its
     first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`

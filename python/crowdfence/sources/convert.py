@@ -21,6 +21,8 @@ from crowdfence.sources.mission.topic_writer import TopicMessage
 from crowdfence.sources.mission.writer import MissionWriter
 from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.pictures.decoding import as_png, picture_format
+from crowdfence.sources.place_camera import Limits
+from crowdfence.sources.placed_again import widest_gap_s
 from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame
 
 Progress = Callable[[int, int], None]
@@ -94,7 +96,7 @@ def convert(
         if "alignment" in recording.manifest:
             writer.add_alignment(recording.manifest["alignment"])
         for drone in recording.drones:
-            writer.add_drone(drone)
+            writer.add_drone(drone, pose_gap_s=_bridged_s(recording, drone))
         for layer, ground in recording.layer_grounds.items():
             writer.add_layer_ground(layer, ground, (recording.span_ns or (0, 0))[0])
         others = ((message.stamp_ns, message) for message in beside)
@@ -127,6 +129,13 @@ def convert(
         conversion.path.stat().st_size,
         terrain.name if terrain is not None and map_inside else None,
     )
+
+
+def _bridged_s(recording: Recording, drone: str) -> float | None:
+    """Over which gap of the poses its frames were placed, where readers would refuse them: the subtitles of a
+    film may come once a second."""
+    gap_s = widest_gap_s(recording, drone)
+    return gap_s if gap_s > Limits().max_pose_gap_s else None
 
 
 def _recorded_heatmap(frame: Frame) -> Pixels | None:

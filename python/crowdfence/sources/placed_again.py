@@ -17,7 +17,7 @@ def placed_again(recording: Recording, tracks: Mapping[str, PoseTrack], moved_by
 
     A frame that lies outside of its new track is refused, with `moved_by` as the reason.
     """
-    limits = {drone: _widest_gap_s(recording, drone) for drone in tracks}
+    limits = {drone: widest_gap_s(recording, drone) for drone in tracks}
     frames: list[Frame] = []
     refused = list(recording.refused)
     for frame in recording.frames:
@@ -34,8 +34,8 @@ def placed_again(recording: Recording, tracks: Mapping[str, PoseTrack], moved_by
     return replace(recording, frames=tuple(frames), refused=tuple(refused), pose_tracks=pose_tracks)
 
 
-def _widest_gap_s(recording: Recording, drone: str) -> float:
-    """What the reader bridged for this drone: the widest gap around any frame that it took."""
+def widest_gap_s(recording: Recording, drone: str) -> float:
+    """What the reader bridged for a drone: the widest gap around any frame that it took."""
     stamps = recording.tracks()[drone].stamps_ns if drone in recording.tracks() else np.zeros(0, np.int64)
     widest = Limits().max_pose_gap_s
     if len(stamps) < 2:

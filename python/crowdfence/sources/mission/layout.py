@@ -42,7 +42,8 @@ CameraInfo counts pixels as ROS and OpenCV do, the centre of the first one at (0
 Its cx and cy are ours minus a half; the subtraction is exact for cx, cy >= 0.5.
 
 Metadata records: `crowdfence` (format version, georeference, terrain, source), `crowdfence.drone` (one per
-drone: its name and its topic prefix, written before its first message), `crowdfence.refused` (frames that
+drone: its name and its topic prefix, written before its first message, and `pose_gap_s` where its frames
+lie between poses further apart than readers bridge of themselves), `crowdfence.refused` (frames that
 a conversion had to leave out), and of a simulated mission `crowdfence.simulation` (scenario, seed and
 renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last three hold JSON.
 

@@ -9,7 +9,7 @@ is missing.
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,7 @@ from crowdfence.sources.pictures.decoding import decode_depth_cm
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
-from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, PixelSources, Recording, RefusedFrame
 
 
 class NoMissionError(ValueError):
@@ -97,6 +97,8 @@ class _Content:
         self.description: dict[str, str] | None = None
         self.names: dict[str, str] = {}
         self.drones: dict[str, _DroneContent] = {}
+        self.pose_gaps_s: dict[str, float] = {}
+        """By topic prefix, where frames lie between poses further apart than usual."""
         self.refused: list[RefusedFrame] = []
         self.warnings: list[str] = []
         self.told: dict[str, Any] = {}
@@ -121,6 +123,7 @@ class _Content:
             prefix = record.metadata["topic_prefix"]
             self.names[prefix] = record.metadata["drone"]
             self.drones.setdefault(prefix, _DroneContent())
+            self._take_pose_gap(prefix, record.metadata.get("pose_gap_s"))
         elif record.name == METADATA_LAYER:
             self._take_layer(record.metadata)
         elif record.name == METADATA_REFUSED:
@@ -180,6 +183,14 @@ class _Content:
             except ValueError as error:
                 self._cameras[key] = f"its camera_info cannot be used: {error}"
         return self._cameras[key]
+
+    def _take_pose_gap(self, prefix: str, text: str | None) -> None:
+        if text is None:
+            return
+        try:
+            self.pose_gaps_s[prefix] = Limits(float(text)).max_pose_gap_s
+        except ValueError as error:
+            self.warnings.append(f"what the file says about the poses of {prefix[1:]} is damaged: {error}")
 
     def _take_refused(self, text: str) -> None:
         try:
@@ -242,21 +253,28 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
     grounds = _layer_grounds(content, warnings)
     names = {prefix: content.names.get(prefix, prefix[1:]) for prefix in content.drones}
     tracks: dict[str, PoseTrack] = {}
-    unplaced: dict[str, list[UnplacedFrame]] = {}
+    frames: list[Frame] = []
+    refused: list[RefusedFrame] = []
     for prefix, found in content.drones.items():
         drone = names[prefix]
         tracks[drone], remarks = track_from_rows(found.pose_stamps_ns, found.positions, found.quaternions)
         warnings.extend(f"{drone}: {remark}" for remark in remarks)
-        unplaced[drone] = _unplaced_frames(mcap, found)
-    frames, refused = place_cameras(unplaced, tracks, limits)
+        gap_s = max(limits.max_pose_gap_s, content.pose_gaps_s.get(prefix, 0.0))
+        unplaced = {drone: _unplaced_frames(mcap, found)}
+        placed, left_out = place_cameras(unplaced, tracks, replace(limits, max_pose_gap_s=gap_s))
+        frames += placed
+        refused += left_out
     description = content.description or {}
     return Recording(
         name=mcap.path.stem,
         drones=tuple(sorted(names.values())),
-        frames=frames,
+        frames=tuple(sorted(frames, key=lambda frame: (frame.stamp_ns, frame.drone))),
         georeference=_georeference(description, warnings),
         terrain=_terrain(mcap.path, description, warnings),
-        refused=(*content.refused, *refused),
+        refused=(
+            *content.refused,
+            *sorted(refused, key=lambda frame: (frame.stamp_ns or 0, frame.drone)),
+        ),
         warnings=tuple(warnings),
         manifest={"kind": "mission", "path": str(mcap.path), **description, **content.told},
         pose_tracks=tracks,

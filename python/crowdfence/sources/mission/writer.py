@@ -193,9 +193,10 @@ class MissionWriter(TopicWriter):
         if rows:
             self.add_metadata(METADATA_REFUSED, {"frames": json.dumps(rows)})
 
-    def add_drone(self, drone: str) -> None:
-        """Announce a drone of the fleet. Its first pose or frame does the same."""
-        self._prefix(drone)
+    def add_drone(self, drone: str, *, pose_gap_s: float | None = None) -> None:
+        """Announce a drone of the fleet. Its first pose or frame does the same, without `pose_gap_s`: how far
+        apart the poses are that its frames lie between, where that is more than readers bridge by default."""
+        self._prefix(drone, pose_gap_s)
 
     def _advance(self, drone: str, what: str, stamp_ns: int, *, at_once: bool = False) -> None:
         if not 0 <= stamp_ns <= LAST_STAMP_NS:
@@ -207,11 +208,12 @@ class MissionWriter(TopicWriter):
             )
         self._last_stamp_ns[drone, what] = stamp_ns
 
-    def _prefix(self, drone: str) -> str:
+    def _prefix(self, drone: str, pose_gap_s: float | None = None) -> str:
         if drone not in self._prefixes:
             prefix = topic_prefix(drone, set(self._prefixes.values()))
             self._prefixes[drone] = prefix
-            self.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix})
+            gap = {} if pose_gap_s is None else {"pose_gap_s": repr(float(pose_gap_s))}
+            self.add_metadata(METADATA_DRONE, {"drone": drone, "topic_prefix": prefix, **gap})
         return self._prefixes[drone]
 
     def _next_camera_frame(self, drone: str) -> str:
