@@ -30,6 +30,7 @@ from crowdfence.sources.film.tlog import read_tlog
 from crowdfence.sources.film.ulog import read_ulog
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import on_ground
+from crowdfence.sources.mission.layout import OF_THE_SOURCE
 from crowdfence.sources.recording import Recording
 from support.flight_logs import tlog, ulog
 from support.foreign_recordings import (
@@ -68,6 +69,9 @@ def test_a_film_whose_subtitles_come_seldom_is_converted_whole(tmp_path: Path) -
     for one in (again, open_recording(tmp_path / "b.mcap")):
         assert [frame.stamp_ns for frame in one.frames] == [frame.stamp_ns for frame in found.frames]
         assert not one.refused
+        # What is doubtful about the film stays so: its focal length is an estimate.
+        told = [warning.removeprefix(OF_THE_SOURCE) for warning in one.warnings]
+        assert sorted(told) == sorted(found.warnings) and any("within about 10 %" in text for text in told)
         for was, frame in zip(found.frames, one.frames, strict=True):
             np.testing.assert_allclose(frame.world_from_camera, was.world_from_camera, rtol=0, atol=1e-12)
 

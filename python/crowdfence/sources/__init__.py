@@ -84,7 +84,7 @@ def open_recording(
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
     recording = _with_readable_names(recording)
-    recording = _with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise)))
+    recording = _told_once(_with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise))))
     if ground_start:
         recording = _from_the_ground(recording)
     return recording if alignment is None else _aligned(recording, alignment)
@@ -210,6 +210,14 @@ def _with_clock_doubts(recording: Recording) -> Recording:
 
     said = zone_doubts((frame.drone, frame.stamp_ns) for frame in recording.frames)
     return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
+
+
+def _told_once(recording: Recording) -> Recording:
+    """Without what a file was converted with and shows itself."""
+    from crowdfence.sources.mission.layout import OF_THE_SOURCE
+
+    again = {f"{OF_THE_SOURCE}{one}" for one in recording.warnings}
+    return replace(recording, warnings=tuple(one for one in recording.warnings if one not in again))
 
 
 def _open_film(

@@ -118,6 +118,7 @@ def convert(
         if not any(conversion.frames.values()):
             raise ValueError(no_frame_line(recording, refused))
         writer.add_refused(refused)
+        writer.add_warnings(recording.warnings)
         if "statistics" in recording.manifest:
             writer.add_statistics(recording.manifest["statistics"])
     return Conversion(

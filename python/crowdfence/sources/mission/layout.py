@@ -44,8 +44,9 @@ Its cx and cy are ours minus a half; the subtraction is exact for cx, cy >= 0.5.
 Metadata records: `crowdfence` (format version, georeference, terrain, source), `crowdfence.drone` (one per
 drone: its name and its topic prefix, written before its first message, and `pose_gap_s` where its frames
 lie between poses further apart than readers bridge of themselves), `crowdfence.refused` (frames that
-a conversion had to leave out), and of a simulated mission `crowdfence.simulation` (scenario, seed and
-renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last three hold JSON.
+a conversion had to leave out), `crowdfence.warnings` (what was doubtful about the recording that was
+converted), and of a simulated mission `crowdfence.simulation` (scenario, seed and
+renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last four hold JSON.
 
 A map may lie inside as an attachment (`attached_map`), before the first message.
 
@@ -65,9 +66,13 @@ METADATA = "crowdfence"
 METADATA_DRONE = "crowdfence.drone"
 METADATA_LAYER = "crowdfence.layer"
 METADATA_REFUSED = "crowdfence.refused"
+METADATA_WARNINGS = "crowdfence.warnings"
 METADATA_SIMULATION = "crowdfence.simulation"
 METADATA_STATISTICS = "crowdfence.statistics"
 METADATA_ALIGNMENT = "crowdfence.alignment"
+
+OF_THE_SOURCE = "before it was converted: "
+"""Begins a warning that a file was converted with."""
 
 MAP_FRAME = "map"
 

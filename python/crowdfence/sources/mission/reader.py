@@ -33,6 +33,8 @@ from crowdfence.sources.mission.layout import (
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
+    METADATA_WARNINGS,
+    OF_THE_SOURCE,
     PEOPLE_TOPIC,
     FramePart,
     LayerPart,
@@ -128,6 +130,8 @@ class _Content:
             self._take_layer(record.metadata)
         elif record.name == METADATA_REFUSED:
             self._take_refused(record.metadata.get("frames", ""))
+        elif record.name == METADATA_WARNINGS:
+            self._take_warnings(record.metadata.get("warnings", ""))
         elif record.name == METADATA_SIMULATION:
             self._take_told("simulation", record.metadata.get("manifest", ""))
         elif record.name == METADATA_STATISTICS:
@@ -199,6 +203,12 @@ class _Content:
                 self.refused.append(RefusedFrame(str(row["drone"]), stamp_ns, str(row["reason"])))
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             self.warnings.append(f"the list of refused frames in the file is damaged: {error!r}")
+
+    def _take_warnings(self, text: str) -> None:
+        try:
+            self.warnings.extend(f"{OF_THE_SOURCE}{one}" for one in json.loads(text))
+        except (ValueError, TypeError, RecursionError) as error:
+            self.warnings.append(f"the list of warnings in the file is damaged: {error!r}")
 
     def _take_told(self, what: str, text: str) -> None:
         try:

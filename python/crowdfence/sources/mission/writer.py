@@ -25,6 +25,8 @@ from crowdfence.sources.mission.layout import (
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
+    METADATA_WARNINGS,
+    OF_THE_SOURCE,
     PEOPLE_TOPIC,
     FramePart,
     camera_frame,
@@ -192,6 +194,12 @@ class MissionWriter(TopicWriter):
         ]
         if rows:
             self.add_metadata(METADATA_REFUSED, {"frames": json.dumps(rows)})
+
+    def add_warnings(self, warnings: Iterable[str]) -> None:
+        """What was doubtful about the source of this mission, one sentence each; readers tell it again."""
+        sentences = [one.removeprefix(OF_THE_SOURCE) for one in warnings]
+        if sentences:
+            self.add_metadata(METADATA_WARNINGS, {"warnings": json.dumps(sentences)})
 
     def add_drone(self, drone: str, *, pose_gap_s: float | None = None) -> None:
         """Announce a drone of the fleet. Its first pose or frame does the same, without `pose_gap_s`: how far
