@@ -96,5 +96,5 @@ def _require_ground(people: NDArray[np.float64], terrain: Terrain, reach_m: floa
         where = ", ".join(f"{metres:.2f}" for metres in people[floating][0])
         raise ValueError(
             f"{np.count_nonzero(floating)} of {len(people)} people of a crowd stand on no voxel of the "
-            f'terrain, the first at ({where}) m: check frame and offset, or pass off_terrain="ignore"'
+            f"terrain, the first at ({where}) m: check frame and offset, or take a map that has ground there"
         )
