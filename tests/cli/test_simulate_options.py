@@ -1,11 +1,14 @@
 """Values of options of `simulate` that no scenario can have: the option is named, and its bound."""
 
+import re
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from crowdfence.cli.app import app
+from crowdfence.simulation import scenarios
+from support.command_line import crowdfence
 
 
 @pytest.mark.parametrize(
@@ -30,3 +33,20 @@ def test_what_a_file_says_is_said_of_the_file(tmp_path: Path) -> None:
     words = ["simulate", str(tmp_path / "parade.toml"), "-o", str(tmp_path / "a.mcap"), "--frames", "3"]
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, ValueError) and "parade.toml: " in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("voxel_size_m = -1.0", '"voxel_size_m" must be between 0.1 and 20, got -1'),
+        ("altitude = 1", 'unknown key altitude; known are camera, .*, "georeference", .*, "voxel_size_m"'),
+    ],
+)
+def test_a_mistake_in_a_scenario_file_is_told_by_its_key(tmp_path: Path, line: str, message: str) -> None:
+    """Not as --voxel-size-m and --origin, which `simulate` does not have."""
+    race = (Path(scenarios.__file__).parent / "race.toml").read_text(encoding="utf-8")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(re.sub("^voxel_size_m.*", line, race, flags=re.MULTILINE), encoding="utf-8")
+    refused = crowdfence("simulate", scenario, "-o", tmp_path / "a.mcap")
+    assert refused.returncode == 1 and re.search(message, refused.stderr)
+    assert "--" not in refused.stderr

@@ -40,6 +40,9 @@ _FLAGS = {
 """What a scenario calls the values that options replace."""
 _OF_SCENARIOS = re.compile(rf"^({'|'.join(map(re.escape, _FLAGS))})(?= )")
 
+_KEYS = re.compile(r"\b(georeference|voxel_size_m)\b")
+"""What a scenario file calls as the library its arguments: in quotes it is no option of other commands."""
+
 
 def _scenario_option(flag: str, text: str) -> Any:
     return typer.Option(flag, rich_help_panel=_SCENARIO, help=text)
@@ -133,7 +136,8 @@ def simulate(
             trouble=TroublePlan() if no_trouble else None,
         )
     except ScenarioError as mistake:
-        raise ValueError(_OF_SCENARIOS.sub(lambda found: _FLAGS[found[0]], str(mistake))) from mistake
+        said = _OF_SCENARIOS.sub(lambda found: _FLAGS[found[0]], str(mistake))
+        raise ValueError(_KEYS.sub(r'"\g<0>"', said)) from mistake
     record = _recorder(kind)
     started = time.perf_counter()
     with _writable(output, kind):
