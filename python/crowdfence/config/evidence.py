@@ -15,17 +15,18 @@ from crowdfence.plain_values import make_plain
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
-DEFAULT_PRIOR = 0.0105
-"""Share of the ground in view that crowds stand on, in the shipped detector's calibration missions."""
+DEFAULT_PRIOR = 0.015
+"""Share of the ground met by pixels that crowds stand on, in the shipped detector's calibration missions."""
 DEFAULT_FOCAL_PX = 376.0
 """Of the cameras of those missions."""
 FURTHEST_LOG_ODDS = 12.0
 """So far from the prior log odds end, whatever was seen (`MOST_EVIDENCE` of the core)."""
 
 _MEAN_BORDERS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
-_LOG_RATIO = (-3.2, -0.8, 0.2, 1.0, 1.7, 2.4, 2.9, 3.3, 3.8, 4.3, 4.7, 5.3, 6.0, 6.7, 8.8)
+_LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7, 6.5, 8.2)
 """ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector
-is taken for that states nothing."""
+is taken for that states nothing. Of the voxels that rays of pixels met: over all in view, far ground, which is
+most of it, would make every look as vague as one from afar."""
 _MOST_EXPONENT = 700.0
 """No float holds exp of more than 709."""
 _MOST = f"{FURTHEST_LOG_ODDS:g}"
@@ -45,7 +46,7 @@ class EvidenceConfig:
     one's."""
     prior: float | None = None
     """P(A = 1) where nobody has looked, inside (0, 1); None: the share in the detector's calibration, or
-    0.0105."""
+    0.015."""
     focal_px: float | None = None
     """Focal length of the calibration's cameras, for views that do not say theirs; None: the detector's."""
     memory_s: float = 5.0

@@ -1,6 +1,5 @@
 """A process that helps: what it makes comes back, and what ends it is told, whenever it comes."""
 
-import multiprocessing.connection
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -11,9 +10,8 @@ from typing import Any
 import pytest
 
 from crowdfence.simulation.recording.helping_process import HelperKilled, HelpingProcess
+from support.helped_tasks import LARGE, fails, frame, frame_killed_while_handed_over
 
-LARGE = 1_000_000
-"""More than any pipe takes before somebody reads it."""
 LONG_S = 60.0
 
 
@@ -34,30 +32,6 @@ def asked(helper: HelpingProcess, function: Callable[..., Any], *arguments: Any)
         except Late:
             os.kill(helper._process.pid, signal.SIGKILL)
             raise
-
-
-def frame(number: int) -> tuple[int, bytes]:
-    return number, bytes(LARGE)
-
-
-def frame_killed_while_handed_over(sent: int) -> bytes:
-    """The kernel kills the process once `sent` bytes of its answer are on their way."""
-
-    def send(self: Any, data: bytes, write: Any = None) -> None:
-        nonlocal sent
-        view = memoryview(data)
-        while view:
-            if sent == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-            written = os.write(self.fileno(), view[:sent])
-            sent, view = sent - written, view[written:]
-
-    multiprocessing.connection.Connection._send = send
-    return bytes(LARGE)
-
-
-def fails() -> None:
-    raise FileNotFoundError(2, "No such file or directory", "map.tif")
 
 
 def test_answers_come_back(helper):
