@@ -25,8 +25,8 @@ FURTHEST_LOG_ODDS = 12.0
 _MEAN_BORDERS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 _LOG_RATIO = (-4.1, -0.9, 0.5, 1.3, 1.9, 2.4, 2.9, 3.3, 3.8, 4.1, 4.5, 5.0, 5.7, 6.5, 8.2)
 """ln P(m | crowd) / P(m | no crowd) of the shipped detector over all distances and tilts: what a detector
-is taken for that states nothing. Of the voxels that rays of pixels met: over all in view, far ground, which is
-most of it, would make every look as vague as one from afar."""
+is taken for that states nothing. Of the voxels that rays of pixels met: over all in view, far ground, which
+is most of it, would make every look as vague as one from afar."""
 _MOST_EXPONENT = 700.0
 """No float holds exp of more than 709."""
 _MOST = f"{FURTHEST_LOG_ODDS:g}"
