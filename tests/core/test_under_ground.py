@@ -8,7 +8,7 @@ import pytest
 import crowdfence as cf
 from crowdfence.voxel_state import VoxelState
 
-SHAPE = (60, 60)
+SHAPE = (64, 64)
 Y = np.arange(SHAPE[1]) + 0.5
 HILL = np.maximum(0.0, 20.0 - np.abs(Y - 20.0))
 """A ridge across the map at y = 20, 20 m high; from y = 40 on a plain lies behind it."""
@@ -16,11 +16,17 @@ BEGIN_NS = 1_760_000_000_000_000_000
 
 
 def states(
-    heights: np.ndarray, position: tuple[float, float, float], tilt: float, coverage: str
+    heights: np.ndarray,
+    position: tuple[float, float, float],
+    tilt: float,
+    coverage: str,
+    *,
+    towards_y: float = 1.0,
 ) -> np.ndarray:
-    """Of every column's top [i, j], after a second without crowd; the camera looks along y."""
+    """Of every column's top [i, j], after a second without crowd; the camera looks along y, up or down."""
     terrain = cf.Terrain.from_height_map(heights, cell_size_m=1.0)
-    forward, right = np.array([0.0, np.cos(tilt), -np.sin(tilt)]), np.array([1.0, 0.0, 0.0])
+    forward = np.array([0.0, towards_y * np.cos(tilt), -np.sin(tilt)])
+    right = np.array([towards_y, 0.0, 0.0])
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
     pose[:3, 3] = position
@@ -52,10 +58,28 @@ def test_nothing_behind_a_hill_is_seen_empty_through_a_hole_in_it(coverage: str)
 
 
 @pytest.mark.parametrize("coverage", ["full", "rays"])
+@pytest.mark.parametrize("is_north", [False, True])
 @pytest.mark.parametrize("slope", [0.5, 1.0, 1.5, 2.5])
 def test_a_camera_beside_the_map_sees_nothing_of_a_slope_that_falls_away_from_it(
-    slope: float, coverage: str
+    slope: float, is_north: bool, coverage: str
 ) -> None:
-    """It stands lower than the map's edge, so that it looks under the ground."""
+    """It stands lower than the map's edge, so that it looks under the ground; south or north of the map."""
     heights = np.repeat((60.0 - slope * Y)[None], SHAPE[0], 0)
-    assert not (states(heights, (30.0, -12.0, 45.0), 0.6, coverage) == VoxelState.EMPTY).any()
+    if is_north:
+        found = states(heights[:, ::-1], (30.0, 76.0, 45.0), 0.6, coverage, towards_y=-1.0)
+    else:
+        found = states(heights, (30.0, -12.0, 45.0), 0.6, coverage)
+    assert not (found == VoxelState.EMPTY).any()
+
+
+@pytest.mark.parametrize("coverage", ["full", "rays"])
+@pytest.mark.parametrize("is_north", [False, True])
+def test_a_camera_beside_the_map_sees_nothing_of_a_plain_behind_the_ridge_at_its_edge(
+    is_north: bool, coverage: str
+) -> None:
+    heights = np.repeat(np.maximum(0.0, 24.0 - Y)[None], SHAPE[0], 0)
+    if is_north:
+        found = states(heights[:, ::-1], (30.0, 76.0, 12.0), 0.25, coverage, towards_y=-1.0)
+    else:
+        found = states(heights, (30.0, -12.0, 12.0), 0.25, coverage)
+    assert not (found == VoxelState.EMPTY).any()

@@ -152,13 +152,15 @@ impl<'a> Painter<'a> {
     fn new(vantage: &'a Vantage<'a>, lens: Option<&'a IdealPixels>, between_pixels: bool) -> Painter<'a> {
         let terrain = vantage.terrain;
         let origin = terrain.tree_from_world(vantage.origin);
-        let [x, y] =
-            [origin.x, origin.y].map(|at| (at >= 0.0 && at < f64::from(u32::MAX)).then_some(at as u32));
-        let is_over_ground = x.zip(y).is_some_and(|(x, y)| terrain.tree().column(x, y).next().is_some());
+        let stacks = Stacks::new(terrain.tree());
+        let side = f64::from(stacks.root().side());
+        let is_over_ground = (0.0..side).contains(&origin.x)
+            && (0.0..side).contains(&origin.y)
+            && terrain.tree().column(origin.x as u32, origin.y as u32).next().is_some();
         Painter {
             vantage,
             optics: Optics::of(vantage.view, lens),
-            stacks: Stacks::new(terrain.tree()),
+            stacks,
             canvas: Canvas::new(vantage.view, lens, between_pixels),
             rows: Vec::new(),
             occluded_ids: Vec::new(),
