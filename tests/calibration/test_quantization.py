@@ -17,7 +17,7 @@ from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rec
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import HEIGHT, WIDTH, flight, ground, write_airsim
+from support.small_recordings import HEIGHT, WIDTH, flight, ground, write_airsim, write_walled_map
 
 CHANNELS = 8
 MODELS = COMBINATIONS.parent
@@ -159,13 +159,7 @@ def test_what_is_doubtful_about_rates_measured_anew_is_told(
     shutil.copytree(labelled[0], mission)
     labels = sorted((mission / "truth" / "regions").iterdir())
     shutil.copyfile(labels[0], labels[0].with_name("region_uav1_1760000000999999999.png"))
-    (mission / "terrain" / "terrain.bt").unlink()
-    (mission / "terrain" / "dem.tif").unlink()
-    east, north, _ = ground().mean(axis=0)
-    corners = [(-50, -50, -24.5), (50, -50, -24.5), (50, 50, -24.5), (-50, 50, -24.5)]
-    corners += [(-500, 50, -24.5), (500, 50, -24.5), (500, 50, 75.5), (-500, 50, 75.5)]
-    lines = [f"v {east + x} {north + y} {z}" for x, y, z in corners]
-    (mission / "terrain" / "site.obj").write_text("\n".join([*lines, "f 1 2 3 4", "f 5 6 7 8"]) + "\n")
+    write_walled_map(mission)
     picture = sorted((mission / "images").glob("img_uav3_front_center_0_*"))[1]
     picture.write_bytes(b"no picture")
     told, _ = quantized(tmp_path, model, [mission])

@@ -22,7 +22,16 @@ from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rec
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import HEIGHT, WIDTH, Flight, flight, ground, write_airsim, write_folder
+from support.small_recordings import (
+    HEIGHT,
+    WIDTH,
+    Flight,
+    flight,
+    ground,
+    write_airsim,
+    write_folder,
+    write_walled_map,
+)
 
 FAILED = 1
 ROWS, COLUMNS = HEIGHT // 4, WIDTH // 4
@@ -174,13 +183,7 @@ def test_doubts_about_a_map_are_told(data: list[Path], tmp_path: Path) -> None:
     """A square of ground of 100 m by 100 m below a wall of 1000 m by 100 m: which of them is the ground?"""
     mission = tmp_path / "mission"
     shutil.copytree(data[0], mission)
-    (mission / "terrain" / "terrain.bt").unlink()
-    (mission / "terrain" / "dem.tif").unlink()
-    east, north, _ = ground().mean(axis=0)
-    corners = [(-50, -50, -24.5), (50, -50, -24.5), (50, 50, -24.5), (-50, 50, -24.5)]
-    corners += [(-500, 50, -24.5), (500, 50, -24.5), (500, 50, 75.5), (-500, 50, 75.5)]
-    lines = [f"v {east + x} {north + y} {z}" for x, y, z in corners]
-    (mission / "terrain" / "site.obj").write_text("\n".join([*lines, "f 1 2 3 4", "f 5 6 7 8"]) + "\n")
+    write_walled_map(mission)
     told = "mission: it shows 100,000 m2 of surface from the south and 10,000 m2 from above, a wall and"
     model = noisy_model(tmp_path / "m.onnx", sharpness=4.0)
     done = calibrate(model, [mission], tmp_path / "out.onnx", "--every", "4", "--json")

@@ -200,3 +200,15 @@ def write_hovering(folder: Path, stamps_ns: dict[str, list[int]]) -> Path:
     camera = {"width": 32, "height": 24, "fx": 24.0, "fy": 24.0, "cx": 16.0, "cy": 12.0}
     (folder / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
     return folder
+
+
+def write_walled_map(mission: Path) -> None:
+    """In place of a mission's map a mesh of which it is doubtful what is the ground: 100 m by 100 m below a
+    wall of 1000 m by 100 m."""
+    (mission / "terrain" / "terrain.bt").unlink()
+    (mission / "terrain" / "dem.tif").unlink()
+    east, north, _ = ground().mean(axis=0)
+    corners = [(-50, -50, -24.5), (50, -50, -24.5), (50, 50, -24.5), (-50, 50, -24.5)]
+    corners += [(-500, 50, -24.5), (500, 50, -24.5), (500, 50, 75.5), (-500, 50, 75.5)]
+    lines = [f"v {east + x} {north + y} {z}" for x, y, z in corners]
+    (mission / "terrain" / "site.obj").write_text("\n".join([*lines, "f 1 2 3 4", "f 5 6 7 8"]) + "\n")

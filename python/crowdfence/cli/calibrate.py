@@ -11,6 +11,7 @@ import typer
 from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.options import DEFAULT, PAPER
+from crowdfence.cli.refusals import warn_of_data
 from crowdfence.cli.wording import counted
 from crowdfence.evaluation.text_table import aligned, interval, number
 
@@ -95,10 +96,7 @@ def calibrate(
         frames = frames_looked_at(paths, every)
         with console.progress("calibrating", 2 * frames, "frames") as advance:
             result = calibrate_model(detector, model, paths, output, plan, on_frame=advance)
-    for warning in result.warnings:
-        console.warn(warning)
-    if result.refused:
-        console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
+    warn_of_data(result.warnings, result.refused)
     if as_json:
         console.print_json(_as_json(result))
     else:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path, replaceable_file
 from crowdfence.cli import console, options
+from crowdfence.cli.refusals import warn_of_data
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -161,10 +162,7 @@ def evaluate(
         result = model_quality(detector, paths, plan, on_frame=advance)
         if examples is not None:
             _write_picture(examples, result.examples)
-    for warning in result.warnings:
-        console.warn(warning)
-    if result.refused:
-        console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
+    warn_of_data(result.warnings, result.refused)
     if as_json:
         console.print_json({"contract": detector.contract.name, **result.to_json()})
     else:
@@ -217,10 +215,7 @@ def quantize(
         result = quantize_model(
             detector, model, paths, output, pictures=pictures, plan=plan, on_picture=advance
         )
-    for warning in result.warnings:
-        console.warn(warning)
-    if result.refused:
-        console.warn(f"{len(result.refused)} frames were not used, the first: {result.refused[0]}")
+    warn_of_data(result.warnings, result.refused)
     if as_json:
         console.print_json(asdict(result))
         return

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from crowdfence.cli import console
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.sources.recording import RefusedFrame
 
@@ -22,3 +23,11 @@ def refusal_lines(refused: Iterable[RefusedFrame]) -> list[str]:
         )
         for trouble in group_trouble(refused)
     ]
+
+
+def warn_of_data(warnings: Iterable[str], unused: Sequence[str]) -> None:
+    """What is doubtful about labelled missions, and which of their frames were not used and why."""
+    for warning in warnings:
+        console.warn(warning)
+    if unused:
+        console.warn(f"{len(unused)} frames were not used, the first: {unused[0]}")

@@ -8,6 +8,7 @@ knows stand at the anchor's height above the ellipsoid (`geographic_outline`), w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,7 @@ class GroundOfShapes:
     """Made once for the zones that shapes are drawn around."""
 
     def __init__(self, zones: Sequence[Zone]) -> None:
+        self._zones = zones
         self._outlines = np.array([zone.polygon for zone in zones], dtype=object)
         self._heights_m = np.array([_stands_between_m(zone) for zone in zones]).reshape(-1, 2)
 
@@ -36,6 +38,11 @@ class GroundOfShapes:
         inside = shapely.intersects(shape, self._outlines)
         lowest_m, highest_m = self._heights_m[inside if inside.any() else slice(None)].T
         return float(lowest_m.min()), float(highest_m.max())
+
+    def as_zone(self, shape: Polygon | MultiPolygon) -> Zone:
+        """The shape as something that has an outline, on that ground."""
+        lowest_m, highest_m = self.between_m(shape)
+        return replace(self._zones[0], id="fence", polygon=shape, lower_m=lowest_m, upper_m=highest_m)
 
 
 def _stands_between_m(zone: Zone) -> tuple[float, float]:

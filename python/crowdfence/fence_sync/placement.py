@@ -80,9 +80,7 @@ def placed(
 def _shapes(fence: Fence, zones: Sequence[Zone], georeference: Georeference) -> Iterable[FenceShape]:
     ground = GroundOfShapes(zones)
     for polygon in fence.polygons:
-        lowest_m, highest_m = ground.between_m(polygon)
-        whole = replace(zones[0], id="fence", polygon=polygon, lower_m=lowest_m, upper_m=highest_m)
-        for part in polygons_of(_outline(whole, georeference)):
+        for part in polygons_of(_outline(ground.as_zone(polygon), georeference)):
             corners = np.round(np.asarray(part.exterior.coords)[:-1] * 10**DECIMALS).astype(int).tolist()
             yield tuple(
                 FenceItem(POLYGON_EXCLUSION, float(len(corners)), north, east) for east, north in corners

@@ -2,7 +2,7 @@
 the pose at its stamp, or the reason why not."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from crowdfence._core import Camera
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
@@ -42,13 +42,18 @@ class UnplacedFrame:
 
 
 def place_cameras(
-    unplaced: Mapping[str, Sequence[UnplacedFrame]], tracks: Mapping[str, PoseTrack], limits: Limits
+    unplaced: Mapping[str, Sequence[UnplacedFrame]],
+    tracks: Mapping[str, PoseTrack],
+    limits: Limits,
+    pose_gaps_s: Mapping[str, float] | None = None,
 ) -> tuple[tuple[Frame, ...], list[RefusedFrame]]:
-    """Images per drone, in the order of recording -> usable frames and refused ones, both by stamp."""
+    """Images per drone, in the order of recording -> usable frames and refused ones, both by stamp.
+    `pose_gaps_s`: for some drones, over which gaps poses are bridged at least."""
     frames: list[Frame] = []
     refused: list[RefusedFrame] = []
     for drone, images in unplaced.items():
-        for outcome in _placed(drone, images, tracks.get(drone), limits):
+        gap_s = max(limits.max_pose_gap_s, (pose_gaps_s or {}).get(drone, 0.0))
+        for outcome in _placed(drone, images, tracks.get(drone), replace(limits, max_pose_gap_s=gap_s)):
             if isinstance(outcome, Frame):
                 frames.append(outcome)
             else:

@@ -189,7 +189,6 @@ impl<'a> Painter<'a> {
                     self.stacks.release(&child);
                 } else if !self.is_open {
                     let from = DVec3::new(f64::from(x * side), f64::from(y * side), 0.0);
-                    let (low, high) = self.bounds(square);
                     let size = DVec3::new(f64::from(side), f64::from(side), high.z - low.z);
                     self.is_open = self.may_show(low + from, low + from + size);
                 }

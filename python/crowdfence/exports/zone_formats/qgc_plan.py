@@ -8,7 +8,6 @@ the plan held before stays, its other fence items too, and they count.
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,9 +89,7 @@ def _empty_plan(export: ZoneExport) -> dict[str, Any]:
 
 
 def _polygon(polygon: Any, export: ZoneExport, ground: GroundOfShapes) -> dict[str, Any]:
-    lowest_m, highest_m = ground.between_m(polygon)
-    zone = replace(export.zones[0], id="fence", polygon=polygon, lower_m=lowest_m, upper_m=highest_m)
-    outline = export.outline(zone, max_edge_m=None, decimals=_DECIMALS)
+    outline = export.outline(ground.as_zone(polygon), max_edge_m=None, decimals=_DECIMALS)
     if outline.geom_type != "Polygon":
         raise ValueError("a fence across the antimeridian cannot be written as a plan")
     ring = np.asarray(outline.exterior.coords)[:-1]

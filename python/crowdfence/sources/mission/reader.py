@@ -9,7 +9,7 @@ is missing.
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ from crowdfence.sources.pictures.decoding import decode_depth_cm
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
-from crowdfence.sources.recording import Frame, PixelSources, Recording, RefusedFrame
+from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 
 class NoMissionError(ValueError):
@@ -263,28 +263,22 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
     grounds = _layer_grounds(content, warnings)
     names = {prefix: content.names.get(prefix, prefix[1:]) for prefix in content.drones}
     tracks: dict[str, PoseTrack] = {}
-    frames: list[Frame] = []
-    refused: list[RefusedFrame] = []
+    unplaced: dict[str, list[UnplacedFrame]] = {}
     for prefix, found in content.drones.items():
         drone = names[prefix]
         tracks[drone], remarks = track_from_rows(found.pose_stamps_ns, found.positions, found.quaternions)
         warnings.extend(f"{drone}: {remark}" for remark in remarks)
-        gap_s = max(limits.max_pose_gap_s, content.pose_gaps_s.get(prefix, 0.0))
-        unplaced = {drone: _unplaced_frames(mcap, found)}
-        placed, left_out = place_cameras(unplaced, tracks, replace(limits, max_pose_gap_s=gap_s))
-        frames += placed
-        refused += left_out
+        unplaced[drone] = _unplaced_frames(mcap, found)
+    gaps_s = {names[prefix]: gap_s for prefix, gap_s in content.pose_gaps_s.items() if prefix in names}
+    frames, refused = place_cameras(unplaced, tracks, limits, gaps_s)
     description = content.description or {}
     return Recording(
         name=mcap.path.stem,
         drones=tuple(sorted(names.values())),
-        frames=tuple(sorted(frames, key=lambda frame: (frame.stamp_ns, frame.drone))),
+        frames=frames,
         georeference=_georeference(description, warnings),
         terrain=_terrain(mcap.path, description, warnings),
-        refused=(
-            *content.refused,
-            *sorted(refused, key=lambda frame: (frame.stamp_ns or 0, frame.drone)),
-        ),
+        refused=(*content.refused, *refused),
         warnings=tuple(warnings),
         manifest={"kind": "mission", "path": str(mcap.path), **description, **content.told},
         pose_tracks=tracks,

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
 from crowdfence.sources.pictures.decoding import orientation
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
@@ -103,14 +104,15 @@ def read_tags(path: Path) -> PhotographTags:
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     xmp = _xmp(head)
-    make, model = _text(exif.get(ExifTags.Base.Make)), _text(exif.get(ExifTags.Base.Model))
+    make, model = exif_text(exif.get(ExifTags.Base.Make)), exif_text(exif.get(ExifTags.Base.Model))
     return PhotographTags(
         width=width,
         height=height,
         taken=when_taken(exif, more, gps, xmp),
         make=make,
         model=model,
-        serial=_text(more.get(ExifTags.Base.BodySerialNumber)) or xmp.get("drone-dji:DroneSerialNumber", ""),
+        serial=exif_text(more.get(ExifTags.Base.BodySerialNumber))
+        or xmp.get("drone-dji:DroneSerialNumber", ""),
         place=_place(gps, xmp),
         heights_m=_heights(gps, xmp, model),
         attitude_ned=_attitude(xmp, head, make),
@@ -237,7 +239,3 @@ def _number(value: Any) -> float | None:
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     return number if math.isfinite(number) else None
-
-
-def _text(value: Any) -> str:
-    return value.replace("\0", "").strip() if isinstance(value, str) else ""

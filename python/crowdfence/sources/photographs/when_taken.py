@@ -15,6 +15,8 @@ from typing import Any
 
 from PIL import ExifTags
 
+from crowdfence.sources.photographs.exif_text import exif_text
+
 _CLOCK = "%Y:%m:%d %H:%M:%S"
 _UTC_AT_EXPOSURE = re.compile(r"(\d{4}[-:]\d\d[-:]\d\d)[T ](\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?", re.ASCII)
 _QUARTER_S = 900
@@ -46,7 +48,7 @@ def when_taken(
 ) -> WhenTaken | None:
     """From the tags of a picture: EXIF's own, those of its camera and of its receiver, and XMP. None where no
     date is told."""
-    text = _text(more.get(ExifTags.Base.DateTimeOriginal)) or _text(exif.get(ExifTags.Base.DateTime))
+    text = exif_text(more.get(ExifTags.Base.DateTimeOriginal)) or exif_text(exif.get(ExifTags.Base.DateTime))
     clock = _utc(text, _CLOCK)
     exposed = _UTC_AT_EXPOSURE.fullmatch(xmp.get("drone-dji:UTCAtExposure", "").strip())
     exact = None if exposed is None else _utc(f"{exposed[1].replace('-', ':')} {exposed[2]}", _CLOCK)
@@ -55,10 +57,10 @@ def when_taken(
         return WhenTaken(_stamp_ns(exact, exposed[3] or ""), zone_s or 0, not exposed[3])
     if clock is None:
         return None
-    fraction = _text(more.get(ExifTags.Base.SubsecTimeOriginal))
+    fraction = exif_text(more.get(ExifTags.Base.SubsecTimeOriginal))
     told = fraction.isascii() and fraction.isdecimal()
     as_utc = WhenTaken(_stamp_ns(clock, fraction if told else ""), None, not fraction)
-    zone_s = _stated_zone_s(clock, _text(more.get(ExifTags.Base.OffsetTimeOriginal)))
+    zone_s = _stated_zone_s(clock, exif_text(more.get(ExifTags.Base.OffsetTimeOriginal)))
     if zone_s is None:
         received = _received(gps)
         zone_s = None if received is None else _zone_s(clock, received)
@@ -88,7 +90,7 @@ def _stated_zone_s(clock: datetime, zone: str) -> int | None:
 
 def _received(gps: Mapping[int, Any]) -> datetime | None:
     """Date and time of the receiver."""
-    day = _utc(_text(gps.get(ExifTags.GPS.GPSDateStamp)), "%Y:%m:%d")
+    day = _utc(exif_text(gps.get(ExifTags.GPS.GPSDateStamp)), "%Y:%m:%d")
     try:
         hours, minutes, seconds = (float(part) for part in gps[ExifTags.GPS.GPSTimeStamp])
         return None if day is None else day + timedelta(hours=hours, minutes=minutes, seconds=seconds)
@@ -101,7 +103,3 @@ def _zone_s(clock: datetime, utc: datetime) -> int | None:
     ahead_s = (clock - utc).total_seconds()
     zone_s = round(ahead_s / _QUARTER_S) * _QUARTER_S
     return zone_s if abs(ahead_s - zone_s) <= _STALE_S and abs(zone_s) <= _MOST_ZONE_S else None
-
-
-def _text(value: Any) -> str:
-    return value.replace("\0", "").strip() if isinstance(value, str) else ""
