@@ -106,6 +106,29 @@ def test_pictures_are_counted_and_named() -> None:
     assert silent.look("a", black) is None and silent.looked_at == 0 and silent.warnings == []
 
 
+def test_drones_most_of_whose_pictures_are_unlike_are_known() -> None:
+    """uav1 two of three, uav2 one of two, uav3 too few."""
+    black, white = np.zeros((9, 9, 3), np.uint8), np.full((9, 9, 3), 255, np.uint8)
+    near = PictureRange(tuple(picture_statistics(black)), tuple(map(tuple, np.eye(10).tolist())), 1.0)
+    watch = PictureWatch(Contract.from_json(document(pictures=near.to_json())))
+    shown = [
+        ("uav1", black),
+        ("uav1", white),
+        ("uav1", white),
+        ("uav2", black),
+        ("uav2", white),
+        ("uav3", white),
+    ]
+    for drone, image in shown:
+        watch.look("", image, drone)
+    told = watch.mostly_unlike(2)
+    assert told.keys() == {"uav1", "uav2"} and told["uav2"] is None
+    assert told["uav1"] == (
+        "2 of 3 pictures of uav1 look unlike everything that test model was tested on: nobody has measured "
+        "what it misses there"
+    )
+
+
 def test_detect_flags_pictures_and_says_that_no_range_could_be_checked(tmp_path: Path) -> None:
     from PIL import Image
 

@@ -283,7 +283,7 @@ def test_automatic_choice(
     without = open_recording(write_folder(tmp_path / "plain", flight()))
     some_missing = tmp_path / "some"
     shutil.copytree(recorded, some_missing)
-    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", lambda: model)
+    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", lambda _: model)
     chosen = choose_detector(with_pictures, "auto")
     assert chosen is not None and chosen.path == model
     assert choose_detector(with_pictures, "recorded") is None
@@ -295,7 +295,7 @@ def test_automatic_choice(
     with pytest.raises(FileNotFoundError, match="nowhere.onnx"):
         choose_detector(with_pictures, "nowhere.onnx")
 
-    def missing() -> Path:
+    def missing(_: str) -> Path:
         raise FileNotFoundError("no model")
 
     monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", missing)

@@ -160,3 +160,27 @@ def test_a_detector_that_gives_the_same_everywhere_is_an_alarm_until_an_answer_d
     with running(tmp_path / "data", detector=Detector(model)) as service:
         assert given(service, range(12, 14)) == [("alarm", True)], "a restart mends nothing"
         assert given(service, range(14, 22), 255) == [("alarm", False)]
+
+
+def test_pictures_unlike_all_that_the_detector_was_tested_on_are_told_of_each_drone(tmp_path: Path) -> None:
+    """Noise, which no renderer made, before the shipped detector."""
+
+    def given(service: Service, numbers: range) -> list[Alert]:
+        assert service.live is not None
+        for number in numbers:
+            service.live.intake.give_view(with_picture(number, number))
+        service.live.finish()
+        Watch(service).look()
+        return alerts(service, "unlike_pictures")
+
+    with running(tmp_path / "data", detector=Detector()) as service:
+        assert not given(service, range(9)), "nine prove nothing"
+        (told,) = given(service, range(9, 12))
+        assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav1", None)
+        assert told.text == (
+            "12 of 12 pictures of uav1 look unlike everything that crowdnet-s was tested on: nobody has "
+            "measured what it misses there; crowdnet-s-wide does better on pictures of real cameras"
+        )
+    with running(tmp_path / "data", detector=Detector()) as service:
+        (told,) = given(service, range(12, 14))
+        assert told.cleared_ns is None, "a restart mends nothing"

@@ -11,10 +11,11 @@ import typer
 
 from crowdfence.atomic_file import replaceable_file, writable_folder
 from crowdfence.cli import console, options, source_options
+from crowdfence.cli.detector_choice import tell_choice
 from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import counted, in_options
-from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
+from crowdfence.detector.shipped import PHOTOGRAPH_MODEL
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -44,7 +45,8 @@ def detect(
             "--model",
             "--detector",
             help="ONNX model, several to combine them. Default, of those that come with crowdfence: "
-            "crowdnet-s for recordings, crowdnet-s-wide for pictures and films without poses.",
+            "crowdnet-s for recordings whose pictures look like those that it was tested on, else "
+            "crowdnet-s-wide.",
         ),
     ] = None,
     contract: options.ContractPath = None,
@@ -77,16 +79,16 @@ def detect(
     as_json: options.Json = False,
 ) -> None:
     """Write the heatmaps that a detector makes of pictures, and a video that shows them over the pictures."""
-    from crowdfence.pipeline import named_detector
+    from crowdfence.pipeline import named_detector, suitable_model
     from crowdfence.sources import is_flight, is_recording
 
     with_poses = is_recording(source) or (output.suffix == ".mcap" and is_flight(source))
-    names = models or [SHIPPED_MODEL if with_poses else PHOTOGRAPH_MODEL]
-    if contract is not None and len(names) > 1:
+    if contract is not None and len(models or ()) > 1:
         raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
 
     if not with_poses:
         with writable_folder(output):
+            names = models or [PHOTOGRAPH_MODEL]
             detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
             if detector.needs_gsd and gsd_m is None:
                 raise ValueError(
@@ -105,7 +107,10 @@ def detect(
         )
     with replaceable_file(output, force=force, reads=[source]):
         recording = source_options.open_source(source, context.params)
+        names = models or [suitable_model(recording)]
         detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
+        if models is None:
+            tell_choice(detector)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         _detect_recording(
             recording, detector, terrain, map_options, output, every, bool(video), force, as_json

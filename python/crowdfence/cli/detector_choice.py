@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from crowdfence.cli import console, options
+from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
@@ -19,12 +20,23 @@ def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | No
     detector = choose_detector(
         recording, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
     )
-    if told["detector"] == options.AUTO and detector is not None and _holds_heatmaps(recording):
-        console.warn(
-            f"the recorded heatmaps are not used: {detector.contract.name} looks at the pictures; "
-            "--detector recorded takes them"
-        )
+    if told["detector"] == options.AUTO and detector is not None:
+        if _holds_heatmaps(recording):
+            console.warn(
+                f"the recorded heatmaps are not used: {detector.contract.name} looks at the pictures; "
+                "--detector recorded takes them"
+            )
+        tell_choice(detector)
     return detector
+
+
+def tell_choice(detector: Detector) -> None:
+    """Say it where the pictures decided against the model that looks by default."""
+    if detector.contract.name == PHOTOGRAPH_MODEL:
+        console.warn(
+            f"most pictures are unlike those that {SHIPPED_MODEL} was tested on, as real cameras' are: "
+            f"{PHOTOGRAPH_MODEL} looks at them; --detector {SHIPPED_MODEL} takes the other"
+        )
 
 
 def _holds_heatmaps(recording: Recording) -> bool:

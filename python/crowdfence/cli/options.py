@@ -175,9 +175,9 @@ DetectorChoice = Annotated[
     typer.Option(
         "--detector",
         metavar="MODEL",
-        help="What finds crowds in the pictures: auto (the shipped model where there are pictures, else as "
-        "recorded), recorded, or a MODEL.onnx. Repeat it to combine several, such as crowdnet-s and "
-        "yolox_nano.onnx.",
+        help="What finds crowds in the pictures: auto (of crowdnet-s and crowdnet-s-wide the one that suits "
+        "them, for live views crowdnet-s; without pictures as recorded), recorded, or a MODEL.onnx. Repeat "
+        "it to combine several, such as crowdnet-s and yolox_nano.onnx.",
     ),
 ]
 LayerName = Annotated[

@@ -244,7 +244,7 @@ def _replayed(
 def _live(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
-    from crowdfence.pipeline.detect import named_detector
+    from crowdfence.pipeline import named_detector
     from crowdfence.pipeline.terrain import read_map_for_live_views
     from crowdfence.service.opening import live
 

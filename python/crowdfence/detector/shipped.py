@@ -4,10 +4,11 @@ from os import PathLike
 from pathlib import Path
 
 SHIPPED_MODEL = "crowdnet-s"
-"""What looks where nobody names a detector."""
+"""What looks where nobody names a detector and the pictures look like those that it was tested on."""
 PHOTOGRAPH_MODEL = "crowdnet-s-wide"
-"""... and what looks at pictures and films without poses: most of them are a camera's, and of rendered ones
-shown without their poses it finds as much as the other (training/README.md)."""
+"""... and what looks where they do not (`pipeline.suitable_model`), and at pictures and films without poses:
+most of them are a camera's, and of rendered ones shown without their poses it finds as much as the other
+(training/README.md)."""
 FILES = {
     SHIPPED_MODEL: "crowdnet-s-int8.onnx",
     "crowdnet-s-float32": "crowdnet-s.onnx",

@@ -2,6 +2,7 @@
 
 - `clocks`           whether the drones count time alike
 - `terrain`          the map to project onto
+- `choose_detector`  which detector looks
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
 - `lost_crowd`       crowd that met no ground, or became none there: shares and warnings
@@ -11,14 +12,13 @@
 - `run`              a whole recording through these
 """
 
+from crowdfence.pipeline.choose_detector import choose_detector, named_detector, suitable_model
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import (
     HeatmapFunction,
     HeatmapSource,
-    choose_detector,
     describe_model,
     heatmap_source,
-    named_detector,
 )
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -48,4 +48,5 @@ __all__ = [
     "review_detector",
     "run",
     "shares",
+    "suitable_model",
 ]

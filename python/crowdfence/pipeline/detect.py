@@ -18,13 +18,11 @@ from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.still_video import StillVideo
-from crowdfence.sources.layers import CROWD
-from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
+from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
-    from crowdfence.detector.inference.picture_parts import Enlarge
 
 HeatmapFunction = Callable[[Frame], Pixels]
 
@@ -189,95 +187,6 @@ def describe_model(contract: Contract, path: Path | None, members: Sequence[Dete
     return described
 
 
-def choose_detector(
-    recording: Recording,
-    choice: str | Sequence[str],
-    *,
-    contract: Path | None = None,
-    threads: int = 1,
-    enlarge: Enlarge = "always",
-) -> Detector | None:
-    """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
-    combined. The name of the shipped model stands for its path.
-
-    "auto" is the shipped model where that loses no frame: every frame that has a heatmap also has a picture.
-    The shipped models find crowds: of another layer "auto" takes the recorded heatmaps. ValueError when a
-    model cannot be used, or the shipped one is missing.
-    """
-    choices = [choice] if isinstance(choice, str) else list(choice)
-    if len(choices) > 1:
-        if contract is not None:
-            raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
-        return named_detector(choices, threads=threads, enlarge=enlarge)
-    choice = choices[0]
-    if recording.layer != CROWD:
-        _check_layer(recording, choice)
-        choice = "recorded" if choice == "auto" else choice
-    if choice == "recorded" or (choice == "auto" and not _pictures_suffice(recording)):
-        if contract is not None:
-            raise ValueError(
-                f"--contract {contract} belongs to a model; the heatmaps here are the recorded ones"
-            )
-        if enlarge != "always":
-            raise ValueError(f"--enlarge {enlarge} is for a model; the heatmaps here are the recorded ones")
-        return None
-    from crowdfence.detector.detector import Detector
-
-    if choice != "auto":
-        return named_detector([choice], contract=contract, threads=threads, enlarge=enlarge)
-    if contract is not None:
-        raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
-    try:
-        return Detector(threads=threads, enlarge=enlarge)
-    except FileNotFoundError as error:
-        raise ValueError(
-            f"{recording.name} has pictures, but the detector that comes with crowdfence is missing "
-            "from this copy: install it again, name a model with --detector MODEL.onnx, or take the recorded "
-            "heatmaps with --detector recorded"
-        ) from error
-
-
-def _check_layer(recording: Recording, choice: str) -> None:
-    """ValueError where nothing makes the heatmaps of a layer."""
-    from crowdfence.detector.shipped import FILES
-
-    if choice in FILES:
-        raise ValueError(f"--detector {choice} finds crowds, not the layer {recording.layer!r}")
-    if choice in ("auto", "recorded") and recording.layer not in recording.layers:
-        raise ValueError(
-            f"{recording.name} holds no heatmaps of the layer {recording.layer!r}; name a model that makes "
-            "them with --detector MODEL.onnx"
-        )
-
-
-def named_detector(
-    models: Sequence[str | Path],
-    *,
-    contract: Path | None = None,
-    threads: int = 1,
-    enlarge: Enlarge = "always",
-) -> Detector:
-    """The detector of one model, or the combination of several; shipped ones go by their names.
-    ValueError for words that mean no model here."""
-    from crowdfence.detector.detector import Detector
-    from crowdfence.detector.shipped import SHIPPED_MODEL, model_path
-
-    if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
-        raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
-    files = [model_path(model).resolve() for model in models]  # one file may have several names
-    if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
-        raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
-    detectors = [Detector(model, contract, threads=threads, enlarge=enlarge) for model in models]
-    return detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
-
-
-def _pictures_suffice(recording: Recording) -> bool:
-    sources = [frame.pixels for frame in recording.frames]
-    return any(pixels.image for pixels in sources) and all(
-        pixels.image is not None for pixels in sources if pixels.heatmap is not None
-    )
-
-
 def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
     return _watched(watch, detector(_image(frame, watch)))
 
@@ -312,7 +221,7 @@ def _image(frame: Frame, watch: PictureWatch) -> NDArray[np.uint8]:
     image = frame.image()
     if reason := blank_reason(image):
         raise FrameError(frame.drone, frame.stamp_ns, reason)
-    watch.look(f"{frame.drone} at {frame.stamp_ns}", image)
+    watch.look(f"{frame.drone} at {frame.stamp_ns}", image, frame.drone)
     return image
 
 

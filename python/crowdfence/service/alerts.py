@@ -29,6 +29,7 @@ AlertKind = Literal[
     "no_ground",
     "heatmap_units",
     "same_answer",
+    "unlike_pictures",
     "clock",
     "disk",
     "records_damaged",

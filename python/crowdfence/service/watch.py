@@ -87,6 +87,7 @@ class Watch:
         self._alignment()
         self._detector()
         self._same_answer()
+        self._unlike_pictures()
         self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
@@ -208,6 +209,11 @@ class Watch:
         is_known, text = heatmaps.watch.same_answer(LEAST_LOOKED_AT)
         if is_known or heatmaps.kind != "model":
             self._set(text is not None, "same_answer", "alarm", text or "")
+
+    def _unlike_pictures(self) -> None:
+        """Of drones that gave too few pictures since the start to tell, what was raised before stays."""
+        for drone, text in self._service.mission.heatmaps.watch.mostly_unlike(LEAST_LOOKED_AT).items():
+            self._set(text is not None, "unlike_pictures", "warning", text or "", drone=drone)
 
     def _no_ground(self) -> None:
         """Of drones that gave too little since the start to tell, what was raised before stays."""
