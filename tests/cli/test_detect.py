@@ -316,19 +316,21 @@ def test_detectors_that_were_not_calibrated_together_are_told(model: Path, tmp_p
     assert any("were not calibrated together" in warning for warning in report["warnings"])
 
 
-def test_who_looks_where_nobody_is_named(recording: Path, tmp_path: Path) -> None:
+def test_who_looks_where_nobody_is_named(tmp_path: Path) -> None:
     """Pictures without poses are a camera's. Those of a recording tell: no renderer's are so flat."""
     Image.fromarray(picture(4)).save(tmp_path / "a.png")
+    flat = write_airsim(tmp_path / "flat", flight())
+    (flat / "terrain" / "dem.tif").unlink()
     for source, output, every, expected in (
         (tmp_path / "a.png", tmp_path / "out", 1, "crowdnet-s-wide"),
         (DEMO, tmp_path / "seen.mcap", 60, "crowdnet-s"),
-        (recording, tmp_path / "flat.mcap", 1, "crowdnet-s-wide"),
+        (flat, tmp_path / "flat.mcap", 1, "crowdnet-s-wide"),
     ):
         done = detect(source, "-o", output, "--every", every, "--no-video", "--json")
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["detector"]["name"] == expected
         chosen = "--detector crowdnet-s takes the other" in done.stderr
-        assert chosen == (source == recording)
+        assert chosen == (source == flat)
 
 
 def test_a_folder_without_pictures_or_recording(model: Path, tmp_path: Path) -> None:
