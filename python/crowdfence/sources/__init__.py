@@ -117,14 +117,24 @@ def is_flight(path: Path) -> bool:
 
 def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any]) -> Recording:
     """The first says where the local frame of all lies, if the others can follow it."""
+    from crowdfence.sources.film.reader import zone_of_fleet_s
     from crowdfence.sources.fleet import joined, names_of
 
     if not paths:
         raise ValueError("no recording is named")
+    names = names_of(paths)
     opened: list[Recording] = []
-    for path, name in zip(paths, names_of(paths), strict=True):
+    for path, name in zip(paths, names, strict=True):
         anchor = opened[0].georeference if opened else None
         opened.append(_in_time(_open_one(path, limits, options, anchor, name), limits))
+    if (zone_s := zone_of_fleet_s(opened)) is not None:
+        anchor = opened[0].georeference
+        opened = [
+            one
+            if one.manifest.get("zone_s", zone_s) == zone_s
+            else _in_time(_open_film(path, limits, options, anchor, name, zone_s), limits)
+            for path, name, one in zip(paths, names, opened, strict=True)
+        ]
     return joined(opened) if len(opened) > 1 else opened[0]
 
 
@@ -221,12 +231,17 @@ def _told_once(recording: Recording) -> Recording:
 
 
 def _open_film(
-    path: Path, limits: Limits, options: Mapping[str, Any], anchor: Georeference | None, name: str
+    path: Path,
+    limits: Limits,
+    options: Mapping[str, Any],
+    anchor: Georeference | None,
+    name: str,
+    zone_s: int | None = None,
 ) -> Recording:
     from crowdfence.sources.film.reader import FilmOptions, read_film
     from crowdfence.sources.reader_options import reader_options
 
-    return read_film(path, limits, reader_options(FilmOptions, path, options), anchor, name)
+    return read_film(path, limits, reader_options(FilmOptions, path, options), anchor, name, zone_s)
 
 
 def _open_photographs(

@@ -20,7 +20,8 @@ class FlightLog:
     time_s: NDArray[np.float64]
     """Since the beginning of the log, or of the film where the log is timed by it."""
     start_ns: int | None
-    """Stamp of time 0; None: the log does not say the time of day."""
+    """Stamp of time 0, by local time taken as UTC where the log is timed by the film; None: the log does not
+    say the time of day."""
     latitude_deg: NDArray[np.float64]
     longitude_deg: NDArray[np.float64]
     heights_m: Mapping[HeightsAbove, NDArray[np.float64]]

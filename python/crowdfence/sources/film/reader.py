@@ -12,6 +12,7 @@ A film has 25 to 60 frames a second, which show the same: `frames_per_s` of them
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
@@ -36,11 +37,15 @@ from crowdfence.sources.geographic_track import (
 from crowdfence.sources.pictures.video import squeezed
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording
+from crowdfence.sources.time_zone import real_zone_s, zone_name
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".m4v", ".avi", ".webm", ".ts")
 LOG_SUFFIXES = (".srt", ".ulg", ".tlog")
 _NO_DAY_NS = 86_400 * 1_000_000_000
 """When a film begins of which nobody knows: its log has begun before, and no stamp is below 0."""
+_CREATED_OFF_S = 60.0
+"""Between the first subtitle and creation_time, which are of one clock; what was saved again later is no zone
+by chance, mostly."""
 _LONGEST_STEP_S = 2.1
 """Subtitles come once a second at the least."""
 
@@ -78,9 +83,15 @@ def film_of(log: Path) -> Path | None:
 
 
 def read_film(
-    path: Path, limits: Limits, options: FilmOptions, anchor: Georeference | None = None, drone: str = ""
+    path: Path,
+    limits: Limits,
+    options: FilmOptions,
+    anchor: Georeference | None = None,
+    drone: str = "",
+    zone_s: int | None = None,
 ) -> Recording:
-    """Open a film with its log, in the local frame of `anchor` if given.
+    """Open a film with its log, in the local frame of `anchor` if given. `zone_s`: how far the time of day in
+    its subtitles is ahead of UTC, where other films tell it.
 
     ValueError when there is no log, it has no positions or no attitude of the camera, or nothing says how
     wide the camera sees; the message says what to give.
@@ -101,7 +112,7 @@ def read_film(
     squeeze = _squeeze(film, options.calibration)
     cameras = film_cameras(path, film.size, log, options.calibration)
     offset_s, how = _clock_offset(log, film, cameras.usual, placed, log_path, options)
-    start_ns, clock = _start(log, film, offset_s)
+    start_ns, clock, told_zone = _start(log, film, offset_s, zone_s)
     track = placed.track.shifted(start_ns)
     step_s = _usual_step_s(track.stamps_ns)
     gap_s = max(limits.max_pose_gap_s, min(1.5 * step_s, _LONGEST_STEP_S))
@@ -124,7 +135,7 @@ def read_film(
         terrain=None,
         refused=tuple(refused),
         warnings=tuple(f"{drone}: {remark}" for remark in remarks if remark),
-        manifest={"kind": "film", "path": str(path), "log": str(log_path)},
+        manifest={"kind": "film", "path": str(path), "log": str(log_path), **told_zone},
         pose_tracks={drone: track},
         ground_contacts={} if placed.contact is None else {drone: placed.contact},
     )
@@ -204,24 +215,59 @@ def _cut(log: FlightLog, film: FilmPictures) -> str:
     )
 
 
-def _start(log: FlightLog, film: FilmPictures, offset_s: float) -> tuple[int, list[str]]:
-    """Stamp of the log's time 0, and what had to be assumed."""
+def zone_of_fleet_s(recordings: Sequence[Recording]) -> int | None:
+    """The zone of the drones' clocks that some films tell and others do not; None where there is nothing to
+    put right. A film that tells UTC itself may be of a maker who writes local time there too."""
+    told = [one.manifest["zone_s"] for one in recordings if "zone_s" in one.manifest]
+    zones = {zone_s for zone_s in told if zone_s}
+    return zones.pop() if len(zones) == 1 and not all(told) else None
+
+
+def _start(
+    log: FlightLog, film: FilmPictures, offset_s: float, zone_s: int | None
+) -> tuple[int, list[str], dict[str, int | None]]:
+    """Stamp of the log's time 0, what had to be assumed, and for the manifest the zone of a log in local
+    time, None where nothing tells it."""
+    created_s = _created_s(film)
     if log.start_ns is not None:
-        return log.start_ns, []
+        if not log.timed_by_film:
+            return log.start_ns, [], {}
+        return _in_utc(log.start_ns, created_s, zone_s)
+    # What is known, or assumed, is when the film began; a log of its own began before.
+    before_ns = 0 if log.timed_by_film else round(offset_s * 1e9)
+    if created_s is not None:
+        said = "the time of day is the film's creation_time, in whole seconds"
+        return created_s * 1_000_000_000 - before_ns, [said], {}
+    said = "no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"
+    return _NO_DAY_NS - before_ns, [said], {}
+
+
+def _created_s(film: FilmPictures) -> int | None:
+    """UTC; None where the film does not tell it."""
     try:
         created = datetime.fromisoformat((film.created or "").replace("Z", "+00:00"))
         seconds = int(created.replace(tzinfo=created.tzinfo or timezone.utc).timestamp())
     except ValueError:
-        seconds = 0
-    # What is known, or assumed, is when the film began; a log of its own began before.
-    before_ns = 0 if log.timed_by_film else round(offset_s * 1e9)
-    if seconds > 0:
-        return seconds * 1_000_000_000 - before_ns, [
-            "the time of day is the film's creation_time, in whole seconds"
-        ]
-    return _NO_DAY_NS - before_ns, [
-        "no time of day is recorded: it begins in 1970; films of a fleet are taken as begun together"
-    ]
+        return None
+    return seconds if seconds > 0 else None
+
+
+def _in_utc(
+    local_ns: int, created_s: int | None, zone_s: int | None
+) -> tuple[int, list[str], dict[str, int | None]]:
+    """`_start` of a log that tells local time."""
+    source = "as of the other films"
+    if zone_s is None:
+        source = "by the film's creation_time"
+        zone_s = None if created_s is None else real_zone_s(local_ns / 1e9 - created_s, _CREATED_OFF_S)
+    if zone_s is None:
+        said = (
+            "its time of day is the drone's local time, in a time zone that nothing tells: that, and with it "
+            "the times of the zones, is taken as UTC"
+        )
+        return local_ns, [said], {"zone_s": None}
+    said = f"its time of day is that of {zone_name(zone_s)}, {source}"
+    return local_ns - zone_s * 1_000_000_000, [said] if zone_s else [], {"zone_s": zone_s}
 
 
 def _taken(times_s: list[float], frames_per_s: float) -> list[int]:

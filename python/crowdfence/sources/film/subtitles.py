@@ -10,7 +10,7 @@
 H, BAROMETER, rel_alt and (by its look) altitude count from the take-off, abs_alt from the sea. F.PRY is the
 drone, G.PRY and gb_ the camera: degrees, pitch down is negative, yaw clockwise from north.
 The third number of `GPS` is the height only where it ends in M; otherwise it counts satellites.
-Times of day are the drone's local time: they are read as UTC.
+Times of day are the drone's local time, whose zone they do not tell: they are read as if it were UTC.
 """
 
 from __future__ import annotations

@@ -16,11 +16,10 @@ from typing import Any
 from PIL import ExifTags
 
 from crowdfence.sources.photographs.exif_text import exif_text
+from crowdfence.sources.time_zone import quarter_zone_s
 
 _CLOCK = "%Y:%m:%d %H:%M:%S"
 _UTC_AT_EXPOSURE = re.compile(r"(\d{4}[-:]\d\d[-:]\d\d)[T ](\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?", re.ASCII)
-_QUARTER_S = 900
-_MOST_ZONE_S = 14 * 3600
 _STALE_S = 300
 """A receiver's time may be that of its last fix, and no clock is exact."""
 
@@ -100,6 +99,4 @@ def _received(gps: Mapping[int, Any]) -> datetime | None:
 
 def _zone_s(clock: datetime, utc: datetime) -> int | None:
     """Of a clock that shows so much when it is so late in UTC; None where that is no zone."""
-    ahead_s = (clock - utc).total_seconds()
-    zone_s = round(ahead_s / _QUARTER_S) * _QUARTER_S
-    return zone_s if abs(ahead_s - zone_s) <= _STALE_S and abs(zone_s) <= _MOST_ZONE_S else None
+    return quarter_zone_s((clock - utc).total_seconds(), _STALE_S)
