@@ -218,6 +218,23 @@ def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> Non
     assert all(len(instant.frames) == 2 for instant in fleet.instants())
 
 
+def test_films_are_not_laid_on_the_subtitles_of_one_nor_on_one_moment_of_a_log(tmp_path: Path) -> None:
+    """As of a flight that its camera split: the second was placed where the first was taken."""
+    films = []
+    for name in ("DJI_0001", "DJI_0002"):
+        film, start_ns = write_film(tmp_path / f"{name}.MP4")
+        of_film = write_subtitles(tmp_path / f"{name}.SRT", start_ns, mini)
+        films.append(film)
+    with pytest.raises(ValueError, match=r"DJI_0002.SRT is of one film, and 2 are named: each takes the"):
+        open_recording(films, telemetry=of_film)
+    log, zero_ns = write_ulog(tmp_path / "flight.ulg")
+    options = {"telemetry": log, "calibration": frames()[0].camera}
+    with pytest.raises(
+        ValueError, match=r"of 2 films in one log, --clock-offset says when one began.*ffmpeg"
+    ):
+        open_recording(films, clock_offset_s=(start_ns - zero_ns) / 1e9, **options)
+
+
 # --- logs that run on a clock of their own ---
 
 

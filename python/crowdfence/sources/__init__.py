@@ -117,11 +117,12 @@ def is_flight(path: Path) -> bool:
 
 def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any]) -> Recording:
     """The first says where the local frame of all lies, if the others can follow it."""
-    from crowdfence.sources.film.reader import zone_of_fleet_s
+    from crowdfence.sources.film.reader import is_film, require_one_each, zone_of_fleet_s
     from crowdfence.sources.fleet import joined, names_of
 
     if not paths:
         raise ValueError("no recording is named")
+    require_one_each(sum(map(is_film, paths)), options)
     names = names_of(paths)
     opened: list[Recording] = []
     for path, name in zip(paths, names, strict=True):

@@ -12,11 +12,12 @@ A film has 25 to 60 frames a second, which show the same: `frames_per_s` of them
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,6 +214,24 @@ def _cut(log: FlightLog, film: FilmPictures) -> str:
         f"its subtitles go on for {longer_s:.0f} s after the film has ended: if its beginning was cut off, "
         "every pose is of another moment; say by --clock-offset how many seconds were"
     )
+
+
+def require_one_each(films: int, options: Mapping[str, Any]) -> None:
+    """ValueError for options of one film that several were given."""
+    log = options.get("telemetry")
+    if films < 2 or log is None:
+        return
+    if Path(log).suffix.lower() == ".srt":
+        raise ValueError(
+            f"{log} is of one film, and {films} are named: each takes the subtitles of its own name, without "
+            "--telemetry"
+        )
+    if options.get("clock_offset_s") is not None:
+        raise ValueError(
+            f"of {films} films in one log, --clock-offset says when one began, and all would be of that "
+            "moment: leave it out where each film can be found by how it turns, join films that follow "
+            "on each other (ffmpeg -f concat -i LIST.txt -c copy FLIGHT.MP4), or run them one by one"
+        )
 
 
 def zone_of_fleet_s(recordings: Sequence[Recording]) -> int | None:
