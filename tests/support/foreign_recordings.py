@@ -279,9 +279,12 @@ def camera_pose_messages(drone: str = DRONE, topic: str | None = None) -> list[t
 # --- films ---
 
 
-def write_film(path: Path, drone: str = DRONE, pixel_aspect: str = "1:1") -> tuple[Path, int]:
-    """The pictures as a film that begins at the last row half a second before them: (path, its begin)."""
-    chosen = frames(drone)
+def write_film(
+    path: Path, drone: str = DRONE, pixel_aspect: str = "1:1", part: slice = slice(None)
+) -> tuple[Path, int]:
+    """The pictures, or a part of them, as a film that begins at the last row half a second before: (path, its
+    begin)."""
+    chosen = frames(drone)[part]
     start_ns = max(row.stamp_ns for row in rows(drone) if row.stamp_ns <= chosen[0].stamp_ns - 500_000_000)
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=10, options={"aspect": pixel_aspect})
@@ -343,10 +346,13 @@ def rtk(number: int, time_s: float, row: Row, place: tuple[float, float, float])
     ).replace("\n", "\r\n")
 
 
-def write_subtitles(path: Path, start_ns: int, dialect: Dialect | None = None, *, every: int = 2) -> Path:
+def write_subtitles(
+    path: Path, start_ns: int, dialect: Dialect | None = None, *, every: int = 2, end_ns: int | None = None
+) -> Path:
     """The telemetry during the film; heights above the ground below the first row, where the drone is taken
     to have started."""
-    flown = [row for row in rows() if row.stamp_ns >= start_ns][::every]
+    last_ns = end_ns or rows()[-1].stamp_ns
+    flown = [row for row in rows() if start_ns <= row.stamp_ns <= last_ns][::every]
     below = heights(rows()[0].position[None, :2])[0]
     text = "".join(
         (dialect or mini)(

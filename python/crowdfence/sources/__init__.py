@@ -117,6 +117,7 @@ def is_flight(path: Path) -> bool:
 
 def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any]) -> Recording:
     """The first says where the local frame of all lies, if the others can follow it."""
+    from crowdfence.sources.film.pieces import joined_pieces
     from crowdfence.sources.film.reader import is_film, require_one_each, zone_of_fleet_s
     from crowdfence.sources.fleet import joined, names_of
 
@@ -136,6 +137,7 @@ def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any
             else _in_time(_open_film(path, limits, options, anchor, name, zone_s), limits)
             for path, name, one in zip(paths, names, opened, strict=True)
         ]
+    opened = joined_pieces(opened)
     return joined(opened) if len(opened) > 1 else opened[0]
 
 

@@ -30,6 +30,11 @@ DJI_SEA_LEVEL = (
     "with the weather: use those above the take-off, or --ground-start"
 )
 """What to tell whoever asks for these."""
+TAKE_OFF_UNKNOWN = (
+    "whose place is not recorded: the ground below the first position is taken for it; say it with "
+    "--take-off LAT,LON"
+)
+"""How it is told that a height may be wrong by how the ground rises from the take-off."""
 _SAME_PLACE_M = 50.0
 _STARTED_M = 5.0
 """A first height above this says that the log begins in flight."""
@@ -169,10 +174,7 @@ def _contact(
         said = "first position, no home is recorded"
         start_m = float(poses.heights_m[above][first])
         if abs(start_m) > _STARTED_M:
-            remarks.append(
-                f"it begins {start_m:.0f} m above its take-off, whose place is not recorded: the ground "
-                "below the first position is taken for it; say it with --take-off LAT,LON"
-            )
+            remarks.append(f"it begins {start_m:.0f} m above its take-off, {TAKE_OFF_UNKNOWN}")
     x, y, z = (float(value) for value in anchor.local_from_geodetic(*place, anchor.height_m)[0])
     if options.take_off is not None and poses.take_off is not None:
         home = anchor.local_from_geodetic(*poses.take_off, anchor.height_m)[0]
