@@ -63,6 +63,24 @@ def test_known_datums_are_not_doubted(crs):
     BERLIN.projected_from_local(crs, [[0.0, 0.0, 0.0]])
 
 
+@pytest.mark.parametrize(
+    ("crs", "place", "metres"),
+    [
+        ("EPSG:26714", (40.0, -100.0), 7),  # NAD27 in the middle of the United States, without its grids
+        ("EPSG:4301", (35.7, 139.7), 9),  # Tokyo
+        ("EPSG:26914", (40.0, -100.0), None),  # NAD83: 4 m by the register, less in truth
+        ("EPSG:5514", (50.0, 14.4), None),  # S-JTSK is known to a metre there, and to 6 m over all
+        ("EPSG:23032", (47.0, 9.0), None),
+    ],
+)
+def test_a_datum_that_is_known_to_some_metres_only_is_doubted(crs, place, metres):
+    found = datum_doubt(pyproj.CRS.from_user_input(crs), place)
+    if metres is None:
+        assert found is None
+    elif found is not None:  # None where the register's grids are installed, which are exact
+        assert f"lies to WGS84 only within {metres} m: " in found
+
+
 def test_a_grid_that_would_help_is_named():
     # NAD27(76) of Ontario is reached by a grid only.
     try:

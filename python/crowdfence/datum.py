@@ -4,7 +4,8 @@ Latitude and longitude mean a place only together with a datum. Where PROJ has n
 datums, it takes the one's degrees for the other's ("ballpark") without a word: on the ellipsoids of the old
 national systems that is 100 m to a kilometre off. Such systems are refused here. Those on the ellipsoid of
 satellite positioning (GRS80, WGS84), as many tools write them without their datum, are realisations of the
-same frame within a metre or two; they are taken as WGS84, and `datum_doubt` says so.
+same frame within a metre or two; they are taken as WGS84, and `datum_doubt` says so. It also says where the
+transformation that PROJ has is a coarse one, as of NAD27 without its grids.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 # GRS80, WGS84 and CGCS2000 differ by 0.1 mm at the poles.
 _SEMI_MAJOR_M = 6_378_137.0
 _INVERSE_FLATTENING = 298.2572
+_CLOSE_M = 4.0
+"""What the register says of NAD83 and of others that are nearer in truth."""
 
 
 @lru_cache(maxsize=64)
@@ -58,13 +61,36 @@ def wgs84_from(crs: CRS) -> Transformer:
 
 
 @lru_cache(maxsize=64)
-def datum_doubt(crs: CRS) -> str | None:
-    """What is doubtful about places in a CRS that `wgs84_from` accepts, as a sentence; None if nothing is."""
-    if crs.is_compound or _known(crs) is not None:
+def datum_doubt(crs: CRS, place: tuple[float, float] | None = None) -> str | None:
+    """What is doubtful about places in a CRS that `wgs84_from` accepts, as a sentence; None if nothing is.
+
+    `place`: latitude and longitude near them, to be told too where PROJ knows the datum to some metres only.
+    """
+    known = _known(crs)
+    if known is not None:
+        return None if place is None else _coarse(crs, known, place)
+    if crs.is_compound:
         return None
     return (
         f"PROJ does not know how the datum of {crs.name!r} ({_datum(crs)}) lies to WGS84; by its ellipsoid "
         "it is taken as WGS84, and places may be a metre or two off (crs='EPSG:...' names one with a datum)"
+    )
+
+
+def _coarse(crs: CRS, transformer: Transformer, place: tuple[float, float]) -> str | None:
+    from pyproj.exceptions import ProjError
+
+    latitude, longitude = place
+    try:
+        transformer.transform(longitude, latitude, 0.0, direction="INVERSE", errcheck=True)
+        accuracy_m = transformer.get_last_used_operation().accuracy
+    except (ProjError, NotImplementedError):  # before PROJ 9.1 it does not say which it took
+        return None
+    if accuracy_m is None or not accuracy_m > _CLOSE_M:
+        return None
+    return (
+        f"PROJ knows how the datum of {crs.name!r} ({_datum(crs)}) lies to WGS84 only within "
+        f"{accuracy_m:g} m: so far off its places may be{_missing_grid(crs, place)}"
     )
 
 
@@ -99,17 +125,20 @@ def _datum(crs: CRS) -> str:
     return "none" if crs.datum is None else str(crs.datum.name)
 
 
-def _missing_grid(crs: CRS) -> str:
-    """The grid that would help, for the middle of a sentence."""
+def _missing_grid(crs: CRS, place: tuple[float, float] | None = None) -> str:
+    """The grid that would help, there or anywhere, for the middle of a sentence."""
     import warnings
 
     from pyproj.exceptions import ProjError
-    from pyproj.transformer import TransformerGroup
+    from pyproj.transformer import AreaOfInterest, TransformerGroup
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # it warns of the very grid that is asked for
-            group = TransformerGroup(crs, "EPSG:4326", always_xy=True, allow_ballpark=False)
+            area = None if place is None else AreaOfInterest(place[1], place[0], place[1], place[0])
+            group = TransformerGroup(
+                crs, "EPSG:4326", always_xy=True, area_of_interest=area, allow_ballpark=False
+            )
     except ProjError:
         return ""
     grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]

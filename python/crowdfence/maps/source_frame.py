@@ -84,7 +84,10 @@ class SourceFrame:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What is doubtful about the places of its points, one sentence each."""
-        doubt = None if self.crs is None else datum_doubt(self.crs)
+        if self.crs is None:
+            return ()
+        at = self.georeference
+        doubt = datum_doubt(self.crs, None if at is None else (at.latitude_deg, at.longitude_deg))
         return () if doubt is None else (doubt,)
 
     def local_from_source(
