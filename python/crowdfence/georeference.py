@@ -103,6 +103,11 @@ class Georeference:
         return _transform(_topocentric(self), _columns(points), "local -> WGS84", True)
 
 
+def on_earth(latitude_deg: float, longitude_deg: float) -> bool:
+    """Whether they are a latitude and a longitude; NaN is neither."""
+    return abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
+
+
 def _require_within(name: str, value: float, lowest: float, highest: float) -> None:
     if not (math.isfinite(value) and lowest <= value <= highest):
         raise ValueError(f"georeference: {name} is {value}, must lie in [{lowest:g}, {highest:g}]")

@@ -188,6 +188,7 @@ def route(
 
 def _place(text: str, georeference: Georeference | None, height_m: float) -> Any:
     """Local metres [2]; of degrees at a local height."""
+    from crowdfence.georeference import on_earth
     from crowdfence.planner.told_in_degrees import local_place
 
     try:
@@ -196,7 +197,7 @@ def _place(text: str, georeference: Georeference | None, height_m: float) -> Any
         raise ValueError(f"{text!r} must be two numbers with a comma between them") from None
     if georeference is None:
         return np.array([first, second])
-    if not (abs(first) <= 90.0 and abs(second) <= 180.0):
+    if not on_earth(first, second):
         raise ValueError(f"{text!r} is no latitude and longitude in degrees; local metres need --local")
     return local_place(georeference, first, second, height_m)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from crowdfence.georeference import Georeference
+from crowdfence.georeference import Georeference, on_earth
 from crowdfence.sources.axes import optical_quaternions_enu
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import GroundContact
@@ -57,7 +57,7 @@ class HeightOptions:
             raise ValueError(f"geoid_m is {self.geoid_m:g}; it must be in [{low_m:g}, {high_m:g}], metres")
         if self.take_off is not None:
             latitude_deg, longitude_deg = self.take_off
-            if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+            if not on_earth(latitude_deg, longitude_deg):
                 raise ValueError(
                     f"take_off is {latitude_deg:g}, {longitude_deg:g}; a latitude is in [-90, 90] and a "
                     "longitude in [-180, 180] degrees"

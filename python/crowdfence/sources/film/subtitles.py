@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.georeference import on_earth
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
@@ -150,7 +151,7 @@ def _drop_impossible(block: _Block) -> None:
     latitude, longitude = block.fields.get("latitude"), block.fields.get("longitude")
     if latitude is None or longitude is None:
         return
-    if (latitude == 0 and longitude == 0) or abs(latitude) > 90 or abs(longitude) > 180:
+    if (latitude == 0 and longitude == 0) or not on_earth(latitude, longitude):
         del block.fields["latitude"], block.fields["longitude"]
 
 

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
+from crowdfence.georeference import on_earth
 from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
@@ -185,17 +186,17 @@ def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float
         latitude = _number(xmp.get(f"{maker}:GpsLatitude") or xmp.get(f"{maker}:Latitude"))
         names = ("GpsLongitude", "GpsLongtitude", "Longitude")
         longitude = next((_number(xmp[f"{maker}:{n}"]) for n in names if f"{maker}:{n}" in xmp), None)
-        if _on_earth(latitude, longitude):
+        if _is_place(latitude, longitude):
             return latitude, longitude  # type: ignore[return-value]
     latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef) == "S")
     longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef) == "W")
-    return (latitude, longitude) if _on_earth(latitude, longitude) else None  # type: ignore[return-value]
+    return (latitude, longitude) if _is_place(latitude, longitude) else None  # type: ignore[return-value]
 
 
-def _on_earth(latitude: float | None, longitude: float | None) -> bool:
+def _is_place(latitude: float | None, longitude: float | None) -> bool:
     if latitude is None or longitude is None or (latitude == 0 and longitude == 0):
         return False
-    return abs(latitude) <= 90 and abs(longitude) <= 180
+    return on_earth(latitude, longitude)
 
 
 def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str], model: str) -> dict[HeightsAbove, float]:
