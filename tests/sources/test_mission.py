@@ -264,13 +264,25 @@ def test_lens_distortion_survives(camera):
 
 
 def decoded_info(camera, **changes):
-    names = {"binning_x": 0, "binning_y": 0, "roi": type("Roi", (), {"width": 0, "height": 0})}
+    names = {"binning_x": 0, "binning_y": 0, "roi": region(0, 0, 0, 0)}
     return type("Info", (), {**names, **camera_info_fields(camera), **changes})
+
+
+def region(x, y, width, height):
+    return type("Roi", (), {"x_offset": x, "y_offset": y, "width": width, "height": height})
+
+
+def test_a_region_of_interest_that_is_the_whole_picture_cuts_nothing():
+    """As drivers of industrial cameras write it."""
+    whole = decoded_info(CAMERA, roi=region(0, 0, CAMERA.width, CAMERA.height))
+    assert camera_from_info(whole) == CAMERA
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"roi": region(0, 8, CAMERA.width, CAMERA.height)}, "binned or cut"),
+        ({"roi": region(0, 0, CAMERA.width, CAMERA.height - 8)}, "binned or cut"),
         ({"distortion_model": "rational_polynomial"}, "'rational_polynomial' is not supported"),
         ({"binning_x": 2}, "binned or cut"),
         ({"k": [0.0] * 9}, "fx|focal"),

@@ -84,5 +84,8 @@ def rectified_camera(info: Any) -> Camera:
 
 
 def _require_whole(info: Any) -> None:
-    if info.binning_x > 1 or info.binning_y > 1 or info.roi.width or info.roi.height:
+    roi = info.roi
+    of_all = (roi.x_offset, roi.y_offset, roi.width, roi.height) == (0, 0, info.width, info.height)
+    cut = (roi.width or roi.height) and not of_all
+    if info.binning_x > 1 or info.binning_y > 1 or cut:
         raise ValueError("binned or cut images (binning_x, binning_y, roi in camera_info) are not supported")
