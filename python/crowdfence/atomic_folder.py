@@ -70,6 +70,26 @@ def whole_folder(
             shutil.rmtree(beside, ignore_errors=True)
 
 
+@contextmanager
+def written_alone(folder: Path) -> Iterator[None]:
+    """For a folder that is filled where it stands: FileExistsError while another process or thread does so;
+    the lock ends with the process."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise FileExistsError(
+            f"{folder} is being written by another command; wait until that has ended, or name another folder"
+        ) from None
+    except OSError:
+        pass  # a disk of another machine that cannot lock
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
 def _resolved(folder: str | PathLike[str]) -> Path:
     return Path(folder).resolve()  # a link stays a link: what it points to is replaced
 

@@ -240,6 +240,23 @@ def test_a_replacement_that_was_killed_goes_on_with_its_own_frames(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["resume", "overwrite"])
+def test_a_run_that_goes_on_is_left_alone(tmp_path, how):
+    """Both wrote into one folder, and the table ended with rows of both."""
+    folder, refused = tmp_path / "airsim", []
+
+    def another(done, planned):
+        if not refused:
+            before = files(folder)
+            with pytest.raises(FileExistsError, match="airsim is being written by another command"):
+                record_airsim(quiet_beach(3), folder, options=LABELS, workers=1, **{how: True})
+            refused.append(files(folder) == before)
+
+    record_airsim(quiet_beach(3), folder, options=LABELS, workers=1, progress=another)
+    assert refused == [True]
+    assert record_airsim(quiet_beach(3), folder, options=LABELS, workers=1, resume=True).complete
+
+
+@pytest.mark.parametrize("how", ["resume", "overwrite"])
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path, how):
     """A flight of AirSim itself has the same names."""
     (tmp_path / "airsim_rec.txt").write_text("precious")

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.atomic_file import write_bytes
+from crowdfence.atomic_folder import written_alone
 from crowdfence.simulation.flight.telemetry import true_poses
 from crowdfence.simulation.recording.airsim_frames import (
     AirSimEncoder,
@@ -88,12 +89,17 @@ def record_airsim(
     require_folder(path)
     if not (resume or overwrite):
         require_nothing_there(path, "exists")
+    if path.is_dir():
+        with written_alone(path):  # before the work
+            pass
     workers = worker_count(workers)
     schedule = build_schedule(scene)
-    with StopRequest() as stop:
+    with StopRequest() as stop, ExitStack() as held:
         with Preparation(scene, options, apart=workers > 1) as preparation:
             renderer = preparation.renderer()
             manifest = mission_manifest(scene, schedule, options, renderer)
+            path.mkdir(exist_ok=True)
+            held.enter_context(written_alone(path))
             _prepare(path, manifest, resume=resume)
             map_files = preparation.write_map(path / "terrain", "terrain", "dem")
         with FramePool(scene, options, AirSimEncoder(scene.scenario), workers) as pool:
@@ -139,7 +145,6 @@ def _prepare(path: Path, manifest: dict[str, Any], *, resume: bool) -> None:
                 shutil.rmtree(path / folder)
         for file in _FILES:
             (path / file).unlink(missing_ok=True)
-    path.mkdir(exist_ok=True)
     _write_json(path / MANIFEST, {"simulation": manifest})
     for folder in _FOLDERS:
         (path / folder).mkdir(parents=True, exist_ok=True)
