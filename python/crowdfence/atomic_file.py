@@ -25,7 +25,7 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     Raises OSError that names the path when the folder is missing or cannot be written, and for what is there
     and is no file.
     """
-    target = _file_at(path)
+    target = file_at(path)
     _make_output_folder(target)
     temporary = _reserve_beside(target)
     try:
@@ -72,7 +72,7 @@ def replaceable_file(
 ) -> Iterator[None]:
     """The same for one file, which is none of those that the block `reads`, and is there already only with
     `force`."""
-    target = _file_at(path)
+    target = file_at(path)
     for read in reads:
         if read is not None and target.exists() and Path(read).exists() and target.samefile(read):
             raise FileExistsError(f"{path} is read for this, and would be lost; name another file to write")
@@ -87,7 +87,7 @@ def require_replaceable(path: Path, *, force: bool) -> None:
         raise FileExistsError(f"{path} exists; --force replaces it")
 
 
-def _file_at(path: str | PathLike[str]) -> Path:
+def file_at(path: str | PathLike[str]) -> Path:
     """Where a link leads, as for whoever opens it. OSError for what is there and gives way to no file: a
     folder, a device, a pipe."""
     try:

@@ -334,6 +334,21 @@ def test_a_rectified_camera_without_p_is_the_plain_one_or_none():
         rectified_camera(decoded_info(plain, binning_x=2))
 
 
+def test_a_link_stays_a_link_and_leads_to_the_mission(tmp_path):
+    """As for every other file that is replaced; the link was, and its old target stayed."""
+    (tmp_path / "disk").mkdir()
+    for name in ("latest.mcap", "new.mcap"):
+        (tmp_path / name).symlink_to(tmp_path / "disk" / f"of_{name}")
+    (tmp_path / "disk" / "of_latest.mcap").write_bytes(b"old")
+    for name in ("latest.mcap", "new.mcap"):
+        with MissionWriter(tmp_path / name) as writer:
+            writer.add_camera("uav1", CAMERA)
+            writer.add_pose("uav1", 1, [0, 0, 0], IDENTITY)
+        assert (tmp_path / name).is_symlink()
+        assert open_recording(tmp_path / "disk" / f"of_{name}").drones == ("uav1",)
+    assert len(list((tmp_path / "disk").iterdir())) == 2
+
+
 def test_drone_names_that_ros_does_not_allow(tmp_path):
     with MissionWriter(tmp_path / "m.mcap") as writer:
         for number, drone in enumerate(["uav-1", "uav.1", "7", "дрон"]):

@@ -84,7 +84,7 @@ def record_mission(
             manifest = mission_manifest(scene, schedule, options, renderer)
             earlier = Salvage([], _parts_of(options))
             if resume:
-                earlier = salvage(path, part_path(path), manifest, _parts_of(options))
+                earlier = salvage(path, manifest, _parts_of(options))
             elif overwrite:
                 finished(path)
             map_files = preparation.write_map(path.parent, path.stem)

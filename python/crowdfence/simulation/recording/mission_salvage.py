@@ -23,6 +23,7 @@ from crowdfence.sources.mission.layout import (
 from crowdfence.sources.mission.mcap_records import McapFile, MessageLocation, StoredMessage
 from crowdfence.sources.mission.messages import decode_people, decode_picture, decode_pose, decode_raster
 from crowdfence.sources.mission.ros2_messages import header_stamp_ns
+from crowdfence.sources.mission.topic_writer import part_path
 from crowdfence.sources.pictures.decoding import decode_depth_cm
 
 
@@ -71,23 +72,23 @@ class Salvage:
         return None
 
 
-def salvage(path: Path, part_path: Path, manifest: Mapping[str, Any], parts: frozenset[FramePart]) -> Salvage:
-    """What `path` (ended by an interrupt) and `part_path` (left by a kill) hold of the mission `manifest`.
+def salvage(path: Path, manifest: Mapping[str, Any], parts: frozenset[FramePart]) -> Salvage:
+    """What `path` (ended by an interrupt) and its part (left by a kill) hold of the mission `manifest`.
 
     The partial file is kept under another name until `finished` is called, so that a second kill loses
     nothing. ValueError when a file is of another mission, and names the difference.
     """
-    kept_path = _kept_path(path)
-    if part_path.exists() and part_path.stat().st_size < len(MAGIC):
-        part_path.unlink()  # killed before anything was written
-    for file in (path, part_path, kept_path):
+    part, kept_path = part_path(path), _kept_path(path)
+    if part.exists() and part.stat().st_size < len(MAGIC):
+        part.unlink()  # killed before anything was written
+    for file in (path, part, kept_path):
         if file.exists():
             _require_same_mission(SalvagedFile.read(file), manifest)
-    if part_path.exists():
-        if kept_path.exists() and _frame_count(kept_path) > _frame_count(part_path):
-            part_path.unlink()
+    if part.exists():
+        if kept_path.exists() and _frame_count(kept_path) > _frame_count(part):
+            part.unlink()
         else:
-            os.replace(part_path, kept_path)
+            os.replace(part, kept_path)
     return Salvage([SalvagedFile.read(file) for file in (kept_path, path) if file.exists()], parts)
 
 
@@ -108,7 +109,7 @@ def summary_of_parts(parts: Mapping[FramePart, bytes], camera: Camera, *, footpr
 
 
 def _kept_path(path: Path) -> Path:
-    return path.with_name(path.name + ".earlier")
+    return part_path(path).with_suffix(".earlier")
 
 
 def _frame_count(path: Path) -> int:

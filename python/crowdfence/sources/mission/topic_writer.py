@@ -14,6 +14,7 @@ from typing import BinaryIO, NamedTuple, TypeVar
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
+from crowdfence.atomic_file import file_at
 from crowdfence.sources.mission import ros2_messages
 
 CHUNK_BYTES = 2**20
@@ -44,7 +45,8 @@ class TopicMessage(NamedTuple):
 
 class TopicWriter:
     """An MCAP file that grows as `<path>.part` and takes its name when it is closed, so that no half-written
-    file ever carries it; a context manager. After an error inside the `with` block nothing is left behind.
+    file ever carries it; a context manager. After an error inside the `with` block nothing is left behind. A
+    link stays a link: what it leads to is written.
 
     FileExistsError while another process, or another writer of this one, writes the same file.
     """
@@ -74,7 +76,9 @@ class TopicWriter:
         self._mcap.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
-        os.replace(self._part_path, self.path)  # while it is locked: nobody else has begun to write it
+        os.replace(
+            self._part_path, file_at(self.path)
+        )  # while it is locked: nobody else has begun to write it
         self._file.close()
 
     def abandon(self) -> None:
@@ -132,8 +136,9 @@ class TopicWriter:
 
 
 def part_path(path: Path) -> Path:
-    """Where a file grows until it is closed."""
-    return path.with_name(path.name + ".part")
+    """Where a file grows until it is closed: beside it, or beside what a link leads to."""
+    target = file_at(path)
+    return target.with_name(target.name + ".part")
 
 
 def refuse_while_written(path: Path) -> None:
