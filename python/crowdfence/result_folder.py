@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
@@ -34,19 +35,24 @@ def files_read_of(run: str | PathLike[str]) -> list[Path]:
     return [path / name for name in READ_AGAIN] if path.is_dir() else [path]
 
 
-def folder_at(run: str | PathLike[str]) -> tuple[int, int] | None:
-    """Which folder stands there: another one once a run has replaced it. None for a history file alone."""
+@contextmanager
+def read_as_one(run: str | PathLike[str]) -> Iterator[None]:
+    """OSError where a run has replaced the folder during the block: what that read is of two runs, and the
+    zones of one may lie on the ground of the other."""
+    before = _standing(run)
+    try:
+        yield
+    finally:
+        if _standing(run) != before:
+            raise OSError(f"{run} was replaced by another run while it was read; give the command again")
+
+
+def _standing(run: str | PathLike[str]) -> tuple[int, int] | None:
+    """Which folder stands there; None for a history file alone."""
     if not Path(run).is_dir():
         return None
     found = Path(run).stat()
     return found.st_dev, found.st_ino
-
-
-def require_same_folder(run: str | PathLike[str], before: tuple[int, int] | None) -> None:
-    """OSError where a run has replaced the folder since: what was read of it is of two runs, and the zones of
-    one may lie on the ground of the other."""
-    if folder_at(run) != before:
-        raise OSError(f"{run} was replaced by another run while it was read; give the command again")
 
 
 def open_history(run: str | PathLike[str]) -> ZoneHistory:

@@ -141,17 +141,16 @@ def _heatmaps_told(run: Path, recording: Recording) -> str | None:
 def _results(run: Path, recording: Recording) -> Iterator[TopicMessage]:
     """What the run found; ValueError when it is none of this recording."""
     from crowdfence.exports.ros2 import result_messages
-    from crowdfence.result_folder import folder_at, open_grid, open_history, require_same_folder
+    from crowdfence.result_folder import open_grid, open_history, read_as_one
 
-    standing = folder_at(run)
-    history = open_history(run)
-    stamps_ns = [frame.stamp_ns for frame in recording.frames]
-    if not stamps_ns or history.stamps_ns[0] > max(stamps_ns) or history.stamps_ns[-1] < min(stamps_ns):
-        raise ValueError(f"{run} is no run of {recording.name}: they share no time")
-    if recording.georeference not in (None, history.georeference):
-        raise ValueError(f"{run} is no run of {recording.name}: its local frame lies elsewhere")
-    grid = open_grid(run, history)
-    require_same_folder(run, standing)
+    with read_as_one(run):
+        history = open_history(run)
+        stamps_ns = [frame.stamp_ns for frame in recording.frames]
+        if not stamps_ns or history.stamps_ns[0] > max(stamps_ns) or history.stamps_ns[-1] < min(stamps_ns):
+            raise ValueError(f"{run} is no run of {recording.name}: they share no time")
+        if recording.georeference not in (None, history.georeference):
+            raise ValueError(f"{run} is no run of {recording.name}: its local frame lies elsewhere")
+        grid = open_grid(run, history)
     return result_messages(history, grid)
 
 

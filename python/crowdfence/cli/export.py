@@ -116,10 +116,9 @@ def export(
     viewers."""
     from crowdfence.result_folder import (
         files_read_of,
-        folder_at,
         open_grid,
         open_history,
-        require_same_folder,
+        read_as_one,
     )
     from crowdfence.static_zones import read_static_zones
     from crowdfence.zones.history import with_static
@@ -134,16 +133,15 @@ def export(
         for path in written:
             reads = [*files_read_of(run), plan, *(static_zones or [])]
             stack.enter_context(replaceable_file(path, force=force, reads=reads))
-        standing = folder_at(run)
-        history = open_history(run)
-        taken = {zone.id for zones in history.sets for zone in zones.closed}
-        others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
-        history = with_static(history, _on_ground_of(run, others))
-        # Zones hold from the instant that found them, not from when somebody asks.
-        stamp_ns = history.stamps_ns[history.index_at(asked_stamp(at, history))]
-        report: dict[str, Any] = {"file": str(output), "format": kind.value}
-        grid = open_grid(run, history) if kind is ExportFormat.mcap else None
-        require_same_folder(run, standing)
+        with read_as_one(run):
+            history = open_history(run)
+            taken = {zone.id for zones in history.sets for zone in zones.closed}
+            others, left_out = read_static_zones(static_zones or [], history.georeference, taken)
+            history = with_static(history, _on_ground_of(run, others))
+            # Zones hold from the instant that found them, not from when somebody asks.
+            stamp_ns = history.stamps_ns[history.index_at(asked_stamp(at, history))]
+            report: dict[str, Any] = {"file": str(output), "format": kind.value}
+            grid = open_grid(run, history) if kind is ExportFormat.mcap else None
         if kind is ExportFormat.mcap:
             _write_mcap(output, run, history, grid, report)
         elif kind in _RASTERS:

@@ -103,11 +103,10 @@ def route(
     from crowdfence.planner.told_in_degrees import at_one_height
     from crowdfence.result_folder import (
         files_read_of,
-        folder_at,
         ground_height_of,
         known_ground_of,
         open_history,
-        require_same_folder,
+        read_as_one,
     )
     from crowdfence.static_zones import read_static_zones
 
@@ -115,27 +114,26 @@ def route(
         for path in filter(None, (output, picture)):
             reads = [*files_read_of(run), *(static_zones or [])]
             stack.enter_context(replaceable_file(path, force=force, reads=reads))
-        standing = folder_at(run)
-        history = open_history(run)
-        others, left_out = read_static_zones(static_zones or [], history.georeference)
-        for reason in left_out:
-            console.warn(reason)
-        departure_ns = asked_stamp(at, history)
-        zones = (*history.at(departure_ns).closed, *others)
-        frame = None if local else history.georeference
-        if frame is None and not local:
-            raise ValueError("the run has no place on Earth; give local metres with --local")
-        height_m, passed = at_one_height(zones) if history.georeference else (0.0, zones)
-        if not zones and history.georeference:  # then nothing but the map says how high the ground lies
-            height_m = ground_height_of(run)
-        begin, end = _place(start, frame, height_m), _place(goal, frame, height_m)
-        ground = known_ground_of(run, history)
-        if ground is None and not beyond_map:
-            raise ValueError(
-                f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
-            )
-        states = _states_at(run, history, departure_ns)
-        require_same_folder(run, standing)
+        with read_as_one(run):
+            history = open_history(run)
+            others, left_out = read_static_zones(static_zones or [], history.georeference)
+            for reason in left_out:
+                console.warn(reason)
+            departure_ns = asked_stamp(at, history)
+            zones = (*history.at(departure_ns).closed, *others)
+            frame = None if local else history.georeference
+            if frame is None and not local:
+                raise ValueError("the run has no place on Earth; give local metres with --local")
+            height_m, passed = at_one_height(zones) if history.georeference else (0.0, zones)
+            if not zones and history.georeference:  # then nothing but the map says how high the ground lies
+                height_m = ground_height_of(run)
+            begin, end = _place(start, frame, height_m), _place(goal, frame, height_m)
+            ground = known_ground_of(run, history)
+            if ground is None and not beyond_map:
+                raise ValueError(
+                    f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
+                )
+            states = _states_at(run, history, departure_ns)
         if known_empty:
             if beyond_map or ground is None:
                 raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
