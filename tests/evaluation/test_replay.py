@@ -8,10 +8,11 @@ import pytest
 
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.iou import IouAccumulator
-from crowdfence.evaluation.replay import Scores, TruthKind, score, unrecorded_warning
+from crowdfence.evaluation.replay import Scores, TruthKind, beside_map_warning, score, unrecorded_warning
 from crowdfence.pipeline import heatmap_source, open_terrain
 from crowdfence.pipeline.frame_loop import FrameLoop
-from crowdfence.sources import open_recording
+from crowdfence.sources import Recording, open_recording
+from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.truth.over_time import CrowdsOfTheWorld
 
 DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race.mcap"
@@ -107,3 +108,32 @@ def test_instants_without_recorded_people_are_left_out_and_told(truth: TruthKind
             score(another_clock, terrain, [config], truth=truth)
     else:
         assert score(another_clock, terrain, [config], truth=truth).rows[0].safety is None
+
+
+def test_people_beside_the_map_are_in_no_figure_and_told(scores: Scores) -> None:
+    """One walker of a crowd who left the map ended the evaluation."""
+    whole = open_recording(DEMO)
+    terrain, config = open_terrain(whole), RunConfig(EvidenceConfig())
+    tolerance_ms = config.grouping.tolerance_ms
+    assert beside_map_warning(whole, terrain, tolerance_ms) is None
+
+    def moved(by_m: float, every: int) -> Recording:
+        """Everybody, or every second, that far east."""
+
+        def read(stamp_ns: int) -> RecordedPeople:
+            people = whole.people_truth(stamp_ns)
+            assert people is not None
+            position = people.position.copy()
+            position[::every, 0] += by_m
+            return replace(people, position=position)
+
+        return replace(whole, people=replace(whole.people, read=read))
+
+    some = moved(5000.0, 2)
+    told = beside_map_warning(some, terrain, tolerance_ms)
+    assert told is not None and "instants people of crowds stand beside the map, up to" in told
+    (row,) = score(some, terrain, [config], truth="world").rows
+    assert row.safety is not None and scores.rows[0].safety is not None
+    assert 0 < row.safety.people < scores.rows[0].safety.people
+    with pytest.raises(ValueError, match=r"all people of crowds in race stand beside the map .* check frame"):
+        beside_map_warning(moved(50_000.0, 1), terrain, tolerance_ms)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.truth.crowd_ground import CrowdGround, crowds_of
-from crowdfence.truth.world import truth_from_positions
+from crowdfence.truth.world import stand_beside, truth_from_positions
 
 # Flat ground of 1 m voxels whose top lies at z = 1, and a deck above it whose top lies at z = 11.
 TWO_LEVELS = np.zeros((20, 20, 11), np.bool_)
@@ -116,6 +116,14 @@ def test_people_off_the_terrain() -> None:
     assert crowd_voxels(below, off_terrain="ignore") == set()
     outside = at((-5.5, 5.5), (-6.5, 5.5), (-7.5, 5.5))
     assert crowd_voxels(outside, off_terrain="ignore") == set()
+    assert crowd_voxels(outside, off_terrain="beside") == set()
+    with pytest.raises(ValueError, match="3 of 3 people"):
+        crowd_voxels(below, off_terrain="beside")
+    at_the_rim = at((0.5, 5.5), (1.5, 5.5), (-0.5, 5.5))
+    assert stand_beside(at_the_rim, TERRAIN).tolist() == [False, False, True]
+    assert not stand_beside(below, TERRAIN).any()
+    on_the_map = {(0, 5, 0), (1, 5, 0)}
+    assert crowd_voxels(at_the_rim, off_terrain="beside") == on_the_map
 
 
 @pytest.mark.parametrize(
@@ -126,7 +134,7 @@ def test_people_off_the_terrain() -> None:
         ({"radius_m": 0.0}, "radius_m must be positive and finite, got 0"),
         ({"min_people": 0}, "min_people must be at least 1, got 0"),
         ({"person_radius_m": -1.0}, "person_radius_m must be positive"),
-        ({"off_terrain": "drop"}, 'off_terrain must be "refuse" or "ignore"'),
+        ({"off_terrain": "drop"}, 'off_terrain must be "refuse", "beside" or "ignore"'),
     ],
 )
 def test_bad_input(change: dict[str, object], message: str) -> None:

@@ -115,7 +115,7 @@ def evaluate(
         _refuse_unused(context, method, paper)
     from crowdfence.atomic_folder import replaceable_folder
     from crowdfence.evaluation.knobs import turned, turns
-    from crowdfence.evaluation.replay import CellCounter, score, unrecorded_warning
+    from crowdfence.evaluation.replay import CellCounter, beside_map_warning, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
@@ -156,6 +156,8 @@ def evaluate(
     ]
     configs = [options.run_config(context.params, one) for one in methods]
     units = HeatmapUnits()
+    tolerance_ms = configs[0].grouping.tolerance_ms
+    beside = beside_map_warning(source, ground, tolerance_ms) if layer == CROWD else None
     turned_ones = [(number, turn) for number, one in enumerate(methods) for turn in turns(one) if sweep]
     with console.progress("scoring", len(source.frames), "frames") as advance:
 
@@ -183,10 +185,10 @@ def evaluate(
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
     unlabelled = unlabelled_warning(source) if truth is options.TruthChoice.projected else None
-    unrecorded = unrecorded_warning(source, configs[0].grouping.tolerance_ms, truth.value)
+    unrecorded = unrecorded_warning(source, tolerance_ms, truth.value)
     warnings = [
         *source.warnings,
-        *(one for one in (unlabelled, unrecorded) if one is not None),
+        *(one for one in (unlabelled, unrecorded, beside) if one is not None),
         *reading.doubts,
         *heatmaps.of_detectors,
         *doubts,

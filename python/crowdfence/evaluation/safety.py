@@ -73,7 +73,8 @@ class CrowdWatch:
         """Who stands where at an instant. FrameError when nobody's position is recorded then."""
         people = people_at(instant.frames[-1], self._recording)
         crowd = crowds_of(people.position, **crowd_definition(self._recording.manifest)) >= 0
-        ground = np.flatnonzero(crowd_ground_of(people, self._recording, self._terrain) & self._seen)
+        stood_on = crowd_ground_of(people, self._recording, self._terrain, "beside")
+        ground = np.flatnonzero(stood_on & self._seen)
         seen, tested = self._columns(ground), self._columns(ground[self._in_range[ground]])
         origin = np.asarray(self._terrain.origin)[:2]
         feet = np.floor((people.position[crowd, :2] - origin) / self._terrain.voxel_size_m).astype(np.int64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.sources.recording import Frame, Recording
-from crowdfence.truth.world import truth_from_positions
+from crowdfence.truth.world import OffTerrain, truth_from_positions
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
@@ -55,17 +55,22 @@ def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
     return people
 
 
-def crowd_ground_at(frame: Frame, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+def crowd_ground_at(
+    frame: Frame, recording: Recording, terrain: Terrain, off_terrain: OffTerrain = "refuse"
+) -> NDArray[np.bool_]:
     """Voxels [V] that crowds stand on when `frame` was exposed, seen or not (`truth_from_positions`).
 
     FrameError when nobody's position is recorded then; ValueError when people of a crowd stand on no voxel.
     """
-    return crowd_ground_of(people_at(frame, recording), recording, terrain)
+    return crowd_ground_of(people_at(frame, recording), recording, terrain, off_terrain)
 
 
-def crowd_ground_of(people: RecordedPeople, recording: Recording, terrain: Terrain) -> NDArray[np.bool_]:
+def crowd_ground_of(
+    people: RecordedPeople, recording: Recording, terrain: Terrain, off_terrain: OffTerrain = "refuse"
+) -> NDArray[np.bool_]:
     """Voxels [V] that the crowds among `people` stand on, by the definition of a crowd in `recording`."""
-    return truth_from_positions(people.position, terrain, **crowd_definition(recording.manifest))
+    definition = crowd_definition(recording.manifest)
+    return truth_from_positions(people.position, terrain, **definition, off_terrain=off_terrain)
 
 
 def true_camera_pose(frame: Frame) -> NDArray[np.float64]:

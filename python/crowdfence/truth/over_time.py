@@ -96,7 +96,7 @@ class ProjectedLabels:
 
 
 class CrowdsOfTheWorld:
-    """Where the crowds stand, seen or not, from everybody's recorded positions."""
+    """Where the crowds stand on the map, seen or not, from everybody's recorded positions."""
 
     def __init__(self, recording: Recording, terrain: Terrain) -> None:
         """ValueError when the recording does not hold them."""
@@ -110,7 +110,7 @@ class CrowdsOfTheWorld:
     def at(self, instant: Instant) -> NDArray[np.bool_] | None:
         if not are_people_recorded(instant.frames[-1], self._recording):
             return None
-        return crowd_ground_at(instant.frames[-1], self._recording, self._terrain)
+        return crowd_ground_at(instant.frames[-1], self._recording, self._terrain, "beside")
 
 
 class LayerOfTheWorld:

@@ -5,7 +5,7 @@ Unlike projected truth it depends on no camera: hidden and unseen people count, 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from crowdfence.truth.crowd_ground import PERSON_RADIUS_M, CrowdGround, crowd_gr
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
 
+OffTerrain = Literal["refuse", "beside", "ignore"]
 _PIXELS_PER_LENGTH = 4
 
 
@@ -25,7 +26,7 @@ def truth_from_positions(
     min_people: int = 3,
     *,
     person_radius_m: float = PERSON_RADIUS_M,
-    off_terrain: Literal["refuse", "ignore"] = "refuse",
+    off_terrain: OffTerrain = "refuse",
 ) -> NDArray[np.bool_]:
     """Crowd voxels [V] of one instant from feet positions [N, 3] (local ENU metres).
 
@@ -38,11 +39,12 @@ def truth_from_positions(
     The paper does not say when people are a crowd; three within 2 m is our choice.
 
     Raises ValueError for positions that are not finite numbers [N, 3], and when a person in a crowd stands
-    in a column without such a voxel (usually a wrong frame: NED for ENU, or a missing offset);
-    `off_terrain="ignore"` leaves out the ground that the map does not cover.
+    in a column without such a voxel (usually a wrong frame: NED for ENU, or a missing offset).
+    `off_terrain`: "beside" leaves out who stands where the map has no ground at any height
+    (`stand_beside`), "ignore" all ground that the map does not cover.
     """
-    if off_terrain not in ("refuse", "ignore"):
-        raise ValueError(f'off_terrain must be "refuse" or "ignore", got {off_terrain!r}')
+    if off_terrain not in get_args(OffTerrain):
+        raise ValueError(f'off_terrain must be "refuse", "beside" or "ignore", got {off_terrain!r}')
     if not (np.isfinite(person_radius_m) and person_radius_m > 0.0):
         raise ValueError(f"person_radius_m must be positive and finite, got {person_radius_m}")
     reach_m = radius_m + terrain.voxel_size_m
@@ -54,9 +56,34 @@ def truth_from_positions(
     ):
         if off_terrain == "refuse":
             _require_ground(ground.feet, terrain, reach_m)
+        elif off_terrain == "beside":
+            _require_ground(ground.feet[~stand_beside(ground.feet, terrain)], terrain, reach_m)
         ids = _voxels_near(*_crowd_columns(ground, terrain), terrain, reach_m)
         truth[ids[ids >= 0]] = True
     return truth
+
+
+def stand_beside(positions_enu: NDArray[np.floating[Any]], terrain: Terrain) -> NDArray[np.bool_]:
+    """Who of people [N, 3] stands beside the map, or over a hole of it: in a column without a voxel."""
+    beside = _float(positions_enu, terrain, terrain.voxel_size_m)
+    if beside.any():  # the whole column of those few
+        (_, _, lowest), (_, _, highest) = np.asarray(terrain.bounds, np.float64)
+        middle = positions_enu[beside] * [1.0, 1.0, 0.0] + [0.0, 0.0, (lowest + highest) / 2]
+        beside[beside] = _float(middle, terrain, float(highest - lowest) / 2)
+    return beside
+
+
+def _float(people: NDArray[np.floating[Any]], terrain: Terrain, reach_m: float) -> NDArray[np.bool_]:
+    """Whose column [N] has no voxel with its centre within `reach_m` of the feet."""
+    height_m = np.asarray(people[:, 2], np.float64)
+    ids = _voxels_near(_columns_of(people, terrain), height_m, terrain, reach_m)
+    return np.asarray((ids < 0).all(axis=1))
+
+
+def _columns_of(positions_enu: NDArray[np.floating[Any]], terrain: Terrain) -> NDArray[np.int64]:
+    """Columns [N, 2] that people [N, 3] stand in."""
+    origin = np.asarray(terrain.origin)[:2]
+    return np.floor((positions_enu[:, :2] - origin) / terrain.voxel_size_m).astype(np.int64)
 
 
 def _crowd_columns(ground: CrowdGround, terrain: Terrain) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -69,7 +96,7 @@ def _crowd_columns(ground: CrowdGround, terrain: Terrain) -> tuple[NDArray[np.in
         np.meshgrid(*(np.arange(lowest[axis], highest[axis] + 1) for axis in (0, 1)), indexing="ij"), axis=-1
     ).reshape(-1, 2)
     on_ground = candidates[ground.contains(origin + (candidates + 0.5) * size_m)]
-    stood_in = np.floor((ground.feet[:, :2] - origin) / size_m).astype(np.int64)
+    stood_in = _columns_of(ground.feet, terrain)
     columns = np.unique(np.concatenate([on_ground, stood_in]), axis=0)
     return columns, ground.nearest_feet_m(origin + (columns + 0.5) * size_m)
 
@@ -89,9 +116,7 @@ def _voxels_near(
 
 
 def _require_ground(people: NDArray[np.float64], terrain: Terrain, reach_m: float) -> None:
-    size_m, origin = terrain.voxel_size_m, np.asarray(terrain.origin)[:2]
-    columns = np.floor((people[:, :2] - origin) / size_m).astype(np.int64)
-    floating = (_voxels_near(columns, people[:, 2], terrain, reach_m) < 0).all(axis=1)
+    floating = _float(people, terrain, reach_m)
     if floating.any():
         where = ", ".join(f"{metres:.2f}" for metres in people[floating][0])
         raise ValueError(
