@@ -203,6 +203,23 @@ def test_frames_that_are_coded_out_of_order_are_found_too(tmp_path: Path) -> Non
         assert abs(pixels.mean() - 6 * number) < 3
 
 
+def test_the_first_frames_of_a_transport_stream_are_found(tmp_path: Path) -> None:
+    """As a recorded video link writes it; seeking passes its first key frame."""
+    path = tmp_path / "a.ts"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg2video", rate=25)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 64, 48, "yuv420p", 4_000_000
+        stream.gop_size, stream.codec_context.max_b_frames = 12, 2
+        for number in range(40):
+            grey = np.full((48, 64, 3), 6 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
+        container.mux(stream.encode(None))
+    film = FilmPictures(path)
+    for number in (0, 1, 5, 11, 12, 39, 3):
+        pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :]
+        assert abs(pixels.mean() - 6 * number) < 4
+
+
 def test_two_films_are_a_fleet_and_the_command_takes_them(tmp_path: Path) -> None:
     films = []
     for name in ("a", "b"):

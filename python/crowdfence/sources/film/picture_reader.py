@@ -77,4 +77,4 @@ class FilmPictures:
         if self._video is not None:
             self._video.close()
         self._video = Video(self.path)
-        self._frames = self._video.pictures_from(pts)
+        self._frames = self._video.pictures_from(None if pts == self._pts[0] else pts)

@@ -157,13 +157,14 @@ class Video:
         pts = sorted(shown)
         return pts, [self._time_s(one) or 0.0 for one in pts], [one for one in pts if shown[one]]
 
-    def pictures_from(self, pts: int) -> Iterator[tuple[int | None, NDArray[np.uint8] | str]]:
-        """Frames with their times from the key frame before `pts` on, in the order in which they are shown:
-        RGB [H, W, 3], or what is wrong with one."""
+    def pictures_from(self, pts: int | None) -> Iterator[tuple[int | None, NDArray[np.uint8] | str]]:
+        """Frames with their times from the key frame before `pts` on, or from the beginning for None, in the
+        order in which they are shown: RGB [H, W, 3], or what is wrong with one."""
         import av
 
         try:
-            self._container.seek(pts, stream=self._stream, backward=True)
+            if pts is not None:  # a transport stream is sought past its first key frame
+                self._container.seek(pts, stream=self._stream, backward=True)
         except av.FFmpegError as error:
             raise ValueError(f"{self.path}: no way to frame {pts}: {_said(error)}") from error
         for item in self._frames():
