@@ -116,7 +116,9 @@ def test_a_camchain_names_its_cameras(tmp_path: Path) -> None:
     ("text", "why"),
     [
         ("image_width: 1280\n", "is no calibration: no .amera_.atrix"),
-        ("- 1\n- 2\n", "is no calibration: a table of names is expected"),
+        ("- 1\n- 2\n", "is no calibration: a table of names is expected; OpenCV's .*docs/recordings.md"),
+        (ROS.replace("distortion_coefficients", "dist_coeff"), "'dist_coeff' is not known: .* call it dist"),
+        (ROS.replace("distortion_coefficients", "D"), "'D' is not known"),
         ("a: [\n", "is not YAML"),
         (ROS.replace("plumb_bob", "thin_prism"), "distortion model 'thin_prism' is not supported"),
         (ROS.replace("700.5, 0, 639.25", "700.5, 639.25"), "camera_matrix has 8 values"),

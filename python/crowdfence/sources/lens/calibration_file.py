@@ -14,6 +14,10 @@ from crowdfence._core import Camera
 from crowdfence.errors import one_line
 
 _HALF_PIXEL = 0.5
+_READ = (
+    "OpenCV's (camera_matrix, image_width), ROS's camera_info and kalibr's camchain are read, as YAML, and "
+    "the numbers of other programs go into one like that (docs/recordings.md, Intrinsics)"
+)
 _LARGEST_BYTES = 1 << 20
 _RADIAL = {"plumb_bob", "radtan", "rational_polynomial", "brown_conrady", ""}
 _OF_BOTH = 4
@@ -29,10 +33,7 @@ def read_calibration(path: Path) -> Camera:
     try:
         return _camera(content, camera)
     except KeyError as error:
-        raise ValueError(
-            f"{path} is no calibration: no {error.args[0]} (OpenCV camera_matrix and image_width, ROS "
-            "camera_info, or kalibr camchain)"
-        ) from error
+        raise ValueError(f"{path} is no calibration: no {error.args[0]}; {_READ}") from error
     except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
         raise ValueError(f"{path} cannot be used as a calibration: {one_line(error)}") from error
 
@@ -53,9 +54,9 @@ def _load(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise ValueError(f"{path} is not YAML: {one_line(error)}") from error
+        raise ValueError(f"{path} is not YAML: {one_line(error)}; {_READ}") from error
     if not isinstance(content, dict):
-        raise ValueError(f"{path} is no calibration: a table of names is expected")
+        raise ValueError(f"{path} is no calibration: a table of names is expected; {_READ}")
     return content
 
 
@@ -71,7 +72,14 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
     # OpenCV's own program: its four numbers would fit plumb_bob too.
     model = str(content.get("distortion_model", "fisheye" if content.get("fisheye_model") else ""))
     names = ("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs")
-    coefficients = next((_matrix(content[name]) for name in names if name in content), [])
+    coefficients = next((_matrix(content[name]) for name in names if name in content), None)
+    if coefficients is None:
+        # Under another name they would be left out, and every ray be another than was measured.
+        if misnamed := [
+            name for name in content if re.match(r"dist(?!ortion_model$)|d$|k1$", str(name), re.I)
+        ]:
+            raise ValueError(f"{misnamed[0]!r} is not known: if it is the distortion, call it {names[0]}")
+        coefficients = []
     if len(matrix) != 9:
         raise ValueError(f"camera_matrix has {len(matrix)} values, expected 9")
     told = "distortion_model" in content or "fisheye_model" in content
