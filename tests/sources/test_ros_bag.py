@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from crowdfence import open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ros_bag.common_world import heading_doubt
+from crowdfence.sources.ros_bag.picture import encoded_picture
 from support.foreign_recordings import (
     DRONE,
     agreement,
@@ -492,3 +494,17 @@ def test_damage_is_one_line_and_never_a_traceback(tmp_path: Path, kind: str) -> 
             file.write_bytes(whole)
     assert refused and used
     shutil.rmtree(bag, ignore_errors=True)
+
+
+def test_a_compressed_bayer_mosaic_is_no_picture() -> None:
+    """image_transport packs it as it is, as grey; a detector was shown its noise."""
+    jpeg = mission().frames[0].encoded_image()
+
+    def told(form: str) -> bytes:
+        return encoded_picture(SimpleNamespace(format=form, data=jpeg), packed=True)
+
+    for form in ("bayer_rggb8; jpeg compressed ", "bayer_gbrg8; png compressed", "bayer_rggb8"):
+        with pytest.raises(ValueError, match=r"'bayer_.* is the mosaic of a colour sensor.*image_color"):
+            told(form)
+    for form in ("jpeg", "rgb8; jpeg compressed bgr8", "bayer_rggb8; jpeg compressed bgr8", "mono8"):
+        assert told(form) == jpeg

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,21 @@ def encoded_picture(message: Any, *, packed: bool) -> bytes:
         data = bytes(message.data)
         if picture_format(data) is None:
             raise ValueError(f"a CompressedImage of format {message.format!r} is neither JPEG nor PNG")
+        if _is_mosaic(str(message.format)):
+            raise ValueError(
+                f"a CompressedImage of format {message.format!r} is the mosaic of a colour sensor, which "
+                "looks like grey noise: record the colours that image_proc makes of it, image_color/compressed"
+            )
         return data
     pixels = image_pixels(message)
     header = b"P5" if pixels.ndim == 2 else b"P6"
     return b"%s %d %d 255\n" % (header, pixels.shape[1], pixels.shape[0]) + pixels.tobytes()
+
+
+def _is_mosaic(told: str) -> bool:
+    """Whether what was compressed is a Bayer pattern; "bayer_rggb8; jpeg compressed bgr8" is colours."""
+    encoding, _, compressed = told.partition(";")
+    return encoding.strip().startswith("bayer_") and not re.search(r"compressed\s+(bgr|rgb)", compressed)
 
 
 def image_pixels(message: Any) -> NDArray[np.uint8]:
