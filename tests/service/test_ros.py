@@ -16,7 +16,7 @@ import shapely
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from zenoh.ext import Int64, z_deserialize
+from zenoh.ext import AdvancedPublisher, CacheConfig, Int64, declare_advanced_publisher, z_deserialize
 
 from crowdfence import View, run
 from crowdfence.georeference import Georeference
@@ -123,6 +123,7 @@ def session(mode: str, endpoints: str, endpoint: str) -> Iterator[zenoh.Session]
     config.insert_json5("mode", f'"{mode}"')
     config.insert_json5(endpoints, f'["{endpoint}"]')
     config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("timestamping/enabled", "true")  # as rmw_zenoh has it: what is latched needs it
     with zenoh.open(config) as opened:
         yield opened
 
@@ -132,6 +133,17 @@ class Node:
 
     def __init__(self, kind: str, session: zenoh.Session) -> None:
         self.kind, self.session = kind, session
+        self.latched: list[AdvancedPublisher] = []
+
+    def latch(self, topic: str, message: Any) -> None:
+        """Once, transient local: whoever subscribes later gets it too."""
+        name = message.__msgtype__
+        kept = CacheConfig(max_samples=1)
+        publisher = declare_advanced_publisher(
+            self.session, self.key_of(topic, name), cache=kept, publisher_detection=True
+        )
+        publisher.put(bytes(STORE.serialize_cdr(message, name)))
+        self.latched.append(publisher)
 
     def publish(self, topic: str, message: Any) -> None:
         name = message.__msgtype__
@@ -147,8 +159,11 @@ KEYS = {"rmw": RosKeys("rmw", domain=7), "bridge": RosKeys("bridge", namespace="
 
 
 @contextmanager
-def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Node, Service]]:
-    """A router, and on it a node and the service; nobody scouts: the router alone brings them together."""
+def fleet(
+    folder: Path, kind: str, topics: list[str], before: Callable[[Node], None] = lambda node: None
+) -> Iterator[tuple[Node, Service]]:
+    """A router, and on it a node and the service; nobody scouts: the router alone brings them together.
+    `before`: what the node does before the service starts."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{one.getsockname()[1]}"
@@ -156,7 +171,8 @@ def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Node, Se
     settings = replace(SETTINGS, pose_wait_s=20.0)
     with (
         session("router", "listen/endpoints", endpoint) as router,
-        session("client", "connect/endpoints", endpoint) as node,
+        session("client", "connect/endpoints", endpoint) as client,
+        _did(Node(kind, client), before) as node,
         live(
             folder,
             plain(),
@@ -167,9 +183,15 @@ def fleet(folder: Path, kind: str, topics: list[str]) -> Iterator[tuple[Node, Se
             inputs=Inputs(ros=link),
         ) as service,
     ):
-        assert [str(one) for one in node.info.routers_zid()] == [str(router.info.zid())]
-        assert not node.info.peers_zid()
-        yield Node(kind, node), service
+        assert [str(one) for one in client.info.routers_zid()] == [str(router.info.zid())]
+        assert not client.info.peers_zid()
+        yield node, service
+
+
+@contextmanager
+def _did(node: Node, before: Callable[[Node], None]) -> Iterator[Node]:
+    before(node)
+    yield node
 
 
 def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
@@ -262,6 +284,33 @@ def _marked(sample: Any, stamp_ns: int) -> bool:
     message = STORE.deserialize_cdr(sample.payload.to_bytes(), "visualization_msgs/msg/MarkerArray")
     stamp = message.markers[0].header.stamp
     return bool(stamp.sec * SECOND_NS + stamp.nanosec == stamp_ns)
+
+
+@pytest.mark.parametrize("kind", ["rmw", "bridge"])
+def test_what_is_told_once_before_the_service_starts_is_heard(tmp_path: Path, kind: str) -> None:
+    """/tf_static and camera_info of nodes that came first: no view ever got a pose, and nobody said why."""
+    (view,) = views(1, ("uav1",))
+    body = level_body(20.0)
+    body_from_camera = np.linalg.inv(body) @ view.world_from_camera
+
+    def before(node: Node) -> None:
+        node.latch("/uav1/info", info_message(view))
+        node.latch("/tf_static", tf_message(0, "uav1/base", FRAME, body_from_camera))
+
+    topics = ["drone=uav1,heatmap=/uav1/heatmap,info=/uav1/info,pose=/uav1/odom"]
+    with fleet(tmp_path, kind, topics, before) as (node, service):
+        assert service.live is not None
+        heard = service.live.heard
+
+        def publish() -> None:
+            node.publish("/uav1/odom", odometry_message(view.stamp_ns, body, "uav1/base"))
+            node.publish("/uav1/heatmap", heatmap_message(view))
+
+        again(publish, lambda: heard.accepted["uav1"] == 1)
+        service.live.applying.settled(30.0)
+        service.live.finish()
+        known = service.fleet.last("uav1")
+        assert known is not None and np.allclose(known.world_from_camera, view.world_from_camera, atol=1e-9)
 
 
 def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path: Path) -> None:

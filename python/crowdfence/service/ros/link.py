@@ -108,11 +108,18 @@ class RosLink:
             yield self._subscribed(session, TF_STATIC, "tf", intake, fixed=True)
 
     def _subscribed(self, session: Any, topic: str, role: str, intake: Intake, *, fixed: bool) -> Any:
+        from zenoh.ext import HistoryConfig, declare_advanced_subscriber
+
         def heard(sample: Any) -> None:
             kind = self.keys.type_of(str(sample.key_expr)) or message_type(role, topic)
             intake.take(role, kind, sample.payload.to_bytes(), fixed=fixed)
 
-        return session.declare_subscriber(self.keys.subscribed(topic), heard)
+        key = self.keys.subscribed(topic)
+        if not (fixed or role == "info"):
+            return session.declare_subscriber(key, heard)
+        # Told once, perhaps before we came: publishers of ROS that are transient local keep it.
+        history = HistoryConfig(detect_late_publishers=True)
+        return declare_advanced_subscriber(session, key, heard, history=history)
 
 
 class _Put:
