@@ -577,7 +577,11 @@ def test_gaps_and_frames_without_a_way_are_refused() -> None:
     body.posed(decoded(odometry_message(START_NS, level_body(1.0), "base_link")))
     with pytest.raises(ValueError, match="--mount"):
         body.pose_at(START_NS)
-    assert RosPoses("tf", None).newest_ns is None
+    by_tf = RosPoses("tf", None)
+    assert by_tf.newest_ns is None and "no picture" in by_tf.lacks
+    by_tf.camera_frame = FRAME
+    by_tf.transformed(decoded(tf_message(START_NS, "map", "uav/base", level_body(1.0))), fixed=False)
+    assert by_tf.newest_ns is None and by_tf.lacks == f"no tf of something that moves leads to {FRAME}"
 
 
 def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:

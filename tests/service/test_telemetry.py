@@ -338,7 +338,9 @@ def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: 
     now, port = Now(frames()[0].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA, wait_s=0.05) as (service, http):
         early = give(http, view(0))
-        assert early.status_code == 503 and "no pose has come" in early.json()["detail"]
+        assert early.status_code == 503
+        lacks = "no GLOBAL_POSITION_INT and no GIMBAL_DEVICE_ATTITUDE_STATUS"
+        assert f"no pose has come yet, {lacks}" in early.json()["detail"]
         assert early.headers["Retry-After"] == "1"
         stranger = give(http, view(0).model_copy(update={"drone": "uav7"}))
         assert stranger.status_code == 422 and "world_from_camera" in stranger.json()["detail"]
@@ -354,6 +356,8 @@ def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: 
         watch = Watch(service)
         watch.look()
         assert active(service) == {"uav1"}
+        gap = service.alerts.active("pose_gap", "uav1")
+        assert gap is not None and "a gap of 3.0" in gap.text and "see that its autopilot" in gap.text
         # Nothing of it is in the map, and no place in the queue is taken for good.
         assert service.live is not None and service.live.applying.waiting == 0
         assert sum(service.live.heard.refused.values()) == 3 and not service.live.heard.accepted
@@ -370,6 +374,9 @@ def test_stale_telemetry_is_an_alarm_that_is_shown_published_and_logged(
         now.ns += 3 * SECOND_NS  # nothing ever came
         watch.look()
         assert active(service) == {"uav1"}
+        never = service.alerts.active("pose_gap", "uav1")
+        assert never is not None and "none, no GLOBAL_POSITION_INT" in never.text
+        assert "--mavlink" in never.text and "--mount" in never.text  # what to do
         vehicle = Vehicle(port)
         vehicle.say([position(rows()[0]), system_time(rows()[0])])
         last = next(row for row in rows() if row.stamp_ns >= now.ns)

@@ -24,6 +24,12 @@ class PoseFeed(Protocol):
 
     changed: Condition
     """Notified after every pose; held by whoever reads or writes."""
+    remedy: str
+    """What to do where poses do not come, or have gaps."""
+
+    @property
+    def lacks(self) -> str:
+        """What has not come, while no pose is known."""
 
     @property
     def newest_ns(self) -> int | None:
@@ -91,7 +97,7 @@ class Poses:
         give_up_s = time.monotonic() + self._wait_s
         with feed.changed:
             while True:
-                newest_ns, reason = feed.newest_ns, "no pose has come yet"
+                newest_ns, reason = feed.newest_ns, ""
                 if newest_ns is not None and newest_ns >= stamp_ns:
                     try:
                         return feed.pose_at(stamp_ns)
@@ -101,6 +107,8 @@ class Poses:
                         raise self._gap(drone, 422, reason, now_ns)
                 elif newest_ns is not None:
                     reason = f"the newest pose is {(stamp_ns - newest_ns) / 1e9:.2f} s older than the view"
+                else:
+                    reason = f"no pose has come yet, {feed.lacks}"
                 left_s = give_up_s - time.monotonic()
                 if left_s <= 0.0:
                     raise self._gap(drone, 503, reason, now_ns)
@@ -118,11 +126,12 @@ class Poses:
 
     def trouble(self, drone: str, now_ns: int) -> str | None:
         """What is wrong with a drone's poses now; None: nothing."""
-        newest_ns = self.feeds[drone].newest_ns
+        feed = self.feeds[drone]
+        newest_ns = feed.newest_ns
         last_ns = self._started_ns if newest_ns is None else newest_ns
         if now_ns - last_ns > self._stale_s * _SECOND_NS:
-            last = "none came so far" if newest_ns is None else f"the last is of {iso_utc(newest_ns)}"
+            last = f"the last is of {iso_utc(newest_ns)}" if newest_ns is not None else f"none, {feed.lacks}"
             said = f"no pose of {drone} for more than {self._stale_s:g} s, {last}"
-            return f"{said}: its views are refused, zones stay"
+            return f"{said}: its views are refused, zones stay; {feed.remedy}"
         gap_ns, said = self._gaps.get(drone, (0, ""))
-        return said if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None
+        return f"{said}; {feed.remedy}" if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None

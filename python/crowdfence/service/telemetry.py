@@ -50,6 +50,11 @@ class Telemetry:
     """A pose feed (`poses.PoseFeed`). ValueError for a mission without a place on Earth."""
 
     frame = None
+    remedy = (
+        "see that its autopilot, or the router, sends to the address of --mavlink: GLOBAL_POSITION_INT and the "
+        "attitudes of a gimbal, or of the drone where --mount says how the camera hangs; or send poses with "
+        "the views"
+    )
 
     def __init__(
         self, drone: str, terrain: Terrain, anchor: Georeference | None, options: TelemetryOptions
@@ -150,6 +155,11 @@ class Telemetry:
         if offset_ns is None or len(newest) < len(self._telling()):
             return None
         return int(min(newest)) * _MS_NS + offset_ns
+
+    @property
+    def lacks(self) -> str:
+        missing = [kind for kind in self._telling() if not self._messages[kind]]
+        return f"no {' and no '.join(missing)}" if missing else "no time of its autopilot"
 
     def _telling(self) -> tuple[str, ...]:
         """The kinds of messages that a pose is made of."""

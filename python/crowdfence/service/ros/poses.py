@@ -43,6 +43,11 @@ _OVERTAKEN_NS = 1_000_000_000
 class RosPoses:
     """A pose feed (`service.poses.PoseFeed`)."""
 
+    remedy = (
+        "see that its pose topic, or every tf from the map to the frame of its pictures, is published at least "
+        "once a second under the names in --topics, with the stamps of the same clock as its pictures"
+    )
+
     def __init__(
         self,
         role: PoseRole,
@@ -129,6 +134,14 @@ class RosPoses:
             newest = [time_ns(self._moving[frame][-1].header.stamp) for frame in self._moving_chain()]
             return min(newest, default=None)
         return self._rows[-1][0] if self._rows else None
+
+    @property
+    def lacks(self) -> str:
+        if self._role != "tf":
+            return "nothing on its pose topic"
+        if not self.camera_frame:
+            return "no picture to say which frame of tf its camera is"
+        return f"no tf of something that moves leads to {self.camera_frame}"
 
     def _moving_chain(self) -> list[str]:
         """Frames that move between the camera and the world."""
