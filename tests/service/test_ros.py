@@ -563,6 +563,20 @@ def test_drones_that_count_from_frames_of_their_own_are_told_of(tmp_path: Path) 
         assert told(uav1=posed("uav1/odom"), uav2=RosPoses("camera_pose", None)), "not known yet: it stays"
         assert not told(uav1=posed("uav1/odom")), "one alone counts from --origin"
         assert told(uav1=posed("map"), uav3=by_tf(None))
+        assert not told(uav1=posed("map"), uav2=posed("map"))
+
+        def by_mavros(*topics: str) -> list[tuple[str, str]]:
+            asked = [f"drone=d{n},heatmap=/h,info=/i,pose={topic}" for n, topic in enumerate(topics)]
+            feeds = RosLink(topics=live_topics(asked)).feeds()
+            for feed in feeds.values():
+                assert isinstance(feed, RosPoses)
+                feed.posed(decoded(pose_message(START_NS, straight_down(10.0), "map")))
+            return told(**feeds)
+
+        ((_, text),) = by_mavros("/uav1/mavros/local_position/pose", "/uav2/mavros/local_position/odom")
+        assert "(d0 in map of /uav1/mavros, d1 in map of /uav2/mavros)" in text and "--mavlink" in text
+        assert not by_mavros("/uav1/mavros/local_position/pose", "/uav1/mavros/local_position/pose")
+        assert not by_mavros("/uav1/vicon/pose", "/uav2/vicon/pose")
 
 
 def test_gaps_and_frames_without_a_way_are_refused() -> None:

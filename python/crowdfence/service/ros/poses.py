@@ -55,10 +55,13 @@ class RosPoses:
         *,
         noise: GivenNoise | None = None,
         max_gap_s: float = 1.0,
+        of: str = "",
     ) -> None:
         """`role` says whose the poses are: the camera's, or the body's, with the camera on it by the mount or
-        by tf; or that tf says it all. `noise`: what each row is off by itself."""
+        by tf; or that tf says it all. `noise`: what each row is off by itself. `of`: where the frame of the
+        poses has a name that others have too, whose it is."""
         self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
+        self._of = of
         self._rows: deque[tuple[int, list[float], list[float]]] = deque()
         self._moving: dict[str, deque[Any]] = {}
         self._fixed: dict[str, Any] = {}
@@ -119,7 +122,7 @@ class RosPoses:
     def frame(self) -> str | None:
         with self.changed:
             if self._role != "tf":
-                return self._frame
+                return f"{self._frame} of {self._of}" if self._frame is not None and self._of else self._frame
             newest_ns = self.newest_ns
             return None if newest_ns is None else self._tree(newest_ns).in_world(self.camera_frame)[0]
 
