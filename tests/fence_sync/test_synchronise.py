@@ -10,12 +10,20 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from crowdfence import Georeference
-from crowdfence.fence_sync import FenceError, FenceReport, ItemCapacity
+from crowdfence.fence_sync import FenceError, FenceKeeper, FenceReport, ItemCapacity
 from crowdfence.fence_sync.vehicle_memory import recall
 from crowdfence.planner import ClearAir
 from crowdfence.zones import ZoneSet
-from support.fence_zones import HERE, box, covers, keeper, zone
-from support.vehicle_emulator import ARDUPILOT, CIRCLE, POLYGONS, Channel, EmulatedVehicle, polygon
+from support.fence_zones import HERE, box, covers, keeper, station, zone
+from support.vehicle_emulator import (
+    ARDUPILOT,
+    CIRCLE,
+    POLYGONS,
+    Channel,
+    EmulatedLink,
+    EmulatedVehicle,
+    polygon,
+)
 
 FAR = [box(100.0, 100.0), box(200.0, -50.0, name="Z2")]
 THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56), command=POLYGONS[0])
@@ -282,6 +290,14 @@ def test_clear_removes_ours_and_all_removes_everything(tmp_path: Path) -> None:
     assert "0 shapes removed, 1 stay" in told(keep.clear())["cleared"]
     assert "1 shapes removed, 0 stay" in told(keep.clear(everything=True))["cleared"]
     assert vehicle.items == []
+
+
+def test_two_vehicles_of_one_system_id_are_refused(tmp_path: Path) -> None:
+    """Both took the list, and whichever answered first was said to hold it."""
+    first, second = EmulatedVehicle(), EmulatedVehicle(uid=0x9999)
+    with pytest.raises(FenceError, match=r"system id 1 \(their own numbers: 1234, 9999\).*MAV_SYS_ID"):
+        FenceKeeper(station(EmulatedLink(first, second)), tmp_path)
+    assert not first.lists and not second.lists
 
 
 def test_a_memory_that_is_damaged_or_cannot_be_written(tmp_path: Path) -> None:

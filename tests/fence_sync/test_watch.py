@@ -132,6 +132,22 @@ def test_the_fence_follows_the_file(tmp_path: Path) -> None:
     assert watched.watch.alarms == ()
 
 
+def test_another_vehicle_of_the_same_system_id_is_an_alarm(tmp_path: Path) -> None:
+    """The first fell silent and nobody heard of it, because the second answered for it."""
+    watched = Watched(tmp_path)
+    watched.run(3.0)
+    watched.link.vehicles = (watched.vehicle, EmulatedVehicle(uid=0x9999))
+    assert "several_vehicles" in watched.run(25.0)
+    (alarm,) = [one for one in watched.watch.alarms if one.kind == "several_vehicles"]
+    assert "system id 1 (their own numbers: 1234, 9999)" in alarm.text and "MAV_SYS_ID" in alarm.text
+    watched.vehicle.mute = True
+    assert "several_vehicles" not in watched.run(25.0), "said once"
+    assert "several_vehicles" in [one.kind for one in watched.watch.alarms]
+    watched.vehicle.mute, watched.link.vehicles[1].mute = False, True
+    watched.run(25.0)
+    assert watched.watch.alarms == ()
+
+
 def test_zones_that_expire_are_removed_if_asked(tmp_path: Path) -> None:
     for expires, left in ((False, 4), (True, 0)):
         folder = tmp_path / str(expires)

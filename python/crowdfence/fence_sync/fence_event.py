@@ -21,6 +21,7 @@ EventKind = Literal[
     "home_unknown",
     "not_enforced",
     "autopilot_unknown",
+    "several_vehicles",
     "refused_by_text",
     "zone_without_ground",
     "zones_unreadable",

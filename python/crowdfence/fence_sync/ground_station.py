@@ -43,6 +43,8 @@ class Vehicle:
     position_s: float = float("-inf")
     home: Home | None = None
     uid: str = ""
+    strangers: set[str] = field(default_factory=set)
+    """Numbers of others that answer under its system id."""
     texts: deque[StatusText] = field(default_factory=lambda: deque(maxlen=_MOST_TEXTS))
 
     @property
@@ -181,6 +183,9 @@ def _note(vehicle: Vehicle, message: Message, now_s: float) -> None:
     elif isinstance(message, Home):
         vehicle.home = message
     elif isinstance(message, Version):
-        vehicle.uid = message.uid
+        if vehicle.uid and message.uid not in ("", vehicle.uid):
+            vehicle.strangers.add(message.uid)
+        else:
+            vehicle.uid = message.uid or vehicle.uid
     elif isinstance(message, StatusText):
         vehicle.texts.append(message)

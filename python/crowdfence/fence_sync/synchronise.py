@@ -93,12 +93,13 @@ class FenceKeeper:
     """Keeps the fence of one vehicle."""
 
     def __init__(self, station: GroundStation, folder: Path, capacity: Capacity | None = None) -> None:
-        """`folder` holds what was written last, one file a vehicle; `capacity` where it is known."""
+        """`folder` holds what was written last, one file a vehicle; `capacity` where it is known. FenceError
+        where two vehicles have one system id."""
         self.station = station
         self._folder = folder
         self._given = capacity
-        if not station.vehicle.uid:
-            station.hold(optional(Version, station.clock, station.patience))
+        for stranger in self.strangers():
+            raise FenceError(stranger.text)
         self.memory_path = memory_file(folder, station.vehicle)
 
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
@@ -175,6 +176,23 @@ class FenceKeeper:
         names = PARAMETERS.get(autopilot, ())
         values = station.hold(parameters(names, autopilot, station.clock, station.patience))
         return list(enforcement(autopilot, values))
+
+    def strangers(self) -> list[FenceEvent]:
+        """Whether others than this vehicle answer under its system id, as far as vehicles say a number of
+        their own: what one of them says would be taken for what the other does."""
+        station, vehicle = self.station, self.station.vehicle
+        vehicle.strangers.clear()
+        station.hold(optional(Version, station.clock, station.patience))
+        station.listen(_PAUSE_S)
+        if not vehicle.strangers:
+            return []
+        numbers = ", ".join((vehicle.uid, *sorted(vehicle.strangers)))
+        text = (
+            f"several vehicles have the system id {vehicle.system} (their own numbers: {numbers}): when one "
+            "falls silent or loses its fence the other answers for it; give each an id of its own "
+            "(MAV_SYS_ID of PX4, SYSID_THISMAV of ArduPilot) or a link of its own, and start again"
+        )
+        return [FenceEvent("several_vehicles", text, alarm=True)]
 
     def find_home(self) -> None:
         """Ask where home is, which is set anew where a vehicle takes off; what was known stays where it does

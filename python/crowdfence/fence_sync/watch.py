@@ -208,6 +208,8 @@ class FenceWatch:
         """Read the fence; where it is not what was written, it is written again, others' shapes kept. And
         whether it is still kept: somebody may have switched it off, or moved home into it."""
         self._checked_s = self._clock()
+        if self._keeper.station.vehicle.uid:  # else it says no number, and would be waited for every time
+            self._say_while(("several_vehicles",), self._keeper.strangers())
         try:
             shapes, _ = self._keeper.read()
             unkept = self._keeper.enforcement() if shapes else []
