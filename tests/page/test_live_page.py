@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import rasterio
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext, Route
+from playwright.sync_api import APIResponse, Browser, BrowserContext, Route
 
 from crowdfence import Camera, Client, Georeference, View
 from crowdfence.service.client import ServiceError
@@ -283,3 +283,33 @@ def test_an_alarm_that_is_raised_while_the_page_loads_is_on_it(
     held[0].continue_()
     loading.wait("alerts", lambda alerts: any(one["drone"] == "uav9" for one in alerts or []))
     loading.page.close()
+
+
+def test_an_alarm_that_is_raised_while_alerts_are_asked_for_stays(
+    context: BrowserContext, server: Server, fleet: Fleet
+) -> None:
+    """The stream told it before an older answer came, which was taken for all there are."""
+    page = open_console(context, server, "operator")
+    with Client(server.url, token=server.token["operator"]) as client:
+
+        def clock_is_wrong(drone: str) -> None:
+            stamp_ns = time.time_ns() - 3_600_000_000_000
+            with pytest.raises(ServiceError, match="behind the clock of the service"):
+                client.give(View(drone, stamp_ns, CAMERA, pose("uav1", 0.0), np.zeros((2, 2), np.float32)))
+            page.wait("alerts", lambda alerts: any(one["drone"] == drone for one in alerts or []))
+
+        clock_is_wrong("uav7")
+        held: list[tuple[Route, APIResponse]] = []
+        page.page.route("**/api/v1/alerts", lambda route: held.append((route, route.fetch())))
+        page.page.locator(".banner.alarm").get_by_role("button", name="Acknowledge").first.click()
+        while not held:
+            page.page.wait_for_timeout(50)
+        clock_is_wrong("uav8")
+        ((route, answer),) = held
+        with page.page.expect_response("**/api/v1/alerts"):
+            route.fulfill(response=answer)
+        page.page.wait_for_timeout(300)
+        assert {"uav7", "uav8"} <= {one["drone"] for one in page.state("alerts")}
+        ticks = {one["id"] for one in page.state("timeline.alerts")}
+        assert {one["id"] for one in page.state("alerts")} <= ticks
+    page.page.close()

@@ -69,9 +69,11 @@ export async function start(): Promise<void> {
 async function load(): Promise<void> {
   const scene = await api.scene();
   takeScene(scene);
-  const [terrain, alerts, timeline] = await Promise.all([api.terrain(scene.run), api.alerts(), api.timeline()]);
-  const heights = Heights.fromBytes(scene.terrain, terrain);
-  store.set({ heights, alerts, timeline });
+  await hearing(async () => {
+    const [terrain, alerts, timeline] = await Promise.all([api.terrain(scene.run), api.alerts(), api.timeline()]);
+    const heights = Heights.fromBytes(scene.terrain, terrain);
+    store.set({ heights, alerts, timeline });
+  });
   document.title = `${scene.name} · crowdfence`;
 }
 
@@ -111,7 +113,7 @@ function onConnection(connected: boolean): void {
 async function askAlerts(): Promise<void> {
   window.clearTimeout(again);
   try {
-    store.set({ alerts: await api.alerts() });
+    await hearing(async () => store.set({ alerts: await api.alerts() }));
   } catch (error) {
     notify(reasonOf(error), "error");
     again = window.setTimeout(() => store.state.connected && void askAlerts(), REFRESH_AGAIN_MS);
@@ -148,7 +150,23 @@ function onMessage(message: Message): void {
   }
 }
 
+/** What the stream told since the questions were asked that have no answer yet. */
+const heard = new Set<Alert[]>();
+
+/** What the stream tells of alerts while they are asked for is newer than the answer, which does not hold it. */
+async function hearing(ask: () => Promise<void>): Promise<void> {
+  const meanwhile: Alert[] = [];
+  heard.add(meanwhile);
+  try {
+    await ask();
+  } finally {
+    heard.delete(meanwhile);
+  }
+  meanwhile.forEach(takeAlert);
+}
+
 function takeAlert(alert: Alert): void {
+  for (const meanwhile of heard) meanwhile.push(alert);
   const others = store.state.alerts.filter(({ id }) => id !== alert.id);
   const { timeline } = store.state;
   const known = timeline.alerts.some(({ id }) => id === alert.id);
@@ -363,7 +381,7 @@ export function settle(change: Partial<ReturnType<typeof readSettings>>): void {
 export async function acknowledge(...ids: string[]): Promise<void> {
   try {
     for (const id of ids) await api.acknowledge(id);
-    store.set({ alerts: await api.alerts() });
+    await hearing(async () => store.set({ alerts: await api.alerts() }));
   } catch (error) {
     notify(reasonOf(error), "error");
   }
