@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crowdfence import FrameLoop, Georeference
+from crowdfence.config import EvidenceConfig
 from crowdfence.service.opening import live
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
@@ -316,8 +317,9 @@ def test_a_file_that_is_no_store_is_refused(tmp_path: Path) -> None:
 def test_a_folder_of_another_mission_is_refused(tmp_path: Path) -> None:
     with running(tmp_path):
         pass
-    other = type(CONFIG)(zones=CONFIG.zones)
-    with pytest.raises(StoreError, match="another configuration"), live(tmp_path, plain(), other, name="x"):
+    other = replace(CONFIG, method=EvidenceConfig(memory_s=4.0), zones=replace(CONFIG.zones, min_area_m2=9.0))
+    differs = r"another configuration \(memory_s 3.0, now 4.0; min_area_m2 3.0, now 9.0\): start it with the"
+    with pytest.raises(StoreError, match=differs), live(tmp_path, plain(), other, name="x"):
         pass
 
 
@@ -328,7 +330,7 @@ def test_a_folder_of_another_origin_is_refused(tmp_path: Path) -> None:
         pass
     for other in (there, Georeference(46.5, 8.0, 1201.0), None):
         with (
-            pytest.raises(StoreError, match=r"another origin: name another folder with --data"),
+            pytest.raises(StoreError, match=r"another origin.*: start it with the same to go on, or name"),
             running(tmp_path / "here", georeference=other),
         ):
             pass

@@ -133,10 +133,11 @@ def live(
     try:
         config = config.with_detector(heatmaps.contract)
         anchor = georeference or terrain.georeference
+        # Of another origin the terrain, which is laid around it, is another one too.
         store.belongs_to(
-            terrain=f"{terrain.fingerprint:016x}",
-            configuration=json.dumps(config.to_json(), sort_keys=True),
             origin=_origin(anchor),
+            configuration=json.dumps(config.to_json(), sort_keys=True),
+            terrain=f"{terrain.fingerprint:016x}",
         )
         service = _service(
             store,

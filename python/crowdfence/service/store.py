@@ -8,6 +8,7 @@ machine that loses power, finds it again, and nothing of what came after.
 from __future__ import annotations
 
 import fcntl
+import json
 import logging
 import queue
 import shutil
@@ -32,6 +33,8 @@ flying, and views, which are looked up before they are taken, must not wait for 
 
 BEGIN_ANEW = "move the folder away to begin anew, or restore a copy"
 """What to do about a file that cannot be gone on with."""
+_SHORT = 60
+"""Characters of a value that is named where it differs."""
 _NEEDS_BYTES = 1_000_000
 """What a disk must have free for a new file, its log and its index; with less, SQLite says many things."""
 _REMEDIES = {
@@ -173,7 +176,9 @@ class Store:
         for name, value in what.items():
             if known.setdefault(name, value) != value:
                 raise StoreError(
-                    f"{self.path} was begun with another {name}: name another folder with --data"
+                    f"{self.path} was begun with another {name}{_difference(known[name], value)}: start it "
+                    "with the same to go on, or name another folder with --data, which begins with nothing "
+                    "seen"
                 )
         rows = list(what.items())
         self.written(
@@ -303,6 +308,24 @@ class Store:
                 self._trouble.refused(one.failure, one.entry.size)
         if self._trouble.text is not None or before is not None:
             self.on_trouble(self._trouble.text)
+
+
+def _difference(before: str, now: str) -> str:
+    """What differs between two values, as far as they are short enough to be read."""
+    try:
+        old, new = json.loads(before), json.loads(now)
+    except ValueError:
+        return ""
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return f" ({before}, now {now})" if len(before) + len(now) < 2 * _SHORT else ""
+    missing = object()
+    differ = [name for name in {**old, **new} if old.get(name, missing) != new.get(name, missing)]
+    told = ((name, json.dumps(old.get(name)), json.dumps(new.get(name))) for name in differ)
+    said = [
+        f"{name} {value}, now {other}" if len(value) + len(other) < 2 * _SHORT else name
+        for name, value, other in told
+    ]
+    return f" ({'; '.join(said)})"
 
 
 def _locked(folder: Path) -> TextIO:
