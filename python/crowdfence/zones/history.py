@@ -31,6 +31,7 @@ VERSION = 1
 _FORMAT = "crowdfence zone history"
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
+_OF_ZONES = tuple(field.name for field in fields(Zone))
 _OF_LOOKS = tuple(field.name for field in fields(DroneEvidence))
 _NOT_AS_WRITTEN = (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError)
 
@@ -199,21 +200,21 @@ def history_line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> d
 def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
     """A zone for JSON, every digit kept; outlines that it shares with the one `before` are left out."""
     record: dict[str, Any] = {}
-    for field in fields(zone):
-        value = getattr(zone, field.name)
-        if field.name in _OUTLINES:
-            if before is not None and getattr(before, field.name) is value:
+    for name in _OF_ZONES:
+        value = getattr(zone, name)
+        if name in _OUTLINES:
+            if before is not None and getattr(before, name) is value:
                 continue
             value = None if value is None else rings_of(value)
-        elif field.name == "band":
+        elif name == "band":
             value = [value.lower_m, value.upper_m, value.datum]
-        elif field.name == "evidence":
-            value = [{name: getattr(look, name) for name in _OF_LOOKS} for look in value]
-        elif field.name == "name" and value is None:
+        elif name == "evidence":
+            value = [{figure: getattr(look, figure) for figure in _OF_LOOKS} for look in value]
+        elif name == "name" and value is None:
             continue  # of all but a few
         elif value != value:  # the probability of ground that nobody has seen
             value = None
-        record[field.name] = value
+        record[name] = value
     return record
 
 

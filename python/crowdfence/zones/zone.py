@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, overload
 
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
@@ -15,6 +16,7 @@ from crowdfence.zones.tracker import ZoneEvent
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
+    from shapely.geometry.base import BaseGeometry
 
 NEVER_NS = -1
 """Stamp of a look that there was not."""
@@ -178,17 +180,31 @@ class ZoneSet(Sequence[Zone]):
         """Of everything that is closed, ground in several zones once."""
         import shapely
 
-        drawn = shapely.union_all([zone.polygon for zone in (*self.zones, *self.static)])
-        # Unseen ground is one zone as a rule, of thousands of corners, few of them near another one.
+        def beyond(drawn: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
+            """What is drawn outside of another; that has thousands of corners, few of them near."""
+            if drawn.is_empty:
+                return drawn
+            return shapely.difference(drawn, shapely.intersection(other, shapely.box(*drawn.bounds)))
+
+        static = _together(tuple(zone.polygon for zone in self.static))
+        crowd = beyond(shapely.union_all([zone.polygon for zone in self.zones]), static)
+        # One zone as a rule.
         outlines = [zone.polygon for zone in self.unseen]
         unseen = outlines[0] if len(outlines) == 1 else shapely.union_all(outlines)
-        beside = shapely.intersection(unseen, shapely.box(*drawn.bounds)) if drawn.area else unseen
-        return float(unseen.area + shapely.difference(drawn, beside).area)
+        return float(unseen.area + beyond(static, unseen).area + beyond(crowd, unseen).area)
 
     @property
     def area_m2(self) -> float:
         """Of the crowd in the zones."""
         return sum(zone.area_m2 for zone in self.zones)
+
+
+@lru_cache(maxsize=4)
+def _together(outlines: tuple[Polygon | MultiPolygon, ...]) -> BaseGeometry:
+    """Zones of others may be thousands, and are the same at every instant."""
+    import shapely
+
+    return shapely.union_all(list(outlines))
 
 
 def closed_of(zones: Sequence[Zone]) -> tuple[Zone, ...]:
