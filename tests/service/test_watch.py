@@ -27,7 +27,7 @@ from crowdfence.service.store import FILE
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
 from crowdfence.sources.recording import Frame
-from crowdfence.zones import AltitudeBand
+from crowdfence.zones import AltitudeBand, Zone
 from support.small_service import (
     CAMERA,
     CONFIG,
@@ -709,6 +709,34 @@ def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
         assert oldest is None or oldest > START_NS
         # What is left can still be read.
         assert service.mission.timeline.at(newest.stamp_ns).number == newest.number
+
+
+def test_the_history_of_thousands_of_zones_stays_within_its_room(tmp_path: Path) -> None:
+    """A hundred kilobytes an instant: of 2000 zones of others it filled the disk within hours."""
+    theirs = [
+        Zone.of_no_look(f"S{number}", box(number, 0, number + 1, 1), "static", "given")
+        for number in range(200)
+    ]
+    with running(tmp_path, static_zones=theirs, settings=replace(SETTINGS, keep_media_mb=0.3)) as service:
+        assert service.live is not None
+        for one in views(130):
+            service.live.intake.give_view(message(one))
+        settle(service)
+
+        def kept() -> tuple[int, int]:
+            sizes = "SELECT COUNT(*), SUM(LENGTH(line) + LENGTH(marks) + LENGTH(figures)) FROM moments"
+            return service.store.rows(sizes)[0]
+
+        count, size = kept()
+        assert size > 700_000
+        Watch(service).tidy()
+        service.store.flush()
+        fewer, size = kept()
+        # As far as to the one before that has all outlines, which the others are read from.
+        assert 50 <= fewer < count and size <= 300_000 * fewer / (fewer - 49)
+        newest = service.mission.newest
+        assert newest is not None
+        assert len(service.mission.timeline.at(newest.stamp_ns).zones.static) == 200
 
 
 def test_alerts_that_are_over_are_forgotten_with_the_rest_of_the_history(tmp_path: Path) -> None:

@@ -51,7 +51,8 @@ class ServiceSettings:
     keep_s: float = 24 * 3600.0
     """History, pictures and journaled views older than this are removed."""
     keep_media_mb: float = 512.0
-    """Pictures, heatmaps and maps beyond this are removed, the oldest first."""
+    """Pictures with heatmaps, maps, and zones of the past: of each what is beyond this is removed, the oldest
+    first."""
     max_body_mb: float = 16.0
     """Largest request."""
     requests_per_s: float = 100.0

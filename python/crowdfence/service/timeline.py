@@ -194,10 +194,29 @@ def _json(value: Any) -> str:
 
 def forget_before(connection: sqlite3.Connection, stamp_ns: int) -> None:
     """Retention: moments and beliefs before a stamp, except what later ones need to be read."""
+    forget_moments_before(connection, stamp_ns)
+    connection.execute("DELETE FROM beliefs WHERE stamp_ns < ?", (stamp_ns,))
+    connection.execute("DELETE FROM media WHERE stamp_ns < ?", (stamp_ns,))
+
+
+def forget_moments_before(connection: sqlite3.Connection, stamp_ns: int) -> None:
     (whole,) = connection.execute(
         "SELECT MAX(number) FROM moments WHERE whole AND stamp_ns <= ?", (stamp_ns,)
     ).fetchone()
     if whole is not None:
         connection.execute("DELETE FROM moments WHERE number < ?", (whole,))
-    connection.execute("DELETE FROM beliefs WHERE stamp_ns < ?", (stamp_ns,))
-    connection.execute("DELETE FROM media WHERE stamp_ns < ?", (stamp_ns,))
+
+
+def trim_moments(connection: sqlite3.Connection, room: int) -> None:
+    """Retention: the oldest moments go until the rest needs about `room` bytes, as the newest ones do."""
+    count, size = connection.execute(
+        "SELECT (SELECT COUNT(*) FROM moments), AVG(LENGTH(line) + LENGTH(marks) + LENGTH(figures)) "
+        "FROM (SELECT * FROM moments ORDER BY number DESC LIMIT ?)",
+        (2 * WHOLE_EVERY,),
+    ).fetchone()
+    if not count or count * size <= room:
+        return
+    (stamp_ns,) = connection.execute(
+        "SELECT stamp_ns FROM moments ORDER BY number DESC LIMIT 1 OFFSET ?", (int(room / size),)
+    ).fetchone()
+    forget_moments_before(connection, stamp_ns)

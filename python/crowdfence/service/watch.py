@@ -22,7 +22,7 @@ from crowdfence.service.heatmap_doubts import LEAST_LOOKED_AT
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.recent_looks import WINDOW_S
 from crowdfence.service.service import Service
-from crowdfence.service.timeline import Moment, forget_before
+from crowdfence.service.timeline import Moment, forget_before, trim_moments
 from crowdfence.service.write_trouble import LEAST_FREE_BYTES
 from crowdfence.zones import Zone
 from crowdfence.zones.square_metres import square_metres
@@ -168,9 +168,9 @@ class Watch:
         told = ", ".join(f"{drone} in {frame or '(no frame)'}" for drone, frame in frames.items())
         text = (
             f"poses come in frames that nothing joins ({told}): all are taken to count from --origin, and "
-            "what one drone sees may be put far from what another sees there; publish them in one frame, give "
-            "tf= in --topics, with tf from that frame to each camera, or take them by --mavlink; where all "
-            "autopilots were given one origin, acknowledge this"
+            "what one drone sees may be put far from what another sees there; publish them in one frame, "
+            "give tf= in --topics, with tf from that frame to each camera, or take them by --mavlink; where "
+            "all autopilots were given one origin, acknowledge this"
         )
         apart = len(set(frames.values()))
         self._set(apart > 1, "pose_frames", "warning", text, measure=float(apart))
@@ -338,7 +338,7 @@ class Watch:
             alerts.clear(kind, now_ns, drone=drone)
 
     def tidy(self) -> None:
-        """Retention: what is too old, and pictures beyond their room."""
+        """Retention: what is too old, and pictures, maps and zones of the past beyond their room."""
         service = self._service
         oldest_ns = service.now_ns() - round(service.settings.keep_s * _SECOND_NS)
         room = int(service.settings.keep_media_mb * 1e6)
@@ -348,6 +348,7 @@ class Watch:
             alert_log.forget_before(connection, oldest_ns)
             for table in ("media", "beliefs"):
                 trim(connection, table, room)
+            trim_moments(connection, room)
             connection.execute("DELETE FROM damaged WHERE received_ns < ?", (oldest_ns,))
             connection.execute("PRAGMA incremental_vacuum(1000)")
 
