@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from starlette.testclient import TestClient
 
 from crowdfence.config import EvidenceConfig, GroupingConfig, ProjectionConfig, RunConfig, ZoneConfig
+from crowdfence.service import mavlink_link
 from crowdfence.service.boot_clock import BootClock
 from crowdfence.service.clock import Clock
 from crowdfence.service.inputs import Inputs
@@ -256,6 +257,62 @@ def test_two_drones_of_one_system_id_are_not_mixed(tmp_path: Path) -> None:
             assert give(http, view(number)).status_code == 202
             found = kept_pose(service, frames()[number].stamp_ns)
             assert np.linalg.norm(found[:3, 3] - frames()[number].world_from_camera[:3, 3]) < 0.1
+
+
+def test_two_drones_of_one_system_id_that_both_go_on_are_an_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When the first fell silent the poses of the second were taken for its own, and only the log had said
+    that there are two."""
+    monkeypatch.setattr(mavlink_link, "_HANDOVER_S", 0.3)
+    now, port = Now(frames()[-1].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        first, again, second = Vehicle(port), Vehicle(port), Vehicle(port)
+        feed, flown = service.live.poses.feeds["uav1"], iter(rows())  # type: ignore[union-attr]
+
+        def both(other: Vehicle, seconds: float) -> None:
+            end_s = time.monotonic() + seconds
+            while time.monotonic() < end_s:
+                row = next(flown)
+                first.say([position(row)])
+                other.say([position(row)])
+                time.sleep(0.05)
+
+        both(again, 0.2)  # its router was started anew, and speaks from another port
+        assert feed.doubt is None
+        both(second, 1.2)
+        assert feed.doubt is not None and "two senders speak as system 1 at the port of uav1" in feed.doubt
+        Watch(service).look()
+        assert active(service) == {"uav1"}
+
+
+def test_another_autopilot_at_the_port_of_a_drone_without_a_system_id_is_an_alarm(tmp_path: Path) -> None:
+    """As behind a router that forwards a whole fleet: whoever spoke first told the poses of uav1, though it
+    was uav2, and nobody said so."""
+    now, port = Now(rows()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        watch, feed = Watch(service), service.live.poses.feeds["uav1"]  # type: ignore[union-attr]
+        Vehicle(port, system=2).say([position(rows()[0]), gimbal(rows()[0]), system_time(rows()[0])])
+        until(lambda: feed.newest_ns is not None)
+        watch.look()
+        assert not active(service)
+        Vehicle(port, system=1).say([position(rows()[0]), gimbal(rows()[0])])
+        until(lambda: feed.doubt is not None)
+        watch.look()
+        alert = service.alerts.active("pose_gap", "uav1")
+        assert alert is not None and "system ids 2 and 1 speak at the port of uav1" in alert.text
+        assert f"--mavlink uav1=udp:ADDRESS:{port}:2, or :1" in alert.text
+
+
+@pytest.mark.parametrize("systems", [(None, None), (1, None), (1, 1)])
+def test_drones_that_nothing_tells_apart_on_one_port_are_refused(
+    tmp_path: Path, systems: tuple[int | None, int | None]
+) -> None:
+    inputs = Inputs(
+        mavlink=[TelemetryAddress(f"uav{n}", "127.0.0.1", 1, one) for n, one in enumerate(systems)]
+    )
+    with pytest.raises(ValueError, match="uav0 and uav1 share the port .*system id"):
+        inputs.feeds(ground(), mission().georeference)
 
 
 def test_one_message_that_cannot_be_taken_does_not_end_all_poses(

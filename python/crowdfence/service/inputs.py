@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from crowdfence._core import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.service.mavlink_link import TelemetryAddress, links
+from crowdfence.service.mavlink_link import TelemetryAddress, check_ports, links
 from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.link import RosLink
 from crowdfence.service.service import Service
@@ -29,8 +29,9 @@ class Inputs:
     """What the poses of a drone are constantly off, also of views that bring theirs."""
 
     def feeds(self, terrain: Terrain, anchor: Georeference | None) -> dict[str, PoseFeed]:
-        """Where the poses of each drone come from. ValueError as for `Telemetry`, and for a drone with two
-        sources."""
+        """Where the poses of each drone come from. ValueError as for `Telemetry`, for a drone with two
+        sources, and for drones that share a port without system ids."""
+        check_ports(self.mavlink)
         feeds: dict[str, PoseFeed] = {} if self.ros is None else self.ros.feeds()
         for one in self.mavlink:
             if one.drone in feeds:

@@ -76,6 +76,21 @@ class TelemetryAddress:
             )
 
 
+def check_ports(addresses: Sequence[TelemetryAddress]) -> None:
+    """ValueError for drones on one port that nothing tells apart: whose poses are whose would follow from who
+    speaks first."""
+    by_port: dict[tuple[str, int], list[TelemetryAddress]] = {}
+    for one in addresses:
+        by_port.setdefault((one.host, one.port), []).append(one)
+    for (host, port), here in by_port.items():
+        systems = [one.system for one in here]
+        if len(here) > 1 and (None in systems or len(set(systems)) < len(here)):
+            raise ValueError(
+                f"--mavlink: {' and '.join(one.drone for one in here)} share the port {host}:{port}: give "
+                f"each its own MAVLink system id there, such as {here[0].drone}=udp:{host}:{port}:1"
+            )
+
+
 class MavlinkLink:
     """One socket and the drones that send to it. OSError where it cannot listen, ModuleNotFoundError without
     pymavlink."""
@@ -95,11 +110,14 @@ class MavlinkLink:
         self._clock = clock
         self._telemetry = {name: telemetry for name, (_, telemetry) in drones.items()}
         self._systems = {name: system for name, (system, _) in drones.items()}
+        self._by_first = next((name for name, system in self._systems.items() if system is None), None)
+        """Drone whose system id nobody said: it is that of the first autopilot that is heard."""
         self._senders: dict[int, Any] = {}
         """Where the packets of a system's autopilot came from."""
         self._heard: dict[tuple[int, int], tuple[Any, float]] = {}
         """Who speaks for a component of a system, and when last, by a steady clock."""
-        self._doubles: set[tuple[int, int, Any]] = set()
+        self._doubles: dict[tuple[int, int, Any], float] = {}
+        """Those that spoke while another one did, and since when."""
         self._mavlink = common.MAVLink(None, srcSystem=_OUR_SYSTEM, srcComponent=_OUR_COMPONENT)
         self._mavlink.robust_parsing = True
         if key is not None:
@@ -150,7 +168,7 @@ class MavlinkLink:
             if message.get_type() == "BAD_DATA":
                 continue
             drone = self._drone_of(message)
-            if drone is None or self._is_double(message, sender):
+            if drone is None or self._is_double(message, sender, drone):
                 continue
             telemetry, system = self._telemetry[drone], message.get_srcSystem()
             # Of the autopilot, not of its gimbal; of anybody who is there before it.
@@ -162,7 +180,7 @@ class MavlinkLink:
                 continue
             telemetry.heard(message, now_ns)
 
-    def _is_double(self, message: Any, sender: Any) -> bool:
+    def _is_double(self, message: Any, sender: Any, drone: str) -> bool:
         """Whether somebody else speaks for this component: a second drone of the same system id, whose poses
         would mix with those of the first, or a second way of the same one, not needed while the first works.
         """
@@ -171,8 +189,18 @@ class MavlinkLink:
         if known == sender or now_s - heard_s > _HANDOVER_S:
             self._heard[who] = sender, now_s
             return False
-        if (double := (*who, sender)) not in self._doubles and len(self._doubles) < _MOST_DOUBLES:
-            self._doubles.add(double)
+        telemetry, double = self._telemetry[drone], (*who, sender)
+        # One that was started anew speaks from elsewhere, but not beside the one before.
+        is_lasting = now_s - self._doubles.get(double, now_s) > 2.0 * _HANDOVER_S
+        if is_lasting and telemetry.is_autopilot(who[1]):
+            telemetry.doubt = (
+                f"two senders speak as system {who[0]} at the port of {drone}: one is heard, and as soon as "
+                "it falls silent the other is taken for it; give drones system ids of their own "
+                "(MAV_SYS_ID of PX4, SYSID_THISMAV of ArduPilot), or acknowledge this where they are two "
+                "ways of one drone"
+            )
+        if double not in self._doubles and len(self._doubles) < _MOST_DOUBLES:
+            self._doubles[double] = now_s
             _LOG.warning(
                 "system %d, component %d speaks from %s and from %s: only the first is heard while it does; "
                 "drones need system ids of their own",
@@ -195,6 +223,13 @@ class MavlinkLink:
                 self._systems[name] = system
                 _LOG.info("telemetry", extra={"drone": name, "system": system})
                 return name
+        if self._by_first is not None:
+            taken = self._systems[self._by_first]
+            self._telemetry[self._by_first].doubt = (
+                f"autopilots with the system ids {taken} and {system} speak at the port of {self._by_first}: "
+                f"the poses of {taken} are taken, because it was heard first; say which is right with "
+                f"--mavlink {self._by_first}=udp:ADDRESS:{self.port}:{taken}, or :{system}"
+            )
         return None
 
     def _ask(self) -> None:

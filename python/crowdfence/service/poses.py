@@ -26,6 +26,8 @@ class PoseFeed(Protocol):
     """Notified after every pose; held by whoever reads or writes."""
     remedy: str
     """What to do where poses do not come, or have gaps."""
+    doubt: str | None
+    """Why its poses may be those of another drone, with what to do."""
 
     @property
     def lacks(self) -> str:
@@ -133,5 +135,7 @@ class Poses:
             last = f"the last is of {iso_utc(newest_ns)}" if newest_ns is not None else f"none, {feed.lacks}"
             said = f"no pose of {drone} for more than {self._stale_s:g} s, {last}"
             return f"{said}: its views are refused, zones stay; {feed.remedy}"
+        if feed.doubt is not None:
+            return feed.doubt
         gap_ns, said = self._gaps.get(drone, (0, ""))
         return f"{said}; {feed.remedy}" if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None

@@ -51,9 +51,9 @@ class Telemetry:
 
     frame = None
     remedy = (
-        "see that its autopilot, or the router, sends to the address of --mavlink: GLOBAL_POSITION_INT and the "
-        "attitudes of a gimbal, or of the drone where --mount says how the camera hangs; or send poses with "
-        "the views"
+        "see that its autopilot, or the router, sends to the address of --mavlink: GLOBAL_POSITION_INT and "
+        "the attitudes of a gimbal, or of the drone where --mount says how the camera hangs; or send poses "
+        "with the views"
     )
 
     def __init__(
@@ -67,6 +67,7 @@ class Telemetry:
         self._drone, self._terrain, self._anchor, self._options = drone, terrain, anchor, options
         self._messages: dict[str, deque[Any]] = {kind: deque() for kind in KINDS}
         self.changed = Condition()
+        self.doubt: str | None = None
         self.clock = BootClock()
         self._autopilot: int | None = None
         """The component that tells positions."""

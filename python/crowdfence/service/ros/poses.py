@@ -44,9 +44,10 @@ class RosPoses:
     """A pose feed (`service.poses.PoseFeed`)."""
 
     remedy = (
-        "see that its pose topic, or every tf from the map to the frame of its pictures, is published at least "
-        "once a second under the names in --topics, with the stamps of the same clock as its pictures"
+        "see that its pose topic, or every tf from the map to the frame of its pictures, is published at "
+        "least once a second under the names in --topics, with the stamps of the same clock as its pictures"
     )
+    doubt: str | None = None
 
     def __init__(
         self,
