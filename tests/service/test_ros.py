@@ -387,6 +387,22 @@ def test_two_drones_need_two_names() -> None:
         live_topics(["camera=/a/1,info=/b", "camera=/a/2,info=/b"])
 
 
+@pytest.mark.parametrize("role", ["camera", "heatmap", "camera_pose"])
+def test_a_topic_of_one_camera_is_not_that_of_two_drones(role: str) -> None:
+    """A line that was copied: what uav1 saw counted twice, or uav2's crowds lay under uav1."""
+    own = {"heatmap": "/{}/h", "info": "/{}/i", "camera_pose": "/{}/p"}
+    if role == "camera":
+        own["camera"] = own.pop("heatmap")
+    texts = []
+    for drone in ("uav1", "uav2"):
+        topics = {name: topic.format(drone) for name, topic in own.items()}
+        topics[role] = "uav1/x" if drone == "uav2" else "/uav1/x"
+        texts.append(",".join([f"drone={drone}", *(f"{name}={topic}" for name, topic in topics.items())]))
+    with pytest.raises(ValueError, match=f"{role}=uav1/x is given for uav1 and for uav2"):
+        live_topics(texts)
+    assert live_topics(["drone=front,camera=/a,info=/i,pose=/p", "drone=rear,camera=/b,info=/i,pose=/p"])
+
+
 # --- poses, message by message ---
 
 
@@ -566,7 +582,7 @@ def test_drones_that_count_from_frames_of_their_own_are_told_of(tmp_path: Path) 
         assert not told(uav1=posed("map"), uav2=posed("map"))
 
         def by_mavros(*topics: str) -> list[tuple[str, str]]:
-            asked = [f"drone=d{n},heatmap=/h,info=/i,pose={topic}" for n, topic in enumerate(topics)]
+            asked = [f"drone=d{n},heatmap=/h{n},info=/i,pose={topic}" for n, topic in enumerate(topics)]
             feeds = RosLink(topics=live_topics(asked)).feeds()
             for feed in feeds.values():
                 assert isinstance(feed, RosPoses)

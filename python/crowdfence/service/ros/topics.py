@@ -9,15 +9,26 @@ from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 
 ROLES = ("camera", "info", "heatmap", "camera_pose", "pose", "tf")
 """Positions on Earth come by telemetry (`--mavlink`)."""
+_OF_ONE_CAMERA = ("camera", "heatmap", "camera_pose")
+"""Two cameras of one drone may share a pose of its body and tf."""
 
 
 def live_topics(texts: Sequence[str]) -> list[DroneTopics]:
     """From ROLE=TOPIC,... for one drone each. ValueError for what is no role, a drone without pictures or
-    intrinsics, and a name twice."""
+    intrinsics, a name twice, and a topic of one camera for two drones."""
     drones = [_of_drone(text) for text in texts]
     names = [one.drone for one in drones]
     if twice := {name for name in names if names.count(name) > 1}:
         raise ValueError(f"--topics: two drones are called {min(twice)!r}; name them with drone=NAME,...")
+    for role in _OF_ONE_CAMERA:
+        whose: dict[str, str] = {}
+        for one in drones:
+            topic = getattr(one, role)
+            if topic is not None and (other := whose.setdefault(topic.strip("/"), one.drone)) != one.drone:
+                raise ValueError(
+                    f"--topics: {role}={topic} is given for {other} and for {one.drone}; what one camera "
+                    "shows would count as seen by two drones: name that of each"
+                )
     return drones
 
 
