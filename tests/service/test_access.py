@@ -121,7 +121,7 @@ def test_the_page_turns_a_token_into_a_cookie_once(guarded) -> None:
         assert http.get("/").status_code == 401
         assert http.get("/?token=guessed").status_code == 401
         answer = http.get(f"/?token={tokens['viewer']}", follow_redirects=False)
-        assert (answer.status_code, answer.headers["location"]) == (303, "/")
+        assert (answer.status_code, answer.headers["location"]) == (303, "./")
         cookie = answer.headers["set-cookie"].lower()
         assert all(word in cookie for word in ("httponly", "samesite=strict", "secure"))
         named = {"Cookie": f"crowdfence_token={tokens['viewer']}"}

@@ -8,7 +8,7 @@ class Line {
   onopen: (() => void) | null = null;
   onmessage: ((event: { data: string }) => void) | null = null;
   onclose: (() => void) | null = null;
-  constructor() {
+  constructor(readonly address: string) {
     Line.all.push(this);
   }
   /** Of a dead line nobody hears. */
@@ -21,7 +21,7 @@ describe("a stream", () => {
     vi.useFakeTimers();
     vi.stubGlobal("WebSocket", Line);
     vi.stubGlobal("window", globalThis);
-    vi.stubGlobal("location", { protocol: "http:", host: "127.0.0.1" });
+    vi.stubGlobal("location", { href: "https://field.test/crowd/?a=b#c" });
     Line.all = [];
     told = [];
   });
@@ -34,6 +34,12 @@ describe("a stream", () => {
     Line.all[0].onopen!();
     return end;
   };
+
+  it("is beside the page, also under the path of a proxy", () => {
+    const end = opened();
+    expect(Line.all[0].address).toBe("wss://field.test/crowd/api/v1/stream");
+    end();
+  });
 
   it("is lost as soon as the machine wakes that slept, and comes back", () => {
     const end = opened();

@@ -68,8 +68,9 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
     def page(request: Request) -> Response:
         token = request.query_params.get("token")
         if token is not None and service.access.user_of(token) is not None:
-            # The address with the token must not stay in the browser's history.
-            answer = RedirectResponse("/", status_code=303)
+            # The address with the token must not stay in the browser's history. As seen from the page, which
+            # a proxy may have put under a path of its own.
+            answer = RedirectResponse("./", status_code=303)
             answer.set_cookie(
                 COOKIE, token, httponly=True, samesite="strict", secure=secure, max_age=30 * 86400
             )

@@ -97,7 +97,7 @@ class Guard:
             return 421, f"this service does not answer to the name {host[:80]!r}", 0.0
         origin = headers.get("origin")
         if origin is not None and _netloc_of(origin) != host:
-            return 403, "requests from pages of other sites are refused", 0.0
+            return 403, _of_another_site(origin, host), 0.0
         length = headers.get("content-length", "0")
         if not length.isdigit() or int(length) > self._max_body:
             return 413, self._too_large, 0.0
@@ -128,6 +128,13 @@ def _name_of(host: str) -> str:
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.partition(":")[0].lower()
+
+
+def _of_another_site(origin: str, host: str) -> str:
+    return (
+        f"requests from pages of other sites are refused: this one is of {origin[:80]!r}, to {host[:80]!r}; "
+        "a proxy between them must pass the header Host on as it is"
+    )
 
 
 def _netloc_of(origin: str) -> str | None:

@@ -2,7 +2,8 @@
 
 import type { Alert, AuditEntry, Corner, Drone, Scene, Timeline, Zone, ZoneHistory, Zones } from "./contract";
 
-const ROOT = "/api/v1";
+/** From the page itself, which a proxy may have put under a path of its own. */
+const ROOT = "api/v1";
 
 /** The service said no; `text` is what it said. */
 export class Refused extends Error {

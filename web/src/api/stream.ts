@@ -41,8 +41,9 @@ export function openStream(listener: Listener): () => void {
     silence = window.setTimeout(() => socket && lost(socket), SILENT_MS);
   };
   const connect = () => {
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    socket = new WebSocket(`${scheme}://${location.host}/api/v1/stream`);
+    const address = new URL("api/v1/stream", location.href);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    socket = new WebSocket(address.href);
     socket.onopen = () => {
       attempts = 0;
       heard();
