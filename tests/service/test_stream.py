@@ -210,6 +210,29 @@ def test_many_listeners_leave_time_for_the_drones() -> None:
     assert [stream.pause_s(listeners) for listeners in (1, 15, 30, 150)] == [0.1, 0.1, 0.2, 1.0]
 
 
+def test_steps_that_take_long_to_make_leave_time_for_the_drones() -> None:
+    """With thousands of zones one open page took all of it: views waited a quarter of a second each."""
+    made: list[float] = []
+
+    def make() -> dict[str, object]:
+        made.append(time.monotonic())
+        time.sleep(0.1)
+        return {}
+
+    async def listened() -> None:
+        hub = stream.Hub()
+        hub.start()
+        hub._listeners.add(stream._Listener())
+        end_s = time.monotonic() + 2.0
+        while time.monotonic() < end_s:
+            hub.step(lambda: make())  # another one every time
+            await asyncio.sleep(0.02)
+
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(lambda: asyncio.run(listened())).result()
+    assert 2 <= len(made) <= 5
+
+
 def test_the_body_of_an_answer_does_not_wait_for_the_acknowledgement_of_its_head() -> None:
     """Which the other side puts off for 40 ms, so that one client was answered 22 times a second."""
     with (

@@ -21,6 +21,9 @@ STEPS_PER_S = 10.0
 MESSAGES_PER_S = 150.0
 """Steps to all listeners together. Packing and sending one of 80 kB takes 1.5 to 2 ms in the thread that the
 views of drones go through, too."""
+MAKING_SHARE = 0.2
+"""Of the time at most so much goes into making steps: one of thousands of zones takes half a second."""
+LONGEST_PAUSE_S = 2.0
 SEND_WITHIN_S = 10.0
 """Who takes longer to take one message is cut off."""
 _CLOSE_WITHIN_S = 1.0
@@ -109,11 +112,15 @@ class Hub:
         """The newest step to everybody, then a pause, until nothing new has come meanwhile."""
         while self._listeners and self._sent is not self._make:
             self._sent = self._make  # whoever made it: a listener that has just come has it alone
+            begun_s = time.monotonic()
             made = await self._newest()
+            took_s = time.monotonic() - begun_s
             for listener in self._listeners:
                 listener.step = made
                 listener.news.set()
-            await asyncio.sleep(pause_s(len(self._listeners)))
+            await asyncio.sleep(
+                max(pause_s(len(self._listeners)), min(took_s / MAKING_SHARE, LONGEST_PAUSE_S))
+            )
 
     async def _newest(self) -> _Made | None:
         make, made = self._make, self._made
@@ -121,8 +128,8 @@ class Hub:
             return None
         if made is None or made.make is not make or not made.is_fresh:
             now_s = time.monotonic()
-            message = await asyncio.to_thread(make)
-            made = self._made = _Made(make, json.dumps(message, allow_nan=False), now_s)
+            text = await asyncio.to_thread(lambda: json.dumps(make(), allow_nan=False))
+            made = self._made = _Made(make, text, now_s)
         return made
 
     async def serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
