@@ -457,8 +457,12 @@ def test_stale_telemetry_is_an_alarm_that_is_shown_published_and_logged(
         assert len(logged) == 2 and all(one.levelname == "ERROR" for one in logged)
 
 
-def test_the_autopilot_is_asked_for_the_time_and_for_its_home(tmp_path: Path) -> None:
-    """Its answer to TIMESYNC sets the time, although it thinks that it is 1970."""
+def test_the_autopilot_is_asked_for_the_time_and_for_its_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its answer to TIMESYNC sets the time, although it thinks that it is 1970. Home, from which heights
+    count, is another one where it takes off again; it was asked for once in a day."""
+    monkeypatch.setattr(mavlink_link, "_HOME_AGAIN_S", 2.0)
     now, port = Now(rows()[200].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA) as (service, _):
         vehicle = Vehicle(port)
@@ -473,6 +477,12 @@ def test_the_autopilot_is_asked_for_the_time_and_for_its_home(tmp_path: Path) ->
         assert feed.clock.offset_ns == now.ns - 7 * SECOND_NS  # the test's clock stands still
         request = vehicle.link.recv_match(type="COMMAND_LONG", blocking=True, timeout=20)
         assert (request.command, request.param1) == (512, 242)
+        vehicle.say([home(rows()[0])])
+        until(lambda: feed.knows_home)
+        while vehicle.link.recv_match(type="COMMAND_LONG", blocking=False) is not None:
+            pass
+        again = vehicle.link.recv_match(type="COMMAND_LONG", blocking=True, timeout=20)
+        assert again is not None and again.param1 == 242
 
 
 @pytest.mark.parametrize(("phrase", "taken"), [("kept secret", True), ("guessed", False), (None, False)])

@@ -28,6 +28,8 @@ _AUTOPILOT = 1
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
 _REQUEST_MESSAGE, _HOME_POSITION = 512, 242
 _ASK_EVERY_S = 1.0
+_HOME_AGAIN_S = 20.0
+"""Home is set anew where a drone takes off again, and what it says of that may be lost on its way."""
 _HANDOVER_S = 3.0
 """A second sender is heard once the first one has been silent for so long."""
 _MOST_DOUBLES = 100
@@ -118,6 +120,7 @@ class MavlinkLink:
         """Who speaks for a component of a system, and when last, by a steady clock."""
         self._doubles: dict[tuple[int, int, Any], float] = {}
         """Those that spoke while another one did, and since when."""
+        self._home_asked_s: dict[str, float] = {}
         self._mavlink = common.MAVLink(None, srcSystem=_OUR_SYSTEM, srcComponent=_OUR_COMPONENT)
         self._mavlink.robust_parsing = True
         if key is not None:
@@ -242,7 +245,9 @@ class MavlinkLink:
                 mavlink.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE),
                 mavlink.timesync_encode(0, self._clock.now_ns()),
             ]
-            if not self._telemetry[name].knows_home:
+            now_s, asked_s = time.monotonic(), self._home_asked_s.get(name, float("-inf"))
+            if not self._telemetry[name].knows_home or now_s - asked_s >= _HOME_AGAIN_S:
+                self._home_asked_s[name] = now_s
                 to = (system, _AUTOPILOT, _REQUEST_MESSAGE, 0, _HOME_POSITION)
                 questions.append(mavlink.command_long_encode(*to, 0, 0, 0, 0, 0, 0))
             for question in questions:
