@@ -10,17 +10,19 @@ from typing import Any
 
 import typer
 
+from crowdfence.cli.options import PANELS
+
 _GROUPS = {
     "From a flight to zones": ("demo", "inspect", "run", "explain", "export", "route", "serve", "fence"),
     "Recordings": ("convert", "align", "simulate"),
     "Detectors": ("detect", "model", "data", "train", "calibrate"),
-    "Research": ("evaluate", "paper"),
+    "Research": ("evaluate",),
     "This machine": ("doctor",),
 }
 """What somebody looks for first comes first."""
 
-_PANELS = ("Zones", "Projection and map", "Method", "Method evidence", "Methods paper and or")
-"""Panels of options in the order of their use; those that are not named here come before."""
+_TYPE_WIDTH = 16
+"""Wider choices are broken between their values: beside them, help has a third of a narrow terminal."""
 
 
 def command_line(app: typer.Typer) -> Any:
@@ -58,6 +60,7 @@ def _tidy(command: Any) -> None:
                 parameter.metavar = ""
             elif hasattr(parameter, "display_type") and "display_type" not in vars(parameter):
                 parameter.display_type = partial(_shown_type, parameter.display_type)
+                parameter.display_type_rich = partial(_in_lines, parameter.display_type_rich)
         return sorted(parameters, key=place)
 
     command.get_params = get_params
@@ -68,13 +71,24 @@ def _tidy(command: Any) -> None:
 
 
 def _shown_type(given: Any, context: Any) -> str:
-    """What a value is, without words of Python: <list[Path]> is <path>..."""
-    shown = str(given(context))
+    """What a value is, without words of Python: <list[Path]> is <path>..., and <int range>, which stands
+    before its bounds, is <int>."""
+    shown = str(given(context)).replace(" range>", ">")
     several = re.fullmatch(r"<list\[(.*)\]>", shown)
     return f"<{several[1].lower()}>..." if several else shown
 
 
+def _in_lines(given: Any, ctx: Any) -> str:
+    """What a value is, in lines that end between the values of a choice."""
+    lines = [""]
+    for value in re.findall(r"[^|]+\|?", str(given(ctx=ctx))):
+        if lines[-1] and len(lines[-1]) + len(value) > _TYPE_WIDTH:
+            lines.append("")
+        lines[-1] += value
+    return "\n".join(lines)
+
+
 def place(parameter: Any) -> int:
-    """Of a parameter among those of its command, by its panel."""
+    """Of a parameter among those of its command, by its panel; panels without a place come before."""
     panel = getattr(parameter, "rich_help_panel", None)
-    return _PANELS.index(panel) + 1 if panel in _PANELS else 0
+    return PANELS.index(panel) + 1 if panel in PANELS else 0

@@ -42,13 +42,14 @@ def detect(
     models: Annotated[
         list[str] | None,
         typer.Option(
-            "--model",
             "--detector",
+            metavar="MODEL",
             help="ONNX model, several to combine them. Default, of those that come with crowdfence: "
             "crowdnet-s for recordings whose pictures look like those that it was tested on, else "
             "crowdnet-s-wide.",
         ),
     ] = None,
+    called_model: Annotated[list[str] | None, typer.Option("--model", hidden=True)] = None,
     contract: options.ContractPath = None,
     threads: Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of the model.")] = 1,
     every: Annotated[
@@ -83,12 +84,13 @@ def detect(
     from crowdfence.sources import is_flight, is_recording
 
     with_poses = is_recording(source) or (output.suffix == ".mcap" and is_flight(source))
-    if contract is not None and len(models or ()) > 1:
+    named = [*(models or []), *(called_model or [])]
+    if contract is not None and len(named) > 1:
         raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
 
     if not with_poses:
         with writable_folder(output):
-            names = models or [PHOTOGRAPH_MODEL]
+            names = named or [PHOTOGRAPH_MODEL]
             detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
             if detector.needs_gsd and gsd_m is None:
                 raise ValueError(
@@ -107,9 +109,9 @@ def detect(
         )
     with replaceable_file(output, force=force, reads=[source]):
         recording = source_options.open_source(source, context.params)
-        names = models or [suitable_model(recording)]
+        names = named or [suitable_model(recording)]
         detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
-        if models is None:
+        if not named:
             tell_choice(detector)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         _detect_recording(

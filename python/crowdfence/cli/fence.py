@@ -57,7 +57,7 @@ State = Annotated[
     typer.Option(
         "--state",
         help="Folder that remembers what was written last, by which our shapes are told from those of "
-        "others. Default: ~/.local/state/crowdfence/fences.",
+        "others. Default: crowdfence/fences in ~/.local/state.",
     ),
 ]
 TimeoutS = Annotated[

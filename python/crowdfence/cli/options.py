@@ -48,6 +48,8 @@ PartT = TypeVar(
 )
 _METHOD, _EVIDENCE, _PAPER = "Method", "Method evidence", "Methods paper, or and those for comparison"
 _MAP, _ZONES = "Projection and map", "Zones"
+PANELS = (_ZONES, _MAP, _METHOD, _EVIDENCE, _PAPER)
+"""Of these options, in the order of their use."""
 
 
 class MethodName(str, Enum):
@@ -207,7 +209,7 @@ Files = Annotated[
     typer.Option(
         "--files",
         metavar="NAME,...",
-        help="Files to write, such as crowd_map.png,crowd_map.tif. Zones, their history and the summary are "
+        help="Files to write, such as report.html,frames.csv. Zones, their history and the summary are "
         "always written. Default: all.",
     ),
 ]
@@ -339,7 +341,7 @@ CoverageOption = Annotated[
     typer.Option(
         "--coverage",
         rich_help_panel=_MAP,
-        help="All ground in view, or what the rays of pixels hit (the paper).",
+        help="full: all ground in view; rays: what the rays of pixels hit (the paper).",
     ),
 ]
 SurfaceOption = Annotated[
@@ -347,7 +349,7 @@ SurfaceOption = Annotated[
     typer.Option(
         "--surface",
         rich_help_panel=_MAP,
-        help="Rays meet the surface in the voxels, or the voxels as cubes (the paper).",
+        help="What rays meet: planes, the surface in the voxels; voxels, these as cubes (the paper).",
     ),
 ]
 ToleranceMs = Annotated[
@@ -400,8 +402,7 @@ Buffer = Annotated[
         metavar="RULE:NAME=VALUE,...",
         rich_help_panel=_ZONES,
         help="Distance around crowd: fixed:distance_m=30, one-to-one:height_m=60, "
-        "ballistic:speed_mps=10,height_m=60, parachute, glide, eu-a2, sts-01, contingency, map, pose, "
-        "motion. "
+        "glide:height_m=60,ratio=12, ballistic, parachute, eu-a2, sts-01, contingency, map, pose, motion. "
         "May be repeated: the distances are added.",
     ),
 ]

@@ -90,7 +90,7 @@ def _value(option: Any, context: Any) -> str:
     shown = str(option.display_type(context)).removesuffix("...")
     if "|" in shown:
         return "{" + shown.strip("<>").replace("|", ",") + "}" + several
-    return shown.replace(" range", "") + several
+    return shown + several
 
 
 def _default(option: Any) -> str | None:
