@@ -344,6 +344,12 @@ def test_an_instant_after_the_last_one_is_told(run: Path, tmp_path: Path) -> Non
             assert "after the last instant" not in done.stderr
 
 
+def test_seconds_that_were_meant_from_the_first_instant_are_told_from_nanoseconds(run: Path) -> None:
+    said = refused("explain", run, "--zone", "Z1", "--at", "5")
+    assert said.startswith("--at 5 is so many nanoseconds since 1970, before the first instant, 2026-01-01T")
+    assert said.endswith("such as --at +5")
+
+
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     assert "holds no zone_history.jsonl" in refused("explain", tmp_path, "--zone", "Z1")
 
@@ -522,6 +528,8 @@ def test_places_on_earth(run: Path) -> None:
     for text in ("-640,60", "46.5,200", "nan,8"):
         message = refused("route", run, "--from", text, "--to", "46.5,8")
         assert f"'{text}' is no latitude and longitude in degrees; local metres need --local" in message
+    message = refused("route", run, "--from", "8,46.5", "--to", "46.5,8")
+    assert message.startswith("'8,46.5' lies more than 100 km from the flight; the latitude comes first")
 
 
 @pytest.mark.parametrize(("far_m", "ground_m"), [(1000, 1200.0), (3000, 1200.0), (3000, -400.0), (300, 0.0)])

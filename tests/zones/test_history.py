@@ -131,11 +131,11 @@ def test_a_file_that_does_not_say_how_many_instants_it_has_is_read(tmp_path: Pat
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        ("empty", "is no zone history: it is cut off, or no JSON"),
+        ("empty", "is no zone history: it is cut off, or no JSON; give the folder that a run wrote"),
         ("other", "is no zone history: it does not begin with the header of a crowdfence zone history"),
         ("list", r"is no zone history: it .*; give the folder that a run wrote, or its zone_history\.jsonl"),
-        ("version", "is no zone history: it has version 9; 1 is read here"),
-        ("bytes", "is no zone history: it is no text in UTF-8"),
+        ("version", "is a zone history of version 9; 1 is read here"),
+        ("bytes", "is no zone history: it is no text in UTF-8; give the folder that a run wrote"),
         ("header alone", "is no zone history: it holds no instant"),
         ("no zones", "is damaged in line 3: it lacks 'zones'"),
         ("no rings", "is damaged in line 2: "),

@@ -35,6 +35,8 @@ _UNKNOWN = {
 """States of ground that is not known to be empty."""
 _TOLD_M = 0.05
 """Less is rounding."""
+_FAR_M = 100_000.0
+"""No flight with its ground goes so far: latitude and longitude were changed round."""
 _NO_STATES = (
     "{run} holds no map of that instant (a run keeps that of its last one, crowd_map.tif): it is not known "
     "how much of the way lies over ground that nobody has seen empty"
@@ -197,7 +199,13 @@ def _place(text: str, georeference: Georeference | None, height_m: float) -> Any
         return np.array([first, second])
     if not on_earth(first, second):
         raise ValueError(f"{text!r} is no latitude and longitude in degrees; local metres need --local")
-    return local_place(georeference, first, second, height_m)
+    place = local_place(georeference, first, second, height_m)
+    if np.hypot(*place) > _FAR_M:
+        raise ValueError(
+            f"{text!r} lies more than {_FAR_M / 1000:.0f} km from the flight; the latitude comes first, then "
+            "the longitude"
+        )
+    return place
 
 
 def _states_at(run: Path, history: ZoneHistory, stamp_ns: int) -> StateRaster | None:

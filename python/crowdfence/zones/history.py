@@ -107,12 +107,11 @@ class ZoneHistory:
             try:
                 header = json.loads(file.readline())
                 if not isinstance(header, dict) or header.get("format") != _FORMAT:
-                    raise ValueError(
-                        f"it does not begin with the header of a {_FORMAT}; give the folder that a run "
-                        "wrote, or its zone_history.jsonl"
-                    )
+                    raise ValueError(f"it does not begin with the header of a {_FORMAT}")
                 if header["version"] != VERSION:
-                    raise ValueError(f"it has version {header['version']}; {VERSION} is read here")
+                    raise ZoneHistoryError(
+                        f"{path} is a zone history of version {header['version']}; {VERSION} is read here"
+                    )
                 anchor = header["anchor_wgs84"]
                 stamps_ns: list[int] = []
                 sets: list[ZoneSet] = []
@@ -147,8 +146,13 @@ class ZoneHistory:
             except ZoneHistoryError:
                 raise
             except _NOT_AS_WRITTEN as error:
-                what = "is no zone history" if number == 1 else f"is damaged in line {number}"
-                raise ZoneHistoryError(f"{path} {what}: {_said(error)}") from error
+                said = _said(error)
+                if number > 1:
+                    raise ZoneHistoryError(f"{path} is damaged in line {number}: {said}") from error
+                raise ZoneHistoryError(
+                    f"{path} is no zone history: {said}; give the folder that a run wrote, or its "
+                    "zone_history.jsonl"
+                ) from error
 
 
 def _json_line(value: Mapping[str, Any]) -> bytes:
