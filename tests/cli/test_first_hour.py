@@ -182,6 +182,14 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path, command: str) -> None:
         open_recording(tmp_path / "pipe.mcap")
 
 
+def test_a_dash_is_no_file(airsim: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports were written into a file of that name."""
+    monkeypatch.chdir(tmp_path)
+    done = crowdfence("convert", airsim, "-o", "-")
+    assert done.returncode == 1 and done.stderr.startswith("error: - stands for no file here: name one")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_path_that_is_no_utf8_fails_before_the_work(airsim: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "crowdfence", "run", airsim, "-o", os.fsencode(tmp_path) + b"/\xff\xfe"],

@@ -94,6 +94,7 @@ def test_what_cannot_be_used_is_one_line_and_exit_1(tmp_path: Path, picture: Pat
             tmp_path / "nan.onnx", np.full((1, 1, 6, 10), math.nan), document()
         ): "output heatmap holds nan",
         tmp_path / "none.onnx": "is no file",
+        "crowdnet": "crowdnet is no file: no model there; those that come along: crowdnet-s, crowdnet-s-",
     }
     for model, message in cases.items():
         finished = check(model, "--image", picture)

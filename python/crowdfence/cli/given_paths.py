@@ -8,9 +8,11 @@ from collections.abc import Sequence
 
 
 def check_words(words: Sequence[str]) -> None:
-    """ValueError for a word that is no UTF-8, which the files that a command writes could not name, and for a
-    pipe, which cannot be read twice and may never end."""
+    """ValueError for a word that is no UTF-8, which the files that a command writes could not name, for a
+    pipe, which cannot be read twice and may never end, and for "-", which would be a file of that name."""
     for word in words:
+        if word == "-":
+            raise ValueError("- stands for no file here: name one; --json prints what a command found")
         try:
             word.encode()
         except UnicodeEncodeError:

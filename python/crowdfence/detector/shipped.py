@@ -31,7 +31,15 @@ def shipped_model(name: str = SHIPPED_MODEL) -> Path:
 
 
 def model_path(model: str | PathLike[str] | None) -> Path:
-    """A shipped model by its name, the default for None; any other model is its file."""
+    """A shipped model by its name, the default for None; any other model is its file. FileNotFoundError where
+    there is none."""
     if model is None:
         return shipped_model()
-    return shipped_model(str(model)) if str(model) in FILES else Path(model)
+    if str(model) in FILES:
+        return shipped_model(str(model))
+    path = Path(model)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path} is no file: no model there; those that come along: {', '.join(FILES)}"
+        )
+    return path
