@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from crowdfence._core import CrowdMap, LikelihoodRatio, Terrain
 from crowdfence.config.evidence import EvidenceConfig
@@ -12,9 +12,17 @@ from crowdfence.config.layer import least_threshold, with_layer
 from crowdfence.config.method import MethodConfig
 from crowdfence.config.projection import ProjectionConfig
 from crowdfence.config.zones import ZoneConfig
+from crowdfence.errors import quoted
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
+
+_PARTS: dict[str, tuple[type, ...]] = {
+    "method": get_args(MethodConfig),
+    "projection": (ProjectionConfig,),
+    "grouping": (GroupingConfig,),
+    "zones": (ZoneConfig,),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +33,13 @@ class RunConfig:
     projection: ProjectionConfig = field(default_factory=ProjectionConfig)
     grouping: GroupingConfig = field(default_factory=GroupingConfig)
     zones: ZoneConfig = field(default_factory=ZoneConfig)
+
+    def __post_init__(self) -> None:
+        """TypeError for a part that is none."""
+        for name, kinds in _PARTS.items():
+            if not isinstance(given := getattr(self, name), kinds):
+                such = f"such as {kinds[0].__name__}()"
+                raise TypeError(f"{name} of a RunConfig is {quoted(given)}; it must be {such}")
 
     def with_detector(self, contract: Contract | None) -> RunConfig:
         """The same with what is left to the detector filled in: from its contract, else by default.

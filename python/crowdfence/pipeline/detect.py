@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.errors import FrameError
+from crowdfence.errors import FrameError, quoted
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
@@ -142,13 +142,15 @@ def heatmap_source(
     is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
     nobody is refused beside such a picture.
 
-    ValueError when a terrain is needed and missing.
+    ValueError when a terrain is needed and missing, TypeError for what is neither detector nor function.
     """
     if detector is None:
         return RECORDED
     from crowdfence.detector.detector import Detector
 
     if not isinstance(detector, Detector):
+        if not callable(detector):
+            raise TypeError(f"detector is {quoted(detector)}; of a model it is Detector({quoted(detector)})")
         return HeatmapSource("function", _unless_blind(_refusing(detector)))
     watch = PictureWatch(detector.contract)
     if not detector.uses_gsd or (terrain is None and not detector.needs_gsd):

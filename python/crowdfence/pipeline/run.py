@@ -10,6 +10,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
+from crowdfence.errors import quoted
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
@@ -22,7 +23,7 @@ from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares, unheeded_crowd_warning
-from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.pipeline.terrain import check_overlap, require_recording
 from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
@@ -138,10 +139,17 @@ def run(
     (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
-    be used, or no view saw any of the terrain; StampError where drones may have two clocks. Frames that
-    cannot be used are in `Run.refused`.
+    be used, or no view saw any of the terrain; StampError where drones may have two clocks; TypeError for
+    what is no recording, terrain, configuration or detector. Frames that cannot be used are in `Run.refused`.
     """
+    require_recording(recording)
+    if not isinstance(terrain, Terrain):
+        raise TypeError(f"{quoted(terrain)} is no Terrain; `open_terrain` makes one of a map for a recording")
     config = RunConfig() if config is None else config
+    if not isinstance(config, RunConfig):
+        raise TypeError(
+            f"{quoted(config)} is no RunConfig; a method goes into one: RunConfig(EvidenceConfig())"
+        )
     max_range_m = config.projection.max_range_m
     recording = on_ground(recording, terrain)
     check_clocks(recording)

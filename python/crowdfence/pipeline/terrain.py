@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.errors import quoted
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapError, MapReading, stated_place, told
 from crowdfence.maps import read_map as read_map_file
@@ -48,9 +49,19 @@ def open_terrain(
 
     ValueError when there is no map, a georeferenced map meets a recording without georeference and neither of
     the two is given, one contradicts what the files say, or an option does not belong to the map's kind. What
-    is doubtful about the map is a Python warning, one for each doubt.
+    is doubtful about the map is a Python warning, one for each doubt. TypeError for what is no recording.
     """
+    require_recording(recording)
     return told(read_map(recording, path, georeference=georeference, assume_local=assume_local, **options))
+
+
+def require_recording(given: object) -> None:
+    """TypeError for what is no recording, as the path of one or of a map."""
+    if not isinstance(given, Recording):
+        raise TypeError(
+            f"{quoted(given)} is no recording; `open_recording` makes one of a file or folder, "
+            "`Terrain.open` a terrain of a map alone"
+        )
 
 
 def read_map(
