@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence import Recording, Terrain, open_recording, open_terrain
 from crowdfence.alignment import align
-from crowdfence.alignment.ground_matches import ground_points, rays_of
+from crowdfence.alignment.ground_matches import ground_points
+from crowdfence.detector.ground_sampling import rays_or_nan
 from crowdfence.sources.pose_offset import PoseOffset, without_offsets
 from crowdfence.sources.recording import Frame
 
@@ -65,7 +66,7 @@ def ground(frame: Frame, pose: NDArray[np.float64], terrain: Terrain) -> NDArray
     camera = frame.camera
     x, y = np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5)
     pixels = np.stack([x * camera.width / COLUMNS, y * camera.height / ROWS], axis=-1).reshape(-1, 2)
-    rays = rays_of(camera, pixels)
+    rays = rays_or_nan(camera, pixels)
     points = np.full((len(rays), 3), np.nan)
     usable = np.isfinite(rays).all(axis=1)
     points[usable] = ground_points(terrain, pose, rays[usable])

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import Camera, Terrain
+from crowdfence._core import Terrain
+from crowdfence.detector.ground_sampling import rays_or_nan
 from crowdfence.sources.recording import Frame
 
 MAX_RANGE_M = 200.0
@@ -75,7 +76,7 @@ class SeenGround:
     def points(self) -> NDArray[np.float64]:
         """Ground at every `_STEP`th working pixel [rows, columns, 3]; NaN where there is none."""
         pixels, shape = _grid(self.grey.shape)
-        rays = rays_of(self.frame.camera, pixels / self.scale)
+        rays = rays_or_nan(self.frame.camera, pixels / self.scale)
         points = np.full((len(pixels), 3), np.nan)
         usable = np.isfinite(rays).all(axis=1)
         points[usable] = ground_points(self.terrain, self.pose, rays[usable])
@@ -235,16 +236,3 @@ def _at(places: NDArray[np.float32], shape: tuple[int, ...]) -> tuple[NDArray[np
     column = np.clip(np.rint(places[:, 0]), 0, shape[1] - 1).astype(np.int64)
     row = np.clip(np.rint(places[:, 1]), 0, shape[0] - 1).astype(np.int64)
     return row, column
-
-
-def rays_of(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit rays [N, 3] in camera axes, NaN where the distortion cannot be inverted."""
-    if camera.blind_pixel_count() == 0:
-        return camera.unproject(pixels)
-    rays = np.full((len(pixels), 3), np.nan)
-    for number, pixel in enumerate(pixels):
-        try:
-            rays[number] = camera.unproject(pixel[None])[0]
-        except ValueError:
-            continue
-    return rays

@@ -21,7 +21,8 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation, Slerp
 
 from crowdfence._core import Terrain
-from crowdfence.alignment.ground_matches import GroundMatches, ground_points, rays_of
+from crowdfence.alignment.ground_matches import GroundMatches, ground_points
+from crowdfence.detector.ground_sampling import rays_or_nan
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recording import Frame
 
@@ -141,7 +142,7 @@ class Disagreement:
         self.first = np.concatenate([np.full(len(m), m.first) for m in matches])
         self.second = np.concatenate([np.full(len(m), m.second) for m in matches])
         self.seen = np.concatenate([m.pixels_second for m in matches])
-        self.rays = np.concatenate([rays_of(frames[m.first].camera, m.pixels_first) for m in matches])
+        self.rays = np.concatenate([rays_or_nan(frames[m.first].camera, m.pixels_first) for m in matches])
         self.weight = np.concatenate(
             [np.full(len(m), min(1.0, _POINTS_A_PAIR / max(1, len(m)))) for m in matches]
         )
