@@ -90,6 +90,13 @@ def test_what_the_core_uses_is_checked_by_the_core() -> None:
             config.crowd_map(FLOOR, 3)
 
 
+def test_what_is_compared_with_evidence_calls_ground_crowd_from_where_it_does() -> None:
+    """In Python too: with 1.3 there and 1.2 on the command line, one recording had two figures."""
+    for config in (LogPoolConfig(), MovingAverageConfig()):
+        assert config.zone_log_odds == EvidenceConfig().zone_log_odds
+    assert MovingAverageConfig().memory_s == EvidenceConfig().memory_s
+
+
 def test_reports_show_what_the_map_was_told() -> None:
     config = RunConfig(PaperConfig(prior=0.2, decay=0.25, decay_unit="frame"), ProjectionConfig(150.0))
     assert config.parameters(config.crowd_map(FLOOR, 3)) == {

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
 
 
+_EVIDENCE = EvidenceConfig()
+"""What reads the same calibration has the same defaults, so that the fusion alone differs."""
 ConfigT = TypeVar("ConfigT", bound="_Config")
 
 
@@ -128,7 +130,7 @@ class LogPoolConfig(_OfCalibration):
     """Weight of the newest instant, in (0, 1]."""
     decay: float = 0.0005
     """lambda per second, >= 0."""
-    zone_log_odds: float = 1.3
+    zone_log_odds: float = _EVIDENCE.zone_log_odds
     """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
 
     def fusion_method(self, terrain: Terrain, drones: int) -> LogPool:
@@ -180,9 +182,9 @@ class MovingAverageConfig(_OfCalibration):
 
     name: ClassVar[Literal["moving-average"]] = "moving-average"
 
-    memory_s: float = 5.0
+    memory_s: float = _EVIDENCE.memory_s
     """After so many seconds a look weighs 1 / e of what it did."""
-    zone_log_odds: float = 1.3
+    zone_log_odds: float = _EVIDENCE.zone_log_odds
     """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
 
     def fusion_method(self, terrain: Terrain, drones: int) -> MovingAverage:
