@@ -119,13 +119,6 @@ class EnlargeChoice(str, Enum):
 
 AUTO = ["auto"]
 
-RecordingPath = Annotated[
-    Path,
-    typer.Argument(
-        help="Mission file (.mcap), ROS bag, film with its log, AirSim recording, folder with poses.csv: see "
-        "docs/recordings.md."
-    ),
-]
 RecordingPaths = Annotated[
     list[Path],
     typer.Argument(

@@ -38,8 +38,6 @@ def test_frames_add_up_and_the_threshold_itself_is_not_crowd() -> None:
     assert (rates.true_positive, rates.false_positive) == (0.75, 0.25)
     assert counts.true_positive_rate().rate == 0.75
     assert counts.false_positive_rate().rate == 0.25
-    assert counts.true_negative_rate().rate == 0.75
-    assert counts.false_negative_rate().rate == 0.25
 
 
 def test_bytes_are_read_as_shares_of_255() -> None:

@@ -69,21 +69,13 @@ class Confusion:
         return self.true_negatives + self.false_positives
 
     def true_positive_rate(self, confidence: float = 0.95) -> RateEstimate:
-        """TPR = P(B=1 | A=1). The intervals of all four rates take cells for independent; neighbouring
+        """TPR = P(B=1 | A=1). The intervals of both rates take cells for independent; neighbouring
         cells and frames are not, so the true uncertainty is larger."""
         return wilson_estimate(self.true_positives, self.positives, confidence)
 
     def false_positive_rate(self, confidence: float = 0.95) -> RateEstimate:
         """FPR = P(B=1 | A=0)."""
         return wilson_estimate(self.false_positives, self.negatives, confidence)
-
-    def true_negative_rate(self, confidence: float = 0.95) -> RateEstimate:
-        """TNR = P(B=0 | A=0)."""
-        return wilson_estimate(self.true_negatives, self.negatives, confidence)
-
-    def false_negative_rate(self, confidence: float = 0.95) -> RateEstimate:
-        """FNR = P(B=0 | A=1)."""
-        return wilson_estimate(self.false_negatives, self.positives, confidence)
 
     def rates(self, *, smoothing: float = 0.0) -> Rates:
         """TPR and FPR as equation 1 takes them: (count + smoothing) / (total + 2 smoothing).

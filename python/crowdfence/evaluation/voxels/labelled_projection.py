@@ -94,7 +94,7 @@ class LabelledProjection:
             known: NDArray[np.bool_] = np.ones(len(seen.voxel_ids), np.bool_)
             crowd = crowd_on_terrain[seen.voxel_ids]
         else:
-            crowd, known = self._labels(frame, seen)
+            crowd, known = self._labels(frame)
             edge_columns = _edge_columns(self._columns(seen.voxel_ids[crowd]))
         ids = seen.voxel_ids[known]
         ray = self._terrain.voxel_centers(ids) - true_camera_pose(frame)[:3, 3]
@@ -139,7 +139,7 @@ class LabelledProjection:
             self._world = (people.stamp_ns, crowd, edges)
         return self._world[1:]
 
-    def _labels(self, frame: Frame, seen: Observation) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _labels(self, frame: Frame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether each voxel in view is crowd by the frame's label, and whether the label counts there."""
         mask = np.asarray(self._mask_of(frame))
         crowd = self._project(frame, _as_heatmap(mask)).mean >= 0.5

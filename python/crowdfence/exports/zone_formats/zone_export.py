@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 SOFTWARE = "crowdfence"
 
 
-class NoGeoreference(ValueError):
-    """Zones in local metres cannot be written in degrees."""
-
-
 @dataclass(frozen=True, slots=True)
 class ZoneExport:
     """Zones, when and where they hold, and who says so."""

@@ -107,7 +107,7 @@ def _furnish(plan: LandscapePlan, surface: Ground, phase: Array, things: Furnish
     def behind(x: Array, y: Array) -> Array:
         return np.asarray((inland(x, y) > PROMENADE_M + 6.0) * 1.0)
 
-    _camps(plan.tents, things, scatter(plan.tents, extent, rng, on_sand))
+    _camps(things, scatter(plan.tents, extent, rng, on_sand))
     x, y = scatter(max(plan.tents // 12, 0), extent, rng, on_sand)
     good = things.free(x, y, 2.5)
     things.place("boat", x[good], y[good], colour=things.choose(CLOTH_COLOURS, int(good.sum())))
@@ -124,7 +124,7 @@ def _furnish(plan: LandscapePlan, surface: Ground, phase: Array, things: Furnish
     stand_look_alikes(things, plan.sculptures, plan.animals, extent, on_dunes)
 
 
-def _camps(count: int, things: Furnishing, at: tuple[Array, Array]) -> None:
+def _camps(things: Furnishing, at: tuple[Array, Array]) -> None:
     """Places of families: a parasol or a small tent, and towels around it."""
     rng = things.rng
     x, y = at

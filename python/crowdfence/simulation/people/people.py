@@ -83,7 +83,7 @@ class People:
         raised = np.clip(np.sin(1.3 * t_s + 3.0 * self.phase_rad) + 0.3, 0.0, 1.0)
         return PeopleState(
             position,
-            self._heading(t_s, ground, velocity, speed),
+            self._heading(t_s, velocity, speed),
             speed,
             np.mod(self.phase_rad + 2.0 * np.pi * walked / STRIDE_M, 2.0 * np.pi),
             self.cheering * raised,
@@ -106,11 +106,7 @@ class People:
         return np.column_stack([ground, self.landscape.height_m(ground[:, 0], ground[:, 1])])
 
     def _heading(
-        self,
-        t_s: float,
-        ground: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        speed: NDArray[np.float64],
+        self, t_s: float, velocity: NDArray[np.float64], speed: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Towards the line of the crowd for those who stand or watch, ahead for those who walk."""
         look = np.concatenate(
