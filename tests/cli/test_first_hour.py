@@ -23,11 +23,9 @@ from mcap.reader import make_reader
 from PIL import Image
 
 from crowdfence import Terrain, _core, open_recording
-from crowdfence.cli.app import app
-from crowdfence.cli.command_line import command_line
 from crowdfence.cli.demo import RECORDING as DEMO
 from crowdfence.cli.wording import counted
-from support.command_line import commands, crowdfence
+from support.command_line import crowdfence
 from support.onnx_models import contract, write_endless_model, write_map_model
 from support.small_recordings import flight, ground, write_airsim, write_folder
 
@@ -302,21 +300,6 @@ def test_what_was_chosen_of_the_map_is_said_and_coarse_voxels_are_warned_of(tmp_
     done = crowdfence("inspect", "--quick", dem, "--voxel-size-m", 40)
     assert "of 40 m, as asked for" in done.stdout
     assert "warning: voxels of 40 m are coarse for people" in done.stderr
-
-
-@pytest.mark.parametrize("columns", [80, 120])
-def test_help_has_no_types_beside_switches_nor_of_python_and_fits(
-    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    for command in ("", *commands()):
-        with pytest.raises(SystemExit) as left:
-            command_line(app)([*command.split(), "--help"])
-        shown = capsys.readouterr().out
-        assert left.value.code == 0 and f"{command} [OPTIONS]".strip() in " ".join(shown.split())
-        assert "<bool>" not in shown and "BOOLEAN" not in shown, command
-        assert "list[" not in shown and "Path]" not in shown, command
-        assert max(map(len, shown.splitlines())) <= columns, command
 
 
 def one_look(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The help of every command, as a terminal of 80 columns shows it."""
+"""The help of every command, as a terminal shows it."""
 
 import contextlib
 import io
@@ -11,6 +11,13 @@ from crowdfence.cli.command_line import command_line
 from support.command_line import commands
 
 
+@pytest.fixture(params=[80, 120])
+def columns(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setenv("COLUMNS", str(request.param))
+    monkeypatch.setenv("NO_COLOR", "1")
+    return int(request.param)
+
+
 def help_of(command: str) -> str:
     with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as left:
         command_line(app)([*command.split(), "--help"])
@@ -18,21 +25,18 @@ def help_of(command: str) -> str:
     return out.getvalue()
 
 
-@pytest.fixture(autouse=True)
-def narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("NO_COLOR", "1")
-
-
-@pytest.mark.parametrize("command", commands())
-def test_no_word_of_the_help_is_cut(command: str) -> None:
+@pytest.mark.parametrize("command", ["", *commands()])
+def test_help_is_read_whole_and_has_no_words_of_python(columns: int, command: str) -> None:
     told = help_of(command)
+    assert f"{command} [OPTIONS]".strip() in " ".join(told.split())
+    assert max(map(len, told.splitlines())) <= columns
     assert "…" not in told
-    # A choice is broken between its values alone.
-    assert re.findall(r"<[\w|-]*\w +[^│<>]*│\n", told) == []
+    assert re.findall(r"<[\w|-]*\w +[^│<>]*│\n", told) == []  # choices are broken between their values alone
+    for word in ("<bool>", "BOOLEAN", "list[", "Path]"):
+        assert word not in told
 
 
-def test_options_stand_in_the_order_of_their_use() -> None:
+def test_options_stand_in_the_order_of_their_use(columns: int) -> None:
     panels = re.findall(r"^╭─ (.*?) ─+╮$", help_of("run"), re.MULTILINE)
     assert panels == [
         "Arguments",
