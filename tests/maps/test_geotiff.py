@@ -385,6 +385,18 @@ def test_a_map_goes_on_across_the_date_line(tmp_path):
     assert len(columns_of(terrain)[0]) == pytest.approx(42.6 * 33.2, rel=0.03)
 
 
+@pytest.mark.parametrize(
+    ("west", "longitude"), [(352.0, -8.0), (180.0, -180.0), (179.9999, -180.0), (-181.5, 178.5)]
+)
+def test_longitudes_that_go_on_beyond_the_date_line_place_the_map(tmp_path, west, longitude):
+    transform = from_origin(west, -16.8, 1e-5, 1e-5)
+    terrain = open_terrain(write_tif(tmp_path / "a.tif", np.full((30, 40), 20.0), "EPSG:4326", transform))
+    anchor = terrain.georeference
+    assert (anchor.latitude_deg, anchor.longitude_deg) == pytest.approx((-16.80015, longitude), abs=3e-4)
+    np.testing.assert_allclose(terrain.bounds[:, 0], [-21.3, 21.3], atol=1.01)
+    assert len(columns_of(terrain)[0]) * terrain.voxel_size_m**2 == pytest.approx(42.6 * 33.2, rel=0.03)
+
+
 def test_bands(tmp_path):
     two = write_tif(
         tmp_path / "two.tif",

@@ -133,7 +133,7 @@ def source_frame(
     z = (lowest * metres_per_height + offset_m) / metres_per_axis
     _check_degrees(crs, centre)
     if georeference is None:
-        middle = Georeference.from_projected(crs, *centre, z)
+        middle = Georeference.from_projected(crs, *_on_earth(crs, *centre), z)
         georeference = Georeference(middle.latitude_deg, middle.longitude_deg, math.floor(middle.height_m))
     distance_m = float(np.linalg.norm(georeference.local_from_projected(crs, *centre, z)))
     if distance_m > MAX_DISTANCE_M:
@@ -154,6 +154,14 @@ def _check_degrees(crs: CRS, centre: tuple[float, float]) -> None:
             f"its middle is at {centre[0]:.10g}, {centre[1]:.10g}, which is no longitude and latitude of its "
             f"reference system {crs.name!r}; pass crs='EPSG:...' of the one that they are in"
         )
+
+
+def _on_earth(crs: CRS, x: float, y: float) -> tuple[float, float]:
+    """The same place with a longitude that goes on beyond the antimeridian brought back."""
+    if not crs.is_geographic:
+        return x, y
+    turn = 2.0 * math.pi / float(crs.axis_info[0].unit_conversion_factor)
+    return (math.remainder(x, turn) if abs(x) > turn / 2.0 else x), y
 
 
 def chosen_crs(in_file: CRS | None, stated: str | int | CRS | None, *, assume_local: bool) -> CRS | None:
