@@ -466,6 +466,13 @@ def test_a_map_without_any_height_is_refused(tmp_path):
         open_terrain(path, assume_local=True)
 
 
+def test_a_map_smaller_than_a_voxel_is_refused_for_that(tmp_path):
+    path = write_tif(tmp_path / "a.tif", np.full((4, 4), 5.0), UTM[0], from_origin(*UTM[1:], 1, 1))
+    with pytest.raises(MapError, match="no column of 100 m has its middle on .*pass a smaller voxel_size_m"):
+        open_terrain(path, voxel_size_m=100.0)
+    assert open_terrain(path, voxel_size_m=2.0).voxel_count == 4
+
+
 def test_a_map_of_another_place_is_refused(tmp_path):
     path = write_tif(tmp_path / "a.tif", np.full((4, 4), 5.0), UTM[0], from_origin(*UTM[1:], 1, 1))
     with pytest.raises(MapError, match=r"\d{4} km away .* bound is 200 km"):

@@ -212,6 +212,9 @@ def test_useless_clouds_are_refused(tmp_path):
     line = write_las(tmp_path / "line.las", np.column_stack([np.arange(9.0), np.arange(9.0), np.zeros(9)]))
     with pytest.raises(MapError, match="lie on one line"):
         open_terrain(line, assume_local=True, surface="ground", voxel_size_m=0.5)
+    ground = write_las(tmp_path / "ground.las", grid_points(30, lambda x, y: 1.0))
+    with pytest.raises(MapError, match=r"in 1 columns of 100 m, .* pass a smaller voxel_size_m"):
+        open_terrain(ground, assume_local=True, voxel_size_m=100.0)
 
 
 @pytest.mark.parametrize(

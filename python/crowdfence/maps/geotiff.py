@@ -204,6 +204,11 @@ def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain
         node_spacing_m=0.0 if projection.bends else NODE_SPACING_M,
         highest=partial(projection.highest, side_m=size_m) if size_m > COARSER * pixel_size_m else None,
     )
+    if np.isnan(heights).all():
+        raise MapError(
+            path,
+            f"no column of {size_m:g} m has its middle on a pixel with height; pass a smaller voxel_size_m",
+        )
     terrain = Terrain.from_height_map(heights, size_m, size_m, origin=origin.tolist())
     bridges = projection.raster.bridges
     if bridges is None or not len(bridges.row):

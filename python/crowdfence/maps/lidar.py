@@ -175,8 +175,9 @@ class _Survey:
         if ground is None:
             raise MapError(
                 path,
-                f"its ground points lie on one line or further apart than max_hole_m = {max_hole_m:g}: "
-                "they make no surface",
+                f"its ground points, in {len(vertices)} columns of {size_m:g} m, lie on one line or further "
+                f"apart than max_hole_m = {max_hole_m:g}: they make no surface; pass a smaller voxel_size_m "
+                "or a larger max_hole_m",
             )
         return ground
 
