@@ -115,6 +115,7 @@ DIALECTS = {
     "later": "f 1 2 3 4\n" + LOW + "f -4 -3 -2 -1\nf 5 6 7 8\n" + HIGH,
     "tabs": LOW + HIGH + "f\t1\t2\t3\t4\n  f 5 6 7 8\n",
     "continued": LOW + HIGH + "f 1 2 \\\n3 4\r\nf -4 -3 \\\r\n -2 \\\r\n -1\r\n",
+    "mark of bytes": "\ufeff" + LOW + HIGH + "f -8 -7 -6 -5\nf -4 -3 -2 -1\n",
     "path": "# C:\\models\\\n" + LOW + HIGH + "f 1 2 3 4\nf 5 6 7 8\n",
     # As many numbers in the line of the one as in that of the other.
     "uneven": LOW + HIGH + "vn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 5 6 7 7 8 5\n",

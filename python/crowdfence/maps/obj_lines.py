@@ -1,13 +1,14 @@
 """The lines of an .obj file, brought into the one form that the parser reads right.
 
 trimesh counts negative indices from the end of the whole file, takes index 0 for 1 and leaves out faces that
-are indented, follow a tab or were cut off, all silently: houses vanish, and the ground behind them would be
-called empty. The format (Wavefront, appendix B1) counts from 1, and negative indices from the last vertex
-before the face.
+are indented, follow a tab or were cut off, and a first line behind a byte order mark, all silently: houses
+vanish, and the ground behind them would be called empty. The format (Wavefront, appendix B1) counts from 1,
+and negative indices from the last vertex before the face.
 """
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from pathlib import Path
 
 from crowdfence.errors import quoted
@@ -21,6 +22,7 @@ def plain_obj(path: Path, data: bytes) -> bytes:
     """`data` with vertices and faces that begin their lines, with positive indices; the same bytes where they
     are so already, which costs 2 s for 100 MB. MapError names a line with a face of fewer than three
     corners, or an index that is none; whether a positive one exists, the parser finds out."""
+    data = data.removeprefix(BOM_UTF8)
     lines = data.splitlines()
     unlike = any(mark in data for mark in (*_INDENTED, *_CONTINUED)) or data[:1] in (b" ", b"\t")
     if unlike:
