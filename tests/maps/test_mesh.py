@@ -233,3 +233,28 @@ def test_coordinates_of_single_precision_far_from_zero_are_told(tmp_path, kind):
         assert "single precision (float32), so far from 0 in steps of 0.5 m, beside voxels of 1 m" in doubt
         assert "by up to 0.25 m" in doubt
     assert read_map(path, voxel_size_m=2.0, **options).doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("spacing_m", "step_m"), [(0.7, 10), (5.0, 10), (13.0, 10), (10.0, None), (30.0, None)]
+)
+def test_coordinates_of_six_digits_far_from_zero_are_told(tmp_path, spacing_m, step_m):
+    """Hills in UTM as programs write them that leave the digits to their language: 5.20001e+06."""
+    east, north = np.meshgrid(600_000 + spacing_m * np.arange(30), 5_200_000 + spacing_m * np.arange(30))
+    points = np.column_stack([east.ravel(), north.ravel(), 400 + np.sin(east.ravel())])
+    corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel() + 1
+    faces = [f"f {first} {first + 1} {first + 31} {first + 30}" for first in corner]
+    path = tmp_path / "hills.obj"
+
+    def doubts_with(digits):
+        lines = ["v " + " ".join(f"{value:.{digits}g}" for value in point) for point in points]
+        path.write_text("\n".join([*lines, *faces]) + "\n")
+        return read_map(path, voxel_size_m=1.0).doubts
+
+    doubts = doubts_with(6)
+    if step_m is None:
+        assert doubts == ()
+    else:
+        (doubt,) = doubts
+        assert f"six digits, so far from 0 in steps of {step_m} m, beside voxels of 1 m" in doubt
+    assert doubts_with(9) == ()

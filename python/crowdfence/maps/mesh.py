@@ -25,6 +25,8 @@ _WALL = 3.0
 """Times as much surface seen from one side as from above and from the other is no land."""
 _FINEST_STEP = 0.25
 """Of a voxel: coordinates in wider steps move surfaces to other voxels."""
+_DIGITS = 6
+"""Those that many programs write of a number unless told otherwise (%g, C++'s streams)."""
 _CHUNK_TRIANGLES = 1 << 20
 
 
@@ -52,6 +54,7 @@ def open_mesh(
         raise MapError(path, f"unit_m is {unit_m}, must be finite and > 0")
     vertices, triangles = _read(path)
     step_m = _single_precision_step(vertices) * unit_m
+    digits_step_m = _few_digits_step(vertices, triangles) * unit_m
     with np.errstate(over="ignore"):
         vertices = vertices * unit_m
     if up == "y":
@@ -71,7 +74,11 @@ def open_mesh(
     )
     terrain = Terrain.from_triangles(vertices, triangles, voxels.size_m)
     terrain.georeference = georeference
-    doubts = (*_too_coarse(step_m, voxels.size_m), *_stands_upright(vertices, triangles, up))
+    doubts = (
+        *_too_coarse(step_m, voxels.size_m),
+        *_few_digits(digits_step_m, voxels.size_m),
+        *_stands_upright(vertices, triangles, up),
+    )
     return MapReading(terrain, voxel_size_why=voxels.why, doubts=doubts)
 
 
@@ -86,6 +93,46 @@ def _single_precision_step(vertices: NDArray[np.float64]) -> float:
             if is_single and (step > 1.0 or bool((axis != np.round(axis)).any())):
                 widest = max(widest, step)
     return widest
+
+
+def _few_digits_step(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
+    """The step, a unit of the file or more, in which coordinates were written with six digits; 0 where they
+    have more. A grid that has such steps itself is no sign, unless triangles fell together on it."""
+    widest = 0.0
+    for axis in vertices.T[:2]:
+        with np.errstate(divide="ignore"):
+            step = 10.0 ** (np.floor(np.log10(np.abs(axis).max())) - (_DIGITS - 1))
+        if not 1.0 <= step < np.inf:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = 10.0 ** (np.floor(np.log10(np.abs(axis))) - (_DIGITS - 1))
+            has_few = np.isclose(axis, np.round(axis / steps) * steps, rtol=1e-12, atol=0.0) | (axis == 0.0)
+        if has_few.all() and (_is_uneven(axis) or _has_slivers(vertices, triangles)):
+            widest = max(widest, step)
+    return float(widest)
+
+
+def _is_uneven(axis: NDArray[np.float64]) -> bool:
+    """Whether the gaps between the coordinates along an axis differ."""
+    gaps = np.diff(np.unique(axis))
+    return bool(len(gaps) > 0 and not np.allclose(gaps, gaps[0]))
+
+
+def _has_slivers(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+    """Whether corners of triangles fell together."""
+    a, b, c = (vertices[corner] for corner in triangles.T)
+    return any(bool((one == other).all(axis=1).any()) for one, other in ((a, b), (b, c), (c, a)))
+
+
+def _few_digits(step_m: float, voxel_size_m: float) -> tuple[str, ...]:
+    """One sentence where places were rounded to steps that the voxels show."""
+    if not step_m > voxel_size_m * _FINEST_STEP:
+        return ()
+    return (
+        f"its coordinates have six digits, so far from 0 in steps of {step_m:g} m, beside voxels of "
+        f"{voxel_size_m:g} m: places are rounded by up to {step_m / 2:g} m; write it with more digits, or "
+        "around an origin of its own and pass that",
+    )
 
 
 def _too_coarse(step_m: float, voxel_size_m: float) -> tuple[str, ...]:
