@@ -22,8 +22,9 @@ def encoded_picture(message: Any, *, packed: bool) -> bytes:
             raise ValueError(f"a CompressedImage of format {message.format!r} is neither JPEG nor PNG")
         if _is_mosaic(str(message.format)):
             raise ValueError(
-                f"a CompressedImage of format {message.format!r} is the mosaic of a colour sensor, which looks "
-                "like grey noise: record the colours that image_proc makes of it, image_color/compressed"
+                f"a CompressedImage of format {message.format!r} is the mosaic of a colour sensor, which "
+                "looks like grey noise: record the colours that image_proc makes of it, as "
+                "image_color/compressed"
             )
         return data
     pixels = image_pixels(message)
