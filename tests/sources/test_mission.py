@@ -278,12 +278,23 @@ def test_a_region_of_interest_that_is_the_whole_picture_cuts_nothing():
     assert camera_from_info(whole) == CAMERA
 
 
+def test_a_rational_polynomial_without_a_denominator_is_plumb_bob():
+    lens = [-0.05, 0.01, 0.001, -0.002, 0.003]
+    told = decoded_info(CAMERA, distortion_model="rational_polynomial", d=[*lens, 0.0, 0.0, 0.0])
+    assert list(camera_from_info(told).distortion) == lens
+    plain = decoded_info(CAMERA, distortion_model="rational_polynomial", d=[0.0] * 8)
+    assert camera_from_info(plain).model == "pinhole"
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"roi": region(0, 8, CAMERA.width, CAMERA.height)}, "binned or cut"),
         ({"roi": region(0, 0, CAMERA.width, CAMERA.height - 8)}, "binned or cut"),
-        ({"distortion_model": "rational_polynomial"}, "'rational_polynomial' is not supported"),
+        (
+            {"distortion_model": "rational_polynomial", "d": [0.1, 0, 0, 0, 0, 0, 0.02, 0]},
+            "'rational_polynomial' is not supported",
+        ),
         ({"binning_x": 2}, "binned or cut"),
         ({"k": [0.0] * 9}, "fx|focal"),
     ],

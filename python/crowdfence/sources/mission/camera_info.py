@@ -40,8 +40,9 @@ def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> d
 def camera_from_info(info: Any) -> Camera:
     """Camera of a decoded CameraInfo message.
 
-    ValueError for a distortion model other than plumb_bob and equidistant, for an image that is a binned or
-    cut part of the sensor (its intrinsics would need correcting), and for intrinsics that the core refuses.
+    ValueError for a distortion model other than plumb_bob (also told as a rational_polynomial whose
+    denominator is 1) and equidistant, for an image that is a binned or cut part of the sensor (its intrinsics
+    would need correcting), and for intrinsics that the core refuses.
     """
     _require_whole(info)
     fx, fy = info.k[0], info.k[4]
@@ -49,7 +50,9 @@ def camera_from_info(info: Any) -> Camera:
     distortion = list(info.d)
     if info.distortion_model == "equidistant":
         return Camera.fisheye(info.width, info.height, fx, fy, cx, cy, distortion or [0.0] * 4)
-    if info.distortion_model not in ("plumb_bob", ""):
+    if info.distortion_model == "rational_polynomial" and not any(distortion[5:]):
+        distortion = distortion[:5]  # without a denominator it is plumb_bob, and OpenCV's drivers write it so
+    elif info.distortion_model not in ("plumb_bob", ""):
         raise ValueError(
             f"distortion model {info.distortion_model!r} is not supported (plumb_bob, equidistant)"
         )
