@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from pathlib import Path
@@ -65,26 +64,6 @@ def test_every_command_works(line: str, flights: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(flights)
     done = CliRunner().invoke(app, shlex.split(line)[1:], catch_exceptions=False)
     assert done.exit_code == 0, done.output
-
-
-def test_the_folder_of_your_own_is_a_recording(
-    tmp_path: Path, flights: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "flight" / "images").mkdir(parents=True)
-    lines = ["seconds,east,north,up,heading,pitch"]
-    lines += [f"{n / 10},{n},0,30,90,-30" for n in range(12)]
-    (tmp_path / "my_log.csv").write_text("\n".join(lines))
-    snippet = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)[0]
-    exec(compile(snippet, "docs/recordings.md", "exec"), {})
-    image = frames()[0].encoded_image()
-    (tmp_path / "flight" / "images" / "uav1_500000000.jpg").write_bytes(image)
-    found = open_recording(tmp_path / "flight").frames[0].world_from_camera
-    assert found[:3, 3].tolist() == [5.0, 0.0, 30.0]
-    # It looks east and 30 degrees down; its right is south.
-    assert np.allclose(found[:3, 2], [np.cos(np.pi / 6), 0, -0.5])
-    assert np.allclose(found[:3, 0], [0, -1, 0])
-    assert json.loads((tmp_path / "flight" / "recording.json").read_text())["georeference"]
 
 
 def test_the_options_of_python_are_those_of_the_command_line(
