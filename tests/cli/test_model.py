@@ -86,8 +86,11 @@ def test_what_cannot_be_used_is_one_line_and_exit_1(tmp_path: Path, picture: Pat
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"\x08\x07garbage")
     (tmp_path / "nan").mkdir()
+    weights = tmp_path / "weights.pt"
+    weights.write_bytes(b"\x08\x07garbage")
     cases = {
         broken: "cannot be loaded by ONNX Runtime",
+        weights: "; models of other kinds are exported to ONNX first",
         write_map_model(tmp_path / "silent.onnx"): "says neither what it expects",
         write_map_model(tmp_path / "logits.onnx", document(), offset=-3.0): "are these kind 'logits'?",
         write_fixed_output_model(

@@ -43,10 +43,13 @@ def test_octomap(tmp_path):
 
 def test_what_is_no_map_file_is_refused(tmp_path):
     (tmp_path / "folder.tif").mkdir()
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "dem.tif").touch()
     (tmp_path / "empty.laz").touch()
     (tmp_path / "notes.txt").write_text("hill")
     for name, reason in {
-        "folder.tif": "is a directory",
+        "folder.tif": r"is a folder, not a map file; it holds no \.bt \.ot \.tif",
+        "maps": r"is a folder, not a map file; name one of those in it: dem\.tif",
         "empty.laz": r"empty \(0 bytes\)",
         "missing.bt": "no such file",
         "notes.txt": r"suffix '\.txt' is not one of a map file: \.bt \.ot \.tif",

@@ -355,6 +355,10 @@ def test_paths_that_hold_no_recording(tmp_path):
         open_recording(tmp_path / "nothing")
     with pytest.raises(ValueError, match=r"holds no recording: neither airsim_rec.txt"):
         open_recording(tmp_path)
+    for name in ("flight.mcap", "DJI_0001.MP4", "dem.tif"):
+        (tmp_path / name).touch()
+    with pytest.raises(ValueError, match=r"MultiviewX; name a recording in it: DJI_0001.MP4, flight.mcap$"):
+        open_recording(tmp_path)
     (tmp_path / "poses.csv").write_text("drone,stamp_ns,x,y,z,qw,qx,qy,qz\n")
     (tmp_path / "recording.json").write_text('{"cameras": {}}')
     with pytest.raises(ValueError, match="holds no frames"):

@@ -54,7 +54,8 @@ def open_session(path: Path, threads: int = 1) -> OnnxSession:
         face = ModelFace(path, inputs, outputs, session.get_modelmeta().custom_metadata_map)
     except Exception as error:  # the runtime's exceptions have no base class of their own
         what = reason(error).removeprefix(f"Load model from {path} failed:")
-        raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}") from None
+        other = "" if path.suffix == ".onnx" else "; models of other kinds are exported to ONNX first"
+        raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}{other}") from None
     return OnnxSession(session, face)
 
 

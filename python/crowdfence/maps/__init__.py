@@ -28,6 +28,7 @@ __all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "st
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
 
 _NUMBERS = ("int | None", "float | None", "float")
+_MOST_NAMED = 5
 """How readers declare options that are numbers."""
 
 Place = Literal["earth", "local", "unstated"]
@@ -155,11 +156,17 @@ def _naming(path: Path) -> Iterator[None]:
 def _suffix(path: Path) -> str:
     """The kind of a file that is there and not empty."""
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        known = " ".join(SUFFIXES)
-        raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
+    known = " ".join(SUFFIXES)
     if path.is_dir():
-        raise MapError(path, "is a directory, not a map file")
+        inside = sorted(one.name for one in path.iterdir() if one.suffix.lower() in SUFFIXES)
+        held = (
+            f"name one of those in it: {', '.join(inside[:_MOST_NAMED])}"
+            if inside
+            else f"it holds no {known}"
+        )
+        raise MapError(path, f"is a folder, not a map file; {held}")
+    if suffix not in SUFFIXES:
+        raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
     if path.is_fifo():
         raise MapError(path, "is a pipe; save what it gives in a file, and name that")
     if not path.exists():

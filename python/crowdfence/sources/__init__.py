@@ -42,6 +42,8 @@ KINDS = (
 )
 """What can be opened, for messages."""
 
+_MOST_NAMED = 5
+
 
 def open_recording(
     path: str | PathLike[str] | Sequence[str | PathLike[str]],
@@ -316,8 +318,17 @@ def _open_folder(
         return _open_photographs(path, limits, options, anchor)
     raise ValueError(
         f"{path} holds no recording: neither airsim_rec.txt (here or one folder below) nor poses.csv nor a "
-        "rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX"
+        f"rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX{_files_in(path)}"
     )
+
+
+def _files_in(folder: Path) -> str:
+    """Which of its files are recordings by themselves."""
+    from crowdfence.sources.film.reader import is_film
+
+    files = [one for one in sorted(folder.iterdir()) if one.is_file()]
+    named = [one.name for one in files if one.suffix in (".mcap", ".bag") or is_film(one)]
+    return f"; name a recording in it: {', '.join(named[:_MOST_NAMED])}" if named else ""
 
 
 def _open_mcap(path: Path, limits: Limits, options: Mapping[str, Any]) -> Recording:
