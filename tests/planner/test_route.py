@@ -1,5 +1,6 @@
 """Ways round zones: as short as they can be worked out by hand, and always clear."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,12 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import dijkstra
 
-from crowdfence.planner import ClearAir, NoRoute, Route, safe_route
+from crowdfence.planner import ClearAir, NoRoute, Route, corners, safe_route
+from crowdfence.planner.corners import TURN_M
 from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones.grow import grown
 from crowdfence.zones.history import ZoneHistory
 
 
@@ -136,6 +140,91 @@ def test_many_zones_are_gone_round() -> None:
     route = safe_route((-50, 450), (950, 450), zones)
     way = shapely.LineString(route.waypoints)
     assert not any(way.intersects(one.polygon) for one in zones)
+
+
+def field_of_many_zones() -> list[Zone]:
+    """3000 m wide, 3000 zones of cells: of 1000 m2 three are closed, and ways lead everywhere."""
+    rng = np.random.default_rng(0)
+    return [
+        zone(
+            f"Z{k}",
+            shapely.union_all(shapely.box(cells[:, 0], cells[:, 1], cells[:, 0] + 1, cells[:, 1] + 1)),
+        )
+        for k, cells in enumerate(rng.integers(0, 3000, (3000, 1, 2)) + rng.integers(0, 3, (3000, 4, 2)))
+    ]
+
+
+def test_a_way_through_thousands_of_zones_is_about_straight() -> None:
+    """Over coarser outlines around all of them there was none within the area, and without one 5.8 km."""
+    zones, within = field_of_many_zones(), shapely.box(-100, -100, 3100, 3100)
+    started = time.process_time()
+    for clearance_m in (0.0, 5.0):
+        route = safe_route((-50, 1500), (3050, 1500), zones, clearance_m=clearance_m, within=within)
+        assert route.length_m < 1.002 * route.direct_m
+        way = shapely.LineString(route.waypoints)
+        apart_m = shapely.distance(way, [one.polygon for one in zones])
+        assert apart_m.min() >= clearance_m and apart_m.min() > 0.0
+    assert time.process_time() - started < 10.0
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), clearance_m=st.sampled_from([0.0, 1.0]), bounded=st.booleans())
+def test_a_way_is_the_shortest_over_all_corners_of_all_zones(
+    seed: int, clearance_m: float, bounded: bool
+) -> None:
+    """Beside a search that looks along all pairs of corners at once, whatever they touch."""
+    rng = np.random.default_rng(seed)
+    zones = [
+        zone(f"Z{k}", shapely.box(x, y, x + width, y + height))
+        for k, (x, y, width, height) in enumerate(np.round(rng.uniform(0, 40, (7, 4)) / (1, 1, 2, 2)))
+        if width and height
+    ]
+    within = shapely.box(-5, -5, 65, 65) if bounded else None
+    closed = shapely.union_all([grown(one.polygon, clearance_m) for one in zones])
+    expected = length_over_all_pairs((-4, 20), (64, 30), closed, within)
+    if expected is None:
+        with pytest.raises(NoRoute):
+            safe_route((-4, 20), (64, 30), zones, clearance_m=clearance_m, within=within)
+    else:
+        route = safe_route((-4, 20), (64, 30), zones, clearance_m=clearance_m, within=within)
+        # It may turn at any angle so far from the zones, and has no corners where those of two meet.
+        turns_m = TURN_M * len(route.waypoints)
+        assert expected - turns_m < route.length_m < expected + turns_m
+
+
+def length_over_all_pairs(
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    closed: shapely.Polygon,
+    within: shapely.Polygon | None,
+) -> float | None:
+    turns = shapely.get_coordinates(shapely.buffer(closed, TURN_M, join_style="mitre", mitre_limit=5.0))
+    if within is not None:
+        turns = turns[shapely.covers(within, shapely.points(turns))]
+    places = np.vstack([start, goal, turns[~shapely.intersects(closed, shapely.points(turns))]])
+    lengths = np.linalg.norm(places[:, None] - places, axis=2)
+    first, second = np.triu_indices(len(places), 1)
+    meets = shapely.intersects(closed, shapely.linestrings(places[np.stack([first, second], axis=1)]))
+    lengths[first[meets], second[meets]] = lengths[second[meets], first[meets]] = 0.0
+    shortest = dijkstra(lengths, indices=0)[1]
+    return float(shortest) if np.isfinite(shortest) else None
+
+
+def test_where_too_many_corners_hide_a_way_it_does_not_say_that_there_is_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A gate of 3 m in a long comb."""
+    monkeypatch.setattr(corners, "MOST_PAIRS", 10)
+    monkeypatch.setattr(corners, "MOST_CORNERS", 40)
+    teeth = [shapely.box(40, y, 60, y + 3.0) for y in range(-60, 60, 6)]
+    wall = shapely.union_all([*teeth, shapely.box(49, -60, 50, 3), shapely.box(49, 6, 50, 60)])
+    area = shapely.box(-10, -59, 110, 58)
+    with pytest.raises(NoRoute, match="no way was found within the area, though zones leave one open"):
+        safe_route((0, -30), (100, 30), [zone("Z1", wall)], within=area)
+    with pytest.raises(NoRoute, match="there is no way within the area: zones close every one"):
+        safe_route(
+            (0, -30), (100, 30), [zone("Z1", wall), zone("Z2", shapely.box(44, 2, 46, 7))], within=area
+        )
 
 
 def ends_after(one: Zone, seconds: float) -> Zone:

@@ -2,6 +2,8 @@
 
 - `clear_air`  points and paths in space and time against the zones that were known then
 - `route`      the shortest way round the zones of one moment
+- `corners`    where a way may turn, and which of these places see each other
+- `zones_met`  of thousands of zones those that a way has to do with
 - `way_out`    the nearest clear place
 - `timed_way`  the earliest one where zones have an end
 - `seen_ground`  how much of a way lies over ground that nobody has seen empty, and such ground as a zone

@@ -1,9 +1,10 @@
 """The shortest way round the zones of one moment, and when it is where.
 
 Where the zones are polygons, the shortest way turns at their corners only. The graph of corners that see each
-other is searched by scipy's Dijkstra. Zones are grown by the clearance first; where they have more corners
-than can be searched, the corners are those of outlines around them: a way that is found is clear, but it may
-not be the shortest, and a narrow one may be missed. The rim of an area is turned round like a zone.
+other is searched by scipy's Dijkstra, first round no zones, then round those that the way met, until it meets
+no other. Zones are grown by the clearance first; where those met have more corners than can be searched, the
+corners are those of outlines around them: a way that is found is clear, but it may not be the shortest, and a
+narrow one may be missed. The rim of an area is turned round like a zone.
 """
 
 from __future__ import annotations
@@ -15,22 +16,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.planner.corners import Corners, TooManyCorners, corners_round, joined, seen
 from crowdfence.planner.place_and_time import MOST_PLACE_M, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
+from crowdfence.planner.zones_met import ZonesMet
 from crowdfence.zones import Zone
-from crowdfence.zones.grow import grown
 from crowdfence.zones.zone import closed_of
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 MOST_CLEARANCE_M = 1e6
+MOST_ROUGH_ROUNDS = 5
+"""Ways over corners of coarser outlines before all zones are taken at once."""
 SPEEDS_M_S = (0.01, 10_000.0)
 """With the slower one a way across the Earth ends at a stamp that still fits a machine word."""
-MOST_CORNERS = 350
-TURN_M = 0.05
-"""Corners of the way lie so far outside the zones and their clearance."""
-_FIRST_TOLERANCE_M = 0.25
 
 
 class NoRoute(ValueError):
@@ -97,29 +97,72 @@ def safe_route(
     _require_clock(departure_ns, speed_m_s, expires)
     if departure_ns is not None:
         departure_ns = int(as_stamps(departure_ns, 1)[0])
-    ending = [zone for zone in zones if expires and zone.valid_until_ns is not None]
-    lasting = [zone for zone in zones if not (expires and zone.valid_until_ns is not None)]
-    closed = shapely.union_all(_grown(lasting, clearance_m))
-    shapely.prepare(closed)
-    shapely.prepare(within)
+    does_end = [expires and zone.valid_until_ns is not None for zone in zones]
+    lasting = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if not ends], clearance_m)
+    ending = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if ends], clearance_m)
+    _require_free("start", ends[0], (lasting, ending), clearance_m, within)
     # A goal in a zone that ends can be reached after its end.
-    around_all = shapely.union_all([closed, *_grown(ending, clearance_m)]) if ending else closed
-    for name, place, now in (("start", ends[0], around_all), ("goal", ends[1], closed)):
-        _require_free(name, place, now, zones if now is around_all else lasting, clearance_m, within)
-    if departure_ns is None or speed_m_s is None:
-        return Route(_shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within))
-    if not ending:
-        way = _shortest(np.vstack([ends, _few_corners(closed, within)]), closed, within)
+    _require_free("goal", ends[1], (lasting,), clearance_m, within)
+    shapely.prepare(within)
+    area, few, rough_rounds = None, False, 0
+    while True:
+        try:
+            route, is_exact = _round(ends, lasting, ending, area, departure_ns, speed_m_s, few=few)
+        except TooManyCorners:
+            few = True
+            continue
+        if route is None:
+            raise NoRoute(_none_found(ends, lasting, within, is_exact=is_exact))
+        way = shapely.LineString(route.waypoints)
+        leaves = area is None and within is not None and not within.covers(way)
+        if leaves:
+            area = within
+        # Round some zones the way is no longer than round all: where it meets no other it is the same.
+        if not any([lasting.add(way), ending.add(way), leaves]):
+            return route
+        rough_rounds += not is_exact
+        if rough_rounds == MOST_ROUGH_ROUNDS:
+            lasting.add_all()
+            ending.add_all()
+
+
+def _round(
+    ends: NDArray[np.float64],
+    lasting: ZonesMet,
+    ending: ZonesMet,
+    within: Polygon | MultiPolygon | None,
+    departure_ns: int | None,
+    speed_m_s: float | None,
+    *,
+    few: bool,
+) -> tuple[Route | None, bool]:
+    """The way from the first of two places to the second round the zones that were met so far, None where
+    there is none; whether all corners were looked at. TooManyCorners unless a `few` do."""
+    import shapely
+
+    closed = shapely.union_all(lasting.grown)
+    shapely.prepare(closed)
+    between = Corners.at_any_angle(ends)
+    if not ending.zones:
+        corners = joined(between, corners_round(closed, within, few=few))
+        way = _shortest(corners, closed, within, few=few)
+        if way is None or departure_ns is None or speed_m_s is None:
+            return None if way is None else Route(way), corners.are_all
         flown_m = np.concatenate([[0.0], np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum()])
-        return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s))
-    corners = [_few_corners(closed, within), _few_corners(around_all, within)]
-    places = np.vstack([ends, *corners])
-    ends_s = np.array([(_end_ns(zone) - departure_ns) / 1e9 for zone in ending])
-    edges = _seen(places, closed, within)
-    found = earliest_way(places, edges, _grown(ending, clearance_m), ends_s, speed_m_s)
-    if found is None:
-        raise NoRoute(_closed_off(within))
-    return _with_waits(places, found, departure_ns)
+        return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s)), corners.are_all
+    assert departure_ns is not None and speed_m_s is not None  # expires needs both
+    # A way that waits for the end of a zone may lead through it from its corner, at any angle.
+    around_all = shapely.union_all([closed, *ending.grown])
+    corners = between
+    for one in (closed, around_all):
+        some = corners_round(one, within, few=True)
+        corners = joined(corners, some)
+        if not (some.are_all or few):
+            corners = joined(corners, corners_round(one, within))
+    ends_s = np.array([(_end_ns(zone) - departure_ns) / 1e9 for zone in ending.zones])
+    edges = seen(corners, closed, within, few=few)
+    found = earliest_way(corners.places, edges, ending.grown, ends_s, speed_m_s)
+    return None if found is None else _with_waits(corners.places, found, departure_ns), corners.are_all
 
 
 def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: bool) -> None:
@@ -128,10 +171,6 @@ def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: b
     slowest, fastest = SPEEDS_M_S
     if speed_m_s is not None and not slowest <= speed_m_s <= fastest:
         raise ValueError(f"speed_m_s is {speed_m_s:g}; it must lie between {slowest:g} and {fastest:g}")
-
-
-def _grown(zones: Sequence[Zone], clearance_m: float) -> list[Polygon | MultiPolygon]:
-    return [grown(zone.polygon, clearance_m) for zone in zones]
 
 
 def _end_ns(zone: Zone) -> int:
@@ -156,30 +195,23 @@ def _stamps_ns(departure_ns: int, after_s: NDArray[np.float64]) -> NDArray[np.in
     return departure_ns + np.ceil(after_s * 1e9).astype(np.int64)
 
 
-def _closed_off(within: Polygon | MultiPolygon | None) -> str:
+def _none_found(
+    ends: NDArray[np.float64], lasting: ZonesMet, within: Polygon | MultiPolygon | None, *, is_exact: bool
+) -> str:
+    """Why there is no way: over corners of coarser outlines a narrow one is missed."""
     area = "" if within is None else " within the area"
-    return f"there is no way{area}: zones close every one of them"
-
-
-def _few_corners(closed: Any, within: Polygon | MultiPolygon | None) -> NDArray[np.float64]:
-    """No more than can be searched."""
-    import shapely
-
-    around = closed
-    if within is not None and not within.is_empty:
-        frame = shapely.box(*within.bounds).buffer(1.0, join_style="mitre")
-        around = shapely.union(closed, shapely.difference(frame, within))
-    tolerance_m = 0.0
-    while len(corners := _corners(around, closed, tolerance_m, within)) > MOST_CORNERS:
-        tolerance_m = max(_FIRST_TOLERANCE_M, 2.0 * tolerance_m)
-    return corners
+    if is_exact or not lasting.leave_open(ends, within):
+        return f"there is no way{area}: zones close every one of them"
+    return (
+        f"no way was found{area}, though zones leave one open: their outlines have too many corners to look "
+        "at all, and over coarser ones it is too narrow; plan it over places between"
+    )
 
 
 def _require_free(
     name: str,
     place: NDArray[np.float64],
-    closed: Any,
-    zones: Sequence[Zone],
+    closed: Sequence[ZonesMet],
     clearance_m: float,
     within: Polygon | MultiPolygon | None,
 ) -> None:
@@ -188,7 +220,8 @@ def _require_free(
     point = shapely.Point(place)
     if within is not None and not within.covers(point):
         raise NoRoute(f"the {name} ({place[0]:.1f}, {place[1]:.1f}) lies outside the area")
-    if closed.intersects(point):
+    zones = [zone for some in closed for zone in some.closing(point)]
+    if zones:
         nearest = min(zones, key=lambda zone: zone.polygon.distance(point))
         distance_m = nearest.polygon.distance(point)
         where = f"in zone {nearest.id}" if distance_m == 0.0 else f"{distance_m:.1f} m from zone {nearest.id}"
@@ -197,70 +230,21 @@ def _require_free(
         )
 
 
-def _corners(
-    around: Polygon | MultiPolygon,
-    closed: Polygon | MultiPolygon,
-    tolerance_m: float,
-    within: Polygon | MultiPolygon | None,
-) -> NDArray[np.float64]:
-    """Corners [C, 2] of what is gone `around` that a shortest way can turn at: those that stick out, a little
-    outside, and are neither `closed` nor beyond the area."""
-    import shapely
-
-    # One by one: of all together GEOS takes many times as long.
-    parts = shapely.get_parts(around)
-    if tolerance_m:
-        # Grown by the tolerance and simplified within it: coarser, and still around everything.
-        joined = shapely.union_all(shapely.buffer(parts, tolerance_m, join_style="mitre", mitre_limit=5.0))
-        parts = shapely.simplify(shapely.get_parts(joined), tolerance_m)
-    beside = shapely.buffer(parts, TURN_M, join_style="mitre", mitre_limit=5.0)
-    outside: list[NDArray[np.float64]] = [np.empty((0, 2))]
-    for polygon in shapely.get_parts(beside).tolist():
-        if not polygon.is_empty:
-            oriented = shapely.geometry.polygon.orient(polygon, 1.0)
-            rings = (oriented.exterior, *oriented.interiors)
-            outside += [_sticking_out(np.asarray(ring.coords)[:-1]) for ring in rings]
-    corners = np.concatenate(outside)
-    points = shapely.points(corners)
-    free = ~shapely.intersects(closed, points)
-    if within is not None:
-        free &= shapely.covers(within, points)
-    return corners[free]
-
-
-def _sticking_out(ring: NDArray[np.float64]) -> NDArray[np.float64]:
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    return ring[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0.0]
-
-
 def _shortest(
-    places: NDArray[np.float64], closed: Any, within: Polygon | MultiPolygon | None
-) -> NDArray[np.float64]:
+    corners: Corners, closed: Any, within: Polygon | MultiPolygon | None, *, few: bool
+) -> NDArray[np.float64] | None:
     """From the first place to the second one over the others."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    first, second = _seen(places, closed, within).T
+    places = corners.places
+    first, second = seen(corners, closed, within, few=few).T
     lengths = np.linalg.norm(places[first] - places[second], axis=1)
     graph = coo_array((lengths, (first, second)), shape=(len(places), len(places)))
     distance, before = dijkstra(graph.tocsr(), directed=False, indices=0, return_predecessors=True)
     if not np.isfinite(distance[1]):
-        raise NoRoute(_closed_off(within))
+        return None
     order = [1]
     while order[-1] != 0:
         order.append(int(before[order[-1]]))
     return places[order[::-1]]
-
-
-def _seen(
-    places: NDArray[np.float64], closed: Any, within: Polygon | MultiPolygon | None
-) -> NDArray[np.int64]:
-    """[E, 2] Pairs of places with nothing closed between them."""
-    import shapely
-
-    pairs = np.stack(np.triu_indices(len(places), k=1), axis=1)
-    lines = shapely.linestrings(places[pairs])
-    seen = ~shapely.intersects(closed, lines)
-    if within is not None:
-        seen &= shapely.covers(within, lines)
-    return pairs[seen]

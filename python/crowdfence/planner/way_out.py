@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.planner.route import TURN_M
+from crowdfence.planner.corners import TURN_M
 from crowdfence.zones.grow import grown
 
 if TYPE_CHECKING:
