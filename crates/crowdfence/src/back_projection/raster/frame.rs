@@ -202,7 +202,7 @@ impl Frame {
             (row(bottoms, beside), row(bottoms, low), row(bottoms, high));
         let nexts = &ground.next_bottom;
         let (next_x, next_low, next_high) = (row(nexts, beside), row(nexts, low), row(nexts, high));
-        let holes = if tile.is_full() { f32::INFINITY } else { 0.0 };
+        let deepest_shown = if self.is_open { f32::NEG_INFINITY } else { f32::INFINITY };
 
         let x = i as f32 + 0.5 - 0.5 * SIDE as f32;
         let half_x = 0.5 * side_x;
@@ -232,7 +232,8 @@ impl Frame {
             let next_before = least(next_x[j], next_y);
             let mut sure = least(MOST_UNDER - under, top - bottom_before);
             sure = least(sure, next_before - top - SURE);
-            sure = least(sure, bottom[j] - bottom_before + holes);
+            // Written so that it is a number where there is nothing before a column, of infinite bottom.
+            sure = least(sure, most(bottom[j] - bottom_before, deepest_shown));
             let (middle_x, middle_y, middle_z) =
                 (x + self.middle[0], y + self.middle[1], top + self.middle[2]);
             let above = 2.0 * (rise_x * middle_x + rise_y * middle_y) - middle_z;

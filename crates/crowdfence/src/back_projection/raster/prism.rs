@@ -36,11 +36,11 @@ impl Painter<'_> {
         let solid = &piece.solid;
         let floor = if solid.lowest == solid.uppermost { solid.bottom } else { solid.shoulder() };
         // What reaches deeper than the columns before it shows a part of its side under them. Under ground nobody looks,
-        // unless through a hole.
+        // unless through a hole or from beside the map.
         let are_ground = piece.is_lowest && before_x.is_lowest && before_y.is_lowest;
         let is_deeper = most(before_x.solid.bottom, before_y.solid.bottom) > solid.bottom;
         let shows_underside = solid.bottom > self.origin.z && !are_ground;
-        if is_deeper && !(are_ground && tile.is_full()) || shows_underside {
+        if is_deeper && (self.is_open || !are_ground) || shows_underside {
             return None;
         }
         let edges = place.edges();

@@ -287,3 +287,46 @@ fn what_lies_between_the_pixels_is_seen_where_its_own_ray_sees_it() {
     assert!(cast_alone as f64 <= 0.03 * both as f64, "{cast_alone} of {both} are missed");
     assert!(painted_alone as f64 <= 0.1 * both as f64, "{painted_alone} beside {both}, {hidden} hidden");
 }
+
+/// Level ground and hills that fill their tiles of 16 columns up to the edge of the map, seen from beside it.
+#[test]
+fn a_pixel_of_the_side_of_the_map_belongs_to_what_its_ray_meets() {
+    let height =
+        |cell: usize| 0.5 + if cell % 64 < 32 { 0.0 } else { 4.0 * (0.1 * (cell / 64) as f64).sin() };
+    let heights: Vec<f32> = (0..64 * 64).map(|cell| height(cell) as f32).collect();
+    let map = HeightMap::new(&heights, [64, 64], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    let (mut pixels, mut one_sided, mut elsewhere) = (0, 0, 0);
+    for number in 0..32 {
+        let turn = f64::from(number);
+        let heading = std::f64::consts::FRAC_PI_2 * f64::from(number % 4) + 0.07 * (turn % 5.0 - 2.0);
+        let tilt = [0.2, 0.5, 0.9, 1.3][number as usize / 4 % 4];
+        let edge = [[30.3, 0.0], [0.0, 30.3], [30.3, 64.0], [64.0, 30.3]][number as usize % 4];
+        let rotation = looking(heading, tilt, 0.1 * (turn % 3.0 - 1.0));
+        let at = DVec3::new(edge[0], edge[1], 0.5) - rotation * DVec3::Z * (25.0 + turn);
+        let focal = [50.0, 200.0][number as usize / 16];
+        let counts = disagreements(&terrain, Surface::Planes, &view(at, rotation, focal), 150.0);
+        pixels += (WIDTH * HEIGHT) as usize;
+        one_sided += counts[0];
+        elsewhere += counts[1];
+    }
+    assert_eq!(one_sided, 0, "of {pixels} pixels");
+    assert!(elsewhere as f64 <= 2e-5 * pixels as f64, "{elsewhere} of {pixels} pixels");
+}
+
+/// A house cut off by the edge of a map that has no hole: from beside the map one looks in under its roof, and meets the
+/// walls behind from inside, not the ground beyond them.
+#[test]
+fn a_wall_that_is_met_from_under_a_roof_hides_what_lies_behind_it() {
+    let is_house = |x: usize, y: usize| (16..26).contains(&x) && y < 9;
+    let heights: Vec<f32> =
+        (0..48 * 48).map(|cell| if is_house(cell / 48, cell % 48) { 8.9 } else { 0.3 }).collect();
+    let map = HeightMap::new(&heights, [48, 48], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    for (number, height) in [8.95, 7.0, 5.0, 3.0].into_iter().enumerate() {
+        let rotation = looking(0.1 * number as f64, 0.35, 0.0);
+        let view = view(DVec3::new(20.3, -8.1, height), rotation, 60.0);
+        let counts = disagreements(&terrain, Surface::Planes, &view, 100.0);
+        assert!(counts[0] == 0 && counts[1] <= 2, "{counts:?} from {height}");
+    }
+}
