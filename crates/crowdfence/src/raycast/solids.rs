@@ -174,6 +174,23 @@ mod tests {
         assert_eq!(ray(&terrain, DVec3::new(0.0, 5.5, 4.6), DVec3::X), None);
     }
 
+    /// Steps of whole voxels, seen from everywhere: a hit of a terrace is none of the wall below it.
+    #[test]
+    fn a_top_on_the_floor_of_its_voxel_is_hit_as_a_top() {
+        let heights: Vec<f32> = (0..400).map(|cell| (cell / 20 / 4 * 3) as f32).collect();
+        let terrain = field(&heights, [20, 20]);
+        for number in 0..400 {
+            let turn = 0.37 * f64::from(number);
+            let target = DVec3::new(9.0 + 2.0 * turn.sin(), 10.3 + 3.0 * turn.cos(), 6.0);
+            let origin = target + 15.0 * DVec3::new((2.0 * turn).cos(), (3.0 * turn).sin(), 1.3);
+            let (id, distance) = ray(&terrain, origin, target - origin).unwrap();
+            let hit = origin + (target - origin).normalize() * distance;
+            if (hit.z - 6.0).abs() < 1e-9 {
+                assert_eq!(terrain.index(id)[2], 6, "{hit}");
+            }
+        }
+    }
+
     #[test]
     fn a_ray_passes_under_what_overhangs() {
         // Ground at z = 0 to 1 and a roof of one voxel at 5.

@@ -84,9 +84,11 @@ impl Solid {
         f64::from(self.uppermost) + self.plane.lowest_corner().min(0.0)
     }
 
-    /// z of the voxel that a hit at a height counts for.
+    /// z of the voxel that a hit at a height counts for. A hit of a top that lies on the floor of its voxel may be a
+    /// rounding lower, and is none of the wall.
     pub fn voxel_at(&self, height: f64) -> u32 {
-        if height >= self.shoulder() || self.lowest == self.uppermost {
+        const ROUNDING: f64 = 1e-6;
+        if height >= self.shoulder() - ROUNDING || self.lowest == self.uppermost {
             return self.uppermost;
         }
         (height.max(f64::from(self.lowest)) as u32).min(self.uppermost - 1)
