@@ -564,7 +564,8 @@ def project(
     coverage         "full": every voxel of which the top is in view, also between the pixels, and which are
                      occluded; "rays": the voxels first hit by the ray of some pixel centre, as in the paper
     surface          "planes": where in the voxels the map says that the surface lies; "voxels": the voxels as
-                     cubes, as in the paper, up to a voxel too high
+                     cubes, as in the paper, up to a voxel too high. At a hole or the edge of the map, pixels
+                     of the open side of a plane's voxel raise its mean, and never lower it
     crowd_threshold  in [0, 1], as a rule the method's b_threshold: pixels with a larger heatmap value show
                      crowd, and `Observation.crowd_mass` says where it went; it decides nothing else
 

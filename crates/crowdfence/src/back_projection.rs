@@ -5,6 +5,7 @@ mod pixel_set;
 mod projection;
 mod raster;
 mod rays;
+mod rim;
 mod sighting;
 mod tops;
 mod viewing_cone;

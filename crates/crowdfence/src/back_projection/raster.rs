@@ -336,14 +336,19 @@ impl<'a> Painter<'a> {
 
     #[inline(always)]
     fn paint_middle_at(&mut self, id: u32, middle: DVec3, plane: Plane) {
-        let image = self.optics.image(middle);
-        if image.depth <= 0.0 || middle.length_squared() > self.range * self.range {
+        if middle.length_squared() > self.range * self.range {
             return;
         }
-        let Some((column, row)) = self.canvas.pixel_at(image.pixel()) else {
-            return;
-        };
-        self.paint_top(id, plane.normal(), middle, column, row);
+        if let Some((column, row)) = self.pixel_over(middle) {
+            self.paint_top(id, plane.normal(), middle, column, row);
+        }
+    }
+
+    /// Column and row of the pixel over a point; None behind the camera and outside the image.
+    #[inline(always)]
+    fn pixel_over(&self, point: DVec3) -> Option<(usize, usize)> {
+        let image = self.optics.image(point);
+        if image.depth > 0.0 { self.canvas.pixel_at(image.pixel()) } else { None }
     }
 
     /// The same by its middle and the pixel over that.

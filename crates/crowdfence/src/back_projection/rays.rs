@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use super::pixel_set::PixelSet;
+use super::rim::{Pixels, Rim, mean_at_rim};
 use super::{Sighting, Vantage};
 use crate::view::View;
 
@@ -37,12 +38,27 @@ impl PixelHits {
             let pixel = hit as u32;
             f64::from(view.value_at(pixel % width, pixel / width))
         };
+        let ray = |&hit: &u64| {
+            let pixel = hit as u32;
+            let ray_camera = view.camera.pixel_ray(pixel % width, pixel / width);
+            view.world_from_camera.rotation * ray_camera.expect("the ray of a hit")
+        };
         self.hits
             .chunk_by(|a, b| a >> 32 == b >> 32)
             .map(|pixels| {
                 let voxel_id = (pixels[0] >> 32) as u32;
                 let (line, is_turned_away) = vantage.line_to(voxel_id);
-                let mean = pixels.iter().map(value).sum::<f64>() / pixels.len() as f64;
+                let mean = match Rim::of(vantage, voxel_id) {
+                    None => pixels.iter().map(value).sum::<f64>() / pixels.len() as f64,
+                    Some(rim) => {
+                        let mut parts: [Pixels; 2] = [(0.0, 0); 2];
+                        for hit in pixels {
+                            let (sum, count) = &mut parts[usize::from(rim.is_met_beside(ray(hit)))];
+                            (*sum, *count) = (*sum + value(hit), *count + 1);
+                        }
+                        mean_at_rim(parts[0], parts[1], vantage.value_at(line))
+                    }
+                };
                 Sighting { voxel_id, mean, pixel_count: pixels.len() as u32, line, is_turned_away }
             })
             .collect()

@@ -51,17 +51,19 @@ impl Vantage<'_> {
         if to_top.length() > self.max_range_m {
             return None;
         }
-        let camera = &self.view.camera;
-        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * to_top)?;
-        if !camera.contains(pixel) {
-            return None;
-        }
+        let value = self.value_at(to_top)?;
         if !is_turned_away(to_top, normal) && self.cast(to_top).is_some_and(|hit| hit.voxel_id == id) {
-            let value = self.view.value_at(pixel.x as u32, pixel.y as u32);
-            Some(TopView::Visible(f64::from(value)))
+            Some(TopView::Visible(value))
         } else {
             Some(TopView::Hidden)
         }
+    }
+
+    /// Heatmap value at the end of a line from where rays start, whatever hides it; None outside the image.
+    pub(super) fn value_at(&self, line: DVec3) -> Option<f64> {
+        let camera = &self.view.camera;
+        let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * line)?;
+        camera.contains(pixel).then(|| f64::from(self.view.value_at(pixel.x as u32, pixel.y as u32)))
     }
 
     /// From where rays start to what is seen of a voxel: the middle of its top, or in a wall its centre; and whether

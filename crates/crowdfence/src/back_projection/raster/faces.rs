@@ -7,6 +7,7 @@ use super::optics::before_camera;
 use super::prism::{OVERLAP, before};
 use super::tile::{Piece, Tile, corner};
 use super::{Painter, Place};
+use crate::back_projection::rim::mean_at_rim;
 use crate::terrain::Solid;
 
 /// Four corners, clockwise as the camera sees them, and the plane they lie in.
@@ -26,18 +27,39 @@ impl Painter<'_> {
 
         let is_single = solid.lowest == solid.uppermost;
         let shoulder = if is_single { solid.bottom } else { solid.shoulder() } - self.origin.z;
-        let faces = [
+        let is_open = tile.open_sides(piece, place);
+        let side_if = |axis: usize, open: bool| {
+            side(place, axis, [shoulder; 4], tops).filter(|_| is_open[axis] == open)
+        };
+        let own = [
             top(place, &solid, &tops, middle),
-            side(place, 0, [shoulder; 4], tops),
-            side(place, 1, [shoulder; 4], tops),
+            side_if(0, false),
+            side_if(1, false),
             underside(place, solid.bottom - self.origin.z).filter(|_| is_single),
         ];
-        let of_top = self.paint_all(&faces, cut);
+        let mut of_top = self.paint_all(&own, cut);
+        if is_open != [false; 2] {
+            let beside = self.paint_all(&[side_if(0, true), side_if(1, true)], cut);
+            of_top = self.at_rim(of_top, beside, middle);
+        }
         self.add(piece.id, of_top, middle);
         if !is_single {
             self.paint_wall(tile, piece, place, shoulder, cut);
         }
         of_top
+    }
+
+    /// What a voxel of the rim has gained, of its own and on its open sides; see [`mean_at_rim`].
+    #[inline(always)]
+    fn at_rim(&self, own: Painted, beside: Painted, middle: DVec3) -> Painted {
+        if beside.count == 0 {
+            return own;
+        }
+        let over_middle = self.pixel_over(middle);
+        let at_middle = over_middle.map(|(column, row)| f64::from(self.canvas.value(column, row)));
+        let mean = mean_at_rim((own.sum, own.count), (beside.sum, beside.count), at_middle);
+        let count = own.count + beside.count;
+        Painted { sum: mean * f64::from(count), count }
     }
 
     /// The voxels below the uppermost one, up to its shoulder.

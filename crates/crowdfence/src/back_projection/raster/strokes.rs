@@ -134,6 +134,9 @@ impl Painter<'_> {
         if self.is_covered(place, solid.bottom, piece.highest()) {
             return strokes.push(place, middle);
         }
+        if tile.open_sides(piece, place) != [false; 2] {
+            return strokes.push(place, What::Faces { upper });
+        }
         if solid.lowest == solid.uppermost {
             let is_seen_from_below = solid.bottom > self.origin.z;
             let foot = if is_seen_from_below { Tip::Far } else { Tip::Near }(solid.bottom);

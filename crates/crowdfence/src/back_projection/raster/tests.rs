@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use glam::DMat3;
+use glam::{DMat3, DVec2};
 
 use super::*;
 use crate::back_projection::{Coverage, Projection, project, project_by_rays};
@@ -329,4 +329,120 @@ fn a_wall_that_is_met_from_under_a_roof_hides_what_lies_behind_it() {
         let counts = disagreements(&terrain, Surface::Planes, &view, 100.0);
         assert!(counts[0] == 0 && counts[1] <= 2, "{counts:?} from {height}");
     }
+}
+
+/// Mean values of what the raster and the rays both see with as many pixels: how many there are, and how many of the rim
+/// and of the rest differ.
+fn means(terrain: &Terrain, view: &View) -> [usize; 3] {
+    let projection = Projection::new(120.0, 0.0, Coverage::Full).unwrap();
+    let painted = project(view, terrain, &projection);
+    let cast = project_by_rays(view, terrain, &projection);
+    let mut counts = [0; 3];
+    for (row, id) in painted.voxel_ids().iter().enumerate() {
+        let Ok(other) = cast.voxel_ids().binary_search(id) else { continue };
+        if painted.pixel_count()[row] == cast.pixel_count()[other] {
+            counts[0] += 1;
+            let [i, j, _] = terrain.index(*id);
+            let around = [[i - 1, j], [i + 1, j], [i, j - 1], [i, j + 1]];
+            let is_rim = around.iter().any(|&[i, j]| terrain.column(i, j).next().is_none());
+            let differs = (painted.mean()[row] - cast.mean()[other]).abs() > 1e-6;
+            counts[if is_rim { 1 } else { 2 }] += usize::from(differs);
+        }
+    }
+    counts
+}
+
+/// Around the edge of a map, over its hole, and within it; through a pinhole and through a lens that distorts.
+#[test]
+fn the_rim_of_the_map_reads_what_its_rays_read() {
+    let (mut compared, mut of_rim, mut of_rest) = (0, 0, 0);
+    for (seed, number) in
+        [0.0, 1.3, 2.1].into_iter().flat_map(|seed| (0..16).map(move |number| (seed, number)))
+    {
+        let terrain = landscape(seed);
+        let turn = f64::from(number);
+        let heading = 0.4 * turn;
+        let tilt = [0.15, 0.4, 0.8, 1.3][number as usize % 4];
+        let target = [DVec3::new(32.0, 1.0, 4.0), DVec3::new(40.0, 44.0, 2.0), DVec3::new(63.0, 30.0, 6.0)];
+        let rotation = looking(heading, tilt, 0.1 * (turn % 3.0 - 1.0));
+        let at = target[number as usize % 3] - rotation * DVec3::Z * (18.0 + turn);
+        let pinhole = view(at, rotation, 70.0);
+        let lens = Distortion::brown_conrady(&[-0.2, 0.05, 1e-3, -2e-3, 0.0]).unwrap();
+        let camera = Camera::new(WIDTH, HEIGHT, 70.0, 72.0, 47.0, 37.0, lens).unwrap();
+        for view in [&pinhole, &View { camera: Arc::new(camera), ..pinhole.clone() }] {
+            let counts = means(&terrain, view);
+            compared += counts[0];
+            of_rim += counts[1];
+            of_rest += counts[2];
+        }
+    }
+    assert!(compared > 10_000, "{compared} voxels");
+    // Pixels on the border of two columns.
+    assert!(of_rim + of_rest <= 30, "{of_rim} of the rim and {of_rest} of the rest, of {compared} voxels");
+}
+
+/// People on a quay, up to the edge of a map whose surface lies anywhere in its voxels, and nobody on the water before it.
+#[test]
+fn nothing_beside_the_map_thins_out_a_crowd_at_its_rim() {
+    for (fraction, tilt, distance) in
+        [(0.5, 0.2, 30.0), (0.9, 0.6, 30.0), (0.1, 1.2, 30.0), (0.9, 0.15, 200.0)]
+    {
+        let map_heights = vec![fraction as f32; 40 * 40];
+        let map = HeightMap::new(&map_heights, [40, 40], 1.0).unwrap();
+        let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+        let rotation = looking(0.0, tilt, 0.0);
+        let at = DVec3::new(20.3, 0.0, fraction) - rotation * DVec3::Z * distance;
+        let empty = view(at, rotation, 60.0);
+        let crowd = |pixel: u32| {
+            // The upper edge of a pixel that shows some of the crowd.
+            let edge = DVec2::new(f64::from(pixel % WIDTH) + 0.5, f64::from(pixel / WIDTH));
+            let ray = rotation * empty.camera.unproject(edge).unwrap();
+            let foot = at - ray * ((at.z - fraction) / ray.z);
+            if ray.z < 0.0 && foot.y >= 0.0 { 0.6 } else { 0.0 }
+        };
+        let values = (0..WIDTH * HEIGHT).map(crowd).collect();
+        let heatmap = Heatmap::new(values, HEIGHT as usize, WIDTH as usize).unwrap();
+        let view = View { heatmap, ..empty.clone() };
+        for coverage in [Coverage::Rays, Coverage::Full] {
+            let projection = Projection::new(300.0, 0.0, coverage).unwrap();
+            for seen in [project(&view, &terrain, &projection), project_by_rays(&view, &terrain, &projection)]
+            {
+                let first_row = |id: u32| terrain.index(id)[1] == 0;
+                let means = seen.voxel_ids().iter().zip(seen.mean()).filter(|(id, _)| first_row(**id));
+                let means: Vec<f64> = means.map(|(_, &mean)| mean).collect();
+                assert!(means.len() > 5, "{} voxels, {distance} m away", means.len());
+                let least = means.iter().fold(1.0, |least: f64, &mean| least.min(mean));
+                assert!(least > 0.3, "{least} at {fraction}, tilt {tilt}, {distance} m away, {coverage:?}");
+            }
+        }
+    }
+}
+
+/// Crowd beside the map counts for its rim, which is the nearest ground that the map knows.
+#[test]
+fn crowd_beside_the_map_is_one_at_its_rim() {
+    let map = HeightMap::new(&[0.5; 1600], [40, 40], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    let rotation = looking(0.0, 0.5, 0.0);
+    let at = DVec3::new(20.3, 0.0, 0.5) - rotation * DVec3::Z * 30.0;
+    let empty = view(at, rotation, 60.0);
+    let values: Vec<f32> = (0..WIDTH * HEIGHT)
+        .map(|pixel| {
+            let ray = rotation * empty.camera.pixel_ray(pixel % WIDTH, pixel / WIDTH).unwrap();
+            let foot = at - ray * ((at.z - 0.5) / ray.z);
+            f32::from(u8::from((-2.0..0.0).contains(&foot.y)))
+        })
+        .collect();
+    let heatmap = Heatmap::new(values, HEIGHT as usize, WIDTH as usize).unwrap();
+    let seen = project(
+        &View { heatmap, ..empty.clone() },
+        &terrain,
+        &Projection::new(300.0, 0.0, Coverage::Full).unwrap(),
+    );
+    let rim = seen.voxel_ids().iter().zip(seen.mean()).filter(|(id, _)| terrain.index(**id)[1] == 0);
+    assert!(
+        rim.clone().count() > 5 && rim.clone().all(|(_, &mean)| mean > 0.3),
+        "{:?}",
+        rim.collect::<Vec<_>>()
+    );
 }

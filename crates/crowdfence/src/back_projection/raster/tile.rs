@@ -1,6 +1,7 @@
 //! The solids over a square of columns, with those just outside on the sides that are turned to the camera. The lowest
 //! solid of every column, its ground, is kept as numbers side by side.
 
+use super::Place;
 use crate::terrain::tree::{Brick, Square, Stacks};
 use crate::terrain::{Plane, Solid, Surface};
 
@@ -374,6 +375,18 @@ impl Tile {
     pub fn upper(&self, at: [i32; 2]) -> &[Piece] {
         let (first, end) = self.upper_of[index(at)];
         &self.upper[first as usize..end as usize]
+    }
+
+    /// Along each axis: whether the side of a piece that is turned to the camera is an open one, see
+    /// [`Rim`](crate::back_projection::rim::Rim). What stands beside a tile must have been gathered.
+    #[inline(always)]
+    pub fn open_sides(&self, piece: &Piece, place: &Place) -> [bool; 2] {
+        let is_ground = piece.is_lowest && self.surface == Surface::Planes;
+        std::array::from_fn(|axis| {
+            let mut before = place.at;
+            before[axis] -= place.side[axis];
+            is_ground && place.side[axis] != 0 && self.lowest_id(before) == NOTHING
+        })
     }
 
     /// Whether there is something in every column.
