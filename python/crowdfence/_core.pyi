@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence.georeference import Georeference
 
 __all__ = [
+    "COARSER",
     "Camera",
     "CrowdColumns",
     "CrowdMap",
@@ -45,11 +46,14 @@ __all__ = [
     "blend",
     "pool",
     "project",
+    "raised",
     "vibrant",
     "write_octomap_binary",
     "write_octomap_color",
 ]
 
+COARSER: float
+"""Voxel columns up to so many cells of a height model wide are as fine as it; for `raised`."""
 __version__: str
 
 class CrowdfenceError(ValueError):
@@ -1278,6 +1282,22 @@ def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, pro
     CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
     out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
     origin is not part of it.
+    """
+
+def raised(height_m: ArrayLike, top_m: ArrayLike, voxel_size_m: float) -> NDArray[np.float32]:
+    """Heights [X, Y] of the middles of voxel columns, and of their highest points where these stand out.
+
+    The height of a column is that of the surface at its middle. A wall of half a metre falls between the
+    middles of columns of two metres, and the ground that it hides would be called seen and empty. A column
+    whose highest point stands out of the ground by a metre, and by half a voxel, is therefore as high as
+    that: a little too much is hidden, never too little. People stand beside a wall, and in its column they
+    are counted all the same. On a slope the upper edge of a column lies above its middle; what its neighbours
+    on both sides make of that does not count.
+
+    height_m, top_m  float32 [X, Y], metres, of middles and of highest points; NaN is a hole, and stays one
+    voxel_size_m     side of a column, > 0
+
+    CrowdfenceError for arrays of different shapes and for another size.
     """
 
 def vibrant(pixels: ArrayLike, gain: float) -> NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from crowdfence import Terrain
-from crowdfence.maps.outstanding import raised
+from crowdfence._core import raised
 from support.slow_projection import DenseTerrain
 
 Array = NDArray[np.float64]
@@ -138,7 +138,7 @@ def test_voxels_of_another_size_sample_the_height_between_cells(
 def test_a_voxel_larger_than_the_cells_is_as_high_as_what_stands_out_of_it(
     voxel_size_m: float, origin: tuple[float, float, float]
 ) -> None:
-    """By the rule for files (`maps.outstanding`): poles and a house, a hole, and a slope that stays one."""
+    """By the rule for files (`_core.raised`): poles and a house, a hole, and a slope that stays one."""
     rng = np.random.default_rng(5)
     heights = np.repeat(0.3 * np.arange(36.0, dtype=np.float32)[:, None], 45, axis=1)
     heights.flat[rng.choice(heights.size, 40, replace=False)] += np.float32(9.5)

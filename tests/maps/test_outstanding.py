@@ -7,7 +7,7 @@ from rasterio.transform import Affine, from_origin
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, CrowdMap, EvidenceConfig, Terrain, View, VoxelState
-from crowdfence.maps.outstanding import raised
+from crowdfence._core import raised
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::PendingDeprecationWarning", "ignore::rasterio.errors.NotGeoreferencedWarning"

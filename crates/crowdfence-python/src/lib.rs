@@ -34,6 +34,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("COARSER", crowdfence::terrain::outstanding::COARSER)?;
     errors::add_exceptions(module)?;
     module.add_class::<camera::PyCamera>()?;
     module.add_class::<view::PyView>()?;
@@ -58,6 +59,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(opinion_pool::blend, module)?)?;
     module.add_function(wrap_pyfunction!(terrain::write_octomap_binary, module)?)?;
     module.add_function(wrap_pyfunction!(terrain::write_octomap_color, module)?)?;
+    module.add_function(wrap_pyfunction!(terrain::raised, module)?)?;
     module.add_function(wrap_pyfunction!(vibrance::vibrant, module)?)?;
     Ok(())
 }

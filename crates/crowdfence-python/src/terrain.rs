@@ -5,8 +5,9 @@ use crowdfence::Terrain;
 use crowdfence::terrain::Plane;
 use crowdfence::terrain::height_map::HeightMap;
 use crowdfence::terrain::octomap;
+use crowdfence::terrain::outstanding;
 use glam::DVec3;
-use numpy::{IntoPyArray, PyArray1, PyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -526,4 +527,34 @@ pub fn write_octomap_color<'py>(
 
 fn voxels(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<[i32; 3]>> {
     Ok(terrain.indices_of(&checked_ids(terrain, ids)?))
+}
+
+/// Heights [X, Y] of the middles of voxel columns, and of their highest points where these stand out.
+///
+/// The height of a column is that of the surface at its middle. A wall of half a metre falls between the
+/// middles of columns of two metres, and the ground that it hides would be called seen and empty. A column
+/// whose highest point stands out of the ground by a metre, and by half a voxel, is therefore as high as
+/// that: a little too much is hidden, never too little. People stand beside a wall, and in its column they
+/// are counted all the same. On a slope the upper edge of a column lies above its middle; what its neighbours
+/// on both sides make of that does not count.
+///
+/// height_m, top_m  float32 [X, Y], metres, of middles and of highest points; NaN is a hole, and stays one
+/// voxel_size_m     side of a column, > 0
+///
+/// CrowdfenceError for arrays of different shapes and for another size.
+#[pyfunction]
+pub fn raised<'py>(
+    py: Python<'py>,
+    height_m: &Bound<'py, PyAny>,
+    top_m: &Bound<'py, PyAny>,
+    voxel_size_m: f64,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let heights = Array::<f32>::new(height_m, "height_m", &[None, None])?;
+    let shape = [heights.shape()[0], heights.shape()[1]];
+    let tops = Array::<f32>::new(top_m, "top_m", &shape.map(Some))?;
+    let (heights, tops) = (heights.to_vec()?, tops.to_vec()?);
+    released(py, || outstanding::raised(&heights, &tops, shape, voxel_size_m))
+        .map_err(refuse)?
+        .into_pyarray(py)
+        .reshape(shape)
 }

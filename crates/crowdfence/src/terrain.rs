@@ -8,7 +8,7 @@ pub mod height_map;
 mod key;
 pub mod octomap;
 mod outline;
-mod outstanding;
+pub mod outstanding;
 mod plane;
 mod plane_fit;
 mod point_means;

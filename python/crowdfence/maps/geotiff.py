@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence._core import Terrain
+from crowdfence._core import COARSER, Terrain
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
 from crowdfence.maps.height_raster import HeightRaster
 from crowdfence.maps.holes import MAX_HOLE_M2, bridge_holes
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
-from crowdfence.maps.outstanding import COARSER
 from crowdfence.maps.raster_projection import RasterProjection
 from crowdfence.maps.source_frame import HeightRules, HeightUnit, chosen_crs
 from crowdfence.maps.tangent_grid import NODE_SPACING_M, LocalGrid, resample
@@ -53,7 +52,7 @@ def open_geotiff(
     max_hole_m2: float = MAX_HOLE_M2,
 ) -> MapReading:
     """Height model -> closed voxel surface in the local frame, sampled at the middle of every voxel column;
-    where voxels are larger than pixels, what stands out of a column counts (`maps.outstanding`).
+    where voxels are larger than pixels, what stands out of a column counts (`_core.raised`).
 
     Any reference system and any affine transform (rotated, south-up) will do; the surface is carried into
     the true tangent plane of the anchor, curvature of the earth included. Without `georeference` the anchor

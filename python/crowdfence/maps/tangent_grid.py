@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.maps.outstanding import raised
+from crowdfence._core import raised
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def resample(
     [n, m] -> source height of the surface, NaN for holes. `up_range_m`: local heights between which the
     surface lies. `block_cells`: side of the blocks that `sample` is called with. `highest`: the like of
     `sample` for the highest point of the surface in the cell around a place; cells that something stands out
-    of are as high as that (`outstanding`).
+    of are as high as that (`_core.raised`).
     """
     heights = np.full(grid.shape, np.nan, np.float32)
     tops = None if highest is None else heights.copy()

@@ -56,8 +56,8 @@ impl<'a> HeightMap<'a> {
             return self.surface(shape, voxel_size_m, middle_m);
         }
         let columns = (0..shape[0] * shape[1]).into_par_iter();
-        let heights_m = columns.map(|at| middle_m(at / shape[1], at % shape[1])).collect();
-        let middles = Middles { heights_m, shape, voxel_size_m };
+        let heights_m: Vec<f64> = columns.map(|at| middle_m(at / shape[1], at % shape[1])).collect();
+        let middles = Middles { heights_m: &heights_m, shape, voxel_size_m };
         self.surface(shape, voxel_size_m, |i, j| middles.raised(i, j, self.highest_m(i, j, columns_per_cell)))
     }
 
