@@ -83,3 +83,15 @@ def test_a_camera_beside_the_map_sees_nothing_of_a_plain_behind_the_ridge_at_its
     else:
         found = states(heights, (30.0, -12.0, 12.0), 0.25, coverage)
     assert not (found == VoxelState.EMPTY).any()
+
+
+@pytest.mark.parametrize("coverage", ["full", "rays"])
+@pytest.mark.parametrize("width", [3, 8, 16])
+def test_a_camera_beside_the_map_sees_nothing_of_the_ground_behind_a_terrace_at_its_edge(
+    width: int, coverage: str
+) -> None:
+    """The terrace is 10 m high and the camera 1.5 m higher, so that it hides all of the plain behind it."""
+    heights = np.repeat(np.where(width > Y, 10.5, 0.5)[None], SHAPE[0], 0)
+    found = states(heights, (30.3, -10.0, 12.0), 0.45, coverage)
+    assert (found[:, :width] == VoxelState.EMPTY).any()
+    assert not (found[:, width + 1 :] == VoxelState.EMPTY).any()
