@@ -1,6 +1,7 @@
 """Write a file completely or not at all, and know before long work that it can be written."""
 
 import errno
+import fcntl
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -85,6 +86,21 @@ def require_replaceable(path: Path, *, force: bool) -> None:
     """FileExistsError for what is there, unless somebody said that it may be replaced."""
     if os.path.lexists(path) and not force:
         raise FileExistsError(f"{path} exists; --force replaces it")
+
+
+def lock_for_writing(handle: int, path: Path) -> None:
+    """For one writer alone, until `handle`, of a file or folder, is closed or its process ends.
+
+    FileExistsError that names `path` while another process or thread has it."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        kind = "folder" if path.is_dir() else "file"
+        raise FileExistsError(
+            f"{path} is being written by another command; wait until that has ended, or name another {kind}"
+        ) from None
+    except OSError:
+        pass  # a disk of another machine that cannot lock
 
 
 def file_at(path: str | PathLike[str]) -> Path:

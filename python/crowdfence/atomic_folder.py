@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
-from crowdfence.atomic_file import NO_ROOM, require_replaceable, writable_folder
+from crowdfence.atomic_file import NO_ROOM, lock_for_writing, require_replaceable, writable_folder
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -76,15 +76,7 @@ def written_alone(folder: Path) -> Iterator[None]:
     the lock ends with the process."""
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise FileExistsError(
-            f"{folder} is being written by another command; wait until that has ended, or name another folder"
-        ) from None
-    except OSError:
-        pass  # a disk of another machine that cannot lock
-    try:
+        lock_for_writing(handle, folder)
         yield
     finally:
         os.close(handle)

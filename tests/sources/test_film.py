@@ -49,7 +49,7 @@ from support.foreign_recordings import (
     write_subtitles,
     write_ulog,
 )
-from support.small_videos import turn
+from support.small_videos import turn, with_creation_time, write_grey_film
 
 
 def home() -> tuple[float, float]:
@@ -187,16 +187,7 @@ def test_frames_can_be_asked_for_in_any_order(tmp_path: Path) -> None:
 
 
 def test_frames_that_are_coded_out_of_order_are_found_too(tmp_path: Path) -> None:
-    path = tmp_path / "a.mp4"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=10)
-        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 64, 48, "yuv420p", 4_000_000
-        stream.gop_size, stream.codec_context.max_b_frames = 12, 2
-        for number in range(40):
-            grey = np.full((48, 64, 3), 6 * number, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
-        container.mux(stream.encode(None))
-    film = FilmPictures(path)
+    film = FilmPictures(write_grey_film(tmp_path / "a.mp4", "mpeg4", 10, frames=40))
     assert np.allclose(film.times_s, np.arange(40) / 10)
     for number in (0, 1, 2, 17, 16, 39, 30, 31, 5):
         pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :]
@@ -205,16 +196,7 @@ def test_frames_that_are_coded_out_of_order_are_found_too(tmp_path: Path) -> Non
 
 def test_the_first_frames_of_a_transport_stream_are_found(tmp_path: Path) -> None:
     """As a recorded video link writes it; seeking passes its first key frame."""
-    path = tmp_path / "a.ts"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg2video", rate=25)
-        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 64, 48, "yuv420p", 4_000_000
-        stream.gop_size, stream.codec_context.max_b_frames = 12, 2
-        for number in range(40):
-            grey = np.full((48, 64, 3), 6 * number, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
-        container.mux(stream.encode(None))
-    film = FilmPictures(path)
+    film = FilmPictures(write_grey_film(tmp_path / "a.ts", "mpeg2video", 25, frames=40))
     for number in (0, 1, 5, 11, 12, 39, 3):
         pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :]
         assert abs(pixels.mean() - 6 * number) < 4
@@ -365,7 +347,7 @@ def test_films_of_logs_without_a_time_of_day_begin_together(tmp_path: Path, crea
         (tmp_path / name).mkdir()
         film, _ = turning_flight(tmp_path / name, 20.0)
         if created is not None:
-            film = with_creation_time(film, created)
+            film = with_creation_time(film, film.with_name("told.mp4"), created)
         options = {"calibration": Camera.pinhole(160, 120, 200.0, 200.0, 80.0, 60.0), "geoid_m": 0.0}
         found = open_recording(
             film, telemetry=film.parent / "turning.ulg", clock_offset_s=offset_s, **options
@@ -375,18 +357,6 @@ def test_films_of_logs_without_a_time_of_day_begin_together(tmp_path: Path, crea
     assert abs(starts[0] - starts[1]) < 1_000_000
     if created is not None:
         assert abs(starts[0] - 1_777_888_800_000_000_000) < 1_000_000  # date -u -d "2026-05-04 10:00" +%s
-
-
-def with_creation_time(film: Path, created: str) -> Path:
-    told = film.with_name("told.mp4")
-    with av.open(str(film)) as source, av.open(str(told), "w") as target:
-        target.metadata["creation_time"] = created
-        stream = target.add_stream_from_template(source.streams.video[0])
-        for packet in source.demux(source.streams.video[0]):
-            if packet.dts is not None:
-                packet.stream = stream
-                target.mux(packet)
-    return told
 
 
 def test_a_film_that_hardly_turns_is_not_guessed(tmp_path: Path) -> None:

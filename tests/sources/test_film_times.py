@@ -5,11 +5,11 @@ from __future__ import annotations
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-import av
 import pytest
 
 from crowdfence import open_recording
 from support.foreign_recordings import frames, write_film, write_subtitles
+from support.small_videos import with_creation_time
 
 HOUR_NS = 3600 * 10**9
 
@@ -26,17 +26,6 @@ def film(folder: Path, created_after_s: float | None) -> Path:
         named = with_creation_time(plain, folder / "DJI_0001.MP4", f"{created:%Y-%m-%dT%H:%M:%S.000000Z}")
     write_subtitles(folder / "DJI_0001.SRT", start_ns)
     return named
-
-
-def with_creation_time(plain: Path, told: Path, created: str) -> Path:
-    with av.open(str(plain)) as source, av.open(str(told), "w", format="mp4") as target:
-        target.metadata["creation_time"] = created
-        stream = target.add_stream_from_template(source.streams.video[0])
-        for packet in source.demux(source.streams.video[0]):
-            if packet.dts is not None:
-                packet.stream = stream
-                target.mux(packet)
-    return told
 
 
 @pytest.mark.parametrize(

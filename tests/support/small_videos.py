@@ -60,3 +60,28 @@ def turn(path: Path, clockwise_deg: int) -> Path:
     data[matrix : matrix + 36] = struct.pack(">9i", *(65536 * value for value in values), 1 << 30)
     path.write_bytes(data)
     return path
+
+
+def with_creation_time(plain: Path, told: Path, created: str) -> Path:
+    """The film `plain` as `told`, an MP4 that says when it was created."""
+    with av.open(str(plain)) as source, av.open(str(told), "w", format="mp4") as target:
+        target.metadata["creation_time"] = created
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    return told
+
+
+def write_grey_film(path: Path, codec: str, rate: int, frames: int) -> Path:
+    """Coded out of order, with a key frame every 12; frame n is grey of 6 * n."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=rate)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = WIDTH, HEIGHT, "yuv420p", 4_000_000
+        stream.gop_size, stream.codec_context.max_b_frames = 12, 2
+        for number in range(frames):
+            grey = np.full((HEIGHT, WIDTH, 3), 6 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
+        container.mux(stream.encode(None))
+    return path

@@ -75,8 +75,16 @@ def open_mesh(
     terrain = Terrain.from_triangles(vertices, triangles, voxels.size_m)
     terrain.georeference = georeference
     doubts = (
-        *_too_coarse(step_m, voxels.size_m),
-        *_few_digits(digits_step_m, voxels.size_m),
+        *_rounded(
+            step_m,
+            voxels.size_m,
+            why="are of single precision (float32)",
+            what="edges and heights",
+            write="in double precision",
+        ),
+        *_rounded(
+            digits_step_m, voxels.size_m, why="have six digits", what="places", write="with more digits"
+        ),
         *_stands_upright(vertices, triangles, up),
     )
     return MapReading(terrain, voxel_size_why=voxels.why, doubts=doubts)
@@ -124,25 +132,14 @@ def _has_slivers(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) ->
     return any(bool((one == other).all(axis=1).any()) for one, other in ((a, b), (b, c), (c, a)))
 
 
-def _few_digits(step_m: float, voxel_size_m: float) -> tuple[str, ...]:
-    """One sentence where places were rounded to steps that the voxels show."""
+def _rounded(step_m: float, voxel_size_m: float, *, why: str, what: str, write: str) -> tuple[str, ...]:
+    """One sentence where coordinates were rounded to steps that the voxels show."""
     if not step_m > voxel_size_m * _FINEST_STEP:
         return ()
     return (
-        f"its coordinates have six digits, so far from 0 in steps of {step_m:g} m, beside voxels of "
-        f"{voxel_size_m:g} m: places are rounded by up to {step_m / 2:g} m; write it with more digits, or "
-        "around an origin of its own and pass that",
-    )
-
-
-def _too_coarse(step_m: float, voxel_size_m: float) -> tuple[str, ...]:
-    """One sentence where coordinates are rounded to steps that the voxels show."""
-    if not step_m > voxel_size_m * _FINEST_STEP:
-        return ()
-    return (
-        f"its coordinates are of single precision (float32), so far from 0 in steps of {step_m:g} m, beside "
-        f"voxels of {voxel_size_m:g} m: edges and heights are rounded by up to {step_m / 2:g} m; write it in "
-        "double precision, or around an origin of its own and pass that",
+        f"its coordinates {why}, so far from 0 in steps of {step_m:g} m, beside voxels of {voxel_size_m:g} "
+        f"m: {what} are rounded by up to {step_m / 2:g} m; write it {write}, or around an origin of "
+        "its own and pass that",
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Mapping
 from os import PathLike
@@ -14,7 +13,7 @@ from typing import BinaryIO, NamedTuple, TypeVar
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
-from crowdfence.atomic_file import file_at
+from crowdfence.atomic_file import file_at, lock_for_writing
 from crowdfence.sources.mission import ros2_messages
 
 CHUNK_BYTES = 2**20
@@ -144,7 +143,7 @@ def part_path(path: Path) -> Path:
 def refuse_while_written(path: Path) -> None:
     """FileExistsError while somebody else writes a file, who would lose it to whoever writes it too."""
     with contextlib.suppress(FileNotFoundError), part_path(path).open("rb") as file:
-        _lock(file.fileno(), path)
+        lock_for_writing(file.fileno(), path)
 
 
 def _locked_and_empty(path: Path) -> BinaryIO:
@@ -153,7 +152,7 @@ def _locked_and_empty(path: Path) -> BinaryIO:
     while True:
         handle = os.open(part, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            _lock(handle, path)
+            lock_for_writing(handle, path)
             with contextlib.suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), part.stat()):
                     os.truncate(handle, 0)
@@ -162,14 +161,3 @@ def _locked_and_empty(path: Path) -> BinaryIO:
             os.close(handle)
             raise
         os.close(handle)  # somebody finished it meanwhile, so that it has another name
-
-
-def _lock(handle: int, path: Path) -> None:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise FileExistsError(
-            f"{path} is being written by another command; wait until that has ended, or name another file"
-        ) from None
-    except OSError:
-        pass  # a disk of another machine that cannot lock
