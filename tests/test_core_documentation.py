@@ -63,6 +63,7 @@ REFUSALS = {
     "CrowdMap.crowd_ids": ["StampError", "CrowdfenceError"],
     "CrowdMap.crowd_ids_at_last_looks": ["CrowdfenceError"],
     "CrowdMap.columns_of": ["StampError", "CrowdfenceError"],
+    "CrowdMap.shown_ids": ["CrowdfenceError", "StampError"],
     "CrowdMap.spoke_for_crowd": ["CrowdfenceError"],
     "CrowdMap.last_seen_ns": ["CrowdfenceError"],
     "CrowdMap.seen_by": ["CrowdfenceError"],

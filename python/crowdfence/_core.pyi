@@ -1221,6 +1221,15 @@ class CrowdMap:
 
         StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
         """
+    def shown_ids(self, stamp_ns: int, *, threshold: float | None = None) -> NDArray[np.int64]:
+        """The voxels that a look of the last 2 s by itself showed as crowd, whatever other drones saw there at the
+        time; at a stamp not before the newest instant, sorted ids [N] int64. Only `evidence` tells looks apart.
+
+        threshold  in (0, 1]: the look alone leaves crowd 2 in log odds above it; None = the method's
+                   `default_threshold`
+
+        StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+        """
     def spoke_for_crowd(self, ids: ArrayLike) -> NDArray[np.bool_]:
         """Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
         than there was, and more than the method holds of ground that nobody has seen. Of looks that

@@ -248,6 +248,46 @@ def test_crowd_of_a_late_view_is_closed_as_if_it_had_come_in_time() -> None:
     assert late.polygon.equals(in_time.polygon)
 
 
+def test_a_drone_that_sees_nobody_does_not_open_at_once_what_another_shows() -> None:
+    """The nearer drone is blind from the first instant on, and weighs more. What the other shows is closed all
+    the same, and for 2 s after its last look; then the blind one is believed."""
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=2))
+    threshold = crowd_map.method.default_threshold
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(threshold))
+
+    def seen(drone: str, stamp_ns: int, mean: float, range_m: float) -> Observation:
+        return Observation(
+            terrain,
+            drone,
+            stamp_ns,
+            voxel_ids=np.arange(3),
+            mean=np.full(3, mean),
+            pixel_count=np.ones(3, dtype=int),
+            range_m=np.full(3, range_m),
+            tilt_deg=np.full(3, 45.0),
+            occluded_ids=[],
+            focal_px=376.0,
+        )
+
+    closed = {}
+    for number in range(18):
+        stamp_ns = number * SECOND_NS // 2
+        views = [seen("near", stamp_ns, 0.0, 20.0)]
+        if 2 <= number <= 10:  # from 1 to 5 s
+            views.append(seen("far", stamp_ns, 0.95, 75.0))
+        crowd_map.integrate_observations(views, stamp_ns)
+        zones = engine.step(stamp_ns, views)
+        engine.restore(engine.to_bytes())  # as a service that was started again goes on
+        assert (crowd_map.probability(stamp_ns) < threshold).all()
+        closed[stamp_ns / SECOND_NS] = [zone.reason for zone in zones]
+        assert not zones or not (crowd_map.state(stamp_ns) == VoxelState.EMPTY).any()
+    assert closed == {
+        second: ["seen"] if 1.0 <= second <= 5.0 else ["held"] if 5.0 < second <= 7.0 else []
+        for second in np.arange(18) / 2
+    }
+
+
 def test_two_looks_in_a_row_open_ground_where_two_are_asked_for() -> None:
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=0.5).fusion_method(terrain, drones=1))
@@ -771,6 +811,7 @@ class EverythingRead:
         self._closes, self._stays, self._looks = closes, stays, looks
         self._map = CrowdMap(terrain, method)
         self._given: list[tuple[str, int, NDArray[np.int64], NDArray[np.float64]]] = []
+        self._shown_ns = np.full(terrain.voxel_count, -(10**18))
         self._spoke_for_crowd = np.zeros(terrain.voxel_count, dtype=bool)
         self._below = np.zeros(terrain.voxel_count, dtype=np.int64)
         self._stepped_ns = -1
@@ -786,6 +827,12 @@ class EverythingRead:
         more = ~was_seen | (after > before.probability(now_ns))
         prior = self._method.parameters.get("prior", 0.0)
         self._spoke_for_crowd[seen] = (more & (after > prior))[seen]
+        if self._method.name == "evidence":
+            alone = CrowdMap(self._terrain, self._method)
+            look(alone, drone, stamp_ns, seen, mean)
+            odds = alone.probability(stamp_ns) / (1.0 - alone.probability(stamp_ns))
+            shown = seen[odds[seen] >= np.exp(2.0) * self._closes / (1.0 - self._closes)]
+            self._shown_ns[shown] = np.maximum(self._shown_ns[shown], stamp_ns)
 
     def _at_last_looks(self) -> NDArray[np.float64]:
         last_ns = self._map.last_seen_ns()
@@ -804,6 +851,7 @@ class EverythingRead:
         if self._method.name == "evidence":
             at_last_look = self._at_last_looks()
             crowd, is_below = at_last_look >= self._closes, at_last_look < self._stays
+            crowd |= stamp_ns - self._shown_ns <= 2 * SECOND_NS
             is_below &= ~self._spoke_for_crowd
             looked = self._map.last_seen_ns() > self._stepped_ns
             self._below[looked] = np.where(is_below, self._below + 1, 0)[looked]

@@ -439,6 +439,26 @@ impl PyCrowdMap {
         Ok(PyCrowdColumns(self.read(py, |map| map.columns_of(&ids, stamp_ns))?))
     }
 
+    /// The voxels that a look of the last 2 s by itself showed as crowd, whatever other drones saw there at the
+    /// time; at a stamp not before the newest instant, sorted ids [N] int64. Only `evidence` tells looks apart.
+    ///
+    /// threshold  in (0, 1]: the look alone leaves crowd 2 in log odds above it; None = the method's
+    ///            `default_threshold`
+    ///
+    /// StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
+    #[pyo3(signature = (stamp_ns, *, threshold=None))]
+    fn shown_ids<'py>(
+        &self,
+        py: Python<'py>,
+        #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
+        threshold: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.read(py, |map| {
+            map.shown_ids(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
+        })?;
+        Ok(id_array(py, &ids))
+    }
+
     /// Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
     /// than there was, and more than the method holds of ground that nobody has seen. Of looks that
     /// an older build wrote to a file it says no. CrowdfenceError for an id that does not exist.

@@ -12,6 +12,7 @@ mod instants;
 mod pages;
 mod quiet;
 mod reading;
+mod shown;
 mod voxel_state;
 
 use std::borrow::Cow;
@@ -118,6 +119,7 @@ impl CrowdMap {
         self.quiet.wrote(&fused.pages, stamp_ns);
         self.quiet_at_last_looks.wrote(&fused.pages_at_last_looks(), columns::NEVER_LATER_NS);
         self.remember(&observations, &fused.untold, stamp_ns);
+        self.history.remember_shown(&fused.shown);
         let Fused { voxel_ids, probability, .. } = fused;
         Ok(Update { stamp_ns, voxel_ids, probability, observations })
     }

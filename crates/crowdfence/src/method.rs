@@ -49,6 +49,15 @@ impl VoxelLook {
     }
 }
 
+/// Log odds above a threshold from which one look by itself shows crowd: far more than what closes ground, because a
+/// false alarm would stand against all others.
+pub(crate) const CLEARLY: f64 = 2.0;
+
+/// Whether the log odds of one look show crowd by themselves.
+pub(crate) fn clearly_above(log_odds: f32, threshold: f64) -> bool {
+    f64::from(log_odds) >= (threshold / (1.0 - threshold)).ln() + CLEARLY
+}
+
 /// Time since the last look at a voxel, in the units that methods count in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elapsed {
@@ -112,6 +121,12 @@ pub trait FusionMethod: Clone + Send + Sync {
         let probability = self.probability(belief, fading);
         let was = before.map(|(belief, fading)| self.probability(belief, fading));
         probability > self.unseen_probability() && was.is_none_or(|was| probability > was)
+    }
+
+    /// Log odds of crowd by one look, as if nobody else had ever looked, where they can be clearly above a threshold;
+    /// None elsewhere, and where the method cannot tell.
+    fn log_odds_alone(&self, _look: &VoxelLook) -> Option<f32> {
+        None
     }
 
     /// Looks that a belief still remembers, in those that weigh 1; None where they are not counted.

@@ -19,6 +19,9 @@ class ClosedGround:
     looks at it again, finds less than the threshold, and sees nothing that speaks for crowd. A look at the
     roof opens nothing below it. Nor does one that could not have shown anybody: what is remembered of looks
     must outweigh the method's doubt, or it is forgetting that brought the ground below the threshold.
+
+    What one look by itself shows is closed while it stands (`CrowdMap.shown_ids`), whatever the other drones
+    see there at the time: one of them may be blind.
     """
 
     def __init__(
@@ -48,10 +51,7 @@ class ClosedGround:
         """At the newest instant, or later if nothing came: columns that are closed, and their keys. After
         every instant, in order."""
         crowd_map = self._crowd_map
-        if self.forgets_to_unknown:
-            crowd = crowd_map.crowd_ids_at_last_looks(threshold=self._threshold)
-        else:
-            crowd = crowd_map.crowd_ids(stamp_ns, threshold=self._threshold)
+        crowd = self._crowd(stamp_ns)
         stays = ~np.isin(self.voxel_ids, crowd, assume_unique=True)
         held, below = self.voxel_ids[stays], self.below[stays]
         if self.forgets_to_unknown:
@@ -72,6 +72,14 @@ class ClosedGround:
         """Go on from there."""
         self.voxel_ids, self.stepped_ns = voxel_ids, stepped_ns
         self.below = np.zeros(len(voxel_ids), dtype=np.int64) if below is None else below
+
+    def _crowd(self, stamp_ns: int) -> NDArray[np.int64]:
+        """Voxels that are closed whether they were before or not, sorted."""
+        crowd_map, threshold = self._crowd_map, self._threshold
+        if not self.forgets_to_unknown:
+            return crowd_map.crowd_ids(stamp_ns, threshold=threshold)
+        crowd = crowd_map.crowd_ids_at_last_looks(threshold=threshold)
+        return np.union1d(crowd, crowd_map.shown_ids(stamp_ns, threshold=threshold))
 
     def _opened_by_looks(
         self, held: NDArray[np.int64], below: NDArray[np.int64], stamp_ns: int

@@ -31,7 +31,7 @@ seen           a drone saw crowd in it at this instant
 not_cleared    drones looked at it at this instant and saw too little to be sure that nobody is there
 not_looked_at  crowd was seen, nobody has looked since, and it is not forgotten yet
 held           below the threshold, but not below the one at which a zone ends, or not at enough looks,
-               or at looks too coarse to tell
+               or at looks too coarse to tell, or not for 2 s since a drone clearly showed crowd
 never_cleared  ground that was never seen, is hidden, was looked at and not cleared, or was seen too long ago
 given          somebody else closed it
 """

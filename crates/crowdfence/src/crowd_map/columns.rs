@@ -71,6 +71,14 @@ impl CrowdMap {
         }))
     }
 
+    /// The voxels that a look of the last 2 s by itself showed as crowd, clearly above `threshold`, whatever other drones
+    /// saw there; at a stamp not before the last instant, sorted. None where the method does not tell looks apart.
+    pub fn shown_ids(&self, stamp_ns: i64, threshold: f64) -> Result<Vec<u32>> {
+        self.moment(stamp_ns)?;
+        check_threshold(threshold)?;
+        Ok(self.history.shown.ids(stamp_ns, threshold))
+    }
+
     /// Whether the last look at each of some voxels spoke for crowd: it left more of it than there was, and more than
     /// the method holds of ground that nobody has seen. Files that older builds wrote do not say so of any look.
     pub fn spoke_for_crowd(&self, ids: &[u32]) -> Vec<bool> {

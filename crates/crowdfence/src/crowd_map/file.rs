@@ -1,4 +1,4 @@
-//! The crowd map's file format, version 5, in the frame of [`crate::sealed`]; versions 1 to 4 are read too.
+//! The crowd map's file format, version 6, in the frame of [`crate::sealed`]; versions 1 to 5 are read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
@@ -11,13 +11,15 @@
 //! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
 //! looks            pages of u32: position among the named instants, 2^31 more where the look spoke for crowd;
 //!                  2^32 - 2 occluded, 2^32 - 1 never
+//! shown            u32 count, then per look that by itself may show crowd: u32 voxel, i64 stamp, f32 log odds; sorted
 //! beliefs          pages of the method's beliefs
 //! drones           u32 count, then per drone: name (u32 length, UTF-8), u32 how many gave a view before it, pages of
 //!                  u64: a bit a voxel that it saw
 //! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! version 4 does not say which looks spoke for crowd; version 3 also not which drone came first; version 2 also
-//! differs in the beliefs of `paper`; version 1 in beliefs, and after max_gap_s:
+//! version 5 does not say which looks showed crowd by themselves; version 4 also not which spoke for it; version 3 also
+//! not which drone came first; version 2 also differs in the beliefs of `paper`; version 1 in beliefs, and after
+//! max_gap_s:
 //!   drones         u32 count, names
 //!   instants       u32 count, i64 stamps, strictly increasing
 //!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
@@ -32,6 +34,7 @@ use super::beliefs::{Beliefs, BeliefsOf};
 use super::history::{Drone, History, Look};
 use super::instants::Instant;
 use super::pages::{PAGE_LENGTH, Pages};
+use super::shown::ShownLook;
 use crate::back_projection::{Coverage, Projection};
 use crate::error::Result;
 use crate::method::{
@@ -48,7 +51,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
     (Coverage::Full, Surface::Planes),
 ];
 
-const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 5 };
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 6 };
 
 impl CrowdMap {
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -130,6 +133,13 @@ fn write_looks(history: &History, payload: &mut Writer) {
             Look::Never | Look::Occluded => code,
         });
     });
+    let shown = history.shown.looks();
+    payload.u32(shown.len() as u32);
+    for look in shown {
+        payload.u32(look.id);
+        payload.i64(look.stamp_ns);
+        payload.f32(look.log_odds);
+    }
 }
 
 fn write_beliefs<M: Stored>(beliefs: &BeliefsOf<M>, payload: &mut Writer) {
@@ -190,8 +200,26 @@ fn read_since_version_2(reader: &mut Reader<'_>, map: &mut CrowdMap, version: u3
     let mut looks = Pages::new(map.terrain.voxel_count(), Look::NEVER);
     read_pages(reader, &mut looks, |reader| reader.numbers(PAGE_LENGTH, u32::from_le_bytes))?;
     take_looks(reader, history, &named, looks)?;
+    if version >= 6 {
+        read_shown(reader, history, map.terrain.voxel_count())?;
+    }
     each_method!(&mut map.beliefs, Beliefs, beliefs => read_beliefs(reader, beliefs, version))?;
     read_drones(reader, history, version)
+}
+
+fn read_shown(reader: &mut Reader<'_>, history: &mut History, voxel_count: usize) -> Result<()> {
+    let newest_ns = history.instants.newest_ns().unwrap_or(-1);
+    let mut looks = Vec::new();
+    for _ in 0..reader.u32()? {
+        let look = ShownLook { id: reader.u32()?, stamp_ns: reader.i64()?, log_odds: reader.f32()? };
+        let is_sound = look.log_odds.is_finite() && (0..=newest_ns).contains(&look.stamp_ns);
+        if look.id as usize >= voxel_count || !is_sound {
+            return Err(reader.damaged("a look that shows crowd where or when nobody can have looked"));
+        }
+        looks.push(look);
+    }
+    history.shown.add(&looks, newest_ns);
+    Ok(())
 }
 
 fn read_beliefs<M: Stored>(reader: &mut Reader<'_>, beliefs: &mut BeliefsOf<M>, version: u32) -> Result<()> {

@@ -10,6 +10,7 @@ use super::history::{History, Look};
 use super::instants::{Instant, Instants};
 use super::pages::{PAGE_LENGTH, by_page};
 use super::reading::fading;
+use super::shown::ShownLook;
 use crate::method::{Elapsed, FusionMethod, VoxelLook};
 use crate::observation::Observation;
 
@@ -27,6 +28,8 @@ pub(super) struct Fused {
     pub is_as_looked: bool,
     /// Of each view, the voxels at which its look told the method nothing, sorted.
     pub untold: Vec<Vec<u32>>,
+    /// Looks that by themselves may show crowd.
+    pub shown: Vec<ShownLook>,
 }
 
 impl Fused {
@@ -78,11 +81,13 @@ pub(super) fn fuse<M: FusionMethod>(
         pages: numbers.into_iter().zip(seen.iter().map(|page| page.largest)).collect(),
         is_as_looked: times.instants == [now],
         untold: vec![vec![]; views.observations.len()],
+        shown: vec![],
     };
     for page in seen {
         fused.voxel_ids.extend_from_slice(&page.voxel_ids);
         fused.probability.extend_from_slice(&page.probability);
         page.untold.into_iter().for_each(|(view, id)| fused.untold[view as usize].push(id));
+        fused.shown.extend_from_slice(&page.shown);
         times.slots.iter().zip(page.entered).for_each(|(&slot, count)| history.instants.enter(slot, count));
         page.left.into_iter().for_each(|(slot, count)| history.instants.leave(slot, count));
     }
@@ -158,6 +163,7 @@ struct PageSeen {
     largest: f64,
     /// View and voxel, by voxel.
     untold: Vec<(u32, u32)>,
+    shown: Vec<ShownLook>,
     /// How many of its voxels name each of the slots of [`Times`] now.
     entered: Vec<u32>,
     /// Slots that they named before, and how many.
@@ -172,6 +178,7 @@ impl PageSeen {
             probability: Vec::with_capacity(most),
             largest: 0.0,
             untold: vec![],
+            shown: vec![],
             entered: vec![0; times.slots.len()],
             left: vec![],
         }
@@ -264,6 +271,9 @@ impl<M: FusionMethod> Page<'_, M> {
         let newer = last.map(|slot| instants.at(slot)).filter(|&last| last > times.instants[newest]);
         for (look, fading) in &mut self.looks {
             let time = time_of(look);
+            if let Some(log_odds) = method.log_odds_alone(look) {
+                self.seen.shown.push(ShownLook { id, stamp_ns: times.instants[time].stamp_ns, log_odds });
+            }
             *fading = match newer {
                 Some(last) => method.fading(times.instants[time].until(last)),
                 None => times.between[newest][time],

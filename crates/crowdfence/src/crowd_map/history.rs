@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 
 use super::instants::{Instant, Instants};
 use super::pages::{PAGE_LENGTH, Pages, by_page};
+use super::shown::{Shown, ShownLook};
 
 #[derive(Debug, Clone)]
 pub(super) struct History {
     /// Coded as in [`Look`].
     pub looks: Pages<u32>,
+    pub shown: Shown,
     pub instants: Instants,
     /// Every drone that ever gave a view, by name.
     pub drones: BTreeMap<String, Drone>,
@@ -86,6 +88,7 @@ impl History {
     pub fn new(voxel_count: usize) -> History {
         History {
             looks: Pages::new(voxel_count, Look::NEVER),
+            shown: Shown::default(),
             instants: Instants::default(),
             drones: BTreeMap::new(),
             voxel_count,
@@ -107,6 +110,11 @@ impl History {
     /// held of ground that nobody has seen.
     pub fn spoke_for_crowd(&self, id: u32) -> bool {
         Look::is_for_crowd(self.looks.get(id as usize))
+    }
+
+    /// Takes in looks that by themselves may show crowd.
+    pub fn remember_shown(&mut self, looks: &[ShownLook]) {
+        self.shown.add(looks, self.instants.newest_ns().expect("an instant was integrated"));
     }
 
     /// Something hides voxels, sorted, from a camera.

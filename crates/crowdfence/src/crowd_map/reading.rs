@@ -81,7 +81,10 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         if probability >= rule.threshold {
             VoxelState::Crowd
         } else if self.is_fresh(slot, rule) {
-            if self.beliefs.method.clears(probability) { VoxelState::Empty } else { VoxelState::NotCleared }
+            match self.beliefs.method.clears(probability) && !self.is_shown(id, rule) {
+                true => VoxelState::Empty,
+                false => VoxelState::NotCleared,
+            }
         } else if self.was_empty(id, rule) {
             VoxelState::Stale
         } else {
@@ -124,12 +127,17 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
             self.looks_of(number).filter_map(|(id, slot, belief)| {
                 let is_empty = is_fresh[slot as usize] && {
                     let probability = self.faded(belief, slot);
-                    probability < rule.threshold && method.clears(probability)
+                    probability < rule.threshold && method.clears(probability) && !self.is_shown(id, rule)
                 };
                 is_empty.then_some(id)
             })
         };
         pages.par_iter().with_min_len(PAGES_AT_ONCE).flat_map_iter(empty_of).collect()
+    }
+
+    /// Does a look show crowd there that the others outweigh?
+    fn is_shown(&self, id: u32, rule: StateRule) -> bool {
+        self.history.shown.holds(id, self.now.stamp_ns, rule.threshold)
     }
 
     fn is_fresh(&self, slot: u32, rule: StateRule) -> bool {

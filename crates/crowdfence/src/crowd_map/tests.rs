@@ -40,7 +40,16 @@ fn paper(alpha: f64, decay: f64, unit: DecayUnit, initial: Initial) -> Method {
 
 /// Up to .5 a look says -2, above it 3; it is sharp from .1 m a pixel on: from 10 m, as `look` sees.
 fn evidence() -> Method {
-    let likelihood = LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap();
+    evidence_of(LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap())
+}
+
+/// The same, but above .5 a look says 5, above .75 7: with a doubt of 1 one alone leaves log odds of 2.5 and 3.5 above
+/// the prior's -1.386.
+fn evidence_that_shows() -> Method {
+    evidence_of(LikelihoodRatio::new(vec![], vec![], vec![0.5, 0.75], vec![-2.0, 5.0, 7.0]).unwrap())
+}
+
+fn evidence_of(likelihood: LikelihoodRatio) -> Method {
     let settings = EvidenceSettings {
         prior: 0.2,
         memory_s: 10.0,
@@ -461,6 +470,63 @@ fn or_needs_no_fleet_size() {
 }
 
 #[test]
+fn a_look_that_by_itself_shows_crowd_stands_whatever_others_show() {
+    let mut map = map(evidence_that_shows());
+    let shown = |map: &CrowdMap, second: i64| map.shown_ids(second * SECOND, 0.5).unwrap();
+    let blind = |name: &str, second: i64| look(name, 0.0, 0.0, second * SECOND);
+    // One that shows it among four that do not: ln(.2 / .8) + (7 - 4 * 2) / (5 + 1) * 5^.5 is no crowd.
+    let mut views: Vec<View> = ["a", "b", "c", "d"].map(|name| blind(name, 10)).into();
+    views.push(look("e", 0.0, 0.8, 10 * SECOND));
+    map.integrate(&views, 10 * SECOND).unwrap();
+    assert!(map.probability(10 * SECOND).unwrap()[0] < 0.2);
+    assert_eq!(shown(&map, 10), [0]);
+    // 3.5 above -1.386 are 2.114: clearly above .5, and not above .6, which is at .405.
+    assert!(map.shown_ids(10 * SECOND, 0.6).unwrap().is_empty());
+    // Neither one that shows nobody, nor one that shows it barely, nor one from before it makes it newer.
+    map.integrate(&[blind("a", 11), look("e", 0.0, 0.7, 11 * SECOND)], 11 * SECOND).unwrap();
+    map.integrate(&[look("e", 0.0, 0.8, 9 * SECOND)], 12 * SECOND).unwrap();
+    assert_eq!(shown(&map, 12), [0]);
+    assert!(map.shown_ids(12 * SECOND + 1, 0.5).unwrap().is_empty());
+    // A view that comes late shows what it showed when it was taken.
+    map.integrate(&[blind("a", 14), look("e", 0.0, 0.8, 25 * SECOND / 2)], 14 * SECOND).unwrap();
+    let read = CrowdMap::from_bytes(&map.to_bytes(), two_voxels()).unwrap();
+    for map in [&map, &read] {
+        assert_eq!(shown(map, 14), [0]);
+        assert!(shown(map, 15).is_empty());
+        assert!(map.shown_ids(13 * SECOND, 0.5).is_err() && map.shown_ids(14 * SECOND, 0.0).is_err());
+    }
+}
+
+#[test]
+fn what_a_look_shows_is_not_empty_while_it_stands() {
+    let mut map = map(evidence_that_shows());
+    // Sixty looks that say -2 each, against one that says 7: far below .1, up to which ground is empty.
+    for second in 0..12 {
+        let mut views: Vec<View> =
+            ["a", "b", "c", "d", "e"].map(|name| look(name, 0.0, 0.0, second * SECOND)).into();
+        if second == 11 {
+            views.push(look("f", 0.0, 0.8, second * SECOND));
+        }
+        map.integrate(&views, second * SECOND).unwrap();
+    }
+    let state = |second: i64| map.state(second * SECOND, 0.5, 30.0).unwrap()[0];
+    let empty = |second: i64| map.empty_ids(second * SECOND, 0.5, 30.0).unwrap();
+    assert!(map.probability(13 * SECOND).unwrap()[0] < 0.1);
+    assert_eq!((state(13), empty(13)), (VoxelState::NotCleared, vec![]));
+    assert_eq!(map.knowledge(&[0], 13 * SECOND, 0.5, 30.0).unwrap()[0].state, VoxelState::NotCleared);
+    assert_eq!((state(14), empty(14)), (VoxelState::Empty, vec![0]));
+}
+
+#[test]
+fn only_evidence_tells_by_itself_what_shows_crowd() {
+    for method in compared_methods().into_iter().chain([Method::Or(Or::new(0.5).unwrap())]) {
+        let mut map = map(method);
+        map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+        assert!(map.shown_ids(0, 0.01).unwrap().is_empty());
+    }
+}
+
+#[test]
 fn a_map_knows_who_saw_a_place() {
     let mut map = map(Method::Or(Or::new(0.5).unwrap()));
     map.integrate(&[look("b", 0.0, 0.0, 0), look("a", 0.0, 0.0, 0), look("c", 50.0, 1.0, 0)], 0).unwrap();
@@ -552,7 +618,7 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
         }
     };
     let or = Method::Or(Or::new(0.25).unwrap());
-    let stored = [evidence(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
+    let stored = [evidence_that_shows(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
     for method in stored.into_iter().chain(compared_methods()) {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
@@ -576,8 +642,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 6;
-    assert!(message(&newer).contains("version 6; this build reads version 1 to 5"));
+    newer[8] = 7;
+    assert!(message(&newer).contains("version 7; this build reads version 1 to 6"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;

@@ -8,13 +8,13 @@ pub enum VoxelState {
     NeverSeen = 0,
     /// Never seen: a camera pointed at it and something hid it.
     Occluded = 1,
-    /// Seen lately, and the looks speak against crowd.
+    /// Seen lately, and the looks speak against crowd: on the whole, and none of the last 2 s clearly for it.
     Empty = 2,
     /// The last look left it empty, but too long ago to be evidence of absence.
     Stale = 3,
     Crowd = 4,
     /// Seen, not crowd now, and never mind how long ago: the last look did not leave it empty. From too far, too flat,
-    /// too little; or crowd was seen, and is forgotten by now.
+    /// too little; or crowd was seen, and is forgotten by now, or outweighed by drones that see nobody.
     NotCleared = 5,
 }
 

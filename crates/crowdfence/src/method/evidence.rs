@@ -21,7 +21,7 @@ mod stored;
 
 use std::sync::Arc;
 
-use super::{Elapsed, FusionMethod, InstantOrder, Parameter, VoxelLook};
+use super::{CLEARLY, Elapsed, FusionMethod, InstantOrder, Parameter, VoxelLook};
 use crate::error::{Result, require};
 
 pub use likelihood::LikelihoodRatio;
@@ -37,6 +37,8 @@ pub struct Evidence {
     likelihood: Arc<LikelihoodRatio>,
     settings: EvidenceSettings,
     prior_log_odds: f64,
+    /// Mean heatmap value up to which no look by itself shows crowd.
+    shows_nothing_to: f32,
 }
 
 /// What [`Evidence`] is told beside the calibration.
@@ -121,6 +123,17 @@ impl FusionMethod for Evidence {
         self.settings.prior
     }
 
+    /// From [`CLEARLY`] above the prior on, as every threshold is above the prior.
+    fn log_odds_alone(&self, look: &VoxelLook) -> Option<f32> {
+        // Most looks are at ground without crowd.
+        if look.mean as f32 <= self.shows_nothing_to {
+            return None;
+        }
+        let weight = f64::from(self.sharpness(self.gsd_m(look)));
+        let evidence = alone(weight, self.log_ratio(look), self.settings.doubt);
+        (evidence >= CLEARLY).then_some((self.prior_log_odds + evidence) as f32)
+    }
+
     /// By the log odds, of which probabilities are another reading.
     fn speaks_for_crowd(&self, before: Option<(LooksSum, f32)>, (sum, fading): (LooksSum, f32)) -> bool {
         // Most ground is without crowd, and the sign of the sum says so before anything is divided.
@@ -160,7 +173,8 @@ impl Evidence {
     pub fn new(likelihood: Arc<LikelihoodRatio>, settings: EvidenceSettings) -> Result<Evidence> {
         settings.check()?;
         let prior_log_odds = (settings.prior / (1.0 - settings.prior)).ln();
-        Ok(Evidence { likelihood, settings, prior_log_odds })
+        let shows_nothing_to = likelihood.never_up_to(|ratio| alone(1.0, ratio, settings.doubt) >= CLEARLY);
+        Ok(Evidence { likelihood, settings, prior_log_odds, shows_nothing_to })
     }
 
     pub fn likelihood(&self) -> &LikelihoodRatio {
@@ -217,6 +231,11 @@ impl LooksSum {
     fn squared_weights(&self) -> f64 {
         self.weights.iter().map(|&weight| f64::from(weight) * f64::from(weight)).sum()
     }
+}
+
+/// What one look leaves above the prior, in log odds, where nobody else has ever looked.
+fn alone(weight: f64, log_ratio: f32, doubt: f64) -> f64 {
+    weight * f64::from(log_ratio) / (weight + doubt)
 }
 
 impl EvidenceSettings {

@@ -47,6 +47,18 @@ impl LikelihoodRatio {
         self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]
     }
 
+    /// The mean heatmap value up to which no look, however close and steep, has a ratio that `is_large`; infinite where
+    /// none has.
+    pub(super) fn never_up_to(&self, is_large: impl Fn(f32) -> bool) -> f32 {
+        let count = self.mean.count() + 1;
+        let bins = self.log_ratio.iter().zip((0..count).cycle());
+        match bins.filter(|&(&ratio, _)| is_large(ratio)).map(|(_, bin)| bin).min() {
+            Some(0) => f32::NEG_INFINITY,
+            Some(bin) => self.mean.as_slice()[bin - 1],
+            None => f32::INFINITY,
+        }
+    }
+
     /// Borders between the bins, and the table: `gsd_m`, `tilt_deg`, `mean`, `log_ratio`.
     pub fn columns(&self) -> [&[f32]; 4] {
         [self.gsd_m.as_slice(), self.tilt_deg.as_slice(), self.mean.as_slice(), &self.log_ratio]

@@ -163,6 +163,28 @@ fn slow_log_ratio(evidence: &Evidence, looks: &[(VoxelLook, f64)]) -> f64 {
 }
 
 proptest! {
+    /// It shows what the method makes of it where nobody else has looked, and nothing is passed over for its mean.
+    #[test]
+    fn a_look_alone_shows_what_it_leaves_where_nobody_else_looked(
+        table in prop::collection::vec(-4.0f32..8.0, 12),
+        mean in prop_oneof![Just(0.0), Just(0.25), Just(0.5), 0.0f64..=1.0],
+        range_m in 1.0f32..60.0,
+        doubt in 0.1f64..2.0,
+    ) {
+        let likelihood = LikelihoodRatio::new(vec![0.1, 0.3], vec![], vec![0.25, 0.5, 0.8], table).unwrap();
+        let evidence = Evidence::new(Arc::new(likelihood), EvidenceSettings { doubt, ..settings() }).unwrap();
+        let look = VoxelLook { range_m, ..look(0, mean) };
+        let left = log_ratio(&evidence, evidence.update(None, &[(look, 1.0)]), 0.0);
+        prop_assume!((left - CLEARLY).abs() > 1e-4);
+        match evidence.log_odds_alone(&look) {
+            Some(log_odds) => {
+                prop_assert!(left > CLEARLY);
+                prop_assert!((f64::from(log_odds) - left - (0.2f64 / 0.8).ln()).abs() < 1e-4);
+            }
+            None => prop_assert!(left < CLEARLY),
+        }
+    }
+
     #[test]
     fn the_sums_are_those_of_the_definition(looks in prop::collection::vec(aged_look(), 1..60)) {
         let evidence = evidence();

@@ -1,0 +1,96 @@
+//! Looks of the last seconds that by themselves show crowd.
+//!
+//! Beliefs average what all drones saw, so one that sees nobody, because it is blind or too far to tell, outweighs another
+//! that shows a crowd at the same time. A look that is clear by itself therefore stands for a while beside the beliefs:
+//! those who see nobody there may be right, but they are not believed at once.
+
+use crate::method::clearly_above;
+
+/// So long such a look stands, whatever others show.
+const STANDS_NS: i64 = 2_000_000_000;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ShownLook {
+    pub id: u32,
+    pub stamp_ns: i64,
+    /// Of crowd, as if nobody else had ever looked.
+    pub log_odds: f32,
+}
+
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Shown {
+    /// By voxel, then by stamp.
+    looks: Vec<ShownLook>,
+}
+
+impl Shown {
+    /// Takes in looks of an instant, and forgets those that do not stand any more at the newest one.
+    pub fn add(&mut self, looks: &[ShownLook], newest_ns: i64) {
+        self.looks.extend_from_slice(looks);
+        self.looks.retain(|look| stands(look, newest_ns));
+        self.looks.sort_by(|a, b| {
+            (a.id, a.stamp_ns).cmp(&(b.id, b.stamp_ns)).then(a.log_odds.total_cmp(&b.log_odds))
+        });
+    }
+
+    pub fn looks(&self) -> &[ShownLook] {
+        &self.looks
+    }
+
+    /// The voxels that are shown, clearly above a threshold, at a stamp not before the newest instant; sorted.
+    pub fn ids(&self, stamp_ns: i64, threshold: f64) -> Vec<u32> {
+        let shows = |look: &&ShownLook| stands(look, stamp_ns) && clearly_above(look.log_odds, threshold);
+        let mut ids: Vec<u32> = self.looks.iter().filter(shows).map(|look| look.id).collect();
+        ids.dedup();
+        ids
+    }
+
+    /// Whether a voxel is among them.
+    pub fn holds(&self, id: u32, stamp_ns: i64, threshold: f64) -> bool {
+        let first = self.looks.partition_point(|look| look.id < id);
+        let of_voxel = self.looks[first..].iter().take_while(|look| look.id == id);
+        of_voxel.into_iter().any(|look| stands(look, stamp_ns) && clearly_above(look.log_odds, threshold))
+    }
+}
+
+fn stands(look: &ShownLook, stamp_ns: i64) -> bool {
+    stamp_ns.saturating_sub(look.stamp_ns) <= STANDS_NS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: i64 = 1_000_000_000;
+
+    fn look(id: u32, second: i64, log_odds: f32) -> ShownLook {
+        ShownLook { id, stamp_ns: second * SECOND, log_odds }
+    }
+
+    #[test]
+    fn a_look_stands_for_two_seconds() {
+        let mut shown = Shown::default();
+        shown.add(&[look(7, 10, 2.5), look(3, 10, 3.5)], 10 * SECOND);
+        // Log odds of 0 are the threshold .5, and 2 more are clearly above it.
+        assert_eq!(shown.ids(12 * SECOND, 0.5), [3, 7]);
+        assert_eq!(shown.ids(12 * SECOND, 0.8), [3]);
+        assert!(shown.ids(12 * SECOND, 1.0).is_empty());
+        assert!(shown.holds(7, 12 * SECOND, 0.5) && !shown.holds(7, 12 * SECOND, 0.8));
+        assert!(!shown.holds(5, 12 * SECOND, 0.5) && !shown.holds(8, 12 * SECOND, 0.5));
+        assert!(shown.ids(12 * SECOND + 1, 0.5).is_empty() && !shown.holds(7, 12 * SECOND + 1, 0.5));
+    }
+
+    #[test]
+    fn what_does_not_stand_any_more_is_not_kept_in_whatever_order_it_comes() {
+        let looks = [look(7, 10, 2.5), look(7, 11, 2.0), look(7, 9, 4.0), look(2, 12, 2.0), look(7, 11, 2.2)];
+        let mut at_once = Shown::default();
+        at_once.add(&looks, 12 * SECOND);
+        let mut one_by_one = Shown::default();
+        for (number, look) in looks.iter().enumerate() {
+            one_by_one.add(&[*look], if number < 3 { 11 * SECOND } else { 12 * SECOND });
+        }
+        assert_eq!(at_once, one_by_one);
+        assert_eq!(at_once.looks(), [looks[3], looks[0], looks[1], looks[4]]);
+        assert_eq!(at_once.ids(12 * SECOND, 0.5), [2, 7]);
+    }
+}
