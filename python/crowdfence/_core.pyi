@@ -1222,8 +1222,9 @@ class CrowdMap:
         StampError for an earlier stamp, CrowdfenceError for an id that does not exist.
         """
     def shown_ids(self, stamp_ns: int, *, threshold: float | None = None) -> NDArray[np.int64]:
-        """The voxels that a look of the last 2 s by itself showed as crowd, whatever other drones saw there at the
-        time; at a stamp not before the newest instant, sorted ids [N] int64. Only `evidence` tells looks apart.
+        """The voxels that a look of the last 2 s by itself showed as crowd, whatever other drones saw there
+        at the time; at a stamp not before the newest instant, sorted ids [N] int64. Only `evidence` tells
+        looks apart.
 
         threshold  in (0, 1]: the look alone leaves crowd 2 in log odds above it; None = the method's
                    `default_threshold`

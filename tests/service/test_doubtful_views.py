@@ -28,6 +28,7 @@ from support.small_service import (
     recording,
     running,
     settle,
+    sharp,
     view,
     views,
     wait_for_end,
@@ -96,6 +97,28 @@ def test_masks_of_one_raise_an_alarm_in_a_replay() -> None:
         # The third drone's crowds are told in the right units.
         assert {(one.level, one.drone) for one in told} == {("alarm", "uav1"), ("alarm", "uav2")}
         assert all("look like masks of 0 and 1" in one.text for one in told)
+
+
+def test_a_drone_that_sees_nobody_where_another_shows_a_crowd_is_an_alarm_until_it_sees_one(
+    tmp_path: Path,
+) -> None:
+    with running(tmp_path / "data") as service, asked(service) as http:
+
+        def give(instants: range, blind: bool) -> list[Alert]:
+            for number in instants:
+                for drone in ("uav1", "uav2"):
+                    one = sharp(view(drone, number), blind=blind and drone == "uav2")
+                    assert http.post("/api/v1/views", content=message(one)).status_code == 202
+            settle(service)
+            Watch(service).look()
+            return alerts(service, "denied_crowd")
+
+        assert not give(range(10), blind=True), "two seconds prove nothing"
+        (told,) = give(range(10, 20), blind=True)
+        assert (told.level, told.drone, told.cleared_ns) == ("alarm", "uav2", None)
+        assert told.text.startswith("uav2 saw nobody in ")
+        (told,) = give(range(20, 24), blind=False)
+        assert told.cleared_ns is not None
 
 
 def test_masks_of_one_raise_an_alarm_live_until_a_heatmap_is_none(tmp_path: Path) -> None:

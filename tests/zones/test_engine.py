@@ -249,8 +249,8 @@ def test_crowd_of_a_late_view_is_closed_as_if_it_had_come_in_time() -> None:
 
 
 def test_a_drone_that_sees_nobody_does_not_open_at_once_what_another_shows() -> None:
-    """The nearer drone is blind from the first instant on, and weighs more. What the other shows is closed all
-    the same, and for 2 s after its last look; then the blind one is believed."""
+    """The nearer drone is blind from the first instant on, and weighs more. What the other shows is closed
+    all the same, and for 2 s after its last look; then the blind one is believed."""
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=2))
     threshold = crowd_map.method.default_threshold

@@ -5,6 +5,7 @@
 - `choose_detector`  which detector looks
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
+- `denied_crowd`     drones that see nobody where others clearly show a crowd
 - `lost_crowd`       crowd that met no ground, or became none there: shares and warnings
 - `detector_review`  what a model states about itself beside the flight
 - `still_video`      the same picture again and again from a camera that moves

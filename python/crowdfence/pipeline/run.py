@@ -18,6 +18,7 @@ from crowdfence.maps import MapHoles
 from crowdfence.maps.voxel_size import coarse_voxels_warning
 from crowdfence.pipeline.blind_drones import BlindDrones
 from crowdfence.pipeline.clocks import check_clocks
+from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
@@ -169,12 +170,15 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    units, blind = HeatmapUnits(), BlindDrones()
+    units, blind, denied = HeatmapUnits(), BlindDrones(), DeniedCrowd()
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         for view in found.views:
             units.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         blind.look(found.views, last.update.observations)
+        if recording.layer == CROWD:
+            shown_ids = loop.crowd_map.shown_ids(last.stamp_ns, threshold=loop.threshold)
+            denied.look(last.update.observations, shown_ids)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)
@@ -212,6 +216,7 @@ def run(
             *filter(None, (coarse, under)),
             *units.warnings,
             *blind.warnings(recording.drones, max_range_m),
+            *denied.warnings,
         ),
         voxel_size_why=voxel_size_why,
     )

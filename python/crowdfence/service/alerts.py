@@ -26,6 +26,7 @@ AlertKind = Literal[
     "alignment_unused",
     "lost_crowd",
     "unheeded_crowd",
+    "denied_crowd",
     "no_ground",
     "heatmap_units",
     "same_answer",

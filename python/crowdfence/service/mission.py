@@ -15,6 +15,7 @@ from crowdfence.config import RunConfig
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
+from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
@@ -75,6 +76,7 @@ class Mission:
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
         self.recent_looks = RecentLooks()
         self.unheeded_crowd = UnheededCrowd(terrain, crowd_map.method.b_threshold)
+        self.denied_crowd = DeniedCrowd()
         self._seen = SeenColumns(self.terrain)
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
@@ -112,6 +114,8 @@ class Mission:
         self.found = step.zones
         self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
+        shown_ids = self.loop.crowd_map.shown_ids(step.stamp_ns, threshold=self.threshold)
+        self.denied_crowd.look(step.update.observations, shown_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

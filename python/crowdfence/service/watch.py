@@ -91,6 +91,7 @@ class Watch:
         self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
+        self._denied_crowd()
         self._drones_and_zones()
         self._clock()
         self._disk()
@@ -242,6 +243,12 @@ class Watch:
         found = mission.unheeded_crowd.beside(moment.zones.closed, mission.threshold, least_m2)
         text, measure = ("", None) if found is None else (found.text, found.area_m2)
         self._set(found is not None, "unheeded_crowd", "alarm", text, measure=measure)
+
+    def _denied_crowd(self) -> None:
+        """Of drones that looked at nothing that others showed since the start nobody knows: what was raised
+        before stays."""
+        for drone, text in self._service.mission.denied_crowd.now().items():
+            self._set(text is not None, "denied_crowd", "alarm", text or "", drone=drone)
 
     def _drones_and_zones(self) -> None:
         service, moment = self._service, self._service.mission.newest

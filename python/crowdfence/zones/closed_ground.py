@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap
 from crowdfence.zones.belief import ColumnBelief, column_belief, forgets_to_unknown
+from crowdfence.zones.sorted_keys import united
 from crowdfence.zones.tracker import column_keys
 from crowdfence.zones.zone import NEVER_NS
 
@@ -79,7 +80,7 @@ class ClosedGround:
         if not self.forgets_to_unknown:
             return crowd_map.crowd_ids(stamp_ns, threshold=threshold)
         crowd = crowd_map.crowd_ids_at_last_looks(threshold=threshold)
-        return np.union1d(crowd, crowd_map.shown_ids(stamp_ns, threshold=threshold))
+        return united(crowd, crowd_map.shown_ids(stamp_ns, threshold=threshold))
 
     def _opened_by_looks(
         self, held: NDArray[np.int64], below: NDArray[np.int64], stamp_ns: int
