@@ -89,3 +89,29 @@ def test_crowd_that_became_one_or_was_not_there_is_not(
     plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
     warnings = cf.run(hovering(tmp_path, heatmap), plain, config).warnings
     assert not any("no ground ever reached" in one for one in warnings)
+
+
+def test_crowd_beside_a_zone_that_no_look_brings_above_the_threshold_is_told(tmp_path: Path) -> None:
+    """Two groups below one drone for 4 s, one shown at .95 and one at .6, and a threshold that only the first
+    reaches."""
+    plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
+    (tmp_path / "heatmaps").mkdir()
+    pixels = np.zeros((48, 64), np.uint8)
+    pixels[10:20, 10:20], pixels[30:40, 44:54] = 242, 153
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
+    for stamp_ns in range(10**18, 10**18 + 4 * 10**9, 5 * 10**8):
+        rows.append(f"a,{stamp_ns},30,30,20,0,1,0,0")
+        Image.fromarray(pixels).save(tmp_path / "heatmaps" / f"a_{stamp_ns}.png")
+    (tmp_path / "poses.csv").write_text("\n".join(rows) + "\n")
+    intrinsics = {"width": 640, "height": 480, "fx": 400, "fy": 400, "cx": 320, "cy": 240}
+    (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"*": intrinsics}}))
+    # By the shipped calibration looks at .95 leave log odds of 5.5 above the prior, those at .6 of 3.7.
+    found = cf.run(cf.open_recording(tmp_path), plain, RunConfig(EvidenceConfig(zone_log_odds=4.5)))
+    (zone,) = found.zones
+    assert zone.cell_count == 25
+    (warning,) = (one for one in found.warnings if "shows crowd" in one)
+    # 10 pixels of half a metre each way; the middle of the picture is 30 m east and north, and north is up.
+    assert warning.startswith(
+        "3.0 s after the first instant every look of a shows crowd on 25 m2 of the map, around 38 m east and "
+        "24 m north, and none of it reaches P >= "
+    ), warning

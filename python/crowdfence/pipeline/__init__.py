@@ -6,7 +6,8 @@
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
 - `denied_crowd`     drones that see nobody where others clearly show a crowd
-- `lost_crowd`       crowd that met no ground, or became none there: shares and warnings
+- `lost_crowd`       crowd that met no ground, or became none anywhere: shares and warnings
+- `unheeded_crowd`   crowd that every look at a place shows, and that never becomes any there
 - `detector_review`  what a model states about itself beside the flight
 - `still_video`      the same picture again and again from a camera that moves
 - `under_ground`     cameras below the map

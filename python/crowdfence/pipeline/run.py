@@ -26,6 +26,7 @@ from crowdfence.pipeline.heatmap_units import HeatmapUnits
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares, unheeded_crowd_warning
 from crowdfence.pipeline.terrain import check_overlap, require_recording
 from crowdfence.pipeline.under_ground import under_ground_line
+from crowdfence.pipeline.unheeded_crowd import Unheeded, UnheededCrowd
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.no_frame import no_frame_line
@@ -71,7 +72,8 @@ class Run:
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
     """What is doubtful about the map and what was taken from it, about the units of heatmaps, about drones
-    that saw nothing of the map and about videos that stood still, one sentence each."""
+    that saw nothing of the map or nobody where others did, about videos that stood still and about crowd that
+    was shown and is nowhere closed, one sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -89,14 +91,7 @@ class Run:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        of_pictures = [*of_detector, *self.heatmaps.warnings, *lost, *self._unheeded()]
-        return [*self.recording.warnings, *self.doubts, *of_pictures]
-
-    def _unheeded(self) -> list[str]:
-        if self.recording.layer != CROWD or any(row.crowd_voxels for row in self.rows):
-            return []
-        warning = unheeded_crowd_warning(self.crowd_mass, self.threshold)
-        return [] if warning is None else [warning]
+        return [*self.recording.warnings, *self.doubts, *of_detector, *self.heatmaps.warnings, *lost]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -171,6 +166,7 @@ def run(
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
     units, blind, denied = HeatmapUnits(), BlindDrones(), DeniedCrowd()
+    unheeded = _UnheededInRun(loop, config.zones.min_area_m2)
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         for view in found.views:
             units.look(view)
@@ -179,6 +175,7 @@ def run(
         if recording.layer == CROWD:
             shown_ids = loop.crowd_map.shown_ids(last.stamp_ns, threshold=loop.threshold)
             denied.look(last.update.observations, shown_ids)
+            unheeded.look(last)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)
@@ -217,9 +214,40 @@ def run(
             *units.warnings,
             *blind.warnings(recording.drones, max_range_m),
             *denied.warnings,
+            *(unheeded.warnings() if recording.layer == CROWD else ()),
         ),
         voxel_size_why=voxel_size_why,
     )
+
+
+class _UnheededInRun:
+    """The most ground at any instant that every look showed as crowd, and that no zone held."""
+
+    def __init__(self, loop: FrameLoop, least_m2: float) -> None:
+        """`least_m2`: smaller regions become no zones."""
+        self._loop, self._least_m2 = loop, least_m2
+        self._followed = UnheededCrowd(loop.crowd_map.terrain, loop.crowd_map.method.b_threshold)
+        self._most: tuple[float, Unheeded] | None = None
+        self._first_ns: int | None = None
+        self._was_crowd = False
+
+    def look(self, step: Step) -> None:
+        self._first_ns = step.stamp_ns if self._first_ns is None else self._first_ns
+        self._was_crowd |= len(step.crowd_ids) > 0
+        self._followed.add(step.update.observations, step.crowd_ids)
+        found = self._followed.beside(step.zones.closed, self._loop.threshold, self._least_m2)
+        if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
+            self._most = (step.stamp_ns - self._first_ns) / 1e9, found
+
+    def warnings(self) -> list[str]:
+        """At most one sentence."""
+        if self._most is not None:
+            after_s, found = self._most
+            return [f"{after_s:.1f} s after the first instant {found.text}"]
+        # Too few looks for what is told of a place.
+        loop = self._loop
+        never = None if self._was_crowd else unheeded_crowd_warning(loop.crowd_mass, loop.threshold)
+        return [] if never is None else [never]
 
 
 def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict[str, Any]:

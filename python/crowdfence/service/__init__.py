@@ -17,7 +17,6 @@
 - `operator_zones`    what operators closed, locked and opened
 - `alerts` `watch`    what somebody should look at, and what notices it
 - `recent_looks`      what drones showed of late, and where their crowd went
-- `unheeded_crowd`    crowd that every look shows and that never becomes any on the map
 - `access` `guard`    who may do what; limits, headers
 - `stream` `routes/` `app` `server`  HTTP and WebSocket
 - `client`            the same from Python

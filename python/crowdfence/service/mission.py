@@ -17,6 +17,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.still_video import StillVideo
+from crowdfence.pipeline.unheeded_crowd import UnheededCrowd
 from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
 from crowdfence.service.operator_zones import OperatorZones
@@ -24,7 +25,6 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.recent_looks import RecentLooks
 from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
-from crowdfence.service.unheeded_crowd import UnheededCrowd
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
 
