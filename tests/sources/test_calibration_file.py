@@ -121,6 +121,7 @@ def test_a_camchain_names_its_cameras(tmp_path: Path) -> None:
         (ROS.replace("distortion_coefficients", "D"), "'D' is not known"),
         ("a: [\n", "is not YAML"),
         (ROS.replace("plumb_bob", "thin_prism"), "distortion model 'thin_prism' is not supported"),
+        (ROS.replace("plumb_bob", "equidistant"), "5 distortion coefficients: only k1, k2, k3, k4 are"),
         (ROS.replace("700.5, 0, 639.25", "700.5, 639.25"), "camera_matrix has 8 values"),
         (ROS.replace("image_width: 1280", "image_width: -3"), "cannot be used"),
     ],

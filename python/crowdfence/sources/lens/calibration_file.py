@@ -1,7 +1,6 @@
 """Calibration files -> `Camera`: OpenCV, ROS camera_info and kalibr camchain, all YAML.
 
-All of them count pixels with the centre of the first one at (0, 0), ours is at (0.5, 0.5): half a pixel is
-added to cx and cy. A camchain of several cameras is named with its camera: camchain.yaml:cam1.
+A camchain of several cameras is named with its camera: camchain.yaml:cam1.
 """
 
 from __future__ import annotations
@@ -12,17 +11,15 @@ from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.errors import one_line
+from crowdfence.sources.lens.opencv_camera import opencv_camera
 
-_HALF_PIXEL = 0.5
 _READ = (
     "OpenCV's (camera_matrix, image_width), ROS's camera_info and kalibr's camchain are read, as YAML, and "
     "the numbers of other programs go into one like that (docs/recordings.md, Intrinsics)"
 )
 _LARGEST_BYTES = 1 << 20
-_RADIAL = {"plumb_bob", "radtan", "rational_polynomial", "brown_conrady", ""}
 _OF_BOTH = 4
 """So many coefficients may be of either model."""
-_FISHEYE = {"equidistant", "fisheye", "kannala_brandt"}
 
 
 def read_calibration(path: Path) -> Camera:
@@ -88,7 +85,8 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
             "4 distortion coefficients are those of cv2.fisheye, or k1, k2, p1, p2 of another lens: add a "
             "line distortion_model: equidistant for the former, plumb_bob for the latter"
         )
-    return _of(width, height, matrix[0], matrix[4], matrix[2], matrix[5], model, coefficients)
+    focal_px, centre_px = (matrix[0], matrix[4]), (matrix[2], matrix[5])
+    return opencv_camera((width, height), focal_px, centre_px, model, coefficients)
 
 
 def _of_kalibr(entry: dict[str, Any]) -> Camera:
@@ -97,22 +95,8 @@ def _of_kalibr(entry: dict[str, Any]) -> Camera:
     fx, fy, cx, cy = (float(value) for value in entry["intrinsics"])
     width, height = (int(value) for value in entry["resolution"])
     model = str(entry.get("distortion_model", ""))
-    return _of(width, height, fx, fy, cx, cy, "" if model == "none" else model, entry["distortion_coeffs"])
-
-
-def _of(
-    width: int, height: int, fx: float, fy: float, cx: float, cy: float, model: str, coefficients: Any
-) -> Camera:
-    values = [float(value) for value in coefficients]
-    cx, cy = cx + _HALF_PIXEL, cy + _HALF_PIXEL
-    if model in _FISHEYE:
-        return Camera.fisheye(width, height, fx, fy, cx, cy, (values + [0.0] * 4)[:4])
-    if model not in _RADIAL:
-        raise ValueError(f"distortion model {model!r} is not supported (plumb_bob, radtan, equidistant)")
-    if any(values[5:]):
-        raise ValueError(f"{len(values)} distortion coefficients: only k1, k2, p1, p2, k3 are supported")
-    radial = (values + [0.0] * 5)[:5]
-    return Camera.pinhole(width, height, fx, fy, cx, cy, radial if any(radial) else None)
+    model = "" if model == "none" else model
+    return opencv_camera((width, height), (fx, fy), (cx, cy), model, entry["distortion_coeffs"])
 
 
 def _matrix(entry: Any) -> list[float]:

@@ -1,7 +1,4 @@
-"""Our `Camera` <-> sensor_msgs/CameraInfo.
-
-ROS and OpenCV put the centre of the first pixel at (0, 0), we put it at (0.5, 0.5): cx, cy differ by a half.
-"""
+"""Our `Camera` <-> sensor_msgs/CameraInfo."""
 
 import re
 from typing import Any
@@ -9,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from crowdfence._core import Camera
+from crowdfence.sources.lens.opencv_camera import HALF_PIXEL, opencv_camera
 from crowdfence.sources.rotation_angle import angle_between_deg
 
-_HALF_PIXEL = 0.5
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 _RECTIFIED = re.compile(r"(?:^|[/_])(?:rect(?:ified)?|undist(?:ort(?:ed)?)?)(?:[/_]|$)")
 _MOST_TURN_DEG = 0.2
@@ -24,7 +21,7 @@ def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> d
     width, height = size or (camera.width, camera.height)
     across, down = width / camera.width, height / camera.height
     fx, fy = camera.fx * across, camera.fy * down
-    cx, cy = camera.cx * across - _HALF_PIXEL, camera.cy * down - _HALF_PIXEL
+    cx, cy = camera.cx * across - HALF_PIXEL, camera.cy * down - HALF_PIXEL
     fisheye = camera.model == "kannala_brandt"
     return {
         "height": height,
@@ -40,23 +37,12 @@ def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> d
 def camera_from_info(info: Any) -> Camera:
     """Camera of a decoded CameraInfo message.
 
-    ValueError for a distortion model other than plumb_bob (also told as a rational_polynomial whose
-    denominator is 1) and equidistant, for an image that is a binned or cut part of the sensor (its intrinsics
-    would need correcting), and for intrinsics that the core refuses.
+    ValueError as of `opencv_camera`, and for an image that is a binned or cut part of the sensor: its
+    intrinsics would need correcting.
     """
     _require_whole(info)
-    fx, fy = info.k[0], info.k[4]
-    cx, cy = info.k[2] + _HALF_PIXEL, info.k[5] + _HALF_PIXEL
-    distortion = list(info.d)
-    if info.distortion_model == "equidistant":
-        return Camera.fisheye(info.width, info.height, fx, fy, cx, cy, distortion or [0.0] * 4)
-    if info.distortion_model == "rational_polynomial" and not any(distortion[5:]):
-        distortion = distortion[:5]  # without a denominator it is plumb_bob, and OpenCV's drivers write it so
-    elif info.distortion_model not in ("plumb_bob", ""):
-        raise ValueError(
-            f"distortion model {info.distortion_model!r} is not supported (plumb_bob, equidistant)"
-        )
-    return Camera.pinhole(info.width, info.height, fx, fy, cx, cy, distortion if any(distortion) else None)
+    k, size = info.k, (info.width, info.height)
+    return opencv_camera(size, (k[0], k[4]), (k[2], k[5]), info.distortion_model, list(info.d))
 
 
 def is_rectified(topic: str) -> bool:
@@ -83,7 +69,7 @@ def rectified_camera(info: Any) -> Camera:
             f"the pictures are rectified and turned by {turn_deg:.2f} degrees against the camera (R in "
             f"camera_info), at most {_MOST_TURN_DEG:g} are taken: name the raw pictures"
         )
-    return Camera.pinhole(info.width, info.height, p[0], p[5], p[2] + _HALF_PIXEL, p[6] + _HALF_PIXEL)
+    return Camera.pinhole(info.width, info.height, p[0], p[5], p[2] + HALF_PIXEL, p[6] + HALF_PIXEL)
 
 
 def _require_whole(info: Any) -> None:
