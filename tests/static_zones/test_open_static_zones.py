@@ -322,6 +322,11 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
             KML.format(corners="8, 46.5 8.1, 46.5 8.1, 46.6 8, 46.5"),
             "a corner that cannot be read: a corner is no longitude and latitude",
         ),
+        # The second of two corners without a space between them was lost, and half of the ground with it.
+        (
+            KML.format(corners="8,46.5,0 8.1,46.5,0,8.1,46.6,0 8,46.6,0 8,46.5,0"),
+            "is a space missing?",
+        ),
         (ed269(upperLimit=0), "zone 'ABC1234': band 0 to 0 m"),
         (
             ed318({"type": "Polygon", "coordinates": [SQUARE], "layer": {"upper": 10, "lower": 20}}),

@@ -9,8 +9,12 @@ from xml.etree import ElementTree as xml
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import quoted
 from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, ring_of
 from crowdfence.zones import AltitudeBand
+
+_MOST_VALUES = 3
+"""Of a corner."""
 
 
 def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
@@ -61,7 +65,7 @@ def _rings_of(polygon: Any, boundary: str, name: str) -> list[list[NDArray[np.fl
     try:
         return [
             [
-                ring_of([corner.split(",") for corner in (text.text or "").split()])
+                ring_of([_corner(corner) for corner in (text.text or "").split()])
                 for text in element.iter()
                 if _tag(text) == "coordinates"
             ]
@@ -70,6 +74,15 @@ def _rings_of(polygon: Any, boundary: str, name: str) -> list[list[NDArray[np.fl
         ]
     except ValueError as error:
         raise ValueError(f"zone {name!r} has a corner that cannot be read: {error}") from error
+
+
+def _corner(text: str) -> list[str]:
+    """Longitude, latitude and often a height. Two corners without a space between them are none: the second
+    would be lost, and with it ground."""
+    values = text.rstrip(",").split(",")
+    if len(values) > _MOST_VALUES:
+        raise ValueError(f"{quoted(text)} has more than longitude, latitude and height; is a space missing?")
+    return values
 
 
 def _tag(element: Any) -> str:
