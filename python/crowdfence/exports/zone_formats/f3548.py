@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.exports.geographic_outline import polygons_of
-from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.exports.zone_formats.times import floor_ms, rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import Zone
 from crowdfence.zones.capacity import fitted
@@ -112,6 +112,7 @@ def _corners(part: Polygon) -> int:
 
 
 def _times(zone: Zone, start_ns: int) -> tuple[dict[str, str], dict[str, str]]:
+    start_ns = floor_ms(start_ns)  # as it is written: of a later one a day ends a millisecond late
     last_ns = start_ns + MAX_DURATION_NS
     end_ns = last_ns if zone.valid_until_ns is None else zone.valid_until_ns
     end_ns = min(max(end_ns, start_ns + LEAST_DURATION_NS), last_ns)

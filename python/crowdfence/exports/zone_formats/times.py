@@ -11,5 +11,10 @@ def rfc3339(stamp_ns: int, *, up: bool = False) -> str:
     >>> rfc3339(1_760_000_000_499_514_525), rfc3339(1_760_000_000_499_514_525, up=True)
     ('2025-10-09T08:53:20.499Z', '2025-10-09T08:53:20.500Z')
     """
-    count = stamp_ns // _MILLISECOND_NS + (up and stamp_ns % _MILLISECOND_NS > 0)
-    return iso_utc(count * _MILLISECOND_NS)[:-7] + "Z"
+    whole_ns = floor_ms(stamp_ns)
+    return iso_utc(whole_ns + _MILLISECOND_NS * (up and whole_ns < stamp_ns))[:-7] + "Z"
+
+
+def floor_ms(stamp_ns: int) -> int:
+    """The last whole millisecond up to a stamp, in nanoseconds."""
+    return stamp_ns - stamp_ns % _MILLISECOND_NS
