@@ -525,6 +525,8 @@ def test_a_zone_of_others_above_the_sea_takes_no_crowd_out_of_the_file(
     both = exported(replace(plain, static=(control_zone,)), datum=datum)
     if datum == "AMSL" and kind in ("ed318", "ed269", "ed269-list", "csv"):
         both = replace(both, zones=[control_zone])  # of the crowd's ground the grid of the geoid is needed
+    if kind in ("ed269", "ed269-list") and datum == "WGS84":
+        return  # it has no such heights
     text = ZONE_FORMATS[kind](both)
     if kind in ("kml", "multidrone"):
         (document,) = fastkml.KML.from_string(undeclared(text)).features
@@ -537,11 +539,27 @@ def test_a_zone_of_others_above_the_sea_takes_no_crowd_out_of_the_file(
         assert modes == ["relativeToGround", "absolute"]
     elif kind != "qgc":
         lower_m, upper_m, above = limits_of_the_last(kind, text)
-        asked = "WGS84" if kind == "f3548" else bounded if datum == "AGL" else datum
+        in_file = "AMSL" if kind in ("ed269", "ed269-list") else bounded
+        asked = "WGS84" if kind == "f3548" else in_file if datum == "AGL" else datum
         wider = {"AMSL WGS84": (-107.0, 86.0), "WGS84 AMSL": (-86.0, 107.0)}.get(
             f"{bounded} {asked}", (0.0, 0.0)
         )
         assert (lower_m, upper_m, above) == (600.0 + wider[0], 1500.0 + wider[1], asked)
+
+
+@pytest.mark.parametrize("kind", ["ed269", "ed269-list"])
+def test_ed269_has_no_heights_above_the_ellipsoid(kind: str) -> None:
+    """A reader that goes by its data types refuses the whole file for one of them."""
+    with pytest.raises(ValueError, match="ED-269 knows no heights above the ellipsoid"):
+        ZONE_FORMATS[kind](exported(datum="WGS84"))
+    control_zone = Zone.of_no_look(
+        "CTR", shapely.box(0.0, 0.0, 9.0, 9.0), "static", "given", band=AltitudeBand(600.0, 1500.0, "WGS84")
+    )
+    document = json.loads(ZONE_FORMATS[kind](exported(replace(zones_of("#"), static=(control_zone,)))))
+    zones = eurocae_ed269.ED269Schema.from_dict(
+        {"features": document.get("UASZoneList") or document["features"]}
+    )
+    assert [zone.geometry[0].upperVerticalReference for zone in zones.features] == ["AGL", "AMSL"]
 
 
 @pytest.mark.parametrize("kind", ["ed318", "ed269", "kml"])
@@ -634,9 +652,8 @@ def test_zones_of_others_are_closed_above_their_own_ground(
     assert (volume["altitude_lower"]["value"], volume["altitude_upper"]["value"]) == pytest.approx(
         band_m, abs=2e-3
     )
-    (zone,) = json.loads(ZONE_FORMATS["ed269"](export))["features"]
-    (geometry,) = zone["geometry"]
-    assert geometry["lowerLimit"] <= band_m[0] and band_m[1] <= geometry["upperLimit"] <= band_m[1] + 1
+    lowest_m, highest_m, _ = limits_of_the_last("ed318", ZONE_FORMATS["ed318"](export))
+    assert lowest_m <= band_m[0] and band_m[1] <= highest_m <= band_m[1] + 1
     band = exported(static_zone(lower_m, upper_m)).band(export.zones[0])
     assert band == AltitudeBand(0.0, 120.0, "AGL")
 

@@ -2,7 +2,8 @@
 
 Longitude comes before latitude, as national files have it (the samples of the Swiss authority), although a
 package of types says otherwise. Limits are whole metres, rounded outward. Readers do not agree what rings
-beyond the first are, holes or areas of their own: none are written, holes are closed.
+beyond the first are, holes or areas of their own: none are written, holes are closed. It knows heights above
+the ground and the sea alone, not above the ellipsoid.
 """
 
 from __future__ import annotations
@@ -22,8 +23,11 @@ _RESTRICTIONS = {"prohibited": "PROHIBITED", "no_sustained_flight": "CONDITIONAL
 
 
 def ed269(export: ZoneExport, *, as_list: bool = False) -> str:
-    """A document with the zones under "features" or, `as_list`, "UASZoneList"; both are in use."""
+    """A document with the zones under "features" or, `as_list`, "UASZoneList"; both are in use. ValueError
+    for heights above the ellipsoid."""
     export.country_code()  # also where there is no zone to name it
+    if export.datum == "WGS84":
+        raise ValueError("ED-269 knows no heights above the ellipsoid (WGS84); use AGL or AMSL, or ED-318")
     zones = [_zone(zone, export) for zone in export.zones]
     if as_list:
         head = {"formatVersion": "1.0.0", "createdAt": rfc3339(export.stamp_ns)}
@@ -54,7 +58,8 @@ def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
 def _geometry(part: Any, zone: Zone, export: ZoneExport) -> dict[str, Any]:
     from shapely.geometry.polygon import orient
 
-    band = export.band(zone)
+    # One of others above the ellipsoid stays so where heights are above the ground.
+    band = export.band(zone, "AMSL" if zone.band.datum == "WGS84" else None)
     return {
         "uomDimensions": "M",
         "lowerLimit": math.floor(band.lower_m),
