@@ -805,6 +805,15 @@ def test_a_fence_is_added_to_a_plan_and_what_was_there_stays() -> None:
     assert old["geoFence"]["version"] == 2 and old["geoFence"]["polygons"]
 
 
+def test_the_point_to_return_to_takes_an_item_of_the_fence() -> None:
+    """QGroundControl sends it in the same list, and PX4 refuses one of 64 items whole."""
+    fence = {**plan()["geoFence"], "breachReturn": [46.5, 8.0, 30.0]}
+    crowds = zones_of("#...#...#...#\n.............\n" * 5)
+    after = json.loads(qgc_plan(exported(crowds), plan(geoFence=fence)))["geoFence"]
+    assert after["breachReturn"] == fence["breachReturn"]
+    assert 40 < sum(len(one["polygon"]) for one in after["polygons"]) + len(after["circles"]) + 1 <= 63
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -817,6 +826,14 @@ def test_a_fence_is_added_to_a_plan_and_what_was_there_stays() -> None:
             {"geoFence": {"version": 2, "circles": [{}] * 63, "polygons": []}},
             "a fence of 0 items holds no zone",
         ),
+        # These ended in a traceback.
+        ({"geoFence": None}, "its geoFence is None"),
+        (
+            {"geoFence": {"version": 2, "polygons": None, "circles": []}},
+            "the polygons of its geoFence are None",
+        ),
+        ({"geoFence": {"version": 2, "polygons": [], "circles": [3]}}, "the circles of its geoFence are"),
+        ({"geoFence": {"version": 2, "polygons": [{}], "circles": []}}, "a polygon of its geoFence has no"),
     ],
 )
 def test_a_plan_that_is_not_known_is_refused(changes: dict[str, Any], message: str) -> None:

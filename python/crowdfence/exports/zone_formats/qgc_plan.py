@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from crowdfence.errors import quoted
 from crowdfence.exports.geographic_circle import geographic_circle
 from crowdfence.exports.ground_of_shapes import GroundOfShapes
 from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
@@ -40,8 +41,10 @@ def fence_of(export: ZoneExport, plan: dict[str, Any] | None = None) -> Fence:
     """What is put into the fence beside what a plan holds. ValueError where there is no room."""
     if not export.zones:
         return Fence((), (), 0.0, 0.0)
-    there = {"polygons": [], "circles": []} if plan is None else _checked(plan)["geoFence"]
+    there: dict[str, Any] = {"polygons": [], "circles": []} if plan is None else _checked(plan)["geoFence"]
+    # QGroundControl sends the point to return to as one more item of the same list.
     taken = sum(len(one["polygon"]) for one in there["polygons"]) + len(there["circles"])
+    taken += "breachReturn" in there
     return fitted([zone.polygon for zone in export.zones], export.max_items - taken)
 
 
@@ -57,6 +60,8 @@ def _checked(plan: dict[str, Any]) -> dict[str, Any]:
         if found != known:
             raise ValueError(f"{name} is of version {found!r}; only {known} is known")
     fence = result.setdefault("geoFence", {})
+    if not isinstance(fence, dict):
+        raise ValueError(f"its geoFence is {quoted(fence)}; it must be an object")
     if fence.get("version", FENCE_VERSION) != FENCE_VERSION:
         if fence.get("polygon") or fence.get("polygons") or fence.get("circles"):
             raise ValueError(f"its fence is of version {fence['version']!r}; only {FENCE_VERSION} is known")
@@ -64,6 +69,14 @@ def _checked(plan: dict[str, Any]) -> dict[str, Any]:
     fence["version"] = FENCE_VERSION
     fence.setdefault("polygons", [])
     fence.setdefault("circles", [])
+    for name in ("polygons", "circles"):
+        if not isinstance(fence[name], list) or not all(isinstance(one, dict) for one in fence[name]):
+            raise ValueError(
+                f"the {name} of its geoFence are {quoted(fence[name])}; they must be a list of objects"
+            )
+    for one in fence["polygons"]:
+        if not isinstance(one.get("polygon"), list):
+            raise ValueError(f"a polygon of its geoFence has no corners: {quoted(one)}")
     return result
 
 
