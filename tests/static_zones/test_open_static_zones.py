@@ -44,7 +44,7 @@ def ed269(**geometry: Any) -> dict[str, Any]:
     return {"features": [zone]}
 
 
-def ed318(geometry: dict[str, Any], **properties: Any) -> dict[str, Any]:
+def ed318(geometry: dict[str, Any] | None, **properties: Any) -> dict[str, Any]:
     told = {"identifier": "ABC1234", "country": "CHE", "type": "PROHIBITED", "variant": "COMMON"}
     return {
         "type": "FeatureCollection",
@@ -124,6 +124,25 @@ def test_layers_and_circles_of_ed318(tmp_path: Path) -> None:
     assert [zone.id for zone in both] == ["ABC1234", "S1"]
     assert both[0].band == AltitudeBand(50.0, 150.0, "AGL")
     assert both[1].band.upper_m == pytest.approx(150.0, abs=1e-3)
+
+
+def test_features_of_ed318_may_lack_properties_or_ground(tmp_path: Path) -> None:
+    """By its schema. One without ground refused the file; where the first had no properties, circles were no
+    zones."""
+    circle = {"type": "Point", "coordinates": [8.0, 46.5], "extent": {"subType": "Circle", "radius": 100.0}}
+    first, second, last = (
+        ed318(geometry)["features"][0]
+        for geometry in (None, circle, {"type": "Polygon", "coordinates": [SQUARE]})
+    )
+    features = [{**first, "properties": None}, second, {**last, "properties": None}, first]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    read = open_static_zones(path, ANCHOR)
+    assert [(zone.id, zone.name) for zone in read.zones] == [("ABC1234", None), ("S1", "feature 3")]
+    assert read.left_out == (
+        "feature 1: no geometry, closes no ground",
+        "ABC1234: no geometry, closes no ground",
+    )
 
 
 def test_zones_that_keep_nobody_out_are_told(tmp_path: Path) -> None:

@@ -19,9 +19,9 @@ OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 
 
 def is_ed318(document: Mapping[str, Any]) -> bool:
-    features = document.get("features") or [{}]
-    properties = features[0].get("properties")
-    return isinstance(properties, dict) and "variant" in properties and "identifier" in properties
+    """By any feature: the schema lets the first be without properties."""
+    told = (feature.get("properties") for feature in document.get("features") or [])
+    return any(isinstance(one, dict) and "variant" in one and "identifier" in one for one in told)
 
 
 def is_ed269(document: Mapping[str, Any]) -> bool:
@@ -36,11 +36,15 @@ def is_ed269(document: Mapping[str, Any]) -> bool:
 
 def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[GivenZone]:
     """ValueError or KeyError where something is missing."""
-    for feature in document["features"]:
+    for number, feature in enumerate(document["features"], start=1):
         properties = feature["properties"]
+        if properties is None:  # nothing says that it keeps nobody out
+            properties = {"identifier": f"feature {number}", "type": None}
         name = str(properties["identifier"])
         if properties["type"] in OPEN_TYPES:
             left_out.append(f"{name}: {properties['type']} keeps nobody out")
+        elif feature["geometry"] is None:
+            left_out.append(f"{name}: no geometry, closes no ground")
         else:
             yield from _layered(name, _text(properties.get("name")), feature["geometry"], left_out)
 
