@@ -409,6 +409,29 @@ def test_an_archive_and_text_of_two_bytes_are_told_with_what_to_do(tmp_path: Pat
         open_static_zones(path, ANCHOR)
 
 
+@pytest.mark.parametrize("place", [(35.34, 25.14), (46.5, 8.0)])
+@pytest.mark.parametrize("kind", ["polygon", "circle"])
+def test_latitude_before_longitude_is_told(tmp_path: Path, place: tuple[float, float], kind: str) -> None:
+    """Exchanged, Crete lies 14 degrees from itself: not so far that its zones would be told for that. They
+    closed ground in Egypt, and nothing said so."""
+    latitude, longitude = place
+    path = tmp_path / "zones.json"
+
+    def told(*shift: float, exchange: bool) -> tuple[str, ...]:
+        ring = np.array(SQUARE) + np.array([longitude - 8.0, latitude - 46.5]) + np.array(shift)
+        ring = ring[:, ::-1] if exchange else ring
+        circle = {"type": "Circle", "center": ring[0].tolist(), "radius": 100.0}
+        shape = {"type": "Polygon", "coordinates": [ring.tolist()]} if kind == "polygon" else circle
+        path.write_text(json.dumps(ed269(horizontalProjection=shape)))
+        return open_static_zones(path, Georeference(latitude, longitude, 0.0)).left_out
+
+    assert told(0.2, 0.1, exchange=False) == () == told(3.0, 1.0, exchange=False)
+    assert told(0.2, 0.1, exchange=True)[-1] == (
+        "no zone is within 1 degree, and 1 would be if latitude and longitude were exchanged; longitude "
+        "comes first"
+    )
+
+
 @pytest.mark.parametrize(
     "content",
     [

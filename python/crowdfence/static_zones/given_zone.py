@@ -37,6 +37,9 @@ _FAR_DEG = 20.0
 """No mission comes to a zone so far away."""
 _MAX_REACH_DEG = 60.0
 """The local plane holds what is nearer than a quarter of the Earth's circumference."""
+_NEAR_DEG = 1.0
+_NEAR_M = 100_000.0
+"""A file of zones for a mission has one so near, a national file many."""
 _OURS = "ZUO"
 """Ids of crowds, of unseen ground and of what operators close begin so."""
 
@@ -75,11 +78,14 @@ def local_zones(
     given: Iterable[GivenZone], georeference: Georeference, taken: set[str], left_out: list[str]
 ) -> list[Zone]:
     """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
-    a number; `taken` receives the ids, `left_out` what is too far away. ValueError for an outline that is
+    a number; `taken` receives the ids, `left_out` what is too far away, and that all of it is where exchanged
+    coordinates would be near. ValueError for an outline that is
     empty, crosses itself, is not finite or reaches round the Earth."""
     zones = []
     numbers = count(1)
+    exchanged = 0
     for one in given:
+        exchanged += _would_be_near_exchanged(one, georeference)
         polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
         if polygon is None:
             left_out.append(f"{one.name}: lies more than {_FAR_DEG:g} degrees away")
@@ -93,7 +99,25 @@ def local_zones(
                 id, polygon, "static", "given", restriction=one.restriction, band=one.band, name=name
             )
         )
+    if exchanged and not any(_is_near(zone) for zone in zones):
+        left_out.append(
+            f"no zone is within {_NEAR_DEG:g} degree, and {exchanged} would be if latitude and longitude "
+            "were exchanged; longitude comes first"
+        )
     return zones
+
+
+def _would_be_near_exchanged(given: GivenZone, georeference: Georeference) -> bool:
+    """Whether a corner would lie near the anchor if its latitude were its longitude."""
+    corners = given.rings[0] if given.rings else ring_of([] if given.centre is None else [given.centre])
+    away_deg = np.abs(corners - (georeference.latitude_deg, georeference.longitude_deg))
+    return bool((away_deg < _NEAR_DEG).all(axis=1).any())
+
+
+def _is_near(zone: Zone) -> bool:
+    import shapely
+
+    return bool(zone.polygon.distance(shapely.Point(0.0, 0.0)) < _NEAR_M)
 
 
 def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
