@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import shapely
 
-from crowdfence.fence_sync import ItemCapacity, ZoneSource
-from crowdfence.fence_sync.placement import placed
-from crowdfence.static_zones import StaticZoneError
+from crowdfence.fence_sync import ItemCapacity, ZoneSource, fence_geojson
+from crowdfence.fence_sync.fence_item import CIRCLE_EXCLUSION, POLYGON_EXCLUSION, POLYGON_INCLUSION, FenceItem
+from crowdfence.fence_sync.placement import ground_of, placed
+from crowdfence.static_zones import StaticZoneError, open_static_zones
 
 
 def written(path: Path, *boxes: tuple[float, float, float, float], **properties: object) -> Path:
@@ -103,6 +104,8 @@ def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
             '{"features": [{"properties": {"identifier": "A", "variant": "COMMON"}, "geometry": null}]}',
             "it is ED-318: give it as --static-zones",
         ),
+        ('{"UASZoneList": []}', "it is ED-269: give it as --static-zones"),
+        ("[]", "it holds no JSON object with zones"),
         (
             '{"type": "Polygon", "coordinates": [[[8, 99], [8, 47], [9, 48], [8, 99]]]}',
             "a corner is no longitude and latitude: 8, 99",
@@ -114,6 +117,32 @@ def test_a_file_that_is_no_zones_is_named(tmp_path: Path, text: str, message: st
     with pytest.raises(StaticZoneError, match="a.geojson: ") as error:
         ZoneSource(tmp_path / "a.geojson").read()
     assert message in str(error.value)
+
+
+def test_a_fence_that_was_read_is_closed_again(tmp_path: Path) -> None:
+    """Circles closed no ground, and what keeps drones in was closed to them."""
+    corners = [(470000000, 80000000), (470010000, 80000000), (470010000, 80010000)]
+    circle = (FenceItem(CIRCLE_EXCLUSION, 25.5, 470050000, 80050000),)
+    triangle = tuple(FenceItem(POLYGON_EXCLUSION, 3.0, north, east) for north, east in corners)
+    path = tmp_path / "fence.geojson"
+    path.write_text(fence_geojson([circle, triangle], [circle], "vehicle 1 (PX4)"))
+    found = ZoneSource(path).read()
+    sent = placed(found.zones, found.georeference, ItemCapacity(63)).shapes
+    ground = shapely.union_all([ground_of(shape, found.georeference) for shape in sent])
+    for shape in (circle, triangle):
+        before = ground_of(shape, found.georeference)
+        assert before is not None and ground.buffer(1e-3).covers(before)
+    assert len(open_static_zones(path, found.georeference).zones) == 2
+
+    keeps_in = tuple(FenceItem(POLYGON_INCLUSION, 3.0, north, east) for north, east in corners)
+    path.write_text(fence_geojson([circle, keeps_in], [], "vehicle 1 (PX4)"))
+    with pytest.raises(StaticZoneError, match="feature 2: an inclusion fence"):
+        ZoneSource(path).read()
+    read = open_static_zones(path, found.georeference)
+    assert [zone.name for zone in read.zones] == ["feature 1"]
+    assert read.left_out == (
+        "feature 2: an inclusion fence, which closes what lies around it; no zone does that",
+    )
 
 
 def test_a_file_without_zones_closes_nothing(tmp_path: Path) -> None:

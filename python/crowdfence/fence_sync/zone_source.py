@@ -18,7 +18,7 @@ from crowdfence.result_folder import HISTORY, open_history, stamp_of
 from crowdfence.static_zones import StaticZoneError
 from crowdfence.static_zones.given_zone import local_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
-from crowdfence.static_zones.uas_zones import is_ed318
+from crowdfence.static_zones.uas_zones import is_ed269, is_ed318
 from crowdfence.zones import MAX_ID_LENGTH, Zone
 
 if TYPE_CHECKING:
@@ -91,13 +91,17 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
     StaticZoneError names what is wrong."""
     try:
         document = json.loads(path.read_bytes())
-        if is_ed318(document):
-            raise ValueError("it is ED-318: give it as --static-zones, beside zones of ours")
+        if not isinstance(document, dict):
+            raise ValueError("it holds no JSON object with zones")
+        for is_other, other in ((is_ed318, "ED-318"), (is_ed269, "ED-269")):
+            if is_other(document):
+                raise ValueError(f"it is {other}: give it as --static-zones, beside zones of ours")
         left_out: list[str] = []
         given = list(geojson_zones(document, left_out))
         if left_out:
             raise ValueError(left_out[0])
-        corners = np.vstack([np.empty((0, 2)), *(ring for one in given for ring in one.rings)])
+        centres = ([one.centre] for one in given if one.centre is not None)
+        corners = np.vstack([np.empty((0, 2)), *(ring for one in given for ring in one.rings), *centres])
         # Beyond the antimeridian some go on counting.
         wrong = ~(np.isfinite(corners) & (np.abs(corners) <= (360.0, 90.0))).all(axis=1)
         if wrong.any():

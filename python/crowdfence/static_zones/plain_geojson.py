@@ -1,5 +1,7 @@
 """Polygons of any GeoJSON (RFC 7946), from the ground up without end; those of our files with their band.
 
+Of a fence that `crowdfence fence pull` wrote circles are read too. What it keeps drones in is no zone.
+
 Files from before RFC 7946, and many that GIS programs write today, name their reference system in "crs".
 Degrees of another datum lie up to hundreds of metres from those of WGS 84, and are converted.
 """
@@ -37,21 +39,34 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
         properties = feature.get("properties") or {}
         name = str(feature.get("id") or properties.get("id") or properties.get("name") or f"feature {number}")
         title = str(properties.get("name") or "")
+        if properties.get("fence") == "inclusion":
+            left_out.append(
+                f"{name}: an inclusion fence, which closes what lies around it; no zone does that"
+            )
+            continue
         polygons: list[Any] = []
+        circles: list[Any] = []
         said_before = len(left_out)
         crs = _stated_crs(document, feature, feature["geometry"])
         for geometry in _geometries(feature["geometry"]):
             kind = geometry and geometry["type"]
+            if kind == "Point" and properties.get("fence") == "exclusion":
+                circles.append(geometry["coordinates"])
+                continue
             if kind not in ("Polygon", "MultiPolygon"):
                 left_out.append(f"{name}: a {kind} closes no ground")
                 continue
             shapes = geometry["coordinates"]
             polygons += [shapes] if kind == "Polygon" else shapes
-        if not polygons and len(left_out) == said_before:
+        if not polygons and not circles and len(left_out) == said_before:
             left_out.append(f"{name}: no polygon, closes no ground")
         datum = properties.get("datum", "AGL")
         limits = properties.get("lower_m"), properties.get("upper_m")
         band = band_of(name, limits, "m", (datum, datum))
+        for centre in circles:
+            place = _in_wgs84(ring_of([centre]), crs)[0]
+            radius_m = float(properties["radius_m"])
+            yield GivenZone(name, [], band, centre=(place[0], place[1]), radius_m=radius_m, title=title)
         for rings in polygons:
             yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
 
