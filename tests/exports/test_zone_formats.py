@@ -562,7 +562,7 @@ def test_ed269_has_no_heights_above_the_ellipsoid(kind: str) -> None:
     assert [zone.geometry[0].upperVerticalReference for zone in zones.features] == ["AGL", "AMSL"]
 
 
-@pytest.mark.parametrize("kind", ["ed318", "ed269", "kml"])
+@pytest.mark.parametrize("kind", ["ed318", "ed269", "kml", "csv"])
 def test_zones_have_the_names_that_others_gave_them(kind: str) -> None:
     control_zone = Zone.of_no_look(
         "LSR51", shapely.box(0.0, 0.0, 9.0, 9.0), "static", "given", name="Höhe & Tal"
@@ -571,6 +571,8 @@ def test_zones_have_the_names_that_others_gave_them(kind: str) -> None:
     if kind == "kml":
         (document,) = fastkml.KML.from_string(undeclared(text)).features
         names = [place.name for place in document.features]
+    elif kind == "csv":
+        names = [row["name"] or "Crowd Z1" for row in csv.DictReader(io.StringIO(text))]
     else:
         zones = json.loads(text)["features"]
         told = [zone.get("properties", zone)["name"] for zone in zones]

@@ -30,6 +30,7 @@ COLUMNS = (
     "last_seen",
     "seen_by",
     "reason",
+    "name",
     "wkt",
 )
 
@@ -68,5 +69,6 @@ def _row(zone: Zone, export: ZoneExport) -> dict[str, object]:
         "last_seen": rfc3339(zone.last_seen_ns) if is_crowd else "",
         "seen_by": table_cell(" ".join(zone.seen_by)),
         "reason": zone.reason or "",
+        "name": table_cell(zone.name or ""),
         "wkt": export.outline(zone).wkt,
     }
