@@ -81,6 +81,20 @@ def test_push_pull_clear(fence: Any, served: UdpVehicle, tmp_path: Path) -> None
     assert json.loads(fence("pull"))["features"] == [] == served.vehicle.items
 
 
+def test_zones_of_others_stay_while_a_vehicle_is_watched(
+    fence: Any, served: UdpVehicle, tmp_path: Path
+) -> None:
+    """`watch` could not be given them: it opened what `push` had closed for others."""
+    zones = written(tmp_path / "zones.geojson", square(100.0))
+    others = written(tmp_path / "others.geojson", square(200.0, "CTR"))
+    fence("push", zones, "--static-zones", others)
+    assert len(served.vehicle.items) == 8
+    assert "stand there already" in fence("watch", zones, "--static-zones", others, "--duration-s", 1.5)
+    assert len(served.vehicle.items) == 8
+    others.write_text("{}")
+    assert "others.geojson: " in fence("watch", zones, "--static-zones", others, code=FAILED)
+
+
 def test_a_run_is_pushed_as_it_was_at_an_instant(fence: Any, served: UdpVehicle, tmp_path: Path) -> None:
     """Two crowds; a second later they are one, then none."""
     drawn, sets, stamps_ns = DrawnZones((20, 10)), [], []

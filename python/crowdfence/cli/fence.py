@@ -90,21 +90,17 @@ def push(
     """
     from crowdfence.fence_sync import ZoneSource
     from crowdfence.result_folder import open_history
-    from crowdfence.static_zones import read_static_zones
 
-    source = ZoneSource(zones, at)
+    source = ZoneSource(zones, at, static_zones or ())
     if source.is_geojson:
         refuse_unused(context, ["at"], "with zones as GeoJSON, which are of one instant")
     else:
         asked_stamp(at, open_history(zones))
     wanted = source.read()
-    others, left_out = read_static_zones(
-        static_zones or [], wanted.georeference, {zone.id for zone in wanted.zones}
-    )
-    for reason in left_out:
+    for reason in source.left_out:
         console.warn(reason)
     with _keeper(link, system, capacity, state, timeout_s) as keeper:
-        report = keeper.put((*wanted.zones, *others), wanted.georeference)
+        report = keeper.put(wanted.zones, wanted.georeference)
     _tell_report(report, keeper, as_json)
 
 
@@ -183,6 +179,7 @@ def watch(
     duration_s: Annotated[
         float | None, typer.Option("--duration-s", help="Stop after so long. Default: with Ctrl-C.")
     ] = None,
+    static_zones: options.StaticZones = None,
     system: System = None,
     capacity: CapacityItems = None,
     state: State = None,
@@ -196,8 +193,10 @@ def watch(
     from crowdfence.fence_sync import FenceWatch, WatchPlan, ZoneSource
     from crowdfence.stop_request import StopRequest
 
-    source = ZoneSource(zones)
+    source = ZoneSource(zones, static_zones=static_zones or ())
     source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
+    for reason in source.left_out:
+        console.warn(reason)
     plan = WatchPlan(opening_s, interval_s, check_s, stale_after_s, expires)
     with _keeper(link, system, capacity, state, timeout_s) as keeper:
         watching = FenceWatch(keeper, source, plan, lambda event: _tell([event], as_json))

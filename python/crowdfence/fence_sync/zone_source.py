@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.georeference import Georeference
 from crowdfence.result_folder import HISTORY, open_history, stamp_of
-from crowdfence.static_zones import StaticZoneError
+from crowdfence.static_zones import StaticZoneError, read_static_zones
 from crowdfence.static_zones.given_zone import local_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
 from crowdfence.static_zones.uas_zones import is_ed269, is_ed318
@@ -45,17 +45,35 @@ class PlacedZones:
 
 
 class ZoneSource:
-    """A place where zones are written."""
+    """A place where zones are written, and files of others that stay closed beside them."""
 
-    def __init__(self, path: str | os.PathLike[str], at: str = "last") -> None:
-        """`at` is the instant of a history; a GeoJSON file has one only."""
+    def __init__(
+        self, path: str | os.PathLike[str], at: str = "last", static_zones: Sequence[Path] = ()
+    ) -> None:
+        """`at` is the instant of a history; a GeoJSON file has one only. `static_zones` are read once."""
         self.path = Path(path)
         self._at = at
+        self._static = list(static_zones)
+        self._others: PlacedZones | None = None
+        self.left_out: list[str] = []
+        """What the files of others hold and closes nothing, and why."""
         self._mark: tuple[int, ...] | None = None
         self._anchor: Georeference | None = None
 
     def read(self) -> PlacedZones:
-        """What is there now. OSError, or ValueError that names the file."""
+        """What is there now, and the zones of others. OSError, or ValueError that names the file."""
+        placed = self._read()
+        return replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
+
+    def _others_beside(self, placed: PlacedZones) -> tuple[Zone, ...]:
+        """In the same local frame."""
+        if self._others is None or self._others.georeference != placed.georeference:
+            taken = {zone.id for zone in placed.zones}
+            zones, self.left_out = read_static_zones(self._static, placed.georeference, taken)
+            self._others = PlacedZones(zones, placed.georeference)
+        return self._others.zones
+
+    def _read(self) -> PlacedZones:
         self._mark = self._stat()
         file = self._file()
         if self.is_geojson:
