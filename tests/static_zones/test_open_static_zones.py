@@ -223,6 +223,16 @@ def test_polygons_of_a_kml_are_closed_wherever_they_stand(tmp_path: Path) -> Non
     assert len(opened(tmp_path, text)) == 3
 
 
+def test_a_ring_beside_a_polygon_of_a_kml_is_told(tmp_path: Path) -> None:
+    """It closes no ground, as that of a Placemark without a polygon, of which that was told."""
+    polygon = f"<Polygon><outerBoundaryIs>{kml_ring(8.0, 46.5, 0.001)}</outerBoundaryIs></Polygon>"
+    both = f"<MultiGeometry>{polygon}{kml_ring(8.1, 46.5, 0.001)}</MultiGeometry>"
+    path = tmp_path / "zones.kml"
+    path.write_text(f"<kml><Placemark><name>A</name>{both}</Placemark></kml>")
+    read = open_static_zones(path, ANCHOR)
+    assert len(read.zones) == 1 and read.left_out == ("A: a LinearRing closes no ground",)
+
+
 @pytest.mark.parametrize("between", ["", "</outerBoundaryIs><outerBoundaryIs>"])
 def test_a_second_outer_ring_of_a_kml_opens_nothing(tmp_path: Path, between: str) -> None:
     """It was left out, or a hole of the first."""

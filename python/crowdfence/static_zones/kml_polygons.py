@@ -13,6 +13,8 @@ from crowdfence.errors import quoted
 from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, ring_of
 from crowdfence.zones import AltitudeBand
 
+_LINES = ("LineString", "LinearRing")
+"""Drawn beside a polygon they may be meant to close ground."""
 _MOST_VALUES = 3
 """Of a corner."""
 
@@ -38,6 +40,13 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
         polygons = [element for element in place.iter() if _tag(element) == "Polygon"]
         if not polygons:
             left_out.append(f"{name}: no polygon, closes no ground")
+        else:
+            in_polygons = {id(part) for polygon in polygons for part in polygon.iter()}
+            left_out += [
+                f"{name}: a {_tag(line)} closes no ground"
+                for line in place.iter()
+                if _tag(line) in _LINES and id(line) not in in_polygons
+            ]
         placed.update(map(id, polygons))
         for polygon in polygons:
             yield from _zones_of(polygon, name)
