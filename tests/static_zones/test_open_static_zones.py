@@ -310,6 +310,14 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
             {"type": "Polygon", "coordinates": [[[8.0, 95.0], [9.0, 95.0], [8.0, 96.0], [8.0, 95.0]]]},
             "reaches beyond 89 degrees",
         ),
+        # Web Mercator in a file that does not say so.
+        (
+            {
+                "type": "Polygon",
+                "coordinates": [[[890555, 5862000], [890655, 5862000], [890555, 5862100]] * 2],
+            },
+            "has a corner at 890555, 5862000: no degrees, as in a file of metres",
+        ),
         ({"type": "Polygon"}, "'coordinates' is missing"),
         ({"crs": None, "type": "FeatureCollection", "features": []}, "local metres"),
         (ed269(uomDimensions="M", upperLimit="high"), "could not convert"),

@@ -179,6 +179,11 @@ def _circle(given: GivenZone, georeference: Georeference) -> Polygon | None:
 
 def _check_places(name: str, corners: NDArray[np.float64]) -> None:
     longitude_deg, latitude_deg = abs(corners).max(axis=0)
+    if latitude_deg > _MAX_LONGITUDE_DEG:
+        raise ValueError(
+            f"zone {name!r} has a corner at {corners[0, 0]:.10g}, {corners[0, 1]:.10g}: no degrees, as in a "
+            "file of metres; write it in longitude and latitude (WGS 84)"
+        )
     if latitude_deg > _MAX_LATITUDE_DEG:
         raise ValueError(f"zone {name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
     if longitude_deg > _MAX_LONGITUDE_DEG:
