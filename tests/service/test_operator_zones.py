@@ -256,7 +256,7 @@ def test_files_of_zones_that_stand_though_nobody_looks_name_no_end_that_is_over(
             told, (volume, *_) = constraint["reference"], constraint["details"]["volumes"]
             for one in (told, volume):
                 assert one["time_start"]["value"] == rfc3339(now_ns)
-                assert one["time_end"]["value"] == rfc3339(now_ns + 24 * 3600 * SECOND_NS, up=True)
+                assert one["time_end"]["value"] == rfc3339(now_ns + 24 * 3600 * SECOND_NS)
             assert told["version"] == now_ns // SECOND_NS, "who knows an earlier one must read it again"
         periods = [
             *(
