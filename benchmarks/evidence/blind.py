@@ -1,7 +1,7 @@
 """What a blind drone costs: `python blind.py MISSION.mcap...`; see README.md.
 
-The same missions, with the heatmaps of one drone all zero, or without it; zones as they are, and without looks
-that by themselves show crowd (`CrowdMap.shown_ids`).
+The same missions, with the heatmaps of one drone all zero, or without it; zones as they are, and without
+looks that by themselves show crowd (`CrowdMap.shown_ids`).
 """
 
 from __future__ import annotations
