@@ -66,6 +66,17 @@ def test_one_look_that_shows_somebody_there_ends_the_row(sees: cf.Observation) -
     assert denied.now() == {"uav2": None} and len(denied.warnings) == 1
 
 
+def test_false_alarms_that_flash_up_now_and_then_are_no_row() -> None:
+    """A minute apart, each stands for 2 s and is looked at twenty times by a drone that is right."""
+    flashes = [view(60.0 * minute + number / 10) for minute in range(5) for number in range(20)]
+    denied = after(*flashes)
+    assert denied.now() == {"uav2": None} and not denied.warnings
+    # A picture every few seconds is a row all the same.
+    assert after(*[view(5.0 * number) for number in range(5)]).warnings
+    # And one that was told goes on when the drone comes back.
+    assert after(*[view(number) for number in range(5)], view(60.0)).now()["uav2"] is not None
+
+
 def test_what_a_drone_showed_itself_is_not_denied_while_it_stands() -> None:
     """Somebody looked, saw a crowd, and it is gone: what the drone showed counts as shown for 2 s."""
     denied = after(view(0.0, 0.9), *[view(0.4 * number) for number in range(1, 6)])

@@ -21,6 +21,9 @@ LEAST_LOOKS = 5
 """In a row. On 14 rendered missions drones that see had at most three."""
 LEAST_S = 3.0
 """From the first of them to the last: the false alarm of another drone stands for 2 s."""
+_APART_S = 10.0
+"""Longer between two of them, and they are of two occasions: false alarms that flash up now and then make no
+row, however long the flight."""
 _LEAST_VOXELS = 20
 """That somebody shows within a look, or it says nothing."""
 _SHARP_M = 0.3
@@ -43,6 +46,11 @@ class _Denials:
     @property
     def are_many(self) -> bool:
         return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
+
+    def ended(self, stamp_ns: int) -> bool:
+        """Whether the next look of that kind begins a row anew. One that was told goes on, or a blind drone
+        would see again for a moment each time that it comes back."""
+        return not self.are_many and stamp_ns - self.last_ns > _APART_S * 1e9
 
 
 class DeniedCrowd:
@@ -78,7 +86,9 @@ class DeniedCrowd:
         if np.mean(mean < _NOBODY) < _NEARLY_ALL:
             self._now[drone] = None
             return
-        before = self._now.get(drone) or _Denials(0, stamp_ns, stamp_ns)
+        before = self._now.get(drone)
+        if before is None or before.ended(stamp_ns):
+            before = _Denials(0, stamp_ns, stamp_ns)
         row = _Denials(before.looks + 1, min(stamp_ns, before.first_ns), max(stamp_ns, before.last_ns))
         self._now[drone] = row
         if row.are_many and (drone not in self._most or row.looks > self._most[drone].looks):
