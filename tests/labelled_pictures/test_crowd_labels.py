@@ -59,6 +59,17 @@ def test_marks_in_other_units_than_its_pixels_leave_no_picture_empty_in_silence(
     assert picture_labels(picture(people)).crowd.any()
 
 
+@pytest.mark.parametrize("far", [1e12, -1e300])
+def test_a_mark_beyond_all_pictures_is_refused_by_its_place(far: float) -> None:
+    """An outline of a crowd that covers half of the picture was not drawn at all, and a person that far away
+    ended in a traceback."""
+    crowd = np.array([(0.0, 0.0), (far, 0.0), (far, far)])
+    people = [(far, 20.0, 5.0, 17.0), (50, 50, 5, 17), (60, 50, 5, 17)]
+    for marks in ({"crowds": (crowd,)}, {"people": people, "gsd_m": None}):
+        with pytest.raises(AnnotationError, match=r"p.jpg: a mark reaches to pixel -?1e\+\d+; allowed: up "):
+            picture_labels(picture(**marks))
+
+
 def test_outlines_are_drawn_as_they_are() -> None:
     labels = picture_labels(picture(crowds=(rectangle(10, 20, 5, 6),), ignored=(rectangle(100, 0, 3, 3),)))
     rows, columns = np.nonzero(labels.crowd)

@@ -17,6 +17,8 @@ PERSON_HEIGHT_M = 1.7
 _NEAREST = 5
 """Boxes whose median tells the scale at a person: some sit, some are cut off by others."""
 _MOST_PIXELS = 400_000_000
+_FARTHEST_PX = 1_000_000
+"""From the picture's corner, of a mark: whoever draws counts in whole numbers, which end."""
 _GRID = 4
 """Pixels per cell on which the ground of crowds is drawn."""
 
@@ -61,6 +63,13 @@ def _require_pixels(picture: AnnotatedPicture) -> None:
     left, top, right, bottom = np.concatenate([boxes, spans]).T
     if not len(left):
         return
+    reach = np.stack([left, top, right, bottom]).ravel()
+    farthest = float(reach[np.abs(reach).argmax()])
+    if abs(farthest) > _FARTHEST_PX:
+        raise AnnotationError(
+            f"{picture.path.name}: a mark reaches to pixel {farthest:g}; allowed: up to {_FARTHEST_PX:,} "
+            "from the corner"
+        )
     of_size = f"its {picture.width} x {picture.height} pixels"
     if max(right.max(), bottom.max()) <= 1.0 and (np.stack([right, bottom]) % 1.0).any():
         raise AnnotationError(
