@@ -11,7 +11,8 @@
 //! named instants   u32 count, then i64 stamp, u64 number each, strictly increasing: those that voxels name
 //! looks            pages of u32: position among the named instants, 2^31 more where the look spoke for crowd;
 //!                  2^32 - 2 occluded, 2^32 - 1 never
-//! shown            u32 count, then per look that by itself may show crowd: u32 voxel, i64 stamp, f32 log odds; sorted
+//! shown            u32 count, then per look that by itself may show crowd: u32 voxel, i64 stamp, f32 log odds; by voxel,
+//!                  newest first, each with more than the newer ones
 //! beliefs          pages of the method's beliefs
 //! drones           u32 count, then per drone: name (u32 length, UTF-8), u32 how many gave a view before it, pages of
 //!                  u64: a bit a voxel that it saw

@@ -19,7 +19,8 @@ pub(super) struct ShownLook {
 
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Shown {
-    /// By voxel, then by stamp.
+    /// By voxel, newest first; each shows more than all newer ones of its voxel. What shows no more than a newer look
+    /// says nothing that this one does not say, and longer: a fleet that hovers above a crowd adds none.
     looks: Vec<ShownLook>,
 }
 
@@ -29,8 +30,9 @@ impl Shown {
         self.looks.extend_from_slice(looks);
         self.looks.retain(|look| stands(look, newest_ns));
         self.looks.sort_by(|a, b| {
-            (a.id, a.stamp_ns).cmp(&(b.id, b.stamp_ns)).then(a.log_odds.total_cmp(&b.log_odds))
+            (a.id, b.stamp_ns).cmp(&(b.id, a.stamp_ns)).then(b.log_odds.total_cmp(&a.log_odds))
         });
+        self.looks.dedup_by(|older, newer| older.id == newer.id && older.log_odds <= newer.log_odds);
     }
 
     pub fn looks(&self) -> &[ShownLook] {
@@ -90,7 +92,23 @@ mod tests {
             one_by_one.add(&[*look], if number < 3 { 11 * SECOND } else { 12 * SECOND });
         }
         assert_eq!(at_once, one_by_one);
-        assert_eq!(at_once.looks(), [looks[3], looks[0], looks[1], looks[4]]);
+        assert_eq!(at_once.looks(), [looks[3], looks[4], looks[0]]);
         assert_eq!(at_once.ids(12 * SECOND, 0.5), [2, 7]);
+    }
+
+    #[test]
+    fn many_looks_at_a_crowd_are_no_more_than_one_of_them() {
+        let mut shown = Shown::default();
+        for drone in 0..12 {
+            let looks: Vec<ShownLook> = (0..20).map(|id| look(id, 10 + drone / 6, 4.0)).collect();
+            shown.add(&looks, 11 * SECOND);
+        }
+        assert_eq!(shown.looks().len(), 20);
+        // A weaker look later stands longer, for a lower threshold.
+        shown.add(&[look(7, 12, 2.5), look(8, 12, 4.5)], 12 * SECOND);
+        assert_eq!(shown.looks().len(), 21);
+        assert_eq!(shown.ids(13 * SECOND, 0.8).len(), 20);
+        assert_eq!(shown.ids(14 * SECOND, 0.5), [7, 8]);
+        assert_eq!(shown.ids(14 * SECOND, 0.8), [8]);
     }
 }
