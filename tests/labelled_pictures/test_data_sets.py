@@ -170,6 +170,28 @@ def test_an_import_is_a_folder_of_its_own(imported: Path) -> None:
     assert again.returncode == FAILED and "exists and is not empty" in again.stderr
 
 
+def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
+    """A crowd in a class of another language would be ground without anybody, and nobody would hear of it."""
+    (tmp_path / "source").mkdir()
+    labels = three_people(tmp_path / "source") / "labels.json"
+    document = json.loads(labels.read_text())
+    document["categories"] += [{"id": 4, "name": "Menschenmenge"}, {"id": 5, "name": "unused"}]
+    outline = [[30, 5, 60, 5, 60, 40]]
+    document["annotations"] += [{"image_id": 2, "category_id": 4, "segmentation": outline}] * 2
+    labels.write_text(json.dumps(document))
+
+    def told(output: str, *roles: str) -> object:
+        finished = crowdfence(
+            "data", "import", "coco", labels.parent, "-o", tmp_path / output, "--json", *roles
+        )
+        return json.loads(finished.stdout)["left_out"]
+
+    assert told("a") == {"Menschenmenge": 2}
+    assert told("b", "--class", "Menschenmenge=crowd") == {}
+    finished = crowdfence("data", "import", "coco", labels.parent, "-o", tmp_path / "c")
+    assert "2 marks of classes that mean nothing here: Menschenmenge" in " ".join(finished.stdout.split())
+
+
 def test_an_import_that_fails_writes_nothing(tmp_path: Path) -> None:
     source = visdrone(tmp_path / "source", "1,2,3\n")
     finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "data")

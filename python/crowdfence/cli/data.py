@@ -12,9 +12,13 @@ import typer
 
 from crowdfence.atomic_file import writable_folder
 from crowdfence.cli import console, options
+from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
     from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture
+
+_NAMED = 10
+"""Classes that are left out, those with most marks."""
 
 app = typer.Typer(help="Labelled pictures of others: import them.", no_args_is_help=True)
 
@@ -65,7 +69,12 @@ def import_data(
 
     You need the data set and its licence; nothing is downloaded.
     """
-    from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
+    from crowdfence.labelled_pictures.coco import (
+        ANNOTATIONS,
+        annotation_file,
+        left_out_classes,
+        write_coco,
+    )
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
     from crowdfence.labelled_pictures.data_sets import ImportOptions, read_data_set
 
@@ -79,6 +88,8 @@ def import_data(
             crowds = sum(bool(picture_labels(picture).crowd.any()) for picture in found)
             if missing := [picture.path for picture in found if not picture.path.is_file()]:
                 raise FileNotFoundError(f"{missing[0]}: annotated, but not there")
+            file = annotation_file(source) if kind is DataSet.coco else None
+            left_out = {} if file is None else left_out_classes(file, wanted.roles)
         kept: list[AnnotatedPicture] = []
         with console.progress("copying", len(found), "pictures") as advance:
             for picture in found:
@@ -91,12 +102,20 @@ def import_data(
     people = sum(len(picture.people) for picture in kept)
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
     if as_json:
-        console.print_json({**facts, "pictures_with_crowd": crowds})
+        console.print_json({**facts, "pictures_with_crowd": crowds, "left_out": left_out})
         return
     shown = {
         "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
         "people": f"{people}",
     }
+    if left_out:
+        marks = counted(sum(left_out.values()), "mark")
+        names = [*left_out][:_NAMED]
+        more = f" and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
+        shown["left out"] = (
+            f"{marks} of classes that mean nothing here: {', '.join(names)}{more}; "
+            "--class NAME=person, crowd or ignore says what one means"
+        )
     console.stdout().print(console.facts(str(output), shown))
 
 

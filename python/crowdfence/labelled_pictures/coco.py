@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,16 @@ def read_coco(path: Path, roles: Mapping[str, Role] | None = None) -> list[Annot
         return _pictures(document, path.parent, roles or {})
     except AnnotationError as error:
         raise AnnotationError(f"{path}: {error}") from None
+
+
+def left_out_classes(path: Path, roles: Mapping[str, Role] | None = None) -> dict[str, int]:
+    """Classes of a file that `read_coco` reads which mean nothing, and how many marks each has; those with
+    most first, those without any not at all."""
+    document = json.loads(path.read_bytes())
+    known = dict(_roles(_rows(document, "categories"), roles or {}))
+    names = {row["id"]: row["name"] for row in document["categories"] if row["id"] not in known}
+    marks = Counter(row["category_id"] for row in document["annotations"] if row["category_id"] in names)
+    return {names[category]: count for category, count in marks.most_common()}
 
 
 def write_coco(pictures: Sequence[AnnotatedPicture], path: Path) -> None:
