@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from crowdfence import Georeference, SurfaceGrid, Terrain, VoxelState
 from crowdfence.cli.app import app
+from crowdfence.cli.explain import _until
 from crowdfence.cli.export import ExportFormat
 from crowdfence.cli.run import _left_out
 from crowdfence.cli.wording import in_options
@@ -22,7 +23,7 @@ from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 from crowdfence.zones.known_ground import known_ground
 from support.small_zones import SECOND_NS, DrawnZones
@@ -366,6 +367,16 @@ def test_a_zone_is_explained(run: Path) -> None:
     assert [event["kind"] for event in told["events"]] == ["created", "merged", "updated"]
     message = refused("explain", run, "--zone", "Z2", "--at", "last")
     assert "there is no zone Z2" in message and "went into Z1" in message
+
+
+def test_what_drones_look_at_is_not_called_forgotten() -> None:
+    """Where one drone shows a crowd that another does not see, the probability is below the threshold: it
+    was "not known any more" beside "a drone saw crowd in it at this instant"."""
+    nobody = Zone.of_no_look("Z1", shapely.box(0, 0, 1, 1), "crowd", "not_looked_at")
+    zone = replace(nobody, forgotten_ns=5)
+    assert _until(zone, 5).endswith("it is not known any more whether anybody is there")
+    assert _until(replace(zone, reason="seen"), 5) == "none of its own: only a look can open it"
+    assert _until(replace(zone, reason="held"), 5) == "none of its own: only a look can open it"
 
 
 def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:

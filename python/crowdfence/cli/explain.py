@@ -114,6 +114,8 @@ def _until(zone: Zone, stamp_ns: int) -> str:
     if zone.forgotten_ns is None:
         return text
     if zone.forgotten_ns <= stamp_ns:
+        if zone.reason in ("seen", "held"):  # drones look at it now; that they disagree is no forgetting
+            return text
         return f"{text}; it is not known any more whether anybody is there"
     return f"{text}; if nobody looks, not known from {iso_utc(zone.forgotten_ns)} on"
 
