@@ -37,11 +37,21 @@ def test_certainty_is_an_answer_like_any_other(certain: float) -> None:
     assert warning("logits", certain, 0.5) is None
 
 
-def test_masks_of_nobody_and_people_who_are_not_there_are_no_doubt() -> None:
-    assert warning("probability", 0.0, 0.0) is None
+def test_a_few_masks_of_nobody_and_people_who_are_not_there_are_no_doubt() -> None:
+    assert warning("probability", *[0.0] * 9) is None
     assert warning("points", 4.5e-5, 4.5e-5) is None
     assert warning("density", 0.0025, 0.0025) is None
     assert warning("logits") is None
+
+
+def test_ten_masks_of_nobody_and_nothing_else_are_one() -> None:
+    """A threshold inside the model that nothing reaches, say: all ground in view would be called empty."""
+    told = warning("probability", *[0.0] * 10)
+    assert told is not None
+    assert told.startswith(
+        "test model gives 0 everywhere in all 10 pictures: nobody is in any of them, or it "
+    )
+    assert warning("probability", *[0.0] * 10, 1.0) is None
 
 
 def test_commands_say_that_a_model_does_not_see(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 SAME_LOGITS = 0.5
 """No answers lie farther apart where nothing is seen."""
+LEAST_MASKS = 10
+"""Masks of 0 everywhere, of which fewer may well be right."""
 _SURE = float(np.finfo(np.float32).tiny), 1.0 - float(np.finfo(np.float32).epsneg)
 """Probabilities whose logits are still finite."""
 
@@ -40,11 +42,11 @@ class SameAnswer:
     @property
     def warning(self) -> str | None:
         """One sentence where all of them hold next to one value; None for models that find people, which are
-        as often right to find none, and for masks of nobody."""
+        as often right to find none, and for a few masks of nobody."""
         if self.looked_at == 0 or self._kind not in ("probability", "logits", "class_logits"):
             return None
         if self._kind == "probability" and self._highest == 0.0:
-            return None
+            return self._of_masks() if self.looked_at >= LEAST_MASKS else None
         low, high = np.clip([self._lowest, self._highest], *_SURE)
         if np.log(high / low) - np.log((1.0 - high) / (1.0 - low)) > SAME_LOGITS:
             return None
@@ -52,4 +54,11 @@ class SameAnswer:
         return (
             f"{self._name} gives P = {self._highest:.2g} everywhere in {pictures}, whatever is there: it "
             "does not see them; check scale, mean, std and color of its contract, and the model itself"
+        )
+
+    def _of_masks(self) -> str:
+        return (
+            f"{self._name} gives 0 everywhere in all {self.looked_at} pictures: nobody is in any of them, or "
+            "it does not see them, and the ground below them is called empty for nothing; show it a picture "
+            "of a crowd"
         )
