@@ -1,4 +1,4 @@
-// Keys; none of them while somebody types.
+// Keys; none of them while somebody types, or where the key is for what has the focus.
 
 import { boundsOf, cornersOf } from "../map/geometry";
 import { goLive, isNarrow, playOrPause, select, stepBy } from "../state/session";
@@ -8,7 +8,7 @@ import { mayOperate } from "./operator";
 
 export function listenToKeys(): () => void {
   const pressed = (event: KeyboardEvent) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || typing(event)) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || isTaken(event)) return;
     const act = ACTIONS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act) return;
     event.preventDefault();
@@ -18,13 +18,20 @@ export function listenToKeys(): () => void {
   return () => window.removeEventListener("keydown", pressed);
 }
 
-function typing(event: KeyboardEvent): boolean {
+function isTaken(event: KeyboardEvent): boolean {
   const at = event.target;
   if (document.querySelector("dialog[open]")) return true;
   if (!(at instanceof HTMLElement)) return false;
-  const words = at instanceof HTMLInputElement && at.type !== "checkbox" && at.type !== "range";
-  return words || at instanceof HTMLTextAreaElement || at instanceof HTMLSelectElement || (at instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter"));
+  if (at instanceof HTMLTextAreaElement || at instanceof HTMLSelectElement) return true;
+  if (at instanceof HTMLInputElement) return OF_INPUTS[at.type]?.includes(event.key) ?? true;
+  return (at instanceof HTMLButtonElement && [" ", "Enter"].includes(event.key)) || (at instanceof HTMLAnchorElement && event.key === "Enter");
 }
+
+/** What the browser does with keys on inputs that take no words: a key that ticks a box or moves a slider does that alone. */
+const OF_INPUTS: Record<string, string[]> = {
+  checkbox: [" "],
+  range: ["ArrowLeft", "ArrowRight", "Home"],
+};
 
 type Panel = NonNullable<typeof store.state.panel>;
 const toggle = (panel: Panel) => () => store.set({ panel: store.state.panel === panel ? null : panel });
