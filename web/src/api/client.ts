@@ -80,6 +80,21 @@ export const exportAddress = (format: string, at: At, more: Record<string, strin
 
 /** A picture or null; pictures are optional and their absence is shown, not thrown. */
 export async function image(url: string): Promise<ImageBitmap | null> {
-  const answer = await fetch(url).catch(() => null);
-  return answer?.ok ? createImageBitmap(await answer.blob()).catch(() => null) : null;
+  return (await stampedImage(url))?.bitmap ?? null;
+}
+
+/** What a camera showed, and when: of the moment asked for, or the last one before it. */
+export interface StampedImage {
+  bitmap: ImageBitmap;
+  stamp_ns: string;
+}
+
+export async function stampedImage(url: string): Promise<StampedImage | null> {
+  try {
+    const answer = await fetch(url);
+    if (!answer.ok) return null;
+    return { bitmap: await createImageBitmap(await answer.blob()), stamp_ns: answer.headers.get("x-crowdfence-stamp-ns") ?? "0" };
+  } catch {
+    return null;
+  }
 }
