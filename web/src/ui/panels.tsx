@@ -1,6 +1,6 @@
 // What opens from the top bar.
 
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api/client";
 import type { Alert, AuditEntry } from "../api/contract";
 import { byUrgency, isOpen } from "../state/alerts";
@@ -16,6 +16,14 @@ import { mayOperate } from "./operator";
 
 export function Panel() {
   const panel = useStore((state) => state.panel);
+  const shown = useRef<HTMLElement>(null);
+  // Whoever has no mouse goes on in what has opened, and then from where it was opened.
+  useLayoutEffect(() => {
+    const before = document.activeElement;
+    if (!panel || !(before instanceof HTMLElement)) return;
+    shown.current?.focus();
+    return () => before.focus();
+  }, [panel]);
   if (!panel) return null;
   const close = () => store.set({ panel: null });
   const [title, body] = {
@@ -28,7 +36,7 @@ export function Panel() {
   return (
     <>
       <div class="behind" onClick={close} />
-      <section class={`panel panel-${panel}`} role="dialog" aria-label={title} data-test={`panel-${panel}`}>
+      <section ref={shown} tabIndex={-1} class={`panel panel-${panel}`} role="dialog" aria-label={title} data-test={`panel-${panel}`}>
         <header>
           <h2>{title}</h2>
           <button class="square quiet" onClick={close} aria-label="Close">

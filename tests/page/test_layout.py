@@ -1,0 +1,103 @@
+"""What has to be read is there to be read: long alerts, cards, names and panels in windows of all sizes."""
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator
+
+from crowdfence import Camera, Client, Georeference, View
+from support.map_page import Console, Server, free_port, open_console
+from support.served import ORIGIN, write_level_ground
+
+NAME = "fleet/uav-of-the-north-sector-with-a-name-as-long-as-names-of-drones-may-be-for-some-reason-or-other"
+REASON = "ambulance at work, stay away until it has left; " * 6
+
+
+def looking_down(east: float) -> np.ndarray:
+    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_camera[:3, 3] = (east, 0.0, 20.0)
+    return world_from_camera
+
+
+def write_given_zone(path: Path) -> Path:
+    """40 m square, north of where the drones look."""
+    corners = [
+        [-20.0, 40.0, 0.0],
+        [20.0, 40.0, 0.0],
+        [20.0, 80.0, 0.0],
+        [-20.0, 80.0, 0.0],
+        [-20.0, 40.0, 0.0],
+    ]
+    latitude, longitude, _ = Georeference(46.5, 8.0, 1200.0).geodetic_from_local(corners)
+    ring = np.column_stack([longitude, latitude]).tolist()
+    feature = {
+        "type": "Feature",
+        "properties": {"name": "range"},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("field")
+    server = Server(folder / "tokens.json", free_port())
+    server.mission = ["--terrain", str(write_level_ground(folder / "dem.tif")), "--origin", ORIGIN]
+    server.mission += ["--data", str(folder / "live"), "--silent-after-s", "4"]
+    server.mission += ["--static-zones", str(write_given_zone(folder / "given.geojson"))]
+    server.admit("operator")
+    server.start()
+    yield server
+    server.kill()
+
+
+def give_views(server: Server) -> None:
+    """One drone shows a crowd where another, whose camera is covered, sees nobody."""
+    camera = Camera.pinhole(320, 240, 240.0, 240.0, 160.0, 120.0)
+    crowd = np.zeros((24, 32), np.float32)
+    crowd[8:16, 12:20] = 0.95
+    with Client(server.url, token=server.token["operator"]) as client:
+        for _ in range(12):
+            for drone, heatmap in ((NAME, crowd), ("uav2", np.zeros_like(crowd))):
+                client.give(View(drone, time.time_ns(), camera, looking_down(0.0), heatmap))
+            time.sleep(0.4)
+
+
+@pytest.fixture(scope="module")
+def console(browser: Browser, server: Server) -> Iterator[Console]:
+    give_views(server)
+    context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce")
+    yield open_console(context, server, "operator")
+    context.close()
+
+
+def width(one: Locator) -> float:
+    box = one.bounding_box()
+    assert box is not None
+    return float(box["width"])
+
+
+def test_the_text_of_an_alert_has_the_width_of_the_panel(console: Console) -> None:
+    """On a phone it had 115 of 390 pixels, and 15 lines."""
+    console.find("alerts-button").click()
+    alert = console.page.locator(".alert", has_text="saw nobody")
+    for across in (390, 1280):
+        console.page.set_viewport_size({"width": across, "height": 720})
+        assert width(alert.locator("p")) > 0.85 * width(alert)
+    console.page.keyboard.press("Escape")
+
+
+def test_the_focus_goes_into_a_panel_that_opens_and_back(console: Console) -> None:
+    console.find("alerts-button").focus()
+    console.page.keyboard.press("Enter")
+    console.find("panel-alerts").wait_for()
+    console.page.keyboard.press("Tab")
+    assert console.page.evaluate("document.activeElement.closest('.panel') !== null")
+    console.page.keyboard.press("Escape")
+    console.find("panel-alerts").wait_for(state="detached")
+    assert console.page.evaluate("document.activeElement.dataset.test") == "alerts-button"
