@@ -101,3 +101,26 @@ def test_the_focus_goes_into_a_panel_that_opens_and_back(console: Console) -> No
     console.page.keyboard.press("Escape")
     console.find("panel-alerts").wait_for(state="detached")
     assert console.page.evaluate("document.activeElement.dataset.test") == "alerts-button"
+
+
+def test_the_label_of_a_drone_with_a_long_name_leaves_the_map_in_view(console: Console) -> None:
+    label = console.page.locator(f'.drone-label[title="{NAME}"] span')
+    label.wait_for()
+    assert width(label) < 260
+
+
+def test_the_label_of_ground_that_is_given_has_one_frame(console: Console) -> None:
+    label = console.page.locator(".zone-label.kind-static")
+    assert label.locator("b").evaluate("one => getComputedStyle(one).borderTopWidth") == "0px"
+    assert label.locator("span").evaluate("one => getComputedStyle(one).borderTopStyle") == "dashed"
+
+
+def test_a_silent_drone_is_no_paler_than_others(console: Console) -> None:
+    silence = console.page.locator(".drone-row .stale small", has_text="silent").first
+    silence.wait_for()
+    opacity = """one => {
+      let all = 1;
+      for (let at = one; at; at = at.parentElement) all *= Number(getComputedStyle(at).opacity);
+      return all;
+    }"""
+    assert silence.evaluate(opacity) == 1

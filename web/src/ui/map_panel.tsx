@@ -136,7 +136,7 @@ function Labels() {
         moment.drones.map(
           ({ drone, position, status }) =>
             position && (
-              <button key={`drone-${drone}`} class={`label drone-label ${status} ${selection?.kind === "drone" && selection.id === drone ? "chosen" : ""}`} data-place={position.join(",")} onClick={() => select({ kind: "drone", id: drone })} hidden>
+              <button key={`drone-${drone}`} class={`label drone-label ${status} ${selection?.kind === "drone" && selection.id === drone ? "chosen" : ""}`} data-place={position.join(",")} title={drone} onClick={() => select({ kind: "drone", id: drone })} hidden>
                 <span>{drone}</span>
               </button>
             ),
