@@ -124,3 +124,30 @@ def test_a_silent_drone_is_no_paler_than_others(console: Console) -> None:
       return all;
     }"""
     assert silence.evaluate(opacity) == 1
+
+
+def test_a_card_tells_a_long_reason_once_and_the_next_card_begins_at_its_top(
+    console: Console, server: Server
+) -> None:
+    corners = [[-60.0, -60.0], [-50.0, -60.0], [-50.0, -50.0]]
+    zone = server.ask("/zones", body={"polygon": corners, "reason": REASON, "restriction": "prohibited"})
+    console.wait("moment.zones.zones", lambda zones: any(one["id"] == zone["id"] for one in zones))
+    console.choose(zone["id"])
+    assert console.find("zone-card").inner_text().count("ambulance at work") == 6
+    console.page.set_viewport_size({"width": 1280, "height": 420})
+    inspector = console.find("inspector")
+    inspector.evaluate("one => one.scrollTo(0, 1000)")
+    assert inspector.evaluate("one => one.scrollTop") > 0
+    console.choose("Z1")
+    assert inspector.evaluate("one => one.scrollTop") == 0
+
+
+def test_a_tablet_that_is_turned_upright_has_one_panel_at_most(console: Console) -> None:
+    console.page.set_viewport_size({"width": 1024, "height": 768})
+    assert console.page.locator(".side").count() == 2
+    console.page.set_viewport_size({"width": 768, "height": 1024})
+    console.page.locator(".side.left").wait_for(state="detached")
+    console.find("zone-card").wait_for()
+    console.page.set_viewport_size({"width": 1024, "height": 768})
+    console.page.locator(".side.left").wait_for()
+    assert console.complaints == []

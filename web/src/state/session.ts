@@ -41,7 +41,16 @@ export function reasonOf(error: unknown): string {
 }
 
 /** Whether panels lie over the map, so that it begins without them and holds one at a time: style.css has the same width. */
-export const isNarrow = () => window.matchMedia("(max-width: 860px)").matches;
+export const isNarrow = () => narrow().matches;
+const narrow = () => window.matchMedia("(max-width: 860px)");
+
+/** A tablet that is turned has room for other panels than before. */
+function keepPanelsApart(): void {
+  narrow().addEventListener("change", () => {
+    const { sides, selection } = store.state;
+    store.set({ sides: isNarrow() ? { left: false, right: sides.right && selection !== null } : { left: true, right: true } });
+  });
+}
 
 export async function start(): Promise<void> {
   addressed = location.hash;
@@ -61,6 +70,7 @@ export async function start(): Promise<void> {
   keepAddress();
   keepPlaying();
   keepAging();
+  keepPanelsApart();
   window.addEventListener("hashchange", followAddress);
   if (location.hash !== addressed) followAddress();
   else if (link.t) await showPast(link.t);

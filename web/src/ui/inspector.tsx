@@ -24,7 +24,7 @@ export function Inspector() {
   const selection = useStore((state) => state.selection);
   const moment = useStore((state) => state.moment);
   return (
-    <aside class="side right" aria-label="Inspector" data-test="inspector">
+    <aside key={JSON.stringify(selection)} class="side right" aria-label="Inspector" data-test="inspector">
       {!selection && <Mission />}
       {selection?.kind === "zone" && <ZoneCard key={selection.id} id={selection.id} zone={moment?.zones.zones.find(({ id }) => id === selection.id) ?? null} />}
       {selection?.kind === "drone" && <DroneCard drone={moment?.drones.find(({ drone }) => drone === selection.id) ?? null} id={selection.id} />}
@@ -85,7 +85,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
         <b>{zone.kind === "crowd" || zone.locked ? "Why still closed" : "Why closed"}</b>
         <p data-test="why">{sentence(closure.why) || "The service gives no reason."}</p>
         {closure.opens && <p class="opens">{closure.opens}</p>}
-        {zone.operator && (
+        {zone.operator && !closure.why.includes(zone.operator.reason) && (
           <p class="opens">
             {zone.operator.name}: “{zone.operator.reason}”
           </p>
