@@ -97,12 +97,21 @@ def _zone(zone: Zone, stamp_ns: int) -> str:
         (escape(why), ""),
         (f"{zone.area_m2:,.0f} m²" if crowd else "-", "number"),
         (f"{zone.polygon.area:,.0f} m²", "number"),
-        (f"{_bar(zone.probability_max)}{zone.probability_max:.2f}" if crowd else "-", "number"),
+        (f"{_bar(zone.probability_max)}{_probability(zone.probability_max)}" if crowd else "-", "number"),
         (f"{_s(stamp_ns - zone.last_seen_ns)} ago" if crowd else "-", "number"),
         (ends if crowd else "-", "number"),
         (escape(", ".join(zone.seen_by)) or "-", ""),
     )
     return "".join(f'<td class="{kind}">{text}</td>' for text, kind in cells)
+
+
+def _probability(value: float) -> str:
+    """As the service's page writes it: never as 0 or 1 unless it is."""
+    if 0 < value < 0.001:
+        return "&lt; 0.001"
+    if 0.999 < value < 1:
+        return "&gt; 0.999"
+    return f"{value:.{3 if value < 0.1 else 2}f}"
 
 
 def _bar(share: float) -> str:
