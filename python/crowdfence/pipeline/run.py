@@ -72,8 +72,10 @@ class Run:
     """Who chose the size of the voxels, where the map's reader said."""
     doubts: tuple[str, ...] = ()
     """What is doubtful about the map and what was taken from it, about the units of heatmaps, about drones
-    that saw nothing of the map or nobody where others did, about videos that stood still and about crowd that
-    was shown and is nowhere closed, one sentence each."""
+    that saw nothing of the map, or nobody where others did, and about videos that stood still, one sentence
+    each."""
+    unheeded: tuple[str, ...] = ()
+    """Crowd that was shown and that nothing was closed for, in one sentence at most."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -91,7 +93,8 @@ class Run:
         """What is doubtful about the recording, the detector on this flight, and the map under it."""
         of_detector = [] if self.review is None else self.review.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
-        return [*self.recording.warnings, *self.doubts, *of_detector, *self.heatmaps.warnings, *lost]
+        of_pictures = [*of_detector, *self.heatmaps.warnings, *lost, *self.unheeded]
+        return [*self.recording.warnings, *self.doubts, *of_pictures]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -214,8 +217,8 @@ def run(
             *units.warnings,
             *blind.warnings(recording.drones, max_range_m),
             *denied.warnings,
-            *(unheeded.warnings() if recording.layer == CROWD else ()),
         ),
+        unheeded=unheeded.warnings() if recording.layer == CROWD else (),
         voxel_size_why=voxel_size_why,
     )
 
@@ -239,15 +242,15 @@ class _UnheededInRun:
         if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
             self._most = (step.stamp_ns - self._first_ns) / 1e9, found
 
-    def warnings(self) -> list[str]:
+    def warnings(self) -> tuple[str, ...]:
         """At most one sentence."""
         if self._most is not None:
             after_s, found = self._most
-            return [f"{after_s:.1f} s after the first instant {found.text}"]
+            return (f"{after_s:.1f} s after the first instant {found.text}",)
         # Too few looks for what is told of a place.
         loop = self._loop
         never = None if self._was_crowd else unheeded_crowd_warning(loop.crowd_mass, loop.threshold)
-        return [] if never is None else [never]
+        return () if never is None else (never,)
 
 
 def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict[str, Any]:
