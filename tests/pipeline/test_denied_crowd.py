@@ -44,7 +44,7 @@ def test_five_looks_over_three_seconds_that_see_nobody_there_are_told() -> None:
     denied = after(*looks)
     (told,) = denied.warnings
     assert told.startswith(
-        "uav2 saw nobody in 5 looks in a row, over 3 s, at ground where other drones clearly showed a crowd: "
+        "uav2 saw nobody in 5 looks in a row, over 3 s, where other drones clearly showed a crowd: "
     )
     assert denied.now() == {"uav2": told}
     # Ten a second are one false alarm of another drone, which stands for two seconds.
