@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -578,6 +579,15 @@ def test_zones_have_the_names_that_others_gave_them(kind: str) -> None:
         told = [zone.get("properties", zone)["name"] for zone in zones]
         names = [one if isinstance(one, str) else one[0]["text"] for one in told]
     assert names == ["Crowd Z1", "Höhe & Tal"]
+
+
+def test_no_ceiling_of_a_kml_is_rounded_down() -> None:
+    """Six digits made 12345.6 of 12345.648 m."""
+    band = AltitudeBand(0.0, 12345.648, "AGL")
+    high = Zone.of_no_look("Z9", shapely.box(0.0, 0.0, 9.0, 9.0), "static", "given", band=band)
+    text = ZONE_FORMATS["kml"](exported(replace(zones_of("#"), static=(high,))))
+    heights = {corner.split(",")[2] for corner in re.findall(r"[-.\d]+,[-.\d]+,[-.\d]+", text)}
+    assert heights == {"120", "12345.648"}
 
 
 def limits_of_the_last(kind: str, text: str) -> tuple[float, float, str]:

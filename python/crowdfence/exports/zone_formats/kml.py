@@ -83,7 +83,7 @@ def _polygon(parent: Any, part: Any, band: AltitudeBand) -> None:
         ("outerBoundaryIs", oriented.exterior),
         *(("innerBoundaryIs", hole) for hole in oriented.interiors),
     ]:
-        corners = " ".join(f"{x!r},{y!r},{band.upper_m:g}" for x, y in np.asarray(ring.coords).tolist())
+        corners = " ".join(f"{x!r},{y!r},{band.upper_m:.15g}" for x, y in np.asarray(ring.coords).tolist())
         _child(_child(_child(polygon, name), "LinearRing"), "coordinates", corners)
 
 
