@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
 
 OnStep = Callable[[Instant, Step], None]
+_UNHEEDED_EVERY_NS = 1_000_000_000
+"""It is looked for so often: what is told lasts for seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,7 +226,7 @@ def run(
 
 
 class _UnheededInRun:
-    """The most ground at any instant that every look showed as crowd, and that no zone held."""
+    """The most ground at any time that every look showed as crowd, and that no zone held."""
 
     def __init__(self, loop: FrameLoop, least_m2: float) -> None:
         """`least_m2`: smaller regions become no zones."""
@@ -232,12 +234,16 @@ class _UnheededInRun:
         self._followed = UnheededCrowd(loop.crowd_map.terrain, loop.crowd_map.method.b_threshold)
         self._most: tuple[float, Unheeded] | None = None
         self._first_ns: int | None = None
+        self._next_ns = 0
         self._was_crowd = False
 
     def look(self, step: Step) -> None:
         self._first_ns = step.stamp_ns if self._first_ns is None else self._first_ns
         self._was_crowd |= len(step.crowd_ids) > 0
         self._followed.add(step.update.observations, step.crowd_ids)
+        if step.stamp_ns < self._next_ns:
+            return
+        self._next_ns = step.stamp_ns + _UNHEEDED_EVERY_NS
         found = self._followed.beside(step.zones.closed, self._loop.threshold, self._least_m2)
         if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
             self._most = (step.stamp_ns - self._first_ns) / 1e9, found

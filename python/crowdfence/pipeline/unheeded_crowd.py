@@ -62,9 +62,12 @@ class UnheededCrowd:
         voxel_ids, is_shown = one.voxel_ids, one.mean > self._shows_crowd
         if not len(self._rows) and not is_shown.any():
             return
-        # From below its top the side of a place is seen, which clears nothing.
-        contrary = voxel_ids[~is_shown & (one.tilt_deg > 0.0)]
-        rows, shown = self._rows[~are_among(self._rows["voxel"], contrary)], voxel_ids[is_shown]
+        rows, shown = self._rows, voxel_ids[is_shown]
+        if len(rows) and len(voxel_ids):
+            at = np.searchsorted(voxel_ids, rows["voxel"]).clip(max=len(voxel_ids) - 1)
+            # From below its top the side of a place is seen, which clears nothing.
+            clears = ~is_shown[at] & (one.tilt_deg[at] > 0.0)
+            rows = rows[~(clears & (voxel_ids[at] == rows["voxel"]))]
         again, number = are_among(rows["voxel"], shown), self._drones.index(one.drone)
         rows["looks"][again] += 1
         rows["last_ns"][again] = np.maximum(rows["last_ns"][again], one.stamp_ns)
