@@ -4,8 +4,8 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Error
 
+from support.live_field import level_mission
 from support.map_page import Console, Server, free_port, open_console, replay
-from support.served import ORIGIN, write_level_ground
 
 
 def name_shown(console: Console) -> str | None:
@@ -19,9 +19,7 @@ def test_the_ground_alerts_and_zones_are_those_of_the_mission_that_answers(
     browser: Browser, tmp_path: Path
 ) -> None:
     first = Server(tmp_path / "tokens.json", free_port(), mission=replay("recorded", "8"))
-    level = ["--terrain", str(write_level_ground(tmp_path / "dem.tif")), "--origin", ORIGIN]
-    second = Server(first.tokens, first.port, mission=[*level, "--name", "meadow"])
-    second.mission += ["--data", str(tmp_path / "live")]
+    second = Server(first.tokens, first.port, mission=[*level_mission(tmp_path), "--name", "meadow"])
     first.admit("operator")
     second.token = first.token
     context = browser.new_context(reduced_motion="reduce")

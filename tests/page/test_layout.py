@@ -1,7 +1,6 @@
 """What has to be read is there to be read: long alerts, cards, names and panels in windows of all sizes."""
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,18 +8,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator
 
-from crowdfence import Camera, Client, Georeference, View
-from support.map_page import Console, Server, free_port, open_console
-from support.served import ORIGIN, write_level_ground
+from crowdfence import Georeference
+from support.live_field import field_console, give_views, live_field
+from support.map_page import Console, Server
 
 NAME = "fleet/uav-of-the-north-sector-with-a-name-as-long-as-names-of-drones-may-be-for-some-reason-or-other"
 REASON = "ambulance at work, stay away until it has left; " * 6
-
-
-def looking_down(east: float) -> np.ndarray:
-    world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
-    world_from_camera[:3, 3] = (east, 0.0, 20.0)
-    return world_from_camera
 
 
 def write_given_zone(path: Path) -> Path:
@@ -46,34 +39,17 @@ def write_given_zone(path: Path) -> Path:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("field")
-    server = Server(folder / "tokens.json", free_port())
-    server.mission = ["--terrain", str(write_level_ground(folder / "dem.tif")), "--origin", ORIGIN]
-    server.mission += ["--data", str(folder / "live"), "--silent-after-s", "4"]
-    server.mission += ["--static-zones", str(write_given_zone(folder / "given.geojson"))]
-    server.admit("operator")
-    server.start()
-    yield server
-    server.kill()
-
-
-def give_views(server: Server) -> None:
-    """One drone shows a crowd where another, whose camera is covered, sees nobody."""
-    camera = Camera.pinhole(320, 240, 240.0, 240.0, 160.0, 120.0)
-    crowd = np.zeros((24, 32), np.float32)
-    crowd[8:16, 12:20] = 0.95
-    with Client(server.url, token=server.token["operator"]) as client:
-        for _ in range(12):
-            for drone, heatmap in ((NAME, crowd), ("uav2", np.zeros_like(crowd))):
-                client.give(View(drone, time.time_ns(), camera, looking_down(0.0), heatmap))
-            time.sleep(0.4)
+    given = write_given_zone(folder / "given.geojson")
+    with live_field(folder, "--silent-after-s", "4", "--static-zones", str(given)) as server:
+        yield server
 
 
 @pytest.fixture(scope="module")
 def console(browser: Browser, server: Server) -> Iterator[Console]:
-    give_views(server)
-    context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce")
-    yield open_console(context, server, "operator")
-    context.close()
+    # One drone shows a crowd where another, whose camera is covered, sees nobody.
+    give_views(server, [NAME, "uav2"], count=12, every_s=0.4, blind=["uav2"])
+    with field_console(browser, server) as console:
+        yield console
 
 
 def width(one: Locator) -> float:

@@ -1,17 +1,13 @@
 """What a camera showed is told by its own age, and is not left there once another moment is shown."""
 
-import time
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from crowdfence import Camera, Client, View
-from support.map_page import Console, Server, free_port, open_console
-from support.served import ORIGIN, write_level_ground
+from support.live_field import field_console, give_views, live_field
+from support.map_page import Console, Server
 
-STRAIGHT_DOWN = np.array([[1.0, 0, 0, 0], [0, -1.0, 0, 0], [0, 0, -1.0, 20.0], [0, 0, 0, 1.0]])
 PAINTED = """() => {
   const canvas = document.querySelector(".camera canvas");
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
@@ -21,32 +17,19 @@ PAINTED = """() => {
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    folder = tmp_path_factory.mktemp("field")
-    server = Server(folder / "tokens.json", free_port())
-    server.mission = ["--terrain", str(write_level_ground(folder / "dem.tif")), "--origin", ORIGIN]
-    server.mission += ["--data", str(folder / "live"), "--silent-after-s", "2"]
-    server.admit("operator")
-    server.start()
-    yield server
-    server.kill()
+    with live_field(tmp_path_factory.mktemp("field"), "--silent-after-s", "2") as server:
+        yield server
 
 
-def give_crowd(server: Server, views: int = 1) -> None:
-    camera = Camera.pinhole(320, 240, 240.0, 240.0, 160.0, 120.0)
-    heatmap = np.zeros((24, 32), np.float32)
-    heatmap[8:16, 12:20] = 0.95
-    with Client(server.url, token=server.token["operator"]) as client:
-        for _ in range(views):
-            client.give(View("uav1", time.time_ns(), camera, STRAIGHT_DOWN, heatmap))
-            time.sleep(0.5)
+def give_crowd(server: Server, count: int = 1) -> None:
+    give_views(server, ["uav1"], count=count, every_s=0.5)
 
 
 @pytest.fixture(scope="module")
 def console(browser: Browser, server: Server) -> Iterator[Console]:
     give_crowd(server)
-    context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce")
-    yield open_console(context, server, "operator")
-    context.close()
+    with field_console(browser, server) as console:
+        yield console
 
 
 def painted(console: Console) -> bool:
