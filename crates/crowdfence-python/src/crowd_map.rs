@@ -127,6 +127,16 @@ impl PyCrowdMap {
         released(py, || question(&self.map.read().expect("no writer panics"))).map_err(refuse)
     }
 
+    /// The same with a threshold, the method's own where none is given.
+    fn read_at<T: Send>(
+        &self,
+        py: Python<'_>,
+        threshold: Option<f64>,
+        question: impl FnOnce(&CrowdMap, f64) -> crowdfence::Result<T> + Send,
+    ) -> PyResult<T> {
+        self.read(py, |map| question(map, threshold.unwrap_or_else(|| map.method().default_threshold())))
+    }
+
     fn ids(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
         checked_ids(&self.terrain.borrow(py).terrain, ids)
     }
@@ -323,8 +333,7 @@ impl PyCrowdMap {
         threshold: Option<f64>,
         stale_after_s: f64,
     ) -> PyResult<Bound<'py, PyArray1<u8>>> {
-        let codes: Vec<u8> = self.read(py, |map| {
-            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
+        let codes: Vec<u8> = self.read_at(py, threshold, |map, threshold| {
             let states = map.state(stamp_ns, threshold, stale_after_s)?;
             Ok(states.into_iter().map(|state| state as u8).collect())
         })?;
@@ -342,10 +351,8 @@ impl PyCrowdMap {
         threshold: Option<f64>,
         stale_after_s: f64,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self.read(py, |map| {
-            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
-            map.empty_ids(stamp_ns, threshold, stale_after_s)
-        })?;
+        let ids =
+            self.read_at(py, threshold, |map, threshold| map.empty_ids(stamp_ns, threshold, stale_after_s))?;
         Ok(id_array(py, &ids))
     }
 
@@ -362,11 +369,8 @@ impl PyCrowdMap {
         stale_after_s: f64,
     ) -> PyResult<PyVoxelKnowledge> {
         let ids = self.ids(py, ids)?;
-        self.read(py, |map| {
-            let threshold = threshold.unwrap_or_else(|| map.method().default_threshold());
-            map.knowledge(&ids, stamp_ns, threshold, stale_after_s)
-        })
-        .map(PyVoxelKnowledge)
+        self.read_at(py, threshold, |map, threshold| map.knowledge(&ids, stamp_ns, threshold, stale_after_s))
+            .map(PyVoxelKnowledge)
     }
 
     /// The columns of the terrain that hold crowd at a stamp not before the newest instant: what zones
@@ -382,9 +386,7 @@ impl PyCrowdMap {
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         threshold: Option<f64>,
     ) -> PyResult<PyCrowdColumns> {
-        let columns = self.read(py, |map| {
-            map.crowd_columns(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
-        })?;
+        let columns = self.read_at(py, threshold, |map, threshold| map.crowd_columns(stamp_ns, threshold))?;
         Ok(PyCrowdColumns(columns))
     }
 
@@ -400,9 +402,7 @@ impl PyCrowdMap {
         py: Python<'py>,
         threshold: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self.read(py, |map| {
-            map.crowd_ids_at_last_looks(threshold.unwrap_or_else(|| map.method().default_threshold()))
-        })?;
+        let ids = self.read_at(py, threshold, |map, threshold| map.crowd_ids_at_last_looks(threshold))?;
         Ok(id_array(py, &ids))
     }
 
@@ -419,9 +419,7 @@ impl PyCrowdMap {
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         threshold: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self.read(py, |map| {
-            map.crowd_ids(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
-        })?;
+        let ids = self.read_at(py, threshold, |map, threshold| map.crowd_ids(stamp_ns, threshold))?;
         Ok(id_array(py, &ids))
     }
 
@@ -454,9 +452,7 @@ impl PyCrowdMap {
         #[pyo3(from_py_with = stamp_ns)] stamp_ns: i64,
         threshold: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self.read(py, |map| {
-            map.shown_ids(stamp_ns, threshold.unwrap_or_else(|| map.method().default_threshold()))
-        })?;
+        let ids = self.read_at(py, threshold, |map, threshold| map.shown_ids(stamp_ns, threshold))?;
         Ok(id_array(py, &ids))
     }
 

@@ -81,10 +81,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         if probability >= rule.threshold {
             VoxelState::Crowd
         } else if self.is_fresh(slot, rule) {
-            match self.beliefs.method.clears(probability) && !self.is_shown(id, rule) {
-                true => VoxelState::Empty,
-                false => VoxelState::NotCleared,
-            }
+            if self.is_cleared(id, probability, rule) { VoxelState::Empty } else { VoxelState::NotCleared }
         } else if self.was_empty(id, rule) {
             VoxelState::Stale
         } else {
@@ -119,25 +116,23 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
 
     /// The voxels that are empty, in the order of their ids. Costs what was seen, not the map.
     pub fn empty_ids(&self, rule: StateRule) -> Vec<u32> {
-        let method = &self.beliefs.method;
         let is_fresh: Vec<bool> =
             (0..self.fading.len()).map(|slot| self.is_fresh(slot as u32, rule)).collect();
         let pages: Vec<usize> = self.history.looks.written().map(|(number, _)| number).collect();
         let empty_of = |&number: &usize| {
             self.looks_of(number).filter_map(|(id, slot, belief)| {
-                let is_empty = is_fresh[slot as usize] && {
-                    let probability = self.faded(belief, slot);
-                    probability < rule.threshold && method.clears(probability) && !self.is_shown(id, rule)
-                };
+                let is_empty = is_fresh[slot as usize] && self.is_cleared(id, self.faded(belief, slot), rule);
                 is_empty.then_some(id)
             })
         };
         pages.par_iter().with_min_len(PAGES_AT_ONCE).flat_map_iter(empty_of).collect()
     }
 
-    /// Does a look show crowd there that the others outweigh?
-    fn is_shown(&self, id: u32, rule: StateRule) -> bool {
-        self.history.shown.holds(id, self.now.stamp_ns, rule.threshold)
+    /// Do the looks speak against crowd, and none of the last ones, which the others outweigh, clearly for it?
+    fn is_cleared(&self, id: u32, probability: f64, rule: StateRule) -> bool {
+        probability < rule.threshold
+            && self.beliefs.method.clears(probability)
+            && !self.history.shown.holds(id, self.now.stamp_ns, rule.threshold)
     }
 
     fn is_fresh(&self, slot: u32, rule: StateRule) -> bool {
