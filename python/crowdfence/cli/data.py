@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -69,12 +70,7 @@ def import_data(
 
     You need the data set and its licence; nothing is downloaded.
     """
-    from crowdfence.labelled_pictures.coco import (
-        ANNOTATIONS,
-        annotation_file,
-        left_out_classes,
-        write_coco,
-    )
+    from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
     from crowdfence.labelled_pictures.data_sets import ImportOptions, read_data_set
 
@@ -88,8 +84,6 @@ def import_data(
             crowds = sum(bool(picture_labels(picture).crowd.any()) for picture in found)
             if missing := [picture.path for picture in found if not picture.path.is_file()]:
                 raise FileNotFoundError(f"{missing[0]}: annotated, but not there")
-            file = annotation_file(source) if kind is DataSet.coco else None
-            left_out = {} if file is None else left_out_classes(file, wanted.roles)
         kept: list[AnnotatedPicture] = []
         with console.progress("copying", len(found), "pictures") as advance:
             for picture in found:
@@ -100,6 +94,7 @@ def import_data(
                 advance()
         write_coco(kept, output / ANNOTATIONS)
     people = sum(len(picture.people) for picture in kept)
+    left_out = dict(Counter(name for picture in kept for name in picture.left_out).most_common())
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
     if as_json:
         console.print_json({**facts, "pictures_with_crowd": crowds, "left_out": left_out})

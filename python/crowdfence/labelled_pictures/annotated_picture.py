@@ -33,6 +33,8 @@ class AnnotatedPicture:
     """Parts about which nothing is said."""
     gsd_m: float | None = None
     """Metres per pixel, where known for the whole picture."""
+    left_out: tuple[str, ...] = ()
+    """Classes of the marks in it that mean nothing, one for each mark."""
 
 
 def people_in_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,7 @@ def annotation_file(folder: Path) -> Path | None:
 
 def read_coco(path: Path, roles: Mapping[str, Role] | None = None) -> list[AnnotatedPicture]:
     """The pictures of a COCO file. `roles` says what further class names mean; those of people, crowds and
-    ignored regions are known, all others mean nothing.
+    ignored regions are known; marks of all others mean nothing, and are `left_out`.
 
     OSError when it cannot be read; AnnotationError names the file, the place and the value.
     """
@@ -67,16 +67,6 @@ def read_coco(path: Path, roles: Mapping[str, Role] | None = None) -> list[Annot
         return _pictures(document, path.parent, roles or {})
     except AnnotationError as error:
         raise AnnotationError(f"{path}: {error}") from None
-
-
-def left_out_classes(path: Path, roles: Mapping[str, Role] | None = None) -> dict[str, int]:
-    """Classes of a file that `read_coco` reads which mean nothing, and how many marks each has; those with
-    most first, those without any not at all."""
-    document = json.loads(path.read_bytes())
-    known = dict(_roles(_rows(document, "categories"), roles or {}))
-    names = {row["id"]: row["name"] for row in document["categories"] if row["id"] not in known}
-    marks = Counter(row["category_id"] for row in document["annotations"] if row["category_id"] in names)
-    return {names[category]: count for category, count in marks.most_common()}
 
 
 def write_coco(pictures: Sequence[AnnotatedPicture], path: Path) -> None:
@@ -114,25 +104,28 @@ def _is_coco(path: Path) -> bool:
 def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list[AnnotatedPicture]:
     if not isinstance(document, dict):
         raise AnnotationError(f"must hold an object, got {quoted(document)}")
-    known: set[Any] = set()
+    names: dict[Any, Any] = {}
     for place, row in _rows(document, "categories"):
         category = _key(row.get("id"), place, "id")
-        if category in known:
+        if category in names:
             raise AnnotationError(
                 f"{place}.id {quoted(category)} occurs twice: nobody knows which class is meant"
             )
-        known.add(category)
+        names[category] = row.get("name")
     role_of = dict(_roles(_rows(document, "categories"), roles))
     marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
+    left_out: dict[Any, list[str]] = {}
     for place, row in _rows(document, "annotations"):
         key = _key(row.get("image_id"), place, "image_id")
         category = _key(row.get("category_id"), place, "category_id")
-        if category not in known:
+        if category not in names:
             raise AnnotationError(f"{place}.category_id is {quoted(category)}, which is no category")
         role = role_of.get(category)
         if role == "person" and row.get("iscrowd") == 1:
             role = "crowd"
-        if role is not None:
+        if role is None:
+            left_out.setdefault(key, []).append(names[category])
+        else:
             marks.setdefault(key, []).append((place, row, role))
     pictures = []
     seen: set[Any] = set()
@@ -142,7 +135,8 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
         if key in seen:
             raise AnnotationError(f"{place}.id {quoted(key)} occurs twice")
         seen.add(key)
-        pictures.append(_picture(place, row, folder, marks.pop(key, [])))
+        picture = _picture(place, row, folder, marks.pop(key, []))
+        pictures.append(replace(picture, left_out=tuple(left_out.get(key, ()))))
         if pictures[-1].path in files:
             name = quoted(row["file_name"])
             raise AnnotationError(
