@@ -32,7 +32,7 @@ _NOBODY = 0.05
 """A smaller value shows nobody."""
 _NEARLY_ALL = 0.95
 _SHOWS_NS = 2_000_000_000
-"""So long it stands what a drone showed itself."""
+"""So long it stands what a drone showed itself (`crowd_map/shown.rs`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +71,20 @@ class DeniedCrowd:
                 self._look(observation, shown_ids)
 
     def _look(self, observation: Observation, shown_ids: NDArray[np.int64]) -> None:
-        drone, stamp_ns = observation.drone, observation.stamp_ns
-        if (observation.mean > 0.5).any():
+        drone, stamp_ns, mean = observation.drone, observation.stamp_ns, observation.mean
+        if (mean > 0.5).any():
             self._showed_ns[drone] = max(stamp_ns, self._showed_ns.get(drone, stamp_ns))
             self._now[drone] = None
             return
-        if stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS:
+        shows_itself = stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS
+        if shows_itself or len(shown_ids) < _LEAST_VOXELS:
             return
         near = observation.range_m <= _SHARP_M * observation.focal_px
         looked = near & (observation.tilt_deg > 0.0) & are_among(observation.voxel_ids, shown_ids)
-        mean = observation.mean[looked]
-        if len(mean) < _LEAST_VOXELS:
+        there = mean[looked]
+        if len(there) < _LEAST_VOXELS:
             return
-        if np.mean(mean < _NOBODY) < _NEARLY_ALL:
+        if np.mean(there < _NOBODY) < _NEARLY_ALL:
             self._now[drone] = None
             return
         before = self._now.get(drone)

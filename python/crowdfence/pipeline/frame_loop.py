@@ -33,6 +33,9 @@ class Step:
     """How many voxels were seen at this instant or any earlier one."""
     crowd_ids: NDArray[np.int64]
     """Those of them at or above the threshold after the instant, sorted."""
+    shown_ids: NDArray[np.int64]
+    """Voxels that one look clearly showed as crowd by itself, now or within 2 s before, sorted; none where
+    nothing is closed, nor of a method that cannot tell."""
     threshold: float
     """Probability from which they are crowd."""
     zones: ZoneSet
@@ -137,6 +140,7 @@ class FrameLoop:
             update=update,
             seen_count=self.crowd_map.seen_count,
             crowd_ids=self._engine.crowd_voxel_ids,
+            shown_ids=self._engine.shown_ids,
             threshold=self.threshold,
             zones=zones,
         )

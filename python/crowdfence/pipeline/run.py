@@ -177,9 +177,8 @@ def run(
             units.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         blind.look(found.views, last.update.observations)
+        denied.look(last.update.observations, last.shown_ids)
         if recording.layer == CROWD:
-            shown_ids = loop.crowd_map.shown_ids(last.stamp_ns, threshold=loop.threshold)
-            denied.look(last.update.observations, shown_ids)
             unheeded.look(last)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
@@ -220,7 +219,7 @@ def run(
             *blind.warnings(recording.drones, max_range_m),
             *denied.warnings,
         ),
-        unheeded=unheeded.warnings() if recording.layer == CROWD else (),
+        unheeded=unheeded.warnings(rows) if recording.layer == CROWD else (),
         voxel_size_why=voxel_size_why,
     )
 
@@ -232,30 +231,28 @@ class _UnheededInRun:
         """`least_m2`: smaller regions become no zones."""
         self._loop, self._least_m2 = loop, least_m2
         self._followed = UnheededCrowd(loop.crowd_map.terrain, loop.crowd_map.method.b_threshold)
-        self._most: tuple[float, Unheeded] | None = None
-        self._first_ns: int | None = None
+        self._most: tuple[int, Unheeded] | None = None
+        """When, and what."""
         self._next_ns = 0
-        self._was_crowd = False
 
     def look(self, step: Step) -> None:
-        self._first_ns = step.stamp_ns if self._first_ns is None else self._first_ns
-        self._was_crowd |= len(step.crowd_ids) > 0
         self._followed.add(step.update.observations, step.crowd_ids)
         if step.stamp_ns < self._next_ns:
             return
         self._next_ns = step.stamp_ns + _UNHEEDED_EVERY_NS
         found = self._followed.beside(step.zones.closed, self._loop.threshold, self._least_m2)
         if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
-            self._most = (step.stamp_ns - self._first_ns) / 1e9, found
+            self._most = step.stamp_ns, found
 
-    def warnings(self) -> tuple[str, ...]:
-        """At most one sentence."""
+    def warnings(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
+        """At most one sentence; `rows` are those of the whole run."""
         if self._most is not None:
-            after_s, found = self._most
-            return (f"{after_s:.1f} s after the first instant {found.text}",)
+            stamp_ns, found = self._most
+            return (f"{(stamp_ns - rows[0].stamp_ns) / 1e9:.1f} s after the first instant {found.text}",)
+        if any(row.crowd_voxels for row in rows):
+            return ()
         # Too few looks for what is told of a place.
-        loop = self._loop
-        never = None if self._was_crowd else unheeded_crowd_warning(loop.crowd_mass, loop.threshold)
+        never = unheeded_crowd_warning(self._loop.crowd_mass, self._loop.threshold)
         return () if never is None else (never,)
 
 

@@ -114,8 +114,7 @@ class Mission:
         self.found = step.zones
         self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
-        shown_ids = self.loop.crowd_map.shown_ids(step.stamp_ns, threshold=self.threshold)
-        self.denied_crowd.look(step.update.observations, shown_ids)
+        self.denied_crowd.look(step.update.observations, step.shown_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

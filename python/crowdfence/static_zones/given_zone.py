@@ -79,8 +79,8 @@ def local_zones(
 ) -> list[Zone]:
     """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
     a number; `taken` receives the ids, `left_out` what is too far away, and that all of it is where exchanged
-    coordinates would be near. ValueError for an outline that is
-    empty, crosses itself, is not finite or reaches round the Earth."""
+    coordinates would be near. ValueError for an outline that is empty, crosses itself, is not finite or
+    reaches round the Earth."""
     zones = []
     numbers = count(1)
     exchanged = 0

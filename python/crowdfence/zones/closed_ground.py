@@ -38,6 +38,8 @@ class ClosedGround:
         """What is closed as of the last step, sorted."""
         self.below = np.empty(0, dtype=np.int64)
         """How many looks in a row, up to the last one, found each of them below the off threshold."""
+        self.shown_ids = np.empty(0, dtype=np.int64)
+        """What is closed of it because one look shows it by itself, as of the last step, sorted."""
         self.stepped_ns = NEVER_NS
         """When that was."""
         self.forgets_to_unknown = forgets_to_unknown(crowd_map)
@@ -79,8 +81,8 @@ class ClosedGround:
         crowd_map, threshold = self._crowd_map, self._threshold
         if not self.forgets_to_unknown:
             return crowd_map.crowd_ids(stamp_ns, threshold=threshold)
-        crowd = crowd_map.crowd_ids_at_last_looks(threshold=threshold)
-        return united(crowd, crowd_map.shown_ids(stamp_ns, threshold=threshold))
+        self.shown_ids = crowd_map.shown_ids(stamp_ns, threshold=threshold)
+        return united(crowd_map.crowd_ids_at_last_looks(threshold=threshold), self.shown_ids)
 
     def _opened_by_looks(
         self, held: NDArray[np.int64], below: NDArray[np.int64], stamp_ns: int

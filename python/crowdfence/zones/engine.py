@@ -77,6 +77,11 @@ class ZoneEngine:
         self._evidence: dict[str, dict[str, DroneEvidence]] = {}
         self._looks_now: dict[str, list[DroneEvidence]] = {}
 
+    @property
+    def shown_ids(self) -> NDArray[np.int64]:
+        """Voxels that one look clearly showed as crowd by itself, as of the last step, sorted."""
+        return self._closed.shown_ids
+
     def step(self, stamp_ns: int, observations: Iterable[Observation] = ()) -> ZoneSet:
         """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
         what the drones saw becomes the zones' evidence."""

@@ -20,6 +20,8 @@ class NoZones:
         self._zones = ZoneSet((), rules.threshold, rules.min_area_m2, 0, 0.0, static=tuple(static))
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
+        self.shown_ids = np.empty(0, dtype=np.int64)
+        """None, as nothing has to be closed."""
 
     def step(self, stamp_ns: int, observations: Iterable[Observation] = ()) -> ZoneSet:
         found = self._crowd_map.crowd_columns(stamp_ns, threshold=self.rules.threshold)
