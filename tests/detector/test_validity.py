@@ -11,7 +11,13 @@ from crowdfence.detector.contract.contract import Contract, Validity
 from crowdfence.detector.contract.model_input import ModelInput
 from crowdfence.detector.contract.model_output import ModelOutput
 from crowdfence.detector.ground_sampling import ground_sampling
-from crowdfence.detector.validity import FlightSample, check_ranges, sample_flight, statement_warnings
+from crowdfence.detector.validity import (
+    FlightSample,
+    check_ranges,
+    sample_flight,
+    silence_warning,
+    statement_warnings,
+)
 from crowdfence.sources.recording import Frame
 
 CAMERA = Camera.pinhole(640, 480, 500.0, 500.0, 320.0, 240.0)
@@ -164,3 +170,25 @@ def test_rates_without_a_surface_are_of_voxels() -> None:
     (warning,) = statement_warnings(measured, **HERE, rates_given=False)
     assert warning == "the rates of net were measured with surface voxels; this run has surface planes"
     assert statement_warnings(measured, **HERE | {"surface": "voxels"}, rates_given=False) == []
+
+
+@pytest.mark.parametrize(
+    ("rates", "expected"),
+    [
+        ({"likelihood_ratio": {"log10_ratio": [[[-2.0, -0.3]]]}}, "(largest likelihood ratio 0.5)"),
+        ({"likelihood_ratio": {"log10_ratio": [[[-2.0, 0.1]]]}}, None),
+        ({"likelihood_ratio": {"log10_ratio": "none"}}, None),
+        (RATES, None),
+        (RATES | {"false_positive": {"rate": 0.8}}, "(TPR 0.8, FPR 0.8)"),
+        (None, None),
+    ],
+)
+def test_rates_by_which_nothing_would_ever_be_closed_are_told(
+    rates: dict | None, expected: str | None
+) -> None:
+    stated = replace(CONTRACT, calibration={}, validity=Validity(), rates=rates)
+    warning = silence_warning(stated)
+    assert (warning is None) == (expected is None)
+    assert expected is None or expected in warning
+    weighed = statement_warnings(stated, **HERE, rates_given=False, weighed_as="x")
+    assert (warning in weighed) == (warning is not None and "likelihood_ratio" in rates)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
 from crowdfence.detector.same_answer import SameAnswer
+from crowdfence.detector.validity import silence_warning
 from crowdfence.errors import DetectorError
 
 ASSUMED_GSD_M = 0.1
@@ -41,10 +42,10 @@ class ModelCheck:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the heatmap, one sentence each."""
+        """What is doubtful about the heatmap and the stated rates, one sentence each."""
         answer = SameAnswer(self.contract)
         answer.add(self.heatmap)
-        return [] if answer.warning is None else [answer.warning]
+        return [warning for warning in (answer.warning, silence_warning(self.contract)) if warning]
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the pixels."""

@@ -173,7 +173,28 @@ def statement_warnings(
     if differences:
         measured, here = (", ".join(settings) for settings in zip(*differences, strict=True))
         warnings.append(f"the rates of {name} were measured with {measured}; this run has {here}")
+    if weighed_as is not None and (silent := silence_warning(contract)):
+        warnings.append(silent)
     return warnings
+
+
+def silence_warning(contract: Contract) -> str | None:
+    """One sentence where, by what the contract states, no look can ever speak for crowd: whatever the model
+    sees, nothing would be closed. That is what a calibration on data whose crowds lie elsewhere than their
+    labels writes. A table that cannot be read is left to the method to refuse."""
+    rates = contract.rates or {}
+    statement = f"by the rates of {contract.name} no look speaks for crowd, whatever it shows"
+    advice = "nothing would be closed; calibrate it again on missions whose labels fit"
+    try:
+        ratios = np.asarray(rates["likelihood_ratio"]["log10_ratio"], np.float64)
+        if ratios.size and not (ratios > 0.0).any():
+            return f"{statement} (largest likelihood ratio {10.0 ** ratios.max():.2g}): {advice}"
+    except (KeyError, TypeError, ValueError):
+        pass
+    found, false = (rates.get(name) for name in ("true_positive", "false_positive"))
+    if found and false and found["rate"] <= false["rate"]:
+        return f"{statement} (TPR {found['rate']:g}, FPR {false['rate']:g}): {advice}"
+    return None
 
 
 def _percent(share: float) -> str:
