@@ -192,6 +192,18 @@ def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
     assert "2 marks of classes that mean nothing here: Menschenmenge" in " ".join(finished.stdout.split())
 
 
+def test_marks_of_another_size_of_the_picture_are_refused(tmp_path: Path) -> None:
+    """Somebody made the pictures smaller and left the marks as they were."""
+    (tmp_path / "source").mkdir()
+    source = three_people(tmp_path / "source")
+    with Image.open(source / "b.png") as picture:
+        picture.resize((32, 24)).save(source / "b.png")
+    finished = crowdfence("data", "import", "coco", source, "-o", tmp_path / "data")
+    assert finished.returncode == FAILED and finished.stderr.count("\n") == 1
+    assert "b.png has 32 x 24 pixels, its marks are of 40 x 40" in finished.stderr
+    assert not (tmp_path / "data").exists()
+
+
 def test_an_import_that_fails_writes_nothing(tmp_path: Path) -> None:
     source = visdrone(tmp_path / "source", "1,2,3\n")
     finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "data")

@@ -90,7 +90,14 @@ def _coco(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     file = annotation_file(folder)
     if file is None:
         raise FileNotFoundError(f"{folder} holds no JSON file, or several, with images and annotations")
-    yield from read_coco(file, options.roles)[:: options.every]
+    for picture in read_coco(file, options.roles)[:: options.every]:
+        marked = (picture.width, picture.height)
+        if picture.path.is_file() and (size := _size(picture.path)) != marked:
+            raise AnnotationError(
+                f"{picture.path} has {size[0]} x {size[1]} pixels, its marks are of {marked[0]} x {marked[1]}: "
+                "they would lie beside what they mark"
+            )
+        yield picture
 
 
 KINDS: dict[str, Callable[[Path, ImportOptions], Iterator[AnnotatedPicture]]] = {
