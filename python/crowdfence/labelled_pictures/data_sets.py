@@ -94,8 +94,8 @@ def _coco(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
         marked = (picture.width, picture.height)
         if picture.path.is_file() and (size := _size(picture.path)) != marked:
             raise AnnotationError(
-                f"{picture.path} has {size[0]} x {size[1]} pixels, its marks are of {marked[0]} x {marked[1]}: "
-                "they would lie beside what they mark"
+                f"{picture.path} has {size[0]} x {size[1]} pixels, its marks are of {marked[0]} x {marked[1]}"
+                ": they would lie beside what they mark"
             )
         yield picture
 
