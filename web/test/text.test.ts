@@ -4,7 +4,7 @@ import { waitBefore } from "../src/api/stream";
 import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
 import { ago, compareStamps, dayAndTime, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
-import { area, degrees, grouped, length, place, probability } from "../src/text/units";
+import { area, degrees, grouped, heights, length, place, probability } from "../src/text/units";
 import { roundLength } from "../src/ui/scale_bar";
 
 describe("stamps", () => {
@@ -106,6 +106,11 @@ describe("units", () => {
     expect(area(4.25, "metres")).toBe("4.3 m²");
     expect(area(0, "metres")).toBe("0 m²");
     expect([0.04, 0.25, 0.3].map((value) => area(value, "metres"))).toEqual(["0.04 m²", "0.25 m²", "0.3 m²"]);
+  });
+
+  it("say where a zone has no upper end", () => {
+    expect(heights({ lower_m: 0, upper_m: 120, datum: "AGL" }, "metres")).toBe("0 m to 120 m AGL");
+    expect(heights({ lower_m: 30.48, upper_m: 99_999, datum: "AGL" }, "feet")).toBe("from 100 ft AGL up, without a ceiling");
   });
 
   it("group digits", () => {

@@ -13,6 +13,14 @@ export function length(metres: number, units: Units, digits = 0): string {
     : `${grouped(metres * FEET, digits)} ft`;
 }
 
+/** Heights that others gave no upper end reach to here (`static_zones/given_zone.py`). */
+const NO_CEILING_M = 99_999;
+
+export function heights({ lower_m, upper_m, datum }: { lower_m: number; upper_m: number; datum: string }, units: Units): string {
+  if (upper_m >= NO_CEILING_M) return `from ${length(lower_m, units)} ${datum} up, without a ceiling`;
+  return `${length(lower_m, units)} to ${length(upper_m, units)} ${datum}`;
+}
+
 export function area(square_metres: number, units: Units): string {
   const [value, unit] = units === "metres" ? [square_metres, "m²"] : [square_metres * FEET * FEET, "ft²"];
   // A small crowd is not told as none.

@@ -4,7 +4,7 @@ import type { Alert } from "../api/contract";
 import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { behind_s, LATE_S, silence_s } from "../state/time";
-import { dayAndTime, duration, timeOfDay, withTimes } from "../text/stamp";
+import { dayAndTime, duration, withTimes } from "../text/stamp";
 import { Icon } from "./icons";
 import { useNow } from "./now";
 import { mayOperate } from "./operator";
@@ -27,7 +27,7 @@ export function Banner() {
         <div class="banner alarm" data-test="offline">
           <Icon name="warning" />
           <span>
-            <b>The connection to the service is lost.</b> The map shows {timeOfDay(moment.stamp_ms, clock)}; zones stay closed. Connecting again…
+            <b>The connection to the service is lost.</b> The map shows {dayAndTime(moment.stamp_ms, clock, Date.now())}; zones stay closed. Connecting again…
           </span>
         </div>
       )}
@@ -35,7 +35,9 @@ export function Banner() {
         <div class="banner alarm">
           <Icon name="warning" />
           <span>
-            <b>No view has arrived for {duration(late_s)}.</b> What the map shows is that old; zones stay closed.
+            <b>
+              No view has arrived for <Counting seconds={late_s} />.
+            </b> What the map shows is that old; zones stay closed.
           </span>
         </div>
       )}
@@ -43,7 +45,9 @@ export function Banner() {
         <div class="banner warning" data-test="behind">
           <Icon name="warning" />
           <span>
-            <b>The map is {duration(old_s)} behind.</b> More views come than the service can take in, or they come late.
+            <b>
+              The map is <Counting seconds={old_s} /> behind.
+            </b> More views come than the service can take in, or they come late.
           </span>
         </div>
       )}
@@ -58,6 +62,11 @@ export function Banner() {
       {urgent.length > 0 && <AlertBanner alert={worst} more={urgent.length - 1} />}
     </div>
   );
+}
+
+/** Read out with its sentence, and not again each time that it has grown. */
+function Counting({ seconds }: { seconds: number }) {
+  return <span aria-live="off">{duration(seconds)}</span>;
 }
 
 function AlertBanner({ alert, more }: { alert: Alert; more: number }) {

@@ -9,8 +9,8 @@ import { boundsOf, contains, cornersOf, lineLength } from "../map/geometry";
 import { select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
-import { ago, dateOf, dayAndTime, duration, timeOfDay } from "../text/stamp";
-import { area, grouped, length, place, probability } from "../text/units";
+import { ago, dateOf, dayAndTime, duration } from "../text/stamp";
+import { area, grouped, heights, length, place, probability } from "../text/units";
 import { EVENT_WORDS, KIND_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
@@ -95,7 +95,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
         <div class="why exception">
           <b>Dismissed for now</b>
           <p>
-            Left out of exports until {timeOfDay(zone.dismissed.until_ms, store.state.clock, 0)}; then it is closed again.
+            Left out of exports until {dayAndTime(zone.dismissed.until_ms, store.state.clock, now, 0)}; then it is closed again.
           </p>
         </div>
       )}
@@ -127,9 +127,7 @@ function ZoneCard({ id, zone }: { id: string; zone: Zone | null }) {
         {zone.probability_mean !== null && <Fact name="mean P">{probability(zone.probability_mean)}</Fact>}
         <Fact name="closed since">{zone.created_ms === null ? "not known" : `${dayAndTime(zone.created_ms, store.state.clock, now, 0)}, ${ago(zone.created_ms, now)}`}</Fact>
         {crowd && <Fact name="seen by">{zone.seen_by.join(", ") || "not known"}</Fact>}
-        <Fact name="heights">
-          {length(zone.band.lower_m, units)} to {length(zone.band.upper_m, units)} {zone.band.datum}
-        </Fact>
+        <Fact name="heights">{heights(zone.band, units)}</Fact>
         <Fact name="restriction">{zone.restriction.replaceAll("_", " ")}</Fact>
       </dl>
       <Happened history={history} id={id} />
@@ -230,6 +228,7 @@ function Evidence({ zone, now }: { zone: Zone; now: number }) {
 }
 
 function Happened({ history, id }: { history: ZoneHistory | null; id: string }) {
+  const now = useNow();
   const clock = useStore((state) => state.clock);
   const events = (history?.events ?? []).filter(({ kind }) => kind !== "updated").slice(-6);
   if (!events.length) return null;
@@ -239,7 +238,7 @@ function Happened({ history, id }: { history: ZoneHistory | null; id: string }) 
       <ol class="events">
         {events.map((event) => (
           <li key={`${event.stamp_ms} ${event.kind} ${event.id}`}>
-            <time>{timeOfDay(event.stamp_ms, clock)}</time>
+            <time>{dayAndTime(event.stamp_ms, clock, now)}</time>
             <span>
               {event.id === id ? "" : `${event.id} `}
               {EVENT_WORDS[event.kind] ?? event.kind} {event.other === id ? "it" : (event.other ?? "")}

@@ -130,7 +130,7 @@ function Exports() {
   return (
     <>
       <p class="hint">
-        The zones of <b>{at ? `${timeOfDay(moment?.stamp_ms ?? 0, clock)}` : "now"}</b>
+        The zones of <b>{at ? dayAndTime(moment?.stamp_ms ?? 0, clock, Date.now()) : "now"}</b>
         {at ? ", the moment shown" : ""}. They hold from the instant that found them.
       </p>
       <ul class="exports">

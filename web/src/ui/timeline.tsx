@@ -5,7 +5,7 @@ import type { TimelinePoint } from "../api/contract";
 import { marks } from "../state/alerts";
 import { goLive, playOrPause, seek, setSpeed, stepBy } from "../state/session";
 import { store, useStore } from "../state/store";
-import { duration, timeOfDay } from "../text/stamp";
+import { dayAndTime, duration, timeOfDay } from "../text/stamp";
 import { area } from "../text/units";
 import { Icon } from "./icons";
 
@@ -50,7 +50,7 @@ export function TimelinePanel() {
       <div class="track-column">
         {points.length > 1 ? <Track points={points} /> : <p class="empty">The time line begins with the second instant.</p>}
         <div class="axis">
-          <time>{points.length ? timeOfDay(first, clock) : ""}</time>
+          <time>{points.length ? dayAndTime(first, clock, last) : ""}</time>
           <Key moment_ms={moment?.stamp_ms ?? null} points={points} />
           <time>{points.length ? timeOfDay(last, clock) : ""}</time>
         </div>
