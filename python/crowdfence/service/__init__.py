@@ -15,6 +15,7 @@
 - `ground` `belief`   the terrain and the crowd map from above, as bytes
 - `fleet` `zone_json` what is told of drones and of zones
 - `operator_zones`    what operators closed, locked and opened
+- `left_out`          drones whose looks do not count, because an operator says that they see nothing
 - `alerts` `watch`    what somebody should look at, and what notices it
 - `recent_looks`      what drones showed of late, and where their crowd went
 - `access` `guard`    who may do what; limits, headers

@@ -27,6 +27,7 @@ AlertKind = Literal[
     "lost_crowd",
     "unheeded_crowd",
     "denied_crowd",
+    "left_out",
     "no_ground",
     "heatmap_units",
     "same_answer",

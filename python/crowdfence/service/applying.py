@@ -26,6 +26,7 @@ from crowdfence.service.gathering import Gathering
 from crowdfence.service.heard import Heard
 from crowdfence.service.heatmap_doubts import HeatmapDoubts
 from crowdfence.service.journal import Journal, Record
+from crowdfence.service.left_out import DroneAction
 from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
@@ -33,6 +34,7 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.track import Sighting
 from crowdfence.service.view_message import CameraMessage, ViewMessage
+from crowdfence.sources.recording import RefusedFrame
 
 _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
@@ -197,20 +199,18 @@ class Applying:
 
     def _act(self, record: Record) -> None:
         mission = self._mission
-        action = OperatorAction(**json.loads(record.body))
+        told = json.loads(record.body)
+        action = DroneAction(**told) if "drone" in told else OperatorAction(**told)
         decided = self._decided.pop(record.seq, None)
         with mission.lock:
-            zones = mission.found if mission.newest is None else mission.newest.zones
             try:
-                zone = mission.operator_zones.do(action, zones)
+                name = mission.do(action)
             except ValueError as error:  # somebody else was faster
                 if decided is not None:
                     decided.set_exception(error)
                 return
-            newest_ns = 0 if mission.newest is None else mission.newest.stamp_ns
-            mission.publish(max(action.stamp_ns, newest_ns))
         if decided is not None:
-            decided.set_result(zone)
+            decided.set_result(name)
 
     def _look_again(self, stamp_ns: int) -> None:
         """No view came for long: zones as of a stamp that lies before every instant to come."""
@@ -262,7 +262,7 @@ class Applying:
             # Waited for without the lock: a detector that does not answer holds up the map, not its readers.
             contents = [self._unless_still(arrival) for arrival in group]
             with self._mission.lock:
-                self._step_with(group, contents, stamp_ns)
+                self._step_counted(group, contents, stamp_ns)
         except Exception as error:  # a mistake of ours
             _LOG.exception("the instant %s could not be taken in", stamp_ns)
             self._refuse(group, f"the service failed: {type(error).__name__} {error}")
@@ -271,6 +271,24 @@ class Applying:
         for then_s in acknowledged_s:
             if then_s is not None:
                 self._heard.publishing.took(time.monotonic() - then_s)
+
+    def _step_counted(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
+        """Without the looks of drones that are left out, which are shown all the same."""
+        pairs = list(zip(group, contents, strict=True))
+        counted = [pair for pair in pairs if pair[0].drone not in self._mission.left_out]
+        for arrival, content in pairs:
+            if arrival.drone in self._mission.left_out:
+                self._heard.left_out[arrival.drone] += 1
+                if isinstance(content, RefusedFrame):
+                    self._refuse([arrival], content.reason)
+                self._show(arrival, content)
+        if not counted:
+            self._look_again(stamp_ns)
+            return
+        newest_ns = counted[-1][0].stamp_ns
+        if self.last_ns is None or newest_ns > self.last_ns:
+            stamp_ns = newest_ns
+        self._step_with([arrival for arrival, _ in counted], [content for _, content in counted], stamp_ns)
 
     def _unless_still(self, arrival: Arrival) -> Content:
         content = arrival.arrived()

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import quote, urlsplit, urlunsplit
 
 import httpx
 import numpy as np
@@ -160,6 +160,14 @@ class Client:
     def dismiss_zone(self, zone: str, reason: str) -> dict[str, Any]:
         """For crowd: for a while only."""
         return self._json("POST", f"/zones/{zone}/dismiss", json={"reason": reason})
+
+    def leave_out_drone(self, drone: str, reason: str) -> None:
+        """Its looks do not count until it is taken in again, because it sees nothing."""
+        self._request("POST", f"/drones/{quote(drone)}/leave-out", json={"reason": reason})
+
+    def take_in_drone(self, drone: str, reason: str) -> None:
+        """Its looks count again."""
+        self._request("POST", f"/drones/{quote(drone)}/take-in", json={"reason": reason})
 
     def acknowledge(self, alert: str) -> dict[str, Any]:
         return self._json("POST", f"/alerts/{alert}/acknowledge")

@@ -14,6 +14,8 @@ class Heard:
         self.accepted: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         self.late: Counter[str] = Counter()
+        self.left_out: Counter[str] = Counter()
+        """Of drones that an operator left out."""
         self.last_view_ns: dict[str, int] = {}
         """Newest stamp of each drone that was accepted, also before a restart."""
         self.accepted_s: float | None = None

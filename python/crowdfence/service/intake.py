@@ -20,6 +20,7 @@ from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Gate, Refused
 from crowdfence.service.heard import Heard
 from crowdfence.service.journal import Journal, Record, RecordKind
+from crowdfence.service.left_out import DroneAction
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.poses import Poses
@@ -154,13 +155,11 @@ class Intake:
         self._heard.accepted_s = time.monotonic()
         self._applying.put(record.at(done.result()), acknowledged_s=self._heard.accepted_s)
 
-    def decide(self, action: OperatorAction, beside: Write) -> str:
-        """Do what an operator asks and write what belongs to it; the id of the zone. RefusedAction; Refused
-        where it cannot be kept."""
+    def decide(self, action: OperatorAction | DroneAction, beside: Write) -> str:
+        """Do what an operator asks and write what belongs to it; the id of the zone or the name of the drone.
+        RefusedAction; Refused where it cannot be kept."""
         with self._mission.lock:
-            newest = self._mission.newest
-            zones = self._mission.found if newest is None else newest.zones
-            self._mission.operator_zones.check(action, zones)
+            self._mission.check(action)
         body = json.dumps(asdict(action)).encode()
         record = Record(0, "operator", "", action.stamp_ns, self._clock.now_ns(), body)
         decided: Future[str] = Future()

@@ -78,6 +78,7 @@ class _Figures(Collector):
             ("accepted", "views that were acknowledged", live.heard.accepted),
             ("refused", "views that were not taken", live.heard.refused),
             ("late", "views that came too late for their instant", live.heard.late),
+            ("left_out", "views of drones that an operator left out", live.heard.left_out),
         ):
             family = CounterMetricFamily(f"crowdfence_views_{name}", text, labels=["drone"])
             for drone, count in sorted(counts.items()):

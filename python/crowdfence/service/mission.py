@@ -20,7 +20,8 @@ from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.pipeline.unheeded_crowd import UnheededCrowd
 from crowdfence.service.belief import belief_bytes
 from crowdfence.service.ground import Ground
-from crowdfence.service.operator_zones import OperatorZones
+from crowdfence.service.left_out import DroneAction, LeftOut
+from crowdfence.service.operator_zones import OperatorAction, OperatorZones
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.recent_looks import RecentLooks
 from crowdfence.service.seen_columns import SeenColumns
@@ -81,6 +82,7 @@ class Mission:
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
         self.operator_zones = self._no_operator_zones()
+        self.left_out = LeftOut()
         self.newest: Moment | None = None
         """What is published; replaced as a whole."""
         self.found: ZoneSet = self.loop.look_again(0)
@@ -108,6 +110,28 @@ class Mission:
 
     def _no_operator_zones(self) -> OperatorZones:
         return OperatorZones(self.config.zones, self.terrain, self._dismissed_for_s)
+
+    def check(self, action: OperatorAction | DroneAction) -> None:
+        """RefusedAction for what `do` would not do now."""
+        if isinstance(action, DroneAction):
+            self.left_out.check(action)
+        else:
+            self.operator_zones.check(action, self._published)
+
+    def do(self, action: OperatorAction | DroneAction) -> str:
+        """Do what an operator asks and publish what follows from it; the id of the zone or the name of the
+        drone. RefusedAction."""
+        if isinstance(action, DroneAction):
+            self.left_out.do(action)
+            name = action.drone
+        else:
+            name = self.operator_zones.do(action, self._published)
+        self.publish(max(action.stamp_ns, 0 if self.newest is None else self.newest.stamp_ns))
+        return name
+
+    @property
+    def _published(self) -> ZoneSet:
+        return self.found if self.newest is None else self.newest.zones
 
     def stepped(self, step: Step) -> Moment:
         """Publish what a step of the loop brought."""
@@ -175,6 +199,7 @@ class Mission:
             "stamp_ns": 0 if newest is None else newest.stamp_ns,
             "found": history_line(0, self.found, {}),
             "operator_zones": self.operator_zones.to_json(),
+            "left_out": self.left_out.to_json(),
             "still_video": self.still_video.to_json(),
         }
         return packed(json.dumps(told).encode(), self.loop.crowd_map.to_bytes(), self.loop.to_bytes())
@@ -191,10 +216,12 @@ class Mission:
         operator_zones = self._no_operator_zones()
         operator_zones.restore(state["operator_zones"])
         still_video = StillVideo()
-        still_video.restore(state.get("still_video", {}))  # builds of before did not keep it
+        still_video.restore(state.get("still_video", {}))  # builds of before did not keep it, nor
+        left_out = LeftOut()
+        left_out.restore(state.get("left_out", []))  # ... who is left out: they left out nobody
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
-        self.still_video = still_video
+        self.still_video, self.left_out = still_video, left_out
         self._seen.begin_anew()
         self._seen.add(loop.crowd_map.seen_ids())
         self._had_other_static = _records(kept.static) != _records(self._static)

@@ -78,13 +78,19 @@ class Replay:
             if self._stopped.wait(max(0.0, due_s - time.monotonic())):
                 return
             with mission.lock:
-                step = mission.loop.step(found.views, instant.stamp_ns, found.refused)
+                counted = [view for view in found.views if view.drone not in mission.left_out]
+                all_are_left_out = bool(found.views) and not counted
+                if not all_are_left_out:
+                    step = mission.loop.step(counted, instant.stamp_ns, found.refused)
                 self._clock.saw(instant.stamp_ns)
                 for refused in found.refused:
                     text = f"a view of {refused.drone} could not be used: {refused.reason}"
                     self._refuse(refused.drone, text, instant.stamp_ns)
                 self._show(instant, found.views)
-                mission.stepped(step)
+                if all_are_left_out:
+                    mission.look_again(instant.stamp_ns)
+                else:
+                    mission.stepped(step)
             mission.keep_belief()
             if self._stopped.is_set():
                 return

@@ -14,6 +14,7 @@ from crowdfence.service.base_map import BaseMap
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.ground import GroundRaster
+from crowdfence.service.left_out import DroneAction, DroneVerb
 from crowdfence.service.media import Media
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import Action, OperatorAction
@@ -68,18 +69,33 @@ class Service:
             self.alerts.write_again()
         self.store_trouble = trouble
 
+    @property
+    def drones(self) -> tuple[str, ...]:
+        """All that are expected or were heard. Of companions, which project themselves, the fleet knows no
+        camera."""
+        heard = () if self.live is None else self.live.heard.last_view_ns
+        return tuple(sorted({*self.fleet.drones, *self.mission.drones, *heard}))
+
     def decide(self, user: User, action: Action, zone: str, reason: str, **drawn: Any) -> str:
-        """Do what an operator asks and write down who, what and why; the id of the zone. RefusedAction."""
+        """Do what an operator asks of a zone and write down who, what and why; the id of the zone.
+        RefusedAction."""
         wanted = OperatorAction(action, zone, self._acting_ns(), user.name, user.role, reason, **drawn)
         if self.live is not None:
             return self.live.intake.decide(wanted, audit_entry(user, action, zone or None, reason))
-        mission = self.mission
-        with mission.lock:
-            newest = mission.newest
-            name = mission.operator_zones.do(wanted, mission.found if newest is None else newest.zones)
-            mission.publish(max(wanted.stamp_ns, 0 if newest is None else newest.stamp_ns))
+        with self.mission.lock:
+            name = self.mission.do(wanted)
         self.audit(user, action, name, reason)
         return name
+
+    def decide_drone(self, user: User, action: DroneVerb, drone: str, reason: str) -> None:
+        """The same of a drone."""
+        wanted = DroneAction(action, drone, self._acting_ns(), user.name, user.role, reason)
+        if self.live is not None:
+            self.live.intake.decide(wanted, audit_entry(user, action, None, reason, drone))
+            return
+        with self.mission.lock:
+            self.mission.do(wanted)
+        self.store.submit(audit_entry(user, action, None, reason, drone)).result()
 
     def _acting_ns(self) -> int:
         """Now, also where the newest view is ahead of it: what an operator allows ends by the clock."""
@@ -95,9 +111,9 @@ class Service:
     def audit_json(self) -> list[dict[str, Any]]:
         """The newest first."""
         rows = self.store.rows(
-            "SELECT stamp_ns, user, role, action, zone, reason FROM audit ORDER BY id DESC LIMIT 1000"
+            "SELECT stamp_ns, user, role, action, zone, drone, reason FROM audit ORDER BY id DESC LIMIT 1000"
         )
-        names = ("user", "role", "action", "zone", "reason")
+        names = ("user", "role", "action", "zone", "drone", "reason")
         return [{**moment_json("stamp", row[0]), **dict(zip(names, row[1:], strict=True))} for row in rows]
 
     @property
@@ -169,10 +185,22 @@ class Service:
             **moment.figures,
             "zone_count": len(moment.zones.closed),
             "zones": self.zones_json(moment),
-            "drones": {"drones": self.fleet.to_json(self.now_ns(), trails=False)},
+            "drones": {"drones": self.drones_json(trails=False)},
             "lag_s": max(0.0, (self.now_ns() - moment.stamp_ns) / 1e9),
             "silent_s": None if self.live is None else self.live.silent_s,
         }
+
+    def drones_json(self, at_ns: int | None = None, *, trails: bool = True) -> list[dict[str, Any]]:
+        """Every drone as of `at_ns`, or now; who left it out now, or null."""
+        told = self.fleet.to_json(self.now_ns(), at_ns, trails=trails)
+        for drone in told:
+            by = self.mission.left_out.by(drone["drone"])
+            drone["left_out"] = (
+                None
+                if by is None
+                else {"name": by.user, "reason": by.reason, **moment_json("since", by.stamp_ns)}
+            )
+        return told
 
     def moment(self, at_ns: int | None) -> Moment:
         """The newest, or the last one up to a stamp; before the first one what holds without any view."""
@@ -195,10 +223,14 @@ class Service:
         self.hub.step(lambda: self.step_json(moment))
 
 
-def audit_entry(user: User, action: str, zone: str | None, reason: str | None) -> Write:
+def audit_entry(
+    user: User, action: str, zone: str | None, reason: str | None, drone: str | None = None
+) -> Write:
     """Who did what, as a write."""
-    row = (time.time_ns(), user.name, user.role, action, zone, reason)
-    _LOG.info("operator", extra={"user": user.name, "action": action, "zone": zone, "reason": reason})
+    row = (time.time_ns(), user.name, user.role, action, zone, drone, reason)
+    told = {"user": user.name, "action": action, "zone": zone, "drone": drone, "reason": reason}
+    _LOG.info("operator", extra=told)
     return lambda connection: connection.execute(
-        "INSERT INTO audit (stamp_ns, user, role, action, zone, reason) VALUES (?, ?, ?, ?, ?, ?)", row
+        "INSERT INTO audit (stamp_ns, user, role, action, zone, drone, reason) VALUES (?, ?, ?, ?, ?, ?, ?)",
+        row,
     )

@@ -86,7 +86,7 @@ NULL); CREATE INDEX IF NOT EXISTS beliefs_by_stamp ON beliefs (stamp_ns); CREATE
   PRIMARY KEY (kind, drone, stamp_ns)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS audit (
   id INTEGER PRIMARY KEY AUTOINCREMENT, stamp_ns INTEGER NOT NULL, user TEXT NOT NULL, role TEXT NOT NULL,
-  action TEXT NOT NULL, zone TEXT, reason TEXT);
+  action TEXT NOT NULL, zone TEXT, reason TEXT, drone TEXT);
 CREATE TABLE IF NOT EXISTS alerts (id TEXT PRIMARY KEY, raised_ns INTEGER NOT NULL, body TEXT NOT NULL);
 """
 
@@ -146,6 +146,9 @@ class Store:
         connection.executescript(
             f"BEGIN; {_TABLES} INSERT OR IGNORE INTO about VALUES ('version', '{VERSION}'); COMMIT"
         )
+        # Builds of before let operators decide about zones alone.
+        if "drone" not in {row[1] for row in connection.execute("PRAGMA table_info(audit)")}:
+            connection.execute("ALTER TABLE audit ADD COLUMN drone TEXT")
         return connection
 
     def _check_ours(self) -> None:

@@ -92,6 +92,7 @@ class Watch:
         self._lost_crowd()
         self._unheeded_crowd()
         self._denied_crowd()
+        self._left_out()
         self._drones_and_zones()
         self._clock()
         self._disk()
@@ -125,8 +126,7 @@ class Watch:
         heard, started_ns = (
             ({}, 0) if live is None else (dict(live.heard.last_view_ns), live.applying.started_ns)
         )
-        # Of companions, which project themselves, the fleet knows no camera.
-        for drone in sorted({*service.fleet.drones, *service.mission.drones, *heard}):
+        for drone in service.drones:
             last = service.fleet.last(drone)
             last_ns = max(0 if last is None else last.stamp_ns, heard.get(drone, 0))
             since_ns = last_ns or started_ns
@@ -246,9 +246,23 @@ class Watch:
 
     def _denied_crowd(self) -> None:
         """Of drones that looked at nothing that others showed since the start nobody knows: what was raised
-        before stays."""
-        for drone, text in self._service.mission.denied_crowd.now().items():
-            self._set(text is not None, "denied_crowd", "alarm", text or "", drone=drone)
+        before stays. What one that is left out sees opens nothing."""
+        mission = self._service.mission
+        for drone, text in mission.denied_crowd.now().items():
+            counts = drone not in mission.left_out
+            self._set(text is not None and counts, "denied_crowd", "alarm", text or "", drone=drone)
+
+    def _left_out(self) -> None:
+        """As long as it lasts, so that nobody forgets that the fleet has one drone less that looks."""
+        for drone in self._service.drones:
+            action = self._service.mission.left_out.by(drone)
+            text = (
+                ""
+                if action is None
+                else f"{drone} was left out by {action.user} at {iso_utc(action.stamp_ns)} "
+                f"({action.reason}): its looks do not count, and what it alone has in view is seen by nobody"
+            )
+            self._set(action is not None, "left_out", "warning", text, drone=drone)
 
     def _drones_and_zones(self) -> None:
         service, moment = self._service, self._service.mission.newest

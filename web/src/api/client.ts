@@ -67,6 +67,9 @@ export const addZone = (polygon: Corner[], reason: string, restriction: string) 
 export type ZoneAction = "lock" | "unlock" | "dismiss";
 export const actOnZone = (id: string, action: ZoneAction, reason: string) =>
   post<unknown>(address(`/zones/${encodeURIComponent(id)}/${action}`), { reason });
+export type DroneAction = "leave-out" | "take-in";
+export const actOnDrone = (name: string, action: DroneAction, reason: string) =>
+  post<unknown>(address(`/drones/${encodeURIComponent(name)}/${action}`), { reason });
 
 export const pictureAddress = (drone: string, at: At) =>
   address(`/drones/${encodeURIComponent(drone)}/picture`, { at });

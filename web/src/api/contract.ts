@@ -116,6 +116,8 @@ export interface Drone {
   status: "ok" | "stale" | "never";
   picture: boolean;
   heatmap: boolean;
+  /** Who said that its looks do not count, because it sees nothing; of now, also where the past is shown. */
+  left_out: { name: string; reason: string; since_ms: number } | null;
 }
 
 export interface TimelinePoint {
@@ -153,6 +155,7 @@ export interface AuditEntry {
   role: string;
   action: string;
   zone: string | null;
+  drone: string | null;
   reason: string | null;
 }
 

@@ -4,6 +4,7 @@ import { COORDINATE_SYSTEM, Deck, type Layer } from "@deck.gl/core";
 import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
 import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
 import type { Drone, Outline, Place, Zone } from "../api/contract";
+import { standingOf } from "../state/standing";
 import type { State, Store } from "../state/store";
 import { older_s, staleAfter_s } from "../state/time";
 import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Size, type Viewport } from "./camera";
@@ -321,11 +322,12 @@ export class MapView {
     const areas: Area[] = [];
     const names = state.scene?.drones ?? [];
     if (state.layers.footprints) {
-      for (const { drone, footprint, status } of state.moment?.drones ?? []) {
+      for (const one of state.moment?.drones ?? []) {
+        const { drone, footprint } = one;
         if (footprint.length < 3) continue;
         const chosen = state.selection?.kind === "drone" && state.selection.id === drone;
         const ring = footprint.map(([east, north]) => [east, north] as [number, number]);
-        const alpha = (chosen ? 0.2 : 0.06) * (status === "ok" ? 1 : 0.5);
+        const alpha = (chosen ? 0.2 : 0.06) * (standingOf(one) === "ok" ? 1 : 0.5);
         areas.push({ outline: [[ring]], fill: droneColour(this.palette, names, drone), alpha, hatched: false });
       }
     }
@@ -364,7 +366,7 @@ export class MapView {
       sheet && new SimpleMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
-      layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), one.status === "ok" ? 210 : 110], () => 1.5) : null,
+      layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), standingOf(one) === "ok" ? 210 : 110], () => 1.5) : null,
       this.paths("zones", lines, (line) => line.path, (line) => [...line.colour, 255], (line) => line.width),
       ...(layers.walls ? this.wallLayers(zones, ground.shown) : []),
       ...(layers.tracks ? this.droneLayers(drones, ground.shown, names) : []),
@@ -453,7 +455,7 @@ export class MapView {
   }
 
   private droneLayers(drones: Drone[], heights: Heights, names: readonly string[]): Layer[] {
-    const colour = (drone: Drone, alpha: number) => [...droneColour(this.palette, names, drone.drone), drone.status === "ok" ? alpha : alpha * 0.5] as [number, number, number, number];
+    const colour = (drone: Drone, alpha: number) => [...droneColour(this.palette, names, drone.drone), standingOf(drone) === "ok" ? alpha : alpha * 0.5] as [number, number, number, number];
     const stems = drones.map((drone) => {
       const [east, north, up] = drone.position!;
       const ground = heights.at(east, north);

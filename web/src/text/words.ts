@@ -1,6 +1,7 @@
 // The words of the page for the codes of the service.
 
 import { VoxelState } from "../map/belief";
+import type { Standing } from "../state/standing";
 
 export const STATE_WORDS: Record<VoxelState, string> = {
   [VoxelState.neverSeen]: "never seen",
@@ -60,4 +61,11 @@ export const EVENT_WORDS: Record<string, string> = {
   locked: "was locked",
   unlocked: "was unlocked",
   dismissed: "was dismissed",
+};
+
+export const STANDING_WORDS: Record<Standing, string> = {
+  ok: "on time",
+  stale: "silent",
+  never: "none yet",
+  "left-out": "left out",
 };

@@ -5,6 +5,7 @@ import { heatmapAddress, pictureAddress, stampedImage, type At } from "../api/cl
 import type { Drone } from "../api/contract";
 import { css, crowdColour, droneColour, PALETTES } from "../map/colours";
 import { select } from "../state/session";
+import { standingOf } from "../state/standing";
 import { useStore } from "../state/store";
 import { LATE_S } from "../state/time";
 import { ago, compareStamps } from "../text/stamp";
@@ -35,12 +36,12 @@ function Camera({ drone }: { drone: Drone }) {
   const chosen = selection?.kind === "drone" && selection.id === drone.drone;
   const colour = css(droneColour(PALETTES[theme], scene?.drones ?? [], drone.drone));
   return (
-    <button class={`camera ${chosen ? "chosen" : ""} ${drone.status}`} onClick={() => select({ kind: "drone", id: drone.drone })}>
+    <button class={`camera ${chosen ? "chosen" : ""} ${standingOf(drone)}`} onClick={() => select({ kind: "drone", id: drone.drone })}>
       <CameraPicture drone={drone} heat={0.75} />
       <span class="camera-name" title={drone.drone}>
         <i style={{ background: colour }} />
         <b>{drone.drone}</b>
-        <small>{drone.status === "ok" ? "" : ago(drone.stamp_ms, now)}</small>
+        <small>{drone.left_out ? "left out" : drone.status === "ok" ? "" : ago(drone.stamp_ms, now)}</small>
       </span>
     </button>
   );

@@ -7,16 +7,17 @@ import { areaByState, VoxelState } from "../map/belief";
 import { css, droneColour, PALETTES } from "../map/colours";
 import { boundsOf, contains, cornersOf, lineLength } from "../map/geometry";
 import { select } from "../state/session";
+import { standingOf } from "../state/standing";
 import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
 import { ago, dateOf, dayAndTime, duration } from "../text/stamp";
 import { area, grouped, heights, length, place, probability } from "../text/units";
-import { EVENT_WORDS, KIND_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
+import { EVENT_WORDS, KIND_WORDS, STANDING_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
 import { groundAt, map, reading } from "./map_panel";
 import { useNow } from "./now";
-import { askAbout, mayOperate } from "./operator";
+import { askAbout, askAboutDrone, mayOperate } from "./operator";
 import { Sparkline } from "./sparkline";
 import { StateSwatch } from "./swatch";
 
@@ -290,6 +291,15 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
           <Icon name="target" />
         </button>
       </Head>
+      {drone.left_out && (
+        <div class="why exception" data-test="left-out">
+          <b>Left out</b>
+          <p>Its looks do not count, and what it alone has in view is seen by nobody.</p>
+          <p class="opens">
+            {drone.left_out.name}, {ago(drone.left_out.since_ms, now)}: “{drone.left_out.reason}”
+          </p>
+        </div>
+      )}
       {zones.length > 0 && (
         <div class="why">
           <b>Over closed ground</b>
@@ -314,7 +324,7 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
         <div>
           <dt>newest view</dt>
           <dd>{ago(drone.stamp_ms, now)}</dd>
-          <small>{drone.status === "ok" ? "on time" : drone.status === "stale" ? "silent" : "none yet"}</small>
+          <small>{STANDING_WORDS[standingOf(drone)]}</small>
         </div>
       </div>
       <dl class="facts">
@@ -328,7 +338,22 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
         {(drone.trail?.length ?? 0) > 1 && <Fact name="flown">{length(lineLength(drone.trail!), units)}</Fact>}
         <Fact name="footprint">{drone.footprint.length ? "on the map" : "no ground in the picture"}</Fact>
       </dl>
+      <DroneActions drone={drone} allowed={mayOperate(scene)} />
     </div>
+  );
+}
+
+function DroneActions({ drone, allowed }: { drone: Drone; allowed: boolean }) {
+  const following = useStore((state) => state.time.following);
+  const meaning = drone.left_out ? "" : "Where it is blind: what it sees does not count until it is taken in again";
+  const title = !allowed ? "This needs the role operator" : following ? meaning : "Only the newest moment can be changed";
+  return (
+    <footer class="actions">
+      <button disabled={!allowed || !following} title={title} onClick={() => askAboutDrone(drone)} data-test="leave-out">
+        <Icon name={drone.left_out ? "eye" : "eye-off"} />
+        {drone.left_out ? "Take in again" : "Leave out"}
+      </button>
+    </footer>
   );
 }
 

@@ -3,6 +3,7 @@ import { VoxelState } from "../map/belief";
 import { css, droneColour, PALETTES } from "../map/colours";
 import { boundsOf, cornersOf } from "../map/geometry";
 import { select } from "../state/session";
+import { standingOf } from "../state/standing";
 import { store, useStore, type Layers } from "../state/store";
 import { closureOf } from "../text/closure";
 import { ago, duration } from "../text/stamp";
@@ -97,13 +98,13 @@ function Fleet() {
           const over = drone.position && heights ? drone.position[2] - heights.at(drone.position[0], drone.position[1]) : NaN;
           return (
             <li key={drone.drone} class="drone-row">
-              <button class={`row ${chosen ? "chosen" : ""} ${drone.status}`} onClick={() => select({ kind: "drone", id: drone.drone })}>
+              <button class={`row ${chosen ? "chosen" : ""} ${standingOf(drone)}`} onClick={() => select({ kind: "drone", id: drone.drone })}>
                 <svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true">
                   <circle cx="6" cy="6" r="4.500" fill={css(droneColour(palette, scene?.drones ?? [], drone.drone))} />
                 </svg>
                 <span class="row-main">
                   <span>{drone.drone}</span>
-                  <small>{drone.stamp_ms === null ? "no view yet" : drone.status === "stale" ? `silent ${duration((now - drone.stamp_ms) / 1000)}` : ago(drone.stamp_ms, now)}</small>
+                  <small title={drone.left_out?.reason}>{drone.left_out ? "left out" : drone.stamp_ms === null ? "no view yet" : drone.status === "stale" ? `silent ${duration((now - drone.stamp_ms) / 1000)}` : ago(drone.stamp_ms, now)}</small>
                 </span>
                 <span class="row-figures">
                   <b>{Number.isFinite(over) ? length(over, units) : "–"}</b>

@@ -7,6 +7,7 @@ import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { byWeight, labelOffsets } from "../map/label_places";
 import { MapView, type Pointed } from "../map/map_view";
 import { isNarrow, select } from "../state/session";
+import { standingOf } from "../state/standing";
 import { store, useStore, type State } from "../state/store";
 import { older_s, staleAfter_s } from "../state/time";
 import { closureOf } from "../text/closure";
@@ -134,10 +135,10 @@ function Labels() {
         })}
       {layers.tracks &&
         moment.drones.map(
-          ({ drone, position, status }) =>
-            position && (
-              <button key={`drone-${drone}`} class={`label drone-label ${status} ${selection?.kind === "drone" && selection.id === drone ? "chosen" : ""}`} data-place={position.join(",")} title={drone} onClick={() => select({ kind: "drone", id: drone })} hidden>
-                <span>{drone}</span>
+          (one) =>
+            one.position && (
+              <button key={`drone-${one.drone}`} class={`label drone-label ${standingOf(one)} ${selection?.kind === "drone" && selection.id === one.drone ? "chosen" : ""}`} data-place={one.position.join(",")} title={one.drone} onClick={() => select({ kind: "drone", id: one.drone })} hidden>
+                <span>{one.drone}</span>
               </button>
             ),
         )}

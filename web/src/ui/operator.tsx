@@ -1,7 +1,7 @@
-// What an operator does to zones. Every action says who and why, and the service keeps it.
+// What an operator does to zones and drones. Every action says who and why, and the service keeps it.
 
-import { addZone, actOnZone, type ZoneAction } from "../api/client";
-import type { Corner, Scene, Zone } from "../api/contract";
+import { actOnDrone, actOnZone, addZone, type DroneAction, type ZoneAction } from "../api/client";
+import type { Corner, Drone, Scene, Zone } from "../api/contract";
 import { notify, reasonOf, select, zonesChanged } from "../state/session";
 import { store, useStore } from "../state/store";
 import { area } from "../text/units";
@@ -68,6 +68,23 @@ export function askAbout(zone: Zone, action: ZoneAction): void {
       await actOnZone(zone.id, action, reason);
       await zonesChanged();
       notify(`${zone.id} ${done}.`);
+    },
+  });
+}
+
+export function askAboutDrone({ drone, left_out }: Drone): void {
+  const action: DroneAction = left_out ? "take-in" : "leave-out";
+  ask({
+    title: left_out ? `Take ${drone} in again` : `Leave ${drone} out`,
+    text: left_out
+      ? `The looks of ${drone} count again: ground that it sees empty may open.`
+      : `The looks of ${drone} do not count until it is taken in again, because it sees nothing. What is closed stays closed; what it alone has in view is seen by nobody.`,
+    verb: left_out ? "Take in" : "Leave out",
+    danger: left_out !== null,
+    restriction: false,
+    answer: async (reason) => {
+      await actOnDrone(drone, action, reason);
+      notify(left_out ? `${drone} counts again.` : `${drone} is left out.`);
     },
   });
 }

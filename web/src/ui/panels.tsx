@@ -278,7 +278,7 @@ function Audit() {
           <th>when</th>
           <th>who</th>
           <th>did</th>
-          <th>zone</th>
+          <th>zone or drone</th>
           <th>why</th>
         </tr>
       </thead>
@@ -291,8 +291,8 @@ function Audit() {
             <td>
               {entry.user} <small>{entry.role}</small>
             </td>
-            <td>{entry.action}</td>
-            <td>{entry.zone ?? ""}</td>
+            <td>{entry.action.replaceAll("_", " ")}</td>
+            <td>{entry.zone ?? entry.drone ?? ""}</td>
             <td>{entry.reason ?? ""}</td>
           </tr>
         ))}

@@ -2,6 +2,7 @@ import { useStore } from "../state/store";
 import { store } from "../state/store";
 import { isOpen } from "../state/alerts";
 import { goLive } from "../state/session";
+import { standingOf } from "../state/standing";
 import { LATE_S, silence_s } from "../state/time";
 import { dateOf, duration, timeOfDay } from "../text/stamp";
 import { area } from "../text/units";
@@ -92,7 +93,7 @@ function Figures() {
   const units = useStore((state) => state.units);
   if (!moment) return <div class="figures" />;
   const zones = moment.zones.zones;
-  const flying = moment.drones.filter(({ status }) => status === "ok").length;
+  const flying = moment.drones.filter((drone) => standingOf(drone) === "ok").length;
   return (
     <dl class="figures">
       <div class={flying < moment.drones.length ? "warn" : ""}>

@@ -19,8 +19,8 @@ _MAGIC = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 
 @router.get("/drones")
 def drones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
-    """Where every drone is, what it has in view and how old that is."""
-    return {"drones": service.fleet.to_json(service.now_ns(), at)}
+    """Where every drone is, what it has in view, how old that is, and whether it is left out now."""
+    return {"drones": service.drones_json(at)}
 
 
 @router.get("/drones/{drone:path}/picture", response_class=Response, responses={404: {}})

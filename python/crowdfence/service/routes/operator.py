@@ -1,4 +1,4 @@
-"""What operators do: every action has a name and a reason, and is written down."""
+"""What operators do to zones and drones: every action has a name and a reason, and is written down."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from crowdfence.service.access import User
 from crowdfence.service.gate import Refused
+from crowdfence.service.left_out import DroneVerb
 from crowdfence.service.operator_zones import (
     LEAST_DRAWN_M2,
     MOST_CORNERS,
@@ -17,13 +18,14 @@ from crowdfence.service.operator_zones import (
     drawn_polygon,
 )
 from crowdfence.service.routes.asking import ERRORS, Decider, TheService
+from crowdfence.service.routes.drones import Drone
 from crowdfence.service.routes.zones import ZoneId
 from crowdfence.service.service import Service
 
 router = APIRouter(tags=["operator"], responses=ERRORS)
 _OTHERS: dict[int | str, dict[str, Any]] = {
-    404: {"description": "there is no such zone"},
-    409: {"description": "not possible with this zone"},
+    404: {"description": "there is no such zone or drone"},
+    409: {"description": "not possible with it"},
     503: {"description": "it is kept, and done once the detector has answered"},
     507: {"description": "the disk is full"},
 }
@@ -90,6 +92,19 @@ def dismiss(service: TheService, user: Decider, zone: ZoneId, because: Because) 
     return _decide(service, user, "dismiss", zone, because.reason)
 
 
+@router.post("/drones/{drone:path}/leave-out", status_code=204, responses=_OTHERS)
+def leave_out(service: TheService, user: Decider, drone: Drone, because: Because) -> None:
+    """From now on the looks of this drone do not count, because it sees nothing: a covered lens, a detector
+    that fails. What is closed stays closed; what it alone has in view is seen by nobody."""
+    _decide_drone(service, user, "leave_out", drone, because.reason)
+
+
+@router.post("/drones/{drone:path}/take-in", status_code=204, responses=_OTHERS)
+def take_in(service: TheService, user: Decider, drone: Drone, because: Because) -> None:
+    """Its looks count again, from the next one on."""
+    _decide_drone(service, user, "take_in", drone, because.reason)
+
+
 @router.get("/audit")
 def audit(service: TheService, user: Decider) -> dict[str, Any]:
     """Who did what, the newest first."""
@@ -111,3 +126,14 @@ def _decide(
     told = service.zones_json(service.moment(None))
     zones: list[dict[str, Any]] = told["zones"]
     return next((one for one in zones if one["id"] == name), {"id": name})
+
+
+def _decide_drone(service: Service, user: User, action: DroneVerb, drone: str, reason: str) -> None:
+    if drone not in service.drones:
+        raise HTTPException(404, f"there is no drone {drone}; there are: {', '.join(service.drones)}")
+    try:
+        service.decide_drone(user, action, drone, reason)
+    except RefusedAction as error:
+        raise HTTPException(409, str(error)) from error
+    except Refused as error:
+        raise HTTPException(error.status, error.reason) from error
