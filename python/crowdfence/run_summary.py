@@ -35,6 +35,7 @@ def run_facts(run: Run) -> dict[str, Any]:
             "holes": None if run.holes is None else asdict(run.holes),
         },
         "alignment": run.recording.manifest.get("alignment"),
+        "left_out": run.recording.manifest.get("left_out", []),
         "method": description.method,
         "parameters": description.parameters,
         "threshold": run.threshold,

@@ -10,7 +10,7 @@ import typer
 
 from crowdfence.atomic_file import NO_ROOM, replaceable_file
 from crowdfence.cli import console, options, source_options
-from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.option_sets import FlightOptions, SourceOptions, takes
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import in_options
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from crowdfence.sources.recording import Recording
 
 
-@takes(SourceOptions, AlignmentOptions, before="force")
+@takes(SourceOptions, FlightOptions, before="force")
 def convert(
     context: typer.Context,
     recording: options.RecordingPaths,

@@ -12,7 +12,7 @@ import typer
 from crowdfence.atomic_file import replaceable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.detector_choice import tell_choice
-from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.option_sets import FlightOptions, SourceOptions, takes
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MOST_REASONS_SHOWN = 12
 
 
-@takes(SourceOptions, AlignmentOptions, before="force")
+@takes(SourceOptions, FlightOptions, before="force")
 def detect(
     context: typer.Context,
     source: Annotated[

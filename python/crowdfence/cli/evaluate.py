@@ -13,9 +13,9 @@ from crowdfence.cli.detector_choice import chosen_detector
 from crowdfence.cli.exit_codes import GATE_NOT_MET
 from crowdfence.cli.made_by import heatmaps_line
 from crowdfence.cli.option_sets import (
-    AlignmentOptions,
     DetectorOptions,
     EvidenceOptions,
+    FlightOptions,
     LayerOptions,
     MapOptions,
     ProjectionOptions,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     MapOptions,
     LayerOptions,
     SourceOptions,
-    AlignmentOptions,
+    FlightOptions,
     DetectorOptions,
     EvidenceOptions,
     ProjectionOptions,

@@ -12,7 +12,7 @@ import typer
 
 from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options, source_options
-from crowdfence.cli.option_sets import AlignmentOptions, SourceOptions, takes
+from crowdfence.cli.option_sets import FlightOptions, SourceOptions, takes
 from crowdfence.cli.recording_tables import print_recording, unmeasured_ground
 from crowdfence.cli.wording import in_options
 from crowdfence.inspection import InspectionOptions
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 DEFAULT = InspectionOptions()
 
 
-@takes(SourceOptions, AlignmentOptions, before="tolerance_ms")
+@takes(SourceOptions, FlightOptions, before="tolerance_ms")
 def inspect(
     context: typer.Context,
     file: Annotated[

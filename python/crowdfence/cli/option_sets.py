@@ -47,10 +47,11 @@ class SourceOptions:
     max_jump_s: source_options.MaxJumpS = None
 
 
-class AlignmentOptions:
-    """What the poses of a recording are known to be off."""
+class FlightOptions:
+    """What is known to have gone wrong on a flight."""
 
     alignment: source_options.AlignmentFile = None
+    without: source_options.Without = None
 
 
 class DetectorOptions:
@@ -131,7 +132,7 @@ class ZoneOptions:
 
 FUSION = (
     SourceOptions,
-    AlignmentOptions,
+    FlightOptions,
     DetectorOptions,
     MethodOptions,
     EvidenceOptions,

@@ -165,6 +165,16 @@ AlignmentFile = Annotated[
     ),
 ]
 
+Without = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="DRONE",
+        help="Leave this drone out, because it saw nothing: a covered lens, a detector that failed; may be "
+        "repeated.",
+    ),
+]
+
 NAMES = (
     "topics",
     "mount",
@@ -180,6 +190,7 @@ NAMES = (
     "pose_noise",
     "max_jump_s",
     "alignment",
+    "without",
 )
 
 

@@ -112,6 +112,6 @@ def _sentence(drone: str, row: _Denials) -> str:
     seconds = (row.last_ns - row.first_ns) / 1e9
     return (
         f"{drone} saw nobody in {row.looks} looks in a row, over {seconds:.0f} s, where other drones clearly "
-        "showed a crowd: is its camera covered, or its detector failing? What it alone has in view opens; or "
-        "the others are wrong"
+        "showed a crowd: is its camera covered, or its detector failing? What it alone has in view opens: "
+        "leave it out; or the others are wrong"
     )

@@ -20,6 +20,7 @@ from crowdfence.sources.recording import (
     Recording,
     RefusedFrame,
 )
+from crowdfence.sources.without_drones import without_drones
 
 __all__ = [
     "Frame",
@@ -53,6 +54,7 @@ def open_recording(
     ground_start: bool = False,
     alignment: str | PathLike[str] | None = None,
     pose_noise: Literal["estimate"] | tuple[float, float] | None = None,
+    without: Sequence[str] = (),
     **options: Any,
 ) -> Recording:
     """Open a recording, whatever it is, or several as one fleet:
@@ -73,6 +75,7 @@ def open_recording(
     first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
     with what the poses are off. `pose_noise`: each telemetry row is off by itself by so many metres and
     degrees (standard deviation an axis), or by what the rows themselves show; such errors are smoothed away.
+    `without`: drones that are left out, because they saw nothing.
     `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
     `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
@@ -89,7 +92,9 @@ def open_recording(
     recording = _told_once(_with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise))))
     if ground_start:
         recording = _from_the_ground(recording)
-    return recording if alignment is None else _aligned(recording, alignment)
+    if alignment is not None:
+        recording = _aligned(recording, alignment)
+    return without_drones(recording, without) if without else recording
 
 
 def is_recording(path: Path) -> bool:
