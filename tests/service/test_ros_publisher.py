@@ -1,13 +1,19 @@
 """What the publisher of ROS does to those who share the mission with it."""
 
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
+import numpy as np
 import pytest
 
 from crowdfence import surface_grid
+from crowdfence.exports.ros2.topics import BELIEF, CLOSED, ZONES
+from crowdfence.service.clock import Clock
 from crowdfence.service.ros.publisher import RosPublisher
-from support.small_service import message, running, views
+from crowdfence.sources.mission import ros2_messages
+from support.small_service import SETTINGS, START_NS, message, running, sharp, views
 
 
 def test_views_go_into_the_map_while_grids_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,3 +40,29 @@ def test_views_go_into_the_map_while_grids_are_made(tmp_path: Path, monkeypatch:
         RosPublisher(service.mission, lambda topic, kind, body: topics.append(topic))._publish()
     assert was_free == [True]
     assert topics == ["/crowdfence/closed", "/crowdfence/belief", "/crowdfence/zones"]
+
+
+def test_ground_that_nobody_looks_at_is_not_known_to_be_empty_for_ever(tmp_path: Path) -> None:
+    """The fleet is silent, and who plans on the grid does not look at its stamp."""
+    now_ns = START_NS
+    clock = Clock("system", system=lambda: now_ns, steady=lambda: now_ns)
+    grids: dict[str, list[Any]] = {CLOSED: [], BELIEF: [], ZONES: []}
+    with running(tmp_path, clock=clock, settings=replace(SETTINGS, clock="system")) as service:
+        assert service.live is not None
+        for number, one in enumerate(views(10)):
+            now_ns = one.stamp_ns
+            service.live.intake.give_view(message(sharp(one, blind=number % 3 == 2)))
+        service.live.finish()
+
+        def take(topic: str, kind: str, body: bytes) -> None:
+            grids[topic].append(ros2_messages.decode(kind, body))
+
+        for passed_s in (0, 31):
+            now_ns = views(10)[-1].stamp_ns + passed_s * 1_000_000_000
+            RosPublisher(service.mission, take)._publish()
+    free = [(np.array(one.data) == 0).sum() for one in grids[CLOSED]]
+    closed = [(np.array(one.data) == 100).sum() for one in grids[CLOSED]]
+    assert free[0] > 100 and free[1] == 0
+    assert closed[0] > 20 and closed[1] > 20, "what is closed stays closed"
+    assert [ros2_messages.time_ns(one.header.stamp) for one in grids[CLOSED]][1] == now_ns
+    assert all(value in (-1, *range(1, 101)) for value in grids[BELIEF][1].data)

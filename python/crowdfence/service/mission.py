@@ -240,6 +240,16 @@ class Mission:
         ended_s = time.monotonic()
         self._next_belief_s = ended_s + max(0.2, (ended_s - started_s) / _BELIEF_COSTS_AT_MOST)
 
+    def read_at_ns(self, now_ns: int | None = None) -> int:
+        """As of when the crowd map is read: now, by the service's clock where not given, or the newest look or
+        moment where that is later. What nobody looks at is not known to be empty for ever."""
+        moment, span = self.newest, self.loop.crowd_map.span_ns
+        return max(
+            self._now_ns() if now_ns is None else now_ns,
+            0 if moment is None else moment.stamp_ns,
+            0 if span is None else span[1],
+        )
+
     def belief(self, now_ns: int = 0) -> Belief:
         """The newest map from above, as of now where that is behind its moment: ground that nobody looks at
         turns stale also while nothing happens. Made anew for every moment, and once it is a second old."""
@@ -247,8 +257,7 @@ class Mission:
             moment, known = self.newest, self._belief
             number = 0 if moment is None else moment.number
             crowd_map = self.loop.crowd_map
-            span = crowd_map.span_ns
-            stamp_ns = max(now_ns, 0 if moment is None else moment.stamp_ns, 0 if span is None else span[1])
+            stamp_ns = self.read_at_ns(now_ns)
             if (
                 known is not None
                 and known.number == number

@@ -6,7 +6,8 @@
     /tf_static           tf2_msgs/TFMessage               earth -> map, every five seconds
 
 The names and meanings are those of the file that a run writes (`exports.ros2`). A reader that hears nothing
-for seconds knows nothing: all of it is repeated, with the stamp that it is of.
+for seconds knows nothing: all of it is repeated, zones with the stamp that they are of, grids as of now. Those
+who plan on a grid seldom look at its stamp, and ground is not known to be empty for ever because no view comes.
 """
 
 from __future__ import annotations
@@ -91,16 +92,17 @@ class RosPublisher:
         mission = self._mission
         with mission.lock:
             moment = mission.newest or moment
+            stamp_ns = mission.read_at_ns()
             read = read_crowd_map(
                 mission.loop.crowd_map,
-                moment.stamp_ns,
+                stamp_ns,
                 threshold=mission.threshold,
                 stale_after_s=mission.config.zones.stale_after_s,
             )
         grid = self._grid = read()  # half a second for four million voxels: views go on meanwhile
         closed = closed_cells(moment.zones.closed, grid, with_state=True)
         for topic, cells in ((CLOSED, closed), (BELIEF, belief_cells(grid))):
-            message = occupancy_grid(cells, grid, moment.stamp_ns)
+            message = occupancy_grid(cells, grid, stamp_ns)
             self._send(topic, ros2_messages.OCCUPANCY_GRID, message)
 
     def _send(self, topic: str, kind: str, fields: dict[str, Any]) -> None:
