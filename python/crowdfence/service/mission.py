@@ -241,8 +241,8 @@ class Mission:
         self._next_belief_s = ended_s + max(0.2, (ended_s - started_s) / _BELIEF_COSTS_AT_MOST)
 
     def read_at_ns(self, now_ns: int | None = None) -> int:
-        """As of when the crowd map is read: now, by the service's clock where not given, or the newest look or
-        moment where that is later. What nobody looks at is not known to be empty for ever."""
+        """As of when the crowd map is read: now (None: by the service's clock), or the newest look or moment
+        where that is later. What nobody looks at is not known to be empty for ever."""
         moment, span = self.newest, self.loop.crowd_map.span_ns
         return max(
             self._now_ns() if now_ns is None else now_ns,

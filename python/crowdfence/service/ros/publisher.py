@@ -6,8 +6,8 @@
     /tf_static           tf2_msgs/TFMessage               earth -> map, every five seconds
 
 The names and meanings are those of the file that a run writes (`exports.ros2`). A reader that hears nothing
-for seconds knows nothing: all of it is repeated, zones with the stamp that they are of, grids as of now. Those
-who plan on a grid seldom look at its stamp, and ground is not known to be empty for ever because no view comes.
+for seconds knows nothing: all of it is repeated, zones with the stamp that they are of, grids as of now. Who
+plans on a grid seldom looks at its stamp, and ground is not known to be empty for ever because no view comes.
 """
 
 from __future__ import annotations
