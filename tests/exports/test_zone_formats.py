@@ -336,6 +336,11 @@ def test_ed269_has_longitude_first_and_both_outer_forms() -> None:
     assert features[0]["geometry"][0]["upperLimit"] == 120
 
 
+def test_ed269_keeps_the_200_characters_that_names_may_have() -> None:
+    (zone, *_) = json.loads(ed269(exported(authority="A" * 300)))["features"]
+    assert zone["zoneAuthority"][0]["name"] == "A" * 200
+
+
 def test_f3548_keeps_the_limits_of_time_and_corners() -> None:
     zones = zones_of()
     soon, never = (

@@ -50,7 +50,7 @@ def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],
         **other,
         "applicability": [{"permanent": "NO", "startDateTime": rfc3339(export.start_ns(zone)), **end}],
-        "zoneAuthority": [{"name": export.authority, "purpose": "INFORMATION", **email}],
+        "zoneAuthority": [{"name": export.authority[:200], "purpose": "INFORMATION", **email}],
         "geometry": [_geometry(part, zone, export) for part in polygons_of(export.outline(zone))],
     }
 
