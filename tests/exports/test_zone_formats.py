@@ -337,7 +337,7 @@ def test_ed269_has_longitude_first_and_both_outer_forms() -> None:
 
 
 def test_ed269_keeps_the_200_characters_that_names_may_have() -> None:
-    (zone, *_) = json.loads(ed269(exported(authority="A" * 300)))["features"]
+    (zone, *_) = json.loads(ZONE_FORMATS["ed269"](exported(authority="A" * 300)))["features"]
     assert zone["zoneAuthority"][0]["name"] == "A" * 200
 
 
