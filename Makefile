@@ -107,14 +107,14 @@ $(VENV)/.training: requirements-train.txt $(VENV)/.installed
 test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 	$(BIN)/pytest tests/detector_training/test_network.py
 
-# crowdnet-s is trained on rendered pictures as they are; crowdnet-s-wide is halfway to a training that goes on from
-# there with what photographs hold besides laid over them (--wide), fourteen of the roadside missions left out; as it is
-# for photographs, which are pale, it is shown pictures vibrant.
+# crowdnet-s is trained on rendered pictures as they are. crowdnet-s-wide goes on from there on all missions, in more
+# seasons (--seasons), and is halfway from that to a training with what photographs hold besides laid over them (--wide);
+# as it is for photographs, which are pale, it is shown pictures vibrant.
 # NO_CROWD may be a folder of photographs without crowds (training/pictures_without_crowds.py); none took part in what
 # ships.
 MODELS := python/crowdfence/detector/models
-detector: setup-training opengl ## the shipped detectors from their recipe: about five hours on two cores
-	@mkdir -p $(MISSIONS)/first $(MISSIONS)/second
+detector: setup-training opengl ## the shipped detectors from their recipe: about eight hours on two cores
+	@mkdir -p $(MISSIONS)/first $(MISSIONS)/second $(MISSIONS)/third
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --validation $(MISSIONS)/validation --resume \
 	  --target ground --target silhouettes --steps 16000 --licence Apache-2.0 -o $(MISSIONS)/first/crowdnet-s.onnx
@@ -123,16 +123,19 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	$(BIN)/python training/picture_sizes.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/calibration
 	$(BIN)/python training/model_card.py $(MODELS)/crowdnet-s.onnx --version 0.1.0
 	$(BIN)/crowdfence model quantize $(MODELS)/crowdnet-s.onnx --data $(MISSIONS)/calibration --force -o $(MODELS)/crowdnet-s-int8.onnx
-	$(BIN)/crowdfence train $$(ls $(MISSIONS)/train/*.mcap $(MISSIONS)/varied/*.mcap | grep -v 'roadside-15\(1[5-9]\|2\)' | \
-	  sed 's/^/--data /') $(NO_CROWD:%=--data %) --validation $(MISSIONS)/validation --resume --wide \
-	  --initial $(MODELS)/crowdnet-s.onnx --target ground --steps 5000 --learning-rate 4e-4 \
-	  --licence Apache-2.0 -o $(MISSIONS)/second/crowdnet-s-wide.onnx
-	$(BIN)/python training/between_weights.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/second/crowdnet-s-wide.onnx \
+	$(BIN)/crowdfence train --data $(MISSIONS)/train --data $(MISSIONS)/varied --validation $(MISSIONS)/validation --resume \
+	  --initial $(MODELS)/crowdnet-s.onnx --live-statistics --seasons --target ground --target silhouettes \
+	  --steps 12000 --licence Apache-2.0 --store $(MISSIONS)/frames -o $(MISSIONS)/second/crowdnet-s.onnx
+	$(BIN)/crowdfence train --data $(MISSIONS)/train --data $(MISSIONS)/varied $(NO_CROWD:%=--data %) \
+	  --validation $(MISSIONS)/validation --resume --wide --initial $(MISSIONS)/second/crowdnet-s.onnx \
+	  --target ground --target silhouettes --steps 4500 --learning-rate 4e-4 \
+	  --licence Apache-2.0 --store $(MISSIONS)/frames -o $(MISSIONS)/third/crowdnet-s-wide.onnx
+	$(BIN)/python training/between_weights.py $(MISSIONS)/second/crowdnet-s.onnx $(MISSIONS)/third/crowdnet-s-wide.onnx \
 	  $(MISSIONS)/halfway.onnx
 	$(BIN)/python training/shown_vibrant.py $(MISSIONS)/halfway.onnx
 	$(BIN)/crowdfence calibrate $(MISSIONS)/halfway.onnx --data $(MISSIONS)/calibration --force -o $(MISSIONS)/crowdnet-s-wide.onnx
-	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration --doubt 0.4
-	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.2.0
+	$(BIN)/python training/picture_sizes.py $(MISSIONS)/crowdnet-s-wide.onnx $(MISSIONS)/calibration --doubt 1.0
+	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.3.0
 	$(BIN)/crowdfence model quantize $(MISSIONS)/crowdnet-s-wide.onnx --data $(MISSIONS)/calibration --force \
 	  -o $(MODELS)/crowdnet-s-wide-int8.onnx
 

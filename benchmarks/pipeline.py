@@ -27,6 +27,7 @@ from scene import machine
 from crowdfence import CrowdMap, Recording, Terrain, open_recording, project
 from crowdfence.config import OrConfig, PaperConfig, RunConfig
 from crowdfence.detector.detector import Detector
+from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.evaluation.replay import score
 from crowdfence.pipeline import FrameLoop, HeatmapSource, heatmap_source, open_terrain, run
 from crowdfence.pipeline.detect import RECORDED
@@ -38,6 +39,11 @@ from crowdfence.zones import find_zones
 RECORDING = Path("out/race-640x480.mcap")
 SIMULATE = ("simulate", "race", "--seed", "11", "--frames", "80", "--size", "640x480")
 CONFIG = RunConfig()
+ENLARGED: dict[str, Enlarge] = {
+    "shipped model": "always",
+    "shipped model, --enlarge affordable": "affordable",
+    "shipped model, --enlarge never": "never",
+}
 AROUND_M = 5.0  # of the step that keeps a safety distance
 HOTTEST = 15
 
@@ -55,9 +61,12 @@ def main() -> None:
         f"{terrain.voxel_count / 1e6:.1f} M voxels of {terrain.voxel_size_m:g} m; {machine()}, "
         f"load {os.getloadavg()[0]:.1f}\n"
     )
-    models = {"as recorded": RECORDED} | (
-        {} if arguments.recorded else {"shipped model": heatmap_source(Detector(), terrain, 300.0)}
-    )
+    models = {"as recorded": RECORDED}
+    if not arguments.recorded:
+        models |= {
+            name: heatmap_source(Detector(enlarge=enlarge), terrain, 300.0)
+            for name, enlarge in ENLARGED.items()
+        }
     _print_stages(recording, terrain, models)
     for name, heatmaps in models.items():
         _print_whole(recording, terrain, name, heatmaps)
@@ -116,9 +125,10 @@ class Stages:
             with self._stage("decode picture").running():
                 pictures = [frame.image() for frame in instant.frames]
             del pictures
-            with self._stage("decode picture and detect").running():
-                for frame in instant.frames:
-                    models["shipped model"].heatmap_of(frame)
+            for name in ENLARGED:
+                with self._stage(f"decode picture and detect, {name}").running():
+                    for frame in instant.frames:
+                        models[name].heatmap_of(frame)
         with self._stage("decode heatmap").running():
             for frame in instant.frames:
                 frame.heatmap()
@@ -153,7 +163,7 @@ def _a_frame(seconds: float, recording: Recording) -> str:
 
 def _print_whole(recording: Recording, terrain: Terrain, name: str, heatmaps: HeatmapSource) -> None:
     """`pipeline.run`, then each instant by itself for its latency."""
-    whole, detector = Stage(), None if heatmaps is RECORDED else Detector()
+    whole, detector = Stage(), None if heatmaps is RECORDED else Detector(enlarge=ENLARGED[name])
     with whole.running():
         run(recording, terrain, CONFIG, detector=detector)
     before = Stage()

@@ -147,7 +147,7 @@ def test_recorded_heatmaps_are_not_replaced_in_silence(airsim: Path, tmp_path: P
     told = "the recorded heatmaps are not used: crowdnet-s-wide looks at the pictures; --detector recorded"
     why = "most pictures are unlike those that crowdnet-s was tested on, as real cameras' are"
     for words, warned, told_by in (
-        ((), True, "crowdnet-s-wide 0.2.0 on the pictures"),
+        ((), True, "crowdnet-s-wide 0.3.0 on the pictures"),
         (("--detector", "crowdnet-s"), False, "crowdnet-s 0.1.0 on the pictures"),
         (RECORDED, False, "as recorded"),
     ):
