@@ -152,13 +152,13 @@ def test_the_pair_that_was_calibrated_has_numbers_of_its_own() -> None:
     assert calibrated and len(rule.lowest) == 2 and 0.0 < rule.prior < 1.0
 
 
-@pytest.mark.parametrize("network", ["crowdnet-s", "crowdnet-s-wide"])
-def test_the_order_in_which_detectors_are_named_changes_nothing(network: str) -> None:
-    """Each keeps its own number: the silence of YOLOX-nano counts -8 at most."""
+@pytest.mark.parametrize(("network", "lowest"), [("crowdnet-s", -8.0), ("crowdnet-s-wide", -5.0)])
+def test_the_order_in_which_detectors_are_named_changes_nothing(network: str, lowest: float) -> None:
+    """Each keeps its own number: the silence of YOLOX-nano counts that at most."""
     there, calibrated = rule_for(named(network, "yolox-nano"))
     back, again = rule_for(named("yolox-nano", network))
     assert calibrated and again and back.prior == there.prior
-    assert there.lowest == (-16.0, -8.0) and back.lowest == (-8.0, -16.0)
+    assert there.lowest == (-16.0, lowest) and back.lowest == (lowest, -16.0)
     p, q = one(0.9), one(0.0)
     assert there.combined([p, q], [None, None]) == back.combined([q, p], [None, None])
 
