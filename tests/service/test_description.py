@@ -62,7 +62,7 @@ def test_ids_with_line_breaks_are_no_places_and_that_is_described(tmp_path: Path
     with running(tmp_path) as service, asked(service) as http:
         paths = http.get("/api/v1/openapi.json").json()["paths"]
         described = {path: one for path, one in paths.items() if "{zone}" in path or "{drone}" in path}
-        assert len(described) == 6
+        assert len(described) == 8
         for path, operations in described.items():
             ((method, operation),) = operations.items()
             place = path.replace("{zone}", "a%0Ab").replace("{drone}", "a%0Ab")
