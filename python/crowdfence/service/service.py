@@ -73,29 +73,30 @@ class Service:
     def drones(self) -> tuple[str, ...]:
         """All that are expected or were heard. Of companions, which project themselves, the fleet knows no
         camera."""
-        heard = () if self.live is None else self.live.heard.last_view_ns
+        heard = {} if self.live is None else dict(self.live.heard.last_view_ns)
         return tuple(sorted({*self.fleet.drones, *self.mission.drones, *heard}))
 
     def decide(self, user: User, action: Action, zone: str, reason: str, **drawn: Any) -> str:
         """Do what an operator asks of a zone and write down who, what and why; the id of the zone.
         RefusedAction."""
-        wanted = OperatorAction(action, zone, self._acting_ns(), user.name, user.role, reason, **drawn)
-        if self.live is not None:
-            return self.live.intake.decide(wanted, audit_entry(user, action, zone or None, reason))
-        with self.mission.lock:
-            name = self.mission.do(wanted)
-        self.audit(user, action, name, reason)
-        return name
+        return self._do(
+            user, OperatorAction(action, zone, self._acting_ns(), user.name, user.role, reason, **drawn)
+        )
 
     def decide_drone(self, user: User, action: DroneVerb, drone: str, reason: str) -> None:
         """The same of a drone."""
-        wanted = DroneAction(action, drone, self._acting_ns(), user.name, user.role, reason)
+        self._do(user, DroneAction(action, drone, self._acting_ns(), user.name, user.role, reason))
+
+    def _do(self, user: User, wanted: OperatorAction | DroneAction) -> str:
+        """The id of the zone or the name of the drone."""
+        zone, drone = (None, wanted.drone) if isinstance(wanted, DroneAction) else (wanted.zone or None, None)
         if self.live is not None:
-            self.live.intake.decide(wanted, audit_entry(user, action, None, reason, drone))
-            return
+            entry = audit_entry(user, wanted.action, zone, wanted.reason, drone)
+            return self.live.intake.decide(wanted, entry)
         with self.mission.lock:
-            self.mission.do(wanted)
-        self.store.submit(audit_entry(user, action, None, reason, drone)).result()
+            name = self.mission.do(wanted)
+        self.audit(user, wanted.action, name if drone is None else None, wanted.reason, drone)
+        return name
 
     def _acting_ns(self) -> int:
         """Now, also where the newest view is ahead of it: what an operator allows ends by the clock."""
@@ -104,9 +105,11 @@ class Service:
             return now_ns
         return max(now_ns, newest.stamp_ns)
 
-    def audit(self, user: User, action: str, zone: str | None, reason: str | None) -> None:
+    def audit(
+        self, user: User, action: str, zone: str | None, reason: str | None, drone: str | None = None
+    ) -> None:
         """Who did what."""
-        self.store.submit(audit_entry(user, action, zone, reason)).result()
+        self.store.submit(audit_entry(user, action, zone, reason, drone)).result()
 
     def audit_json(self) -> list[dict[str, Any]]:
         """The newest first."""

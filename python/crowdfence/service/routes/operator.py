@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException
@@ -117,12 +119,8 @@ def _decide(
     known = service.mission.newest
     if action != "add" and (known is None or zone not in {one.id for one in known.zones.closed}):
         raise HTTPException(404, f"there is no zone {zone}")
-    try:
+    with _answering(422 if action == "add" else 409):
         name = service.decide(user, action, zone, reason, **drawn)
-    except RefusedAction as error:
-        raise HTTPException(422 if action == "add" else 409, str(error)) from error
-    except Refused as error:
-        raise HTTPException(error.status, error.reason) from error
     told = service.zones_json(service.moment(None))
     zones: list[dict[str, Any]] = told["zones"]
     return next((one for one in zones if one["id"] == name), {"id": name})
@@ -131,9 +129,16 @@ def _decide(
 def _decide_drone(service: Service, user: User, action: DroneVerb, drone: str, reason: str) -> None:
     if drone not in service.drones:
         raise HTTPException(404, f"there is no drone {drone}; there are: {', '.join(service.drones)}")
-    try:
+    with _answering(409):
         service.decide_drone(user, action, drone, reason)
+
+
+@contextmanager
+def _answering(refused: int) -> Iterator[None]:
+    """`refused`: the status of what cannot be done."""
+    try:
+        yield
     except RefusedAction as error:
-        raise HTTPException(409, str(error)) from error
+        raise HTTPException(refused, str(error)) from error
     except Refused as error:
         raise HTTPException(error.status, error.reason) from error
