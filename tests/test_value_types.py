@@ -128,6 +128,13 @@ def _view(camera: Camera = CAMERAS["brown_conrady"]) -> View:
     return View("uav1", 1_763_780_000_250_000_001, camera, pose, heatmap)
 
 
+def _part_of_a_view() -> View:
+    """The lower half of its heatmap was looked at."""
+    whole = _view()
+    heatmap = np.ma.array(whole.heatmap, mask=np.arange(48 * 64).reshape(48, 64) < 24 * 64)
+    return View(whole.drone, whole.stamp_ns, whole.camera, whole.world_from_camera, heatmap)
+
+
 def _bits(camera: Camera) -> bytes:
     numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
     return np.array(numbers).tobytes()
@@ -137,6 +144,7 @@ def _assert_same_view(view: View, other: View) -> None:
     assert (view.drone, view.stamp_ns, view.camera) == (other.drone, other.stamp_ns, other.camera)
     assert view.world_from_camera.tobytes() == other.world_from_camera.tobytes()
     assert view.heatmap.tobytes() == other.heatmap.tobytes()
+    assert np.array_equal(view.looked_at, other.looked_at)
 
 
 @every_copy
@@ -167,6 +175,13 @@ def test_rates_come_back_to_the_bit(copied: Callable[[Rates], Rates]) -> None:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_views_come_back_to_the_bit(name: str, copied: Callable[[View], View]) -> None:
     view = _view(CAMERAS[name])
+    _assert_same_view(copied(view), view)
+
+
+@every_copy
+def test_what_was_not_looked_at_travels_with_a_view(copied: Callable[[View], View]) -> None:
+    view = _part_of_a_view()
+    assert view.looked_at is not None and view.looked_at.sum() == 24 * 64
     _assert_same_view(copied(view), view)
 
 

@@ -171,7 +171,8 @@ class View:
     camera             intrinsics of the image
     world_from_camera  [4, 4] rigid transform, camera axes -> local ENU metres
     heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image; a mask of
-                       0 and 1 is given as bool: as uint8 its ones are next to nothing
+                       0 and 1 is given as bool: as uint8 its ones are next to nothing. Of a masked array
+                       (`numpy.ma`) the masked cells were not looked at: they say neither crowd nor empty
 
     ViewError for a drone without a name, a pose that is not rigid to 1e-4, a heatmap that is empty, holds a
     value outside [0, 1] or is no reduction of the image; StampError for a stamp that is no int64;
@@ -200,7 +201,10 @@ class View:
         """Rigid transform [4, 4] float64, camera axes -> local ENU metres."""
     @property
     def heatmap(self) -> NDArray[np.float32]:
-        """Heatmap [h, w] float32 in [0, 1]."""
+        """Heatmap [h, w] float32 in [0, 1]; 0 in cells that were not looked at."""
+    @property
+    def looked_at(self) -> NDArray[np.bool_] | None:
+        """Cells [h, w] of the heatmap that were looked at; None: all of them."""
 
 @final
 class Terrain:

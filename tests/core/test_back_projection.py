@@ -241,3 +241,44 @@ def test_bounds_are_named(options: dict[str, Any], message: str) -> None:
     view = View("a", 0, _camera("pinhole"), np.eye(4), np.ones((1, 1), np.float32))
     with pytest.raises(ValueError, match=re.escape(message)):
         project(view, terrain, **options)
+
+
+NADIR = np.diag([1.0, -1.0, -1.0, 1.0])
+PLAIN = Terrain.from_height_map(np.zeros((40, 40)), 1.0)
+
+
+def _over_the_plain(heatmap: object) -> View:
+    """From 10 m over a plain of 40 x 40 m, straight down on its middle: 8 x 8 m, north at the top."""
+    pose = NADIR.copy()
+    pose[:3, 3] = 20.0, 20.0, 10.0
+    return View("uav1", 0, Camera.pinhole(64, 64, 80.0, 80.0, 32.0, 32.0), pose, heatmap)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.uint8])
+def test_masked_cells_say_neither_crowd_nor_empty(dtype: type) -> None:
+    # Crowd in the north-eastern quarter, of which nothing was looked at, and in one metre of the south-west.
+    values = np.zeros((8, 8), dtype)
+    values[:4, 4:] = values[6, 1] = 1 if dtype != np.uint8 else 255
+    mask = np.zeros((8, 8), bool)
+    mask[:4, 4:] = True
+    view = _over_the_plain(np.ma.array(values, mask=mask))
+    assert view.looked_at is not None and np.array_equal(view.looked_at, ~mask)
+    assert view.heatmap.sum() == 1.0
+    seen = project(view, PLAIN, max_range_m=100.0)
+    at = [tuple(index[:2]) for index in PLAIN.voxel_indices(seen.voxel_ids).tolist()]
+    everywhere = {(16 + east, 16 + north) for east in range(8) for north in range(8)}
+    assert set(at) == everywhere - {(20 + east, 20 + north) for east in range(4) for north in range(4)}
+    assert dict(zip(at, seen.mean, strict=True))[17, 17] == 1.0 and seen.mean.sum() == 1.0
+    assert seen.crowd_mass.ground == 64.0 and seen.crowd_mass.sky == 0.0
+
+
+def test_what_lies_under_a_mask_may_be_anything() -> None:
+    values = np.full((8, 8), np.nan)
+    values[0, 0] = 0.5
+    assert _over_the_plain(np.ma.masked_invalid(values)).heatmap.sum() == 0.5
+    nothing = _over_the_plain(np.ma.masked_all((8, 8)))
+    assert len(project(nothing, PLAIN, max_range_m=100.0).voxel_ids) == 0
+    whole = _over_the_plain(np.ma.array(np.zeros((8, 8)), mask=False))
+    assert whole.looked_at is None and len(project(whole, PLAIN, max_range_m=100.0).voxel_ids) == 64
+    with pytest.raises(ValueError, match="row 0, column 1"):
+        _over_the_plain(np.ma.array(values, mask=np.eye(8)))

@@ -365,7 +365,6 @@ FINE = np.full((6, 8), 0.5, np.float32)
         ),
         (lambda: _view(heatmap=np.zeros((12, 16))), "image of 6 x 8 by one stride"),
         (lambda: _view(heatmap=np.zeros((6, 8), complex)), "heatmap has elements of type complex128"),
-        (lambda: _view(heatmap=np.ma.masked_less(np.eye(6, 8), 0.5)), "heatmap is masked"),
         (lambda: _view(heatmap=[["x"]]), "heatmap has elements of type <U1"),
         (lambda: _view(pose=_scaled_pose()), "pose is not rigid: R^T R is off by 2.010e-2, bound 1e-4"),
         (lambda: _view(pose=np.diag([1.0, 1.0, -1.0, 1.0])), "pose is not rigid: det R is off by 2"),

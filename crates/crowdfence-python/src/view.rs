@@ -1,7 +1,8 @@
 use crowdfence::view::Pose;
 use crowdfence::{Heatmap, View};
 use numpy::{
-    IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, dtype,
+    IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray,
+    PyUntypedArrayMethods, dtype,
 };
 use pyo3::prelude::*;
 
@@ -16,7 +17,8 @@ use crate::stamps::stamp_ns;
 /// camera             intrinsics of the image
 /// world_from_camera  [4, 4] rigid transform, camera axes -> local ENU metres
 /// heatmap            [h, w] float in [0, 1] or uint8 (value / 255), at any stride of the image; a mask of
-///                    0 and 1 is given as bool: as uint8 its ones are next to nothing
+///                    0 and 1 is given as bool: as uint8 its ones are next to nothing. Of a masked array
+///                    (`numpy.ma`) the masked cells were not looked at: they say neither crowd nor empty
 ///
 /// ViewError for a drone without a name, a pose that is not rigid to 1e-4, a heatmap that is empty, holds a
 /// value outside [0, 1] or is no reduction of the image; StampError for a stamp that is no int64;
@@ -26,7 +28,7 @@ use crate::stamps::stamp_ns;
 pub struct PyView(pub View);
 
 /// What makes the same view again.
-type ViewArguments<'py> = (String, i64, PyCamera, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f32>>);
+type ViewArguments<'py> = (String, i64, PyCamera, Bound<'py, PyArray2<f64>>, Bound<'py, PyAny>);
 
 #[pymethods]
 impl PyView {
@@ -67,16 +69,28 @@ impl PyView {
         rows(py, self.0.world_from_camera.to_matrix().concat(), 4)
     }
 
-    /// Heatmap [h, w] float32 in [0, 1].
+    /// Heatmap [h, w] float32 in [0, 1]; 0 in cells that were not looked at.
     #[getter]
     fn heatmap<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let values = self.0.heatmap.values().to_vec();
         values.into_pyarray(py).reshape(self.0.heatmap.shape())
     }
 
+    /// Cells [h, w] of the heatmap that were looked at; None: all of them.
+    #[getter]
+    fn looked_at<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<bool>>>> {
+        let looked_at = self.0.heatmap.looked_at();
+        looked_at.map(|cells| cells.to_vec().into_pyarray(py).reshape(self.0.heatmap.shape())).transpose()
+    }
+
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<ViewArguments<'py>> {
         let name = self.drone().to_owned();
-        Ok((name, self.stamp_ns(), self.camera(), self.world_from_camera(py)?, self.heatmap(py)?))
+        let mut heatmap = self.heatmap(py)?.into_any();
+        if let Some(looked_at) = self.looked_at(py)? {
+            let others = py.import("numpy")?.call_method1("logical_not", (looked_at,))?;
+            heatmap = py.import("numpy.ma")?.call_method1("MaskedArray", (heatmap, others))?;
+        }
+        Ok((name, self.stamp_ns(), self.camera(), self.world_from_camera(py)?, heatmap))
     }
 
     fn __repr__(&self) -> String {
@@ -92,6 +106,18 @@ fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
 }
 
 fn heatmap(values: &Bound<'_, PyAny>) -> PyResult<Heatmap> {
+    let numpy_ma = values.py().import("numpy.ma")?;
+    if !numpy_ma.call_method1("is_masked", (values,))?.extract::<bool>()? {
+        return heatmap_of(values);
+    }
+    let mask = numpy_ma.call_method1("getmaskarray", (values,))?;
+    let looked_at =
+        mask.cast_into::<PyArrayDyn<bool>>()?.to_vec()?.into_iter().map(|masked| !masked).collect();
+    let filled = numpy_ma.call_method1("filled", (values, 0))?; // what lies under a mask may be no value
+    heatmap_of(&filled)?.of_part(looked_at).map_err(refuse)
+}
+
+fn heatmap_of(values: &Bound<'_, PyAny>) -> PyResult<Heatmap> {
     let is_u8 = values
         .cast::<PyUntypedArray>()
         .is_ok_and(|array| array.dtype().is_equiv_to(&dtype::<u8>(values.py())));

@@ -48,18 +48,36 @@ impl View {
 
     /// The same for every pixel, row after row.
     pub fn pixel_values(&self) -> Cow<'_, [f32]> {
+        self.at_pixels(&self.heatmap.values)
+    }
+
+    /// Whether the heatmap says anything of the pixel in `column` and `row` of the image.
+    pub fn is_looked_at(&self, column: u32, row: u32) -> bool {
+        self.heatmap.looked_at.as_ref().is_none_or(|looked_at| {
+            let row = cell(row, self.heatmap.height, self.camera.height());
+            looked_at[row * self.heatmap.width + cell(column, self.heatmap.width, self.camera.width())]
+        })
+    }
+
+    /// The same for every pixel, row after row; None where it does of all.
+    pub fn looked_at_pixels(&self) -> Option<Cow<'_, [bool]>> {
+        self.heatmap.looked_at.as_deref().map(|looked_at| self.at_pixels(looked_at))
+    }
+
+    /// What the cells of the heatmap hold for every pixel, row after row.
+    fn at_pixels<'a, T: Copy>(&self, cells: &'a [T]) -> Cow<'a, [T]> {
         let (width, height) = (self.camera.width(), self.camera.height());
         if self.heatmap.shape() == [height as usize, width as usize] {
-            return Cow::Borrowed(&self.heatmap.values);
+            return Cow::Borrowed(cells);
         }
         let columns: Vec<usize> = (0..width).map(|column| cell(column, self.heatmap.width, width)).collect();
-        let mut values: Vec<f32> = Vec::with_capacity(width as usize * height as usize);
+        let mut values: Vec<T> = Vec::with_capacity(width as usize * height as usize);
         let mut last = None;
         for row in (0..height).map(|row| cell(row, self.heatmap.height, height)) {
             if last == Some(row) {
                 values.extend_from_within(values.len() - width as usize..);
             } else {
-                let cells = &self.heatmap.values[row * self.heatmap.width..][..self.heatmap.width];
+                let cells = &cells[row * self.heatmap.width..][..self.heatmap.width];
                 values.extend(columns.iter().map(|&column| cells[column]));
             }
             last = Some(row);
@@ -122,9 +140,12 @@ impl Pose {
 /// Detector output in [0, 1], row-major, at any stride of the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Heatmap {
+    /// 0 in cells that were not looked at.
     values: Vec<f32>,
     height: usize,
     width: usize,
+    /// False in cells that the detector was not shown; None: it was shown all.
+    looked_at: Option<Vec<bool>>,
 }
 
 impl Heatmap {
@@ -138,7 +159,20 @@ impl Heatmap {
         if let Some(at) = values.iter().position(|value| !(0.0..=1.0).contains(value)) {
             return Err(Error::HeatmapValue { row: at / width, column: at % width, value: values[at] });
         }
-        Ok(Heatmap { values, height, width })
+        Ok(Heatmap { values, height, width, looked_at: None })
+    }
+
+    /// The same of a detector that was not shown the whole picture: cells where `looked_at` is false say nothing, neither
+    /// crowd nor empty, whatever value they hold.
+    pub fn of_part(mut self, looked_at: Vec<bool>) -> Result<Heatmap> {
+        if looked_at.len() != self.values.len() {
+            let (actual, expected) = (looked_at.len(), self.values.len());
+            return Err(Error::Length { name: "looked_at", actual, expected });
+        }
+        let cells = self.values.iter_mut().zip(&looked_at);
+        cells.filter(|&(_, &looked_at)| !looked_at).for_each(|(value, _)| *value = 0.0);
+        self.looked_at = looked_at.contains(&false).then_some(looked_at);
+        Ok(self)
     }
 
     /// 8-bit heatmap: value / 255.
@@ -149,6 +183,11 @@ impl Heatmap {
 
     pub fn values(&self) -> &[f32] {
         &self.values
+    }
+
+    /// Which cells the detector was shown; None: all.
+    pub fn looked_at(&self) -> Option<&[bool]> {
+        self.looked_at.as_deref()
     }
 
     /// Rows and columns.
@@ -241,6 +280,25 @@ mod tests {
         }
         assert!(Heatmap::new(vec![], 0, 3).unwrap_err().to_string().contains("empty"));
         assert_eq!(Heatmap::from_u8(&[0, 255, 51], 1, 3).unwrap().values(), [0.0, 1.0, 0.2]);
+    }
+
+    #[test]
+    fn a_cell_that_was_not_looked_at_says_nothing_whatever_it_holds() {
+        let looked_at = vec![true, false, true, true, true, false];
+        let all = Heatmap::new(vec![0.1, 1.0, 0.3, 0.4, 0.5, 0.9], 2, 3).unwrap();
+        let heatmap = all.clone().of_part(looked_at.clone()).unwrap();
+        assert_eq!(heatmap.values(), [0.1, 0.0, 0.3, 0.4, 0.5, 0.0]);
+        assert_eq!(heatmap.looked_at(), Some(looked_at.as_slice()));
+        let view = View { heatmap, ..view(6, 4, [2, 3]).unwrap() };
+        let each = (0..4).flat_map(|row| (0..6).map(move |column| (column, row)));
+        let each: Vec<bool> = each.map(|(column, row)| view.is_looked_at(column, row)).collect();
+        assert_eq!(view.looked_at_pixels().unwrap().as_ref(), each);
+        assert_eq!(each.iter().filter(|&&looked_at| !looked_at).count(), 8, "two cells of four pixels");
+        assert!(!view.is_looked_at(3, 1) && view.is_looked_at(3, 2) && !view.is_looked_at(4, 2));
+
+        assert_eq!(all.clone().of_part(vec![true; 6]).unwrap(), all);
+        let message = all.of_part(looked_at[1..].to_vec()).unwrap_err().to_string();
+        assert!(message.contains("looked_at"), "{message}");
     }
 
     #[test]

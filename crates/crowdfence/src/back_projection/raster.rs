@@ -220,10 +220,16 @@ impl<'a> Painter<'a> {
         (low, high)
     }
 
-    /// False only when nothing of a box is in range and in the image.
+    /// False only when nothing of a box is in range and in the part of the image that was looked at.
     fn may_show(&self, low: DVec3, high: DVec3) -> bool {
         let nearest = DVec3::ZERO.clamp(low, high);
-        nearest.length_squared() <= self.range * self.range && self.optics.may_show(low, high)
+        nearest.length_squared() <= self.range * self.range
+            && self.optics.may_show(low, high)
+            && !(self.canvas.is_of_part() && self.is_not_looked_at(low, high))
+    }
+
+    fn is_not_looked_at(&self, low: DVec3, high: DVec3) -> bool {
+        self.optics.around(low, high).is_some_and(|(low, high)| self.canvas.is_not_looked_at(low, high))
     }
 
     #[inline(always)]

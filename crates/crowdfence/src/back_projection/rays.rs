@@ -20,6 +20,7 @@ impl PixelHits {
         let (camera, width) = (&view.camera, view.camera.width());
         let mut hits: Vec<u64> = (0..camera.height() * width)
             .into_par_iter()
+            .filter(|pixel| view.is_looked_at(pixel % width, pixel / width))
             .filter_map(|pixel| {
                 let ray_camera = camera.pixel_ray(pixel % width, pixel / width)?;
                 let hit = vantage.cast(view.world_from_camera.rotation * ray_camera)?;

@@ -44,7 +44,7 @@ pub(super) fn is_turned_away(to_top: DVec3, normal: DVec3) -> bool {
 }
 
 impl Vantage<'_> {
-    /// None when the voxel is no top, or its top lies outside the image or the range.
+    /// None when the voxel is no top, or its top lies outside the image, what was looked at of it, or the range.
     fn view_of_top(&self, id: u32) -> Option<TopView> {
         let (middle, normal) = self.middle_of_top(id)?;
         let to_top = middle - self.origin;
@@ -59,11 +59,14 @@ impl Vantage<'_> {
         }
     }
 
-    /// Heatmap value at the end of a line from where rays start, whatever hides it; None outside the image.
+    /// Heatmap value at the end of a line from where rays start, whatever hides it; None outside the image and what was
+    /// looked at of it.
     pub(super) fn value_at(&self, line: DVec3) -> Option<f64> {
         let camera = &self.view.camera;
         let pixel = camera.project(self.view.world_from_camera.rotation.transpose() * line)?;
-        camera.contains(pixel).then(|| f64::from(self.view.value_at(pixel.x as u32, pixel.y as u32)))
+        let (column, row) = (pixel.x as u32, pixel.y as u32);
+        let is_seen = camera.contains(pixel) && self.view.is_looked_at(column, row);
+        is_seen.then(|| f64::from(self.view.value_at(column, row)))
     }
 
     /// From where rays start to what is seen of a voxel: the middle of its top, or in a wall its centre; and whether

@@ -5,13 +5,12 @@ use std::ops::Range;
 
 use glam::DVec2;
 
-use crate::back_projection::pixel_set::PixelSet;
+use crate::back_projection::pixel_set::{PixelSet, WORD, bits, spans};
 use crate::camera::{Camera, IdealPixels};
 use crate::view::View;
 
 /// Rows up to which a rectangle of pixels is small.
 const FEW_ROWS: usize = 8;
-const WORD: usize = u64::BITS as usize;
 /// Owner of a pixel on which nothing is painted.
 pub const NOBODY: u32 = u32::MAX;
 /// Corners that a painted polygon may have.
@@ -54,8 +53,10 @@ impl Block {
 pub struct Canvas<'a> {
     width: usize,
     height: usize,
-    /// What is painted on.
+    /// What is painted on, and what was not looked at: nothing is painted there.
     covered: PixelSet,
+    /// None where all was looked at.
+    not_looked_at: Option<PixelSet>,
     /// Who painted each pixel, row after row; nothing when nobody asks.
     owner: Vec<u32>,
     /// Heatmap value of each pixel, row after row.
@@ -69,17 +70,23 @@ impl<'a> Canvas<'a> {
     pub fn new(view: &'a View, lens: Option<&'a IdealPixels>, with_owners: bool) -> Canvas<'a> {
         let lens = lens.map(|pixels| (view.camera.as_ref(), pixels));
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        let not_looked_at = view.looked_at_pixels().map(|looked_at| {
+            let others: Vec<bool> = looked_at.iter().map(|looked_at| !looked_at).collect();
+            PixelSet::of(width, &others)
+        });
         Canvas {
             width,
             height,
-            covered: PixelSet::empty(width, height),
+            covered: not_looked_at.clone().unwrap_or_else(|| PixelSet::empty(width, height)),
+            not_looked_at,
             owner: if with_owners { vec![NOBODY; width * height] } else { Vec::new() },
             values: view.pixel_values(),
             lens,
         }
     }
 
-    /// Column and row of the pixel over a place of the image, that of a pinhole; None outside.
+    /// Column and row of the pixel over a place of the image, that of a pinhole; None outside and where the pixel was not
+    /// looked at.
     #[inline(always)]
     pub fn pixel_at(&self, place: DVec2) -> Option<(usize, usize)> {
         let pixel = match self.lens {
@@ -88,7 +95,13 @@ impl<'a> Canvas<'a> {
         };
         let size = DVec2::new(self.width as f64, self.height as f64);
         let is_inside = pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
-        is_inside.then_some((pixel.x as usize, pixel.y as usize))
+        let (column, row) = (pixel.x as usize, pixel.y as usize);
+        (is_inside && self.is_looked_at(column, row)).then_some((column, row))
+    }
+
+    #[inline(always)]
+    pub fn is_looked_at(&self, column: usize, row: usize) -> bool {
+        self.not_looked_at.as_ref().is_none_or(|others| !others.contains(column, row))
     }
 
     pub fn value(&self, column: usize, row: usize) -> f32 {
@@ -100,7 +113,10 @@ impl<'a> Canvas<'a> {
     }
 
     /// The pixels painted on.
-    pub fn into_painted(self) -> PixelSet {
+    pub fn into_painted(mut self) -> PixelSet {
+        if let Some(others) = &self.not_looked_at {
+            self.covered.remove(others);
+        }
         self.covered
     }
 
@@ -279,25 +295,40 @@ impl<'a> Canvas<'a> {
         (common(&rows, &near_rows), common(&columns, &near_columns))
     }
 
-    /// Whether every pixel of a rectangle of the image, that of a pinhole, is painted on.
+    /// Whether nothing can be painted any more on a rectangle of the image, that of a pinhole.
     pub fn is_covered(&self, low: DVec2, high: DVec2) -> bool {
-        let (rows, columns) = match self.lens {
+        let (rows, columns) = self.pixels_in(low, high);
+        columns.is_empty() || self.are_covered(rows, &columns)
+    }
+
+    /// Whether there are pixels that were not looked at.
+    pub fn is_of_part(&self) -> bool {
+        self.not_looked_at.is_some()
+    }
+
+    /// Whether a rectangle of the image, that of a pinhole, has pixels and none of them was looked at.
+    pub fn is_not_looked_at(&self, low: DVec2, high: DVec2) -> bool {
+        let Some(others) = &self.not_looked_at else { return false };
+        // The middle of a top belongs to the pixel that it lies in, not to those whose centres are inside.
+        let (rows, columns) = self.pixels_in(low - 1.0, high + 1.0);
+        !rows.is_empty() && !columns.is_empty() && others.contain(rows, &columns)
+    }
+
+    /// Rows and columns of the pixels of a rectangle of the image, that of a pinhole.
+    fn pixels_in(&self, low: DVec2, high: DVec2) -> (Range<usize>, Range<usize>) {
+        match self.lens {
             None => (centers_between(low.y, high.y, self.height), centers_between(low.x, high.x, self.width)),
             Some((camera, pixels)) => {
                 let (least, most) = pixels.bounds();
                 self.pixels_around(camera, pixels, low.clamp(least, most), high.clamp(least, most))
             }
-        };
-        columns.is_empty() || self.are_covered(rows, &columns)
+        }
     }
 
-    /// The same of pixels by their rows and columns, at least one of these.
+    /// Whether nothing can be painted on pixels by their rows and columns, at least one of these.
     #[inline(always)]
-    fn are_covered(&self, mut rows: Range<usize>, columns: &Range<usize>) -> bool {
-        rows.all(|row| {
-            let words = &self.covered.words[row * self.covered.words_a_row..];
-            spans(columns).all(|(word, columns)| bits(&columns) & !words[word] == 0)
-        })
+    fn are_covered(&self, rows: Range<usize>, columns: &Range<usize>) -> bool {
+        self.covered.contain(rows, columns)
     }
 
     #[inline(always)]
@@ -356,20 +387,6 @@ fn own(owners: &mut [u32], at: usize, owner: u32) {
 fn common(some: &Range<usize>, others: &Range<usize>) -> Range<usize> {
     let start = some.start.max(others.start);
     start..some.end.min(others.end).max(start)
-}
-
-/// Columns in a row, at least one, cut at the words that hold their bits, each part with its word.
-#[inline(always)]
-fn spans(columns: &Range<usize>) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
-    let Range { start, end } = *columns;
-    let cut = move |word: usize| (word, start.max(word * WORD)..end.min((word + 1) * WORD));
-    (start / WORD..end.div_ceil(WORD)).map(cut)
-}
-
-/// Of columns, at least one, that lie in one word.
-#[inline(always)]
-fn bits(columns: &Range<usize>) -> u64 {
-    (u64::MAX >> (WORD - columns.len())) << (columns.start % WORD)
 }
 
 /// Pixels along one axis whose centres lie between two coordinates.

@@ -254,7 +254,9 @@ impl Painter<'_> {
             let (column, row) = shapes.middle(j);
             let [rise_x, rise_y] = &tile.ground.rise;
             let normal = DVec3::new(-2.0 * f64::from(rise_x[at]), -2.0 * f64::from(rise_y[at]), 1.0);
-            self.paint_top(id, normal, middle, column, row);
+            if self.canvas.is_looked_at(column, row) {
+                self.paint_top(id, normal, middle, column, row);
+            }
         }
     }
 }

@@ -44,16 +44,11 @@ fn lens_of(view: &View) -> Option<&IdealPixels> {
 fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: f64) -> [usize; 2] {
     let origin = view.world_from_camera.translation;
     let vantage = Vantage { view, terrain, surface, origin, max_range_m };
-    let mut painter = Painter::new(&vantage, lens_of(view), true);
-    let root = painter.stacks.root();
-    painter.walk(&root, &mut Box::default());
     let mut counts = [0; 2];
-    for pixel in 0..WIDTH * HEIGHT {
+    for (pixel, painted) in (0..).zip(painted_ids(&vantage)) {
         let (column, row) = (pixel % WIDTH, pixel / WIDTH);
         let ray = view.camera.pixel_ray(column, row).map(|ray| view.world_from_camera.rotation * ray);
         let cast = ray.and_then(|ray| vantage.cast(ray)).map(|hit| hit.voxel_id);
-        let owner = painter.canvas.owner(column as usize, row as usize);
-        let painted = (owner != NOBODY).then(|| painter.rows[owner as usize].id);
         match (cast, painted) {
             (Some(_), None) | (None, Some(_)) => counts[0] += 1,
             (a, b) if a != b => counts[1] += 1,
@@ -61,6 +56,16 @@ fn disagreements(terrain: &Terrain, surface: Surface, view: &View, max_range_m: 
         }
     }
     counts
+}
+
+/// The voxel that was painted on each pixel, row after row.
+fn painted_ids(vantage: &Vantage) -> Vec<Option<u32>> {
+    let mut painter = Painter::new(vantage, lens_of(vantage.view), true);
+    let root = painter.stacks.root();
+    painter.walk(&root, &mut Box::default());
+    let pixels = (0..HEIGHT as usize).flat_map(|row| (0..WIDTH as usize).map(move |column| (column, row)));
+    let owners = pixels.map(|(column, row)| painter.canvas.owner(column, row));
+    owners.map(|owner| (owner != NOBODY).then(|| painter.rows[owner as usize].id)).collect()
 }
 
 /// Hills with cliffs, houses with overhanging roofs, canopies and holes; 64 x 64 columns of 1 m.
@@ -146,6 +151,68 @@ fn a_pixel_of_a_lens_that_distorts_belongs_to_what_its_ray_meets() {
         let view = View { camera: Arc::new(camera), ..view(at, rotation, 60.0) };
         assert_eq!(disagreements(&terrain, Surface::Planes, &view, 45.0), [0, 0], "view {number}");
     }
+}
+
+/// Of heatmaps of 24 x 18 cells on 96 x 72 pixels: all but what lies above a slanting line, a corner, and every third
+/// cell, some of it in the middle of everything.
+fn parts() -> Vec<Vec<bool>> {
+    let cells = |is_looked_at: fn(usize, usize) -> bool| -> Vec<bool> {
+        (0..18 * 24).map(|cell| is_looked_at(cell % 24, cell / 24)).collect()
+    };
+    vec![
+        cells(|column, row| 3 * row > 20 + column),
+        cells(|column, row| column < 9 && row < 7),
+        cells(|column, row| (column + 2 * row) % 3 != 0),
+        cells(|_, _| false),
+    ]
+}
+
+/// Wherever nobody looked nothing is painted, and everywhere else what the whole picture shows there: tiles of which
+/// nothing was looked at are passed over, and with them goes nothing that hides something else.
+#[test]
+fn a_part_of_a_picture_shows_what_the_whole_picture_shows_there() {
+    let lens = Distortion::brown_conrady(&[-0.25, 0.06, 1e-3, -2e-3, 0.0]).unwrap();
+    let (mut seen, mut between) = ([0; 2], [0; 4]);
+    for (seed, lens) in [(0.0, Distortion::None), (1.3, Distortion::None), (0.7, lens)] {
+        let terrain = landscape(seed);
+        for number in 0..12 {
+            let turn = f64::from(number);
+            let rotation = looking(0.55 * turn, 0.05 + 0.1 * turn, 0.2 * (turn % 3.0 - 1.0));
+            let at = DVec3::new(10.3 + 4.0 * turn, 50.7 - 3.7 * turn, 17.2 + 2.0 * (turn % 4.0));
+            let camera = Arc::new(Camera::new(WIDTH, HEIGHT, 52.0, 55.0, 47.0, 37.0, lens).unwrap());
+            let whole = View { camera, ..view(at, rotation, 60.0) };
+            let ids = |view: &View| {
+                let surface = Surface::Planes;
+                painted_ids(&Vantage { view, terrain: &terrain, surface, origin: at, max_range_m: 60.0 })
+            };
+            let painted = ids(&whole);
+            let full = Projection::new(60.0, 0.0, Coverage::Full).unwrap();
+            let of_whole = project(&whole, &terrain, &full);
+            for looked_at in parts() {
+                let heatmap = Heatmap::new(vec![0.5; 18 * 24], 18, 24).unwrap().of_part(looked_at).unwrap();
+                let part = View { heatmap, ..whole.clone() };
+                for ((pixel, id), id_of_part) in (0..).zip(&painted).zip(ids(&part)) {
+                    let (column, row) = (pixel % WIDTH, pixel / WIDTH);
+                    let expected = id.filter(|_| part.is_looked_at(column, row));
+                    assert_eq!(id_of_part, expected, "view {number}, pixel ({column}, {row})");
+                    seen[usize::from(expected.is_some())] += 1;
+                }
+                let of_part = project(&part, &terrain, &full);
+                let is_of_whole = |id| of_whole.voxel_ids().binary_search(id).is_ok();
+                assert!(of_part.voxel_ids().iter().all(is_of_whole), "view {number}");
+                let counts = between_pixels(&terrain, &part, 60.0);
+                (0..4).for_each(|k| between[k] += counts[k]);
+                let rays = Projection::new(60.0, 0.0, Coverage::Rays).unwrap();
+                let rays = rays.with_crowd_threshold(0.4).unwrap();
+                let [painted, cast] =
+                    [project, project_by_rays].map(|project| project(&part, &terrain, &rays));
+                assert_eq!(painted.crowd_mass(), cast.crowd_mass());
+            }
+        }
+    }
+    assert!(seen.iter().all(|&pixels| pixels > 50_000), "{seen:?}");
+    let [both, _, cast_alone, _] = between;
+    assert!(cast_alone as f64 <= 0.03 * both as f64, "{between:?}");
 }
 
 #[test]
