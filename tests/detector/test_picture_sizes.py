@@ -22,6 +22,7 @@ from crowdfence.detector.inference.picture_parts import (
     MARGIN_PX,
     Enlarge,
     far_cells,
+    near_parts,
     parts_by_gsd,
     suspicious_parts,
 )
@@ -116,6 +117,34 @@ def test_every_cell_is_answered_for_once_at_a_size_that_is_known(
         assert shown <= AFFORDABLE_SHARE * max(shape[0] * shape[1], AFFORDABLE_PX)
 
 
+@given(
+    hnp.arrays(np.float32, (3, 4), elements=st.floats(2.0**-10, 4.0, width=32) | st.just(float("nan"))),
+    st.tuples(st.integers(60, 130), st.integers(60, 130)),
+)
+def test_far_ground_and_the_sky_above_it_are_left_out_and_nothing_else(
+    gsd_m: np.ndarray, shape: tuple[int, int]
+) -> None:
+    if not np.isfinite(gsd_m).any():
+        return
+    image = picture(*shape)
+    parts, far = near_parts(gsd_m, KNOWN_M, image, STRIDE)
+    if np.isfinite(gsd_m).all():
+        assert np.array_equal(far, far_cells(gsd_m, KNOWN_M, far.shape))
+    assert far[far_cells(gsd_m, KNOWN_M, far.shape)].all()
+    owners = np.zeros(far.shape, int)
+    for part in parts:
+        owners += np.ones(far.shape, bool) if part.own is None else part.own
+    assert np.array_equal(owners, np.where(far, 0, 1))
+
+
+def test_the_sky_above_near_ground_is_looked_at() -> None:
+    """People on roofs stand before it. Columns: near and far, the upper rows without ground."""
+    gsd_m = np.array([[np.nan, np.nan], [0.1, 0.4]])
+    parts, far = near_parts(gsd_m, KNOWN_M, picture(), STRIDE)
+    assert [part.size for part in parts] == [1.0]
+    assert far[:, 16:].all() and not far[:, :16].any()
+
+
 @pytest.fixture(scope="module")
 def red(tmp_path_factory: pytest.TempPathFactory) -> Detector:
     """The mean red of every cell, at sizes that pose and map ask for, or at two."""
@@ -128,6 +157,43 @@ def red(tmp_path_factory: pytest.TempPathFactory) -> Detector:
 def test_a_picture_in_the_known_range_is_seen_as_it_is(red: Detector) -> None:
     image = np.random.default_rng(0).integers(0, 256, (90, 118, 3), dtype=np.uint8)
     np.testing.assert_array_equal(red(image, 0.1), red(image, as_it_is=True))
+
+
+@pytest.mark.parametrize("size", [(120, 160), (123, 161)])
+def test_a_look_at_near_ground_says_what_a_whole_look_says_there(
+    red: Detector, size: tuple[int, int]
+) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    gsd_m = np.array([[0.5, 0.5], [0.2, 0.4], [0.2, 0.04]])
+    whole, near = red(image, gsd_m), red.near_ground(image, gsd_m)
+    assert isinstance(near, np.ma.MaskedArray) and near.shape == whole.shape and near.dtype == np.float32
+    seen = ~np.ma.getmaskarray(near)
+    thirds = np.array_split(np.arange(whole.shape[0]), 3)
+    left = np.arange(whole.shape[1]) < whole.shape[1] // 2
+    assert not seen[thirds[0][:-4]].any() and seen[thirds[2][4:]].all()
+    assert np.array_equal(seen[thirds[1][4:-4]][:, 4:-4].all(axis=0), left[4:-4])
+    assert np.array_equal(near.data[seen], whole[seen]) and not near.data[~seen].any()
+
+
+def test_a_look_at_near_ground_where_all_is_far_was_at_nothing(red: Detector) -> None:
+    near = red.near_ground(picture(), 0.5)
+    assert np.ma.getmaskarray(near).all() and near.shape == (24, 32)
+    assert not np.ma.is_masked(red.near_ground(picture(), 0.1))
+
+
+def test_detectors_that_count_people_or_do_not_say_how_far_they_see_leave_nothing_out(tmp_path: Path) -> None:
+    for name, stated in (("plain", document()), ("known", document(sizes={"gsd_m": list(KNOWN_M)}))):
+        detector = Detector(write_map_model(tmp_path / f"{name}.onnx", stated))
+        assert detector.far_every_s == (0.25 if name == "known" else 0.0)
+    of_function = Detector.from_callable(lambda image: np.zeros((24, 32)), stride=4)
+    both = Detector.combined([detector, Detector(tmp_path / "plain.onnx")])
+    for other in (of_function, both):
+        assert other.far_every_s == 0.0
+        with pytest.raises(ValueError, match="does not tell near ground from far"):
+            other.near_ground(picture(), 0.1)
+    for seconds in (-0.1, math.inf, math.nan):
+        with pytest.raises(ValueError, match=r"far_every_s is .*; it must be finite and >= 0"):
+            Detector(tmp_path / "known.onnx", far_every_s=seconds)
 
 
 @given(hnp.arrays(np.float32, (3, 3), elements=st.sampled_from((0.01, 0.04, 0.1, 0.5))))

@@ -100,10 +100,11 @@ def test_a_model_looks_ahead_by_one_instant(recorded: Path, model: Path, terrain
     """While the caller works on an instant the next one is looked at, and none after it."""
     first, second, third, *_ = instants = list(open_recording(recorded).instants())
     looked_at = {instant.stamp_ns: threading.Event() for instant in instants}
-    instant_of = {frame: instant.stamp_ns for instant in instants for frame in instant.frames}
+    frames = [(instant.stamp_ns, frame) for instant in instants for frame in instant.frames]
+    instant_of = {(frame.drone, frame.stamp_ns): stamp_ns for stamp_ns, frame in frames}
 
     def noticed(frame: Frame) -> NDArray[np.float32]:
-        looked_at[instant_of[frame]].set()
+        looked_at[instant_of[frame.drone, frame.stamp_ns]].set()
         return red(frame)
 
     plain = heatmap_source(Detector(model), terrain, 300.0)

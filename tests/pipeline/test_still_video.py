@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 import crowdfence as cf
 from crowdfence.pipeline.detect import heatmap_source
 from crowdfence.pipeline.still_video import StillVideo
-from crowdfence.sources.recording import PixelSources
+from crowdfence.sources.recording import Frame, PixelSources, Recording
+from support.onnx_models import contract, write_map_model
 from support.small_recordings import flight, write_folder
 
 CAMERA = cf.Camera.pinhole(64, 48, 40.0, 40.0, 32.0, 24.0)
@@ -151,6 +152,28 @@ def test_a_run_refuses_masks_of_pictures_that_stand_still(tmp_path: Path) -> Non
 
     assert used(is_still=False) == len(recording.frames_of(drone)) > 2
     assert used(is_still=True) == 1
+
+
+def test_a_picture_that_stands_still_is_known_from_any_height(tmp_path: Path) -> None:
+    """A drone climbs from 6 m to 30 m: the detector is shown its picture at another size from 10.2 m on, of
+    which it leaves the far corners out now and then, so that heatmaps of the same picture differ."""
+    terrain = cf.Terrain.from_height_map(np.zeros((120, 60)), cell_size_m=1.0)
+    model = write_map_model(tmp_path / "red.onnx", contract(sizes={"gsd_m": [0.2, 0.4]}))
+    frames = []
+    for number in range(24):
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[:3, 3] = (60.0, 30.0, 6.0 + number)
+        shown = PixelSources(image=lambda: png(1))
+        frames.append(Frame("uav1", BEGIN_NS + number * 100_000_000, CAMERA, pose, shown))
+    flown = Recording("climb", ("uav1",), tuple(frames), None, None, (), (), {}, {})
+    source = heatmap_source(cf.Detector(model), terrain, 100.0, whole=False)
+    found = [views for _, views in source.detected(flown.instants(), 1)]
+    assert [len(views.views) for views in found] == [1] + [0] * 23
+    assert all("its picture is the one before" in views.refused[0].reason for views in found[1:])
+    by_heatmaps = [
+        cf.View("uav1", one.stamp_ns, CAMERA, one.world_from_camera, source.heatmap_of(one)) for one in frames
+    ]
+    assert len(refused(StillVideo(), by_heatmaps)) < 23
 
 
 def test_what_was_seen_is_known_after_a_restart() -> None:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
-from crowdfence import Camera, Client
+from crowdfence import Camera, Client, View
 from crowdfence.service import client
 from crowdfence.service.client import ServiceError
+from crowdfence.service.view_message import ViewMessage
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8080", "", "ftp://127.0.0.1", "localhost"])
@@ -39,6 +40,24 @@ def test_a_picture_whose_pose_the_telemetry_tells_brings_none(monkeypatch: pytes
         client.give_image("uav1", 6, camera, pose, b"jpeg")
     assert [one["world_from_camera"] for one in given] == [None, pose.tolist()]
     assert {one["image"] for one in given} == {"anBlZw=="}  # base64 of jpeg
+
+
+def test_what_a_detector_was_not_shown_is_not_given_as_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[dict[str, Any]] = []
+    monkeypatch.setattr(Client, "_give", lambda _, path, body, kind: given.append(json.loads(body)) or 1)
+    camera, pose = Camera.pinhole(64, 48, 50.0, 50.0, 32.0, 24.0), np.diag([1.0, -1.0, -1.0, 1.0])
+    values = np.linspace(0.0, 1.0, 12 * 16, dtype=np.float32).reshape(12, 16)
+    view = View("uav1", 5, camera, pose, np.ma.array(values, mask=values > 0.5))
+    with Client() as client:
+        client.give(view)
+        client.give(View("uav1", 6, camera, pose, values))
+    assert "looked_at" not in {name for name, value in given[1]["heatmap"].items() if value is not None}
+    again = ViewMessage.model_validate(given[0]).view()
+    assert np.array_equal(again.heatmap, view.heatmap)
+    assert again.looked_at is not None and np.array_equal(again.looked_at, values <= 0.5)
+    given[0]["heatmap"]["looked_at"] = "AAEB"
+    with pytest.raises(ValueError, match="looked_at of 12 x 16 cells has 3 bytes"):
+        ViewMessage.model_validate(given[0]).view()
 
 
 @contextmanager

@@ -12,22 +12,25 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from crowdfence import FrameLoop, Georeference
+from crowdfence import Detector, FrameLoop, Georeference
 from crowdfence.config import EvidenceConfig
 from crowdfence.service.opening import live
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE, StoreError
 from crowdfence.zones.history import history_line
+from support.onnx_models import contract, write_map_model
 from support.small_service import (
     CONFIG,
     SETTINGS,
     START_NS,
     asked,
     message,
+    picture_message,
     plain,
     running,
     settle,
+    sharp,
     view,
     views,
 )
@@ -68,6 +71,33 @@ def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp
         again = service.mission.newest
     assert newest is not None and again is not None and newest.number == again.number
     assert history_line(0, newest.zones, {}) == history_line(0, again.zones, {})
+
+
+@pytest.mark.parametrize("cut", [9, 13, 14])
+def test_looks_that_left_far_ground_out_do_so_again(tmp_path: Path, cut: int) -> None:
+    """Pictures that wait for others are looked at again after a crash, as they were before."""
+    document = contract(sizes={"gsd_m": [0.05, 0.17]})
+    detector = Detector(write_map_model(tmp_path / "red.onnx", document))
+    pictures = [picture_message(sharp(one)) for one in views(12)]
+
+    def show(service: Service, shown: list[bytes]) -> None:
+        assert service.live is not None
+        for one in shown:
+            service.live.intake.give_view(one)
+        settle(service)
+
+    how = {"detector": detector, "settings": replace(SETTINGS, snapshot_every=5, max_delay_ms=900.0)}
+    with running(tmp_path / "one", **how) as service:
+        show(service, pictures[:cut])
+        assert service.live is not None
+        told = service.live.applying.gathering.to_json()
+        assert 0 < len(told["near"]) < len(told["waiting"])
+        crash(tmp_path / "one", tmp_path / "crashed")
+        show(service, pictures[cut:])
+        whole = state(service)
+    with running(tmp_path / "crashed", **how) as service:
+        show(service, pictures[cut:])
+        assert state(service) == whole
 
 
 def test_what_waits_is_taken_in_by_a_service_that_waits_for_less(tmp_path: Path) -> None:

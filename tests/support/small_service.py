@@ -1,13 +1,17 @@
 """A small fleet over a plain with two crowds, as views, as a recording, and in a running service."""
 
+import base64
+import io
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from starlette.testclient import TestClient
 
 from crowdfence import Camera, Client, Terrain, View
@@ -106,6 +110,47 @@ def message(one: View) -> bytes:
         .model_dump_json()
         .encode()
     )
+
+
+def picture_message(one: View) -> bytes:
+    """The picture of a sharp view as the service takes it."""
+    return (
+        ViewMessage(
+            drone=one.drone,
+            stamp_ns=one.stamp_ns,
+            camera=CameraMessage.of(one.camera),
+            world_from_camera=one.world_from_camera.tolist(),
+            image=base64.b64encode(photograph(one)).decode(),
+        )
+        .model_dump_json()
+        .encode()
+    )
+
+
+def photograph(one: View) -> bytes:
+    """PNG of a sharp view, as red as its heatmap is high, ten pixels a cell; the green tells pictures
+    apart."""
+    pixels = np.zeros((120, 160, 3), np.uint8)
+    pixels[..., 0] = np.rint(np.kron(one.heatmap, np.ones((10, 10))) * 255.0)
+    pixels[..., 1] = np.random.default_rng(one.stamp_ns).integers(0, 256, (120, 160))
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, format="PNG")
+    return file.getvalue()
+
+
+def pictured(instants: int) -> Recording:
+    """The fleet's pictures, without heatmaps."""
+    flown = [sharp(one) for one in views(instants)]
+    shown = recording(flown)
+    pictures = {(one.drone, one.stamp_ns): photograph(one) for one in flown}
+    frames = tuple(
+        replace(
+            frame,
+            pixels=PixelSources(image=lambda encoded=pictures[frame.drone, frame.stamp_ns]: encoded),  # type: ignore[misc]
+        )
+        for frame in shown.frames
+    )
+    return replace(shown, frames=frames)
 
 
 def recording(flown: Sequence[View]) -> Recording:

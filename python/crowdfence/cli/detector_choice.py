@@ -18,7 +18,11 @@ def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | No
     from crowdfence.pipeline import choose_detector
 
     detector = choose_detector(
-        recording, told["detector"], contract=told["contract"], enlarge=told["enlarge"].value
+        recording,
+        told["detector"],
+        contract=told["contract"],
+        enlarge=told["enlarge"].value,
+        far_every_s=told.get("far_every_s"),
     )
     if told["detector"] == options.AUTO and detector is not None:
         if _holds_heatmaps(recording):

@@ -62,6 +62,12 @@ class DetectorOptions:
     enlarge: options.EnlargeOption = options.EnlargeChoice.always
 
 
+class LookOptions:
+    """How often a detector looks along a flight."""
+
+    far_every_s: options.FarEveryS = None
+
+
 class LayerOptions:
     """Of which class the heatmaps are."""
 
@@ -134,6 +140,7 @@ FUSION = (
     SourceOptions,
     FlightOptions,
     DetectorOptions,
+    LookOptions,
     MethodOptions,
     EvidenceOptions,
     PaperOptions,

@@ -192,6 +192,16 @@ EnlargeOption = Annotated[
         "affordable: no more than a 640 x 480 picture costs, or the picture itself.",
     ),
 ]
+FarEveryS = Annotated[
+    float | None,
+    typer.Option(
+        "--far-every",
+        metavar="SECONDS",
+        help="Ground that is too far for the model is looked at once in so many seconds of a drone, and left "
+        "out of its looks in between, as if out of view; 0: in every picture. Method evidence only. "
+        "[default: 0.25]",
+    ),
+]
 ContractPath = Annotated[
     Path | None,
     typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),

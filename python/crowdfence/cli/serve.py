@@ -262,7 +262,12 @@ def _live(
         config,
         name=chosen["name"],
         drones=chosen["drone"] or (),
-        detector=named_detector(words, contract=chosen["contract"], enlarge=chosen["enlarge"].value)
+        detector=named_detector(
+            words,
+            contract=chosen["contract"],
+            enlarge=chosen["enlarge"].value,
+            far_every_s=chosen["far_every_s"],
+        )
         if words
         else None,
         settings=settings,

@@ -33,6 +33,8 @@ def refuse_options_of_other_methods(context: typer.Context, configs: Collection[
     of_methods = (*EvidenceOptions.__annotations__, *PaperOptions.__annotations__)
     why = f"with --method {', '.join(methods)}"
     refuse_unused(context, [name for name in of_methods if name not in known], why)
+    if "evidence" not in methods:
+        refuse_unused(context, ["far_every_s"], f"{why}: every look takes in all of its picture")
     if not any(method in FORGET_TO_PRIOR for method in methods):
         refuse_unused(context, ["opening_looks"], f"{why}, which opens zones without looks")
 

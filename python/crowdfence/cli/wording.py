@@ -14,6 +14,7 @@ _OPTIONS = {
     "georeference": "--origin LAT,LON,HEIGHT",
     "voxel_size_m": "--voxel-size-m",
     "max_range_m": "--max-range-m",
+    "far_every_s": "--far-every",
     "max_jump_s": "--max-jump-s",
     "geoid_m": "--geoid-m",
 }

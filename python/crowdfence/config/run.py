@@ -41,6 +41,12 @@ class RunConfig:
                 such = f"such as {kinds[0].__name__}()"
                 raise TypeError(f"{name} of a RunConfig is {quoted(given)}; it must be {such}")
 
+    @property
+    def whole_looks(self) -> bool:
+        """Whether every look must take in all of its picture: all methods but `evidence` compare what the
+        drones say of a place at the same instant, and to some a drone that does not see it says empty."""
+        return not isinstance(self.method, EvidenceConfig)
+
     def with_detector(self, contract: Contract | None) -> RunConfig:
         """The same with what is left to the detector filled in: from its contract, else by default.
 

@@ -30,6 +30,9 @@ from crowdfence.detector.onnx_session import open_session
 from crowdfence.detector.shipped import model_path
 from crowdfence.errors import DetectorError
 
+FAR_EVERY_S = 0.25
+"""Default of `Detector.far_every_s`."""
+
 AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
 
 
@@ -54,6 +57,9 @@ class Detector:
     One detector holds one session with its own threads: make one per camera stream.
     """
 
+    _near: SizedModel | None
+    """What can leave far ground out of a look."""
+
     def __init__(
         self,
         model: str | PathLike[str] | None = None,
@@ -62,6 +68,7 @@ class Detector:
         threads: int = 1,
         output: Mapping[str, Any] | None = None,
         enlarge: Enlarge = "always",
+        far_every_s: float = FAR_EVERY_S,
     ) -> None:
         """Load an ONNX model: its file, or a shipped one by its name, such as "crowdnet-s-wide" (None:
         "crowdnet-s").
@@ -72,14 +79,21 @@ class Detector:
         input only.
         enlarge: whether ground farther away than the model knows is enlarged: "never", "always", or as far as
         that costs no more than a 640 x 480 picture or the picture itself.
+        far_every_s: along a flight, such ground is looked at once in so many seconds of a drone and left out
+        of its looks in between (0: never left out), see `pipeline.far_looks`.
 
-        OSError when a file cannot be read; DetectorError when the model or the contract cannot be used.
+        OSError when a file cannot be read; DetectorError when the model or the contract cannot be used;
+        ValueError for seconds that are negative or not finite.
         """
+        if not 0.0 <= far_every_s < float("inf"):
+            raise ValueError(f"far_every_s is {far_every_s:g}; it must be finite and >= 0")
         path = model_path(model)
         session = open_session(path, threads)
         found = find_contract(session.face, output) if contract is None else _given(contract)
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
         self._set_up(model_shown, found, str(path), path)
+        self._near = model_shown if model_shown.tells_near_from_far else None
+        self._far_every_s = 0.0 if self._near is None else far_every_s
 
     def __repr__(self) -> str:
         return f"Detector({self.contract.name!r}, stride {self.contract.output.stride})"
@@ -153,6 +167,24 @@ class Detector:
         return any(one.contract.uses_gsd for one in (self, *self._members))
 
     @property
+    def far_every_s(self) -> float:
+        """Along a flight, ground that is farther away than the model knows is looked at once in so many
+        seconds of a drone. 0: in every picture, as by all that find people, combinations and functions."""
+        return self._far_every_s
+
+    def near_ground(self, image: NDArray[np.uint8], gsd_m: Gsd) -> NDArray[np.float32]:
+        """The heatmap of a look that leaves out what is farther away than the model knows, and the sky above
+        that: a masked array whose masked cells were not looked at. Errors as for a call; ValueError for a
+        detector that does not know how far it sees.
+        """
+        if self._near is None:
+            raise ValueError(f"{self._name} does not tell near ground from far")
+        try:
+            return self._evenly(self._near.near_heatmap(check_image(image), gsd_m), image)
+        except DetectorError as error:
+            raise DetectorError(f"{self._name}: {error}") from None
+
+    @property
     def contract(self) -> Contract:
         return self._found.contract
 
@@ -221,6 +253,8 @@ class Detector:
     def _set_up(self, model: _Model, found: FoundContract, name: str, path: Path | None = None) -> None:
         self._model, self._found, self._name, self._path = model, found, name, path
         self._members: tuple[Detector, ...] = ()
+        self._near = None
+        self._far_every_s = 0.0
 
 
 def _given(contract: AnyContract) -> FoundContract:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+_Kind = TypeVar("_Kind", bound=np.generic)
 
 Gsd = ArrayLike
 """Metres on the ground per image pixel: a number, an array [r, c] whose cells divide the image evenly (NaN:
@@ -65,7 +68,7 @@ def with_nearest(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(values[tuple(nearest)])
 
 
-def at_cells(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.float32]:
+def at_cells(values: NDArray[_Kind], cells: tuple[int, int]) -> NDArray[_Kind]:
     """[r, c] over an image -> the value at the centre of each of `cells` = (h, w)."""
     rows, columns = (
         ((np.arange(count) + 0.5) * side / count).astype(np.intp)

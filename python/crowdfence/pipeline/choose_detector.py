@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.inference.picture_parts import Enlarge
 
+_RECORDED = "the heatmaps here are the recorded ones"
 PICTURES_LOOKED_AT = 12
 """Evenly over a flight, which tell what looks at it."""
 
@@ -28,6 +29,7 @@ def choose_detector(
     contract: Path | None = None,
     threads: int = 1,
     enlarge: Enlarge = "always",
+    far_every_s: float | None = None,
 ) -> Detector | None:
     """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
     combined. The name of the shipped model stands for its path.
@@ -40,25 +42,29 @@ def choose_detector(
     if len(choices) > 1:
         if contract is not None:
             raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
-        return named_detector(choices, threads=threads, enlarge=enlarge)
+        return named_detector(choices, threads=threads, enlarge=enlarge, far_every_s=far_every_s)
     choice = choices[0]
     if recording.layer != CROWD:
         _check_layer(recording, choice)
         choice = "recorded" if choice == "auto" else choice
     if choice == "recorded" or (choice == "auto" and not _pictures_suffice(recording)):
         if contract is not None:
-            raise ValueError(
-                f"--contract {contract} belongs to a model; the heatmaps here are the recorded ones"
-            )
+            raise ValueError(f"--contract {contract} belongs to a model; {_RECORDED}")
         if enlarge != "always":
-            raise ValueError(f"--enlarge {enlarge} is for a model; the heatmaps here are the recorded ones")
+            raise ValueError(f"--enlarge {enlarge} is for a model; {_RECORDED}")
+        if far_every_s is not None:
+            raise ValueError(f"--far-every {far_every_s:g} is for a model; {_RECORDED}")
         return None
     if choice != "auto":
-        return named_detector([choice], contract=contract, threads=threads, enlarge=enlarge)
+        return named_detector(
+            [choice], contract=contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s
+        )
     if contract is not None:
         raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
     try:
-        return named_detector([suitable_model(recording)], threads=threads, enlarge=enlarge)
+        return named_detector(
+            [suitable_model(recording)], threads=threads, enlarge=enlarge, far_every_s=far_every_s
+        )
     except FileNotFoundError as error:
         raise ValueError(
             f"{recording.name} has pictures, but the detector that comes with crowdfence is missing "
@@ -112,10 +118,12 @@ def named_detector(
     contract: Path | None = None,
     threads: int = 1,
     enlarge: Enlarge = "always",
+    far_every_s: float | None = None,
 ) -> Detector:
     """The detector of one model, or the combination of several; shipped ones go by their names.
-    ValueError for words that mean no model here."""
-    from crowdfence.detector.detector import Detector
+    `far_every_s` None: the default of `Detector`. ValueError for words that mean no model here, and for
+    `far_every_s` given to what looks at every picture as a whole."""
+    from crowdfence.detector.detector import FAR_EVERY_S, Detector
     from crowdfence.detector.shipped import SHIPPED_MODEL, model_path
 
     if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
@@ -123,8 +131,15 @@ def named_detector(
     files = [model_path(model).resolve() for model in models]  # one file may have several names
     if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
-    detectors = [Detector(model, contract, threads=threads, enlarge=enlarge) for model in models]
-    return detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
+    every_s = FAR_EVERY_S if far_every_s is None else far_every_s
+    detectors = [
+        Detector(model, contract, threads=threads, enlarge=enlarge, far_every_s=every_s) for model in models
+    ]
+    detector = detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
+    if far_every_s and not detector.far_every_s:
+        why = "it does not say how far it sees" if len(detectors) == 1 else "several detectors"
+        raise ValueError(f"--far-every {far_every_s:g}: {why}, so every picture is looked at as a whole")
+    return detector
 
 
 def _pictures_suffice(recording: Recording) -> bool:

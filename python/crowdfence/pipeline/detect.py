@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError, quoted
+from crowdfence.pipeline.far_looks import FarLooks
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
@@ -23,6 +24,7 @@ from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.ground_sampling import GroundSampling
 
 HeatmapFunction = Callable[[Frame], Pixels]
 
@@ -45,6 +47,10 @@ class HeatmapSource:
     """The file of a model."""
     members: tuple[Detector, ...] = ()
     """The models of a combination."""
+    near_of: HeatmapFunction | None = field(default=None, repr=False)
+    """Frame -> heatmap of near ground alone, the rest masked; None: looks leave nothing out."""
+    far_every_s: float = 0.0
+    """From one look of a drone that leaves nothing out to its next."""
     watch: PictureWatch = field(default_factory=PictureWatch)
     """What the pictures were like that a model was shown."""
 
@@ -63,15 +69,38 @@ class HeatmapSource:
             for instant in instants:
                 yield instant, video.moving(instant.views(self.heatmap_of), instant)
             return
-        begun: deque[tuple[Instant, Callable[[], InstantViews]]] = deque()
+        begun: deque[Callable[[], tuple[Instant, InstantViews]]] = deque()
+        far = self.far_looks()
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
+
+            def begin(instant: Instant) -> Callable[[], tuple[Instant, InstantViews]]:
+                near = {frame.drone for frame in instant.frames if self.leaves_far_out(frame, far)}
+                shown = _read_once(instant)
+                views = shown.views_begun(partial(self._look, near), executor)
+                return lambda: (instant, video.moving(views(), shown, of_pictures=True))
+
             for instant in instants:
-                begun.append((instant, instant.views_begun(self.heatmap_of, executor)))
+                begun.append(begin(instant))
                 if len(begun) > 1:
-                    earlier, views = begun.popleft()
-                    yield earlier, video.moving(views(), earlier)
-            for earlier, views in begun:
-                yield earlier, video.moving(views(), earlier)
+                    yield begun.popleft()()
+            for finished in begun:
+                yield finished()
+
+    def far_looks(self) -> FarLooks:
+        """For one flight."""
+        return FarLooks(self.far_every_s)
+
+    def leaves_far_out(self, frame: Frame, far: FarLooks) -> bool:
+        """Whether the look at a frame along a flight is at near ground alone; to be asked once for each, in
+        their order."""
+        return self.near_of is not None and not far.takes(frame.drone, frame.stamp_ns)
+
+    def look(self, frame: Frame, *, near: bool) -> Pixels:
+        """The heatmap of a frame, or of its near ground. FrameError for a frame without a usable one."""
+        return self.heatmap_of(frame) if self.near_of is None or not near else self.near_of(frame)
+
+    def _look(self, near: Collection[str], frame: Frame) -> Pixels:
+        return self.look(frame, near=frame.drone in near)
 
     @property
     def of_detectors(self) -> list[str]:
@@ -92,7 +121,20 @@ class HeatmapSource:
         made = {} if self.contract is None else describe_model(self.contract, self.model, self.members)
         if self.watch.looked_at:
             made["pictures"] = self.watch.to_json()
+        if self.near_of is not None:
+            made["far_every_s"] = self.far_every_s
         return {"heatmaps": self.kind, **made}
+
+
+def _read_once(instant: Instant) -> Instant:
+    """Whose pictures are looked at by a detector, and then asked whether they are the ones before."""
+    frames = (
+        frame
+        if frame.pixels.image is None
+        else replace(frame, pixels=replace(frame.pixels, image=cache(frame.pixels.image)))
+        for frame in instant.frames
+    )
+    return replace(instant, frames=tuple(frames))
 
 
 _SHOWN = 0.5
@@ -135,12 +177,18 @@ RECORDED = HeatmapSource("recorded", _unless_blind(Frame.heatmap))
 
 
 def heatmap_source(
-    detector: Detector | HeatmapFunction | None, terrain: Terrain | None, max_range_m: float
+    detector: Detector | HeatmapFunction | None,
+    terrain: Terrain | None,
+    max_range_m: float,
+    *,
+    whole: bool = True,
 ) -> HeatmapSource:
     """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
     model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
     is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
     nobody is refused beside such a picture.
+
+    `whole`: every look takes in all of its picture, whatever `Detector.far_every_s` says.
 
     ValueError when a terrain is needed and missing, TypeError for what is neither detector nor function.
     """
@@ -152,11 +200,13 @@ def heatmap_source(
         if not callable(detector):
             raise TypeError(f"detector is {quoted(detector)}; of a model it is Detector({quoted(detector)})")
         return HeatmapSource("function", _unless_blind(_refusing(detector)))
-    watch = PictureWatch(detector.contract)
+    watch, near_of = PictureWatch(detector.contract), None
     if not detector.uses_gsd or (terrain is None and not detector.needs_gsd):
         heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
     elif terrain is not None:
         heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
+        if detector.far_every_s > 0.0 and not whole:
+            near_of = _refusing(partial(_detect_near, detector, watch, terrain, max_range_m))
     else:
         contract = next(one.contract for one in (*detector.members, detector) if one.needs_gsd)
         raise ValueError(
@@ -169,6 +219,8 @@ def heatmap_source(
         detector.contract,
         detector.path,
         detector.members,
+        near_of,
+        detector.far_every_s,
         watch,
     )
 
@@ -196,19 +248,32 @@ def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
 def _detect_to_scale(
     detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
 ) -> Pixels:
-    from crowdfence.detector.ground_sampling import ground_sampling
-
-    needed = detector.needs_gsd
-    counts_people = detector.contract.output.rule is not None or detector.members
-    rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
-    sampling = ground_sampling(
-        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
-    )
+    sampling = _sampling(detector, terrain, max_range_m, frame)
     if sampling.sees_ground:
         return _watched(watch, detector(_image(frame, watch), gsd_m=sampling.along_ground()))
-    if needed:
+    if detector.needs_gsd:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
     return _watched(watch, detector(_image(frame, watch), as_it_is=True))
+
+
+def _detect_near(
+    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
+) -> Pixels:
+    """A whole look where no ground is seen: what the picture shows then is at its own size for all."""
+    sampling = _sampling(detector, terrain, max_range_m, frame)
+    if not sampling.sees_ground:
+        return _detect_to_scale(detector, watch, terrain, max_range_m, frame)
+    return detector.near_ground(_image(frame, watch), sampling.along_ground())
+
+
+def _sampling(detector: Detector, terrain: Terrain, max_range_m: float, frame: Frame) -> GroundSampling:
+    from crowdfence.detector.ground_sampling import ground_sampling
+
+    counts_people = detector.contract.output.rule is not None or detector.members
+    rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
+    return ground_sampling(
+        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
+    )
 
 
 def _watched(watch: PictureWatch, heatmap: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -5,7 +5,9 @@ the camera is by now, they are looks at ground that nobody looked at: crowd woul
 and what lies below would be called free. No camera that moves takes the same picture twice, so that no two
 heatmaps are the same either, but for those that show next to nothing, and masks of nobody. A view that shows
 the heatmap of the one before, from elsewhere, is therefore refused; where heatmaps have too few values to be
-told apart, one that shows the very picture.
+told apart, one that shows the very picture. Where a detector of ours made the heatmaps the pictures are
+asked alone: it looks at them at sizes that go with the pose, and not always at all of them, so that the same
+picture need not give the same heatmap.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,6 +50,10 @@ class _Drone:
     repeated: int = 0
     """How often it has come again since, from elsewhere."""
 
+    @property
+    def shown(self) -> str:
+        return "heatmaps" if self.picture is None else "pictures"
+
     def shows(self, heatmap: NDArray[np.float32]) -> bool:
         if self.heatmap is None:
             return _digest(heatmap) == self.digest
@@ -59,14 +66,18 @@ class StillVideo:
     def __init__(self) -> None:
         self._drones: dict[str, _Drone] = {}
 
-    def refusal_of(self, view: View, picture: Picture = lambda: None) -> RefusedFrame | None:
+    def refusal_of(
+        self, view: View, picture: Picture = lambda: None, *, of_picture: bool = False
+    ) -> RefusedFrame | None:
         """Of a view that shows the heatmap of its drone's view before, or the picture where heatmaps have few
-        values, though the camera has moved by half a metre or turned by a degree since that came first."""
+        values or were made `of_picture`, though the camera has moved by half a metre or turned by a degree
+        since that came first."""
         heatmap, known = view.heatmap, self._drones.get(view.drone)
-        tells = _tells(heatmap)
+        tells = not of_picture and _tells(heatmap)
         encoded = None if tells else picture()
         shown = None if encoded is None else _digest_of(encoded)
-        if known is None or known.picture != shown or not known.shows(heatmap):
+        of_picture &= shown is not None
+        if known is None or known.picture != shown or not (of_picture or known.shows(heatmap)):
             self._drones[view.drone] = _Drone(view.world_from_camera, b"", heatmap, shown)
             return None
         known.heatmap = heatmap
@@ -78,11 +89,13 @@ class StillVideo:
         reason = f"its {what}, though the camera {moved}: the video stands still"
         return RefusedFrame(view.drone, view.stamp_ns, reason)
 
-    def moving(self, found: InstantViews, instant: Instant) -> InstantViews:
-        """The views of an instant, those of videos that stand still among the refused."""
+    def moving(self, found: InstantViews, instant: Instant, *, of_pictures: bool = False) -> InstantViews:
+        """The views of an instant, those of videos that stand still among the refused. `of_pictures`: a
+        detector made their heatmaps."""
         views, refused = list[View](), list(found.refused)
         for view in found.views:
-            refusal = self.refusal_of(view, lambda drone=view.drone: _picture(instant, drone))  # type: ignore[misc]
+            picture = partial(_picture, instant, view.drone)
+            refusal = self.refusal_of(view, picture, of_picture=of_pictures)
             if refusal is None:
                 views.append(view)
             else:
@@ -92,8 +105,8 @@ class StillVideo:
     def standing(self) -> dict[str, str | None]:
         """What is wrong with the video of each drone by now; None where it moves."""
         return {
-            name: f"the last {drone.repeated} heatmaps of {name} are the same, though its camera moved: its "
-            "video stands still, its views are refused, zones stay"
+            name: f"the last {drone.repeated} {drone.shown} of {name} are the same, though its camera moved: "
+            "its video stands still, its views are refused, zones stay"
             if drone.repeated >= FEWEST
             else None
             for name, drone in sorted(dict(self._drones).items())

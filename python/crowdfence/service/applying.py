@@ -226,7 +226,8 @@ class Applying:
         self.started_ns = self.started_ns or record.stamp_ns
         self._take_with(*self.gathering.push(arrival))
 
-    def _arrival(self, record: Record) -> Arrival:
+    def _arrival(self, record: Record, near: bool | None = None) -> Arrival:
+        """`near`: whether its look is at near ground alone, where that was decided before a restart."""
         if record.kind == "observation":
             return Arrival(record.seq, record.drone, record.stamp_ns, Observation.from_bytes(record.body))
         message = ViewMessage.model_validate_json(record.body)
@@ -235,9 +236,16 @@ class Applying:
             place = view.world_from_camera[:3, 3]
             return Arrival(record.seq, record.drone, record.stamp_ns, view, position=place)
         frame = message.frame()
-        detected, place = self.detecting.submit(frame, record.seq), frame.world_from_camera[:3, 3]
-        image = frame.encoded_image()
-        return Arrival(record.seq, record.drone, record.stamp_ns, detected, image=image, position=place)
+        near = self.detecting.leaves_far_out(frame) if near is None else near
+        return Arrival(
+            record.seq,
+            record.drone,
+            record.stamp_ns,
+            self.detecting.submit(frame, record.seq, near=near),
+            image=frame.encoded_image(),
+            position=frame.world_from_camera[:3, 3],
+            near=near,
+        )
 
     # -- one instant after the other ---------------------------------------------------------------------
 
@@ -294,7 +302,9 @@ class Applying:
         content = arrival.arrived()
         if not isinstance(content, View):
             return content
-        return self._mission.still_video.refusal_of(content, lambda: arrival.image) or content
+        by_picture = arrival.image is not None
+        still = self._mission.still_video.refusal_of(content, lambda: arrival.image, of_picture=by_picture)
+        return still or content
 
     def _step_with(self, group: Sequence[Arrival], contents: Sequence[Content], stamp_ns: int) -> None:
         try:
@@ -353,7 +363,8 @@ class Applying:
                 arrival.stamp_ns, content.camera, content.world_from_camera, arrival.image is not None, True
             ),
         )
-        if self._recovering or not self._media.wants(arrival.drone, arrival.stamp_ns):
+        # Of a part of the picture: on the page the rest would flicker.
+        if self._recovering or arrival.near or not self._media.wants(arrival.drone, arrival.stamp_ns):
             return
         self._media.keep("heatmap", arrival.drone, arrival.stamp_ns, heatmap_png(content.heatmap))
         if arrival.image is not None:
@@ -379,6 +390,7 @@ class Applying:
         """The state after the last record that was applied."""
         told = {
             **self.gathering.to_json(),
+            "far_looks": self.detecting.far_looks.to_json(),
             "last_ns": self.last_ns,
             "last_view_ns": dict(sorted(dict(self._heard.last_view_ns).items())),
             "cameras": {
@@ -402,7 +414,9 @@ class Applying:
         if len(waiting) < len(told["waiting"]):
             raise ValueError(f"snapshot {seq} needs records that are gone")
         last_ns, gathering = told["last_ns"], self._no_gathering()
-        instants, too_late = gathering.restore(told, [self._arrival(record) for record in waiting])
+        near, far_looks = set(told.get("near", ())), told.get("far_looks", {})  # builds of before had none
+        arrivals = [self._arrival(record, record.seq in near) for record in waiting]
+        instants, too_late = gathering.restore(told, arrivals)
         cameras = {
             drone: Sighting(stamp_ns, CameraMessage(**camera).camera(), np.array(pose), picture, True)
             for drone, (stamp_ns, camera, pose, picture) in told["cameras"].items()
@@ -410,6 +424,7 @@ class Applying:
         heard: dict[str, int] = told.get("last_view_ns", {})  # builds of before kept it of cameras alone
         self._mission.restore(mission)
         self._applied, self.last_ns, self.gathering = seq, last_ns, gathering
+        self.detecting.far_looks.restore(far_looks)
         for drone, stamp_ns in heard.items():
             self._heard.view(drone, stamp_ns)
             self._clock.saw(stamp_ns)

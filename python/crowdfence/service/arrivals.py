@@ -27,6 +27,8 @@ class Arrival:
     image: bytes | None = None
     position: NDArray[np.float64] | None = None
     """Of its camera, local metres [3]; None for an observation."""
+    near: bool = False
+    """Whether the detector was shown near ground alone."""
 
     def arrived(self) -> Content:
         """Wait for it."""

@@ -93,7 +93,7 @@ class Client:
             stamp_ns=view.stamp_ns,
             camera=CameraMessage.of(view.camera),
             world_from_camera=view.world_from_camera.tolist(),
-            heatmap=HeatmapMessage.of(view.heatmap),
+            heatmap=HeatmapMessage.of(view.heatmap, view.looked_at),
         )
         return self._give("/views", message.model_dump_json().encode(), "application/json")
 

@@ -19,6 +19,7 @@ class Detecting:
 
     def __init__(self, heatmaps: HeatmapSource, threads: int) -> None:
         self._heatmaps = heatmaps
+        self.far_looks = heatmaps.far_looks()
         self._threads = ThreadPoolExecutor(threads, thread_name_prefix="detector")
         self._since: dict[int, float] = {}
         """By place in the journal: seconds of a steady clock."""
@@ -32,16 +33,20 @@ class Detecting:
         oldest = min(list(self._since.values()), default=None)
         return None if oldest is None else time.monotonic() - oldest
 
-    def submit(self, frame: Frame, seq: int) -> Future[Content]:
+    def leaves_far_out(self, frame: Frame) -> bool:
+        """Whether the look at a frame is to be at near ground alone; to be asked in their order."""
+        return self._heatmaps.leaves_far_out(frame, self.far_looks)
+
+    def submit(self, frame: Frame, seq: int, *, near: bool) -> Future[Content]:
         self._since[seq] = time.monotonic()
-        return self._threads.submit(self._detect, frame, seq)
+        return self._threads.submit(self._detect, frame, seq, near)
 
     def stop(self) -> None:
         self._threads.shutdown(wait=False, cancel_futures=True)
 
-    def _detect(self, frame: Frame, seq: int) -> Content:
+    def _detect(self, frame: Frame, seq: int, near: bool) -> Content:
         try:
-            return frame.view(self._heatmaps.heatmap_of(frame))
+            return frame.view(self._heatmaps.look(frame, near=near))
         except FrameError as error:
             return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
         except Exception as error:

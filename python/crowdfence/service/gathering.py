@@ -62,7 +62,8 @@ class Gathering:
         return min(self._waiting, default=default)
 
     def to_json(self) -> dict[str, Any]:
-        return {"grouper_ns": self._newest_ns, "waiting": sorted(self._waiting)}
+        near = [seq for seq, arrival in sorted(self._waiting.items()) if arrival.near]
+        return {"grouper_ns": self._newest_ns, "waiting": sorted(self._waiting), "near": near}
 
     def restore(
         self, told: dict[str, Any], waiting: Sequence[Arrival]

@@ -60,7 +60,7 @@ def replayed(
         raise ValueError(no_frame_line(recording, recording.refused))
     check_clocks(recording)
     check_overlap(recording, terrain, config.projection.max_range_m)
-    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
+    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m, whole=config.whole_looks)
     with TemporaryDirectory(prefix="crowdfence-") as folder:
         store = Store(Path(folder), durable=False)
         try:
@@ -128,7 +128,7 @@ def live(
         raise ValueError(f"the mission {name!r} and its drones {list(drones)} need names that are not empty")
     settings = settings or ServiceSettings()
     clock = clock or Clock(settings.clock)
-    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m)
+    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m, whole=config.whole_looks)
     store = Store(folder)
     try:
         config = config.with_detector(heatmaps.contract)

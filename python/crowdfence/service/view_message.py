@@ -64,9 +64,22 @@ class HeatmapMessage(BaseModel):
     columns: Annotated[int, Field(ge=1, le=20_000)] | None = None
     data: str
     """Base64."""
+    looked_at: str | None = None
+    """Base64 of a byte for every cell, row by row: 0 where nobody looked, whatever its value; left out where
+    all was looked at."""
 
     def heatmap(self) -> NDArray[Any]:
-        """[h, w]. ValueError for what is no heatmap."""
+        """[h, w], masked where nobody looked. ValueError for what is no heatmap."""
+        values = self._values()
+        if self.looked_at is None:
+            return values
+        looked_at = np.frombuffer(_decoded(self.looked_at), np.uint8)
+        if looked_at.size != values.size:
+            rows, columns = values.shape
+            raise ValueError(f"looked_at of {rows} x {columns} cells has {looked_at.size} bytes")
+        return np.ma.MaskedArray(values, looked_at.reshape(values.shape) == 0)
+
+    def _values(self) -> NDArray[Any]:
         body = _decoded(self.data)
         if self.encoding == "png":
             return _grey(body)
@@ -81,13 +94,17 @@ class HeatmapMessage(BaseModel):
         return np.frombuffer(body, kind).reshape(self.rows, self.columns).astype(kind.newbyteorder("="))
 
     @staticmethod
-    def of(heatmap: NDArray[Any]) -> HeatmapMessage:
-        """uint8 (value / 255) or float, every digit of float32 kept."""
+    def of(heatmap: NDArray[Any], looked_at: NDArray[np.bool_] | None = None) -> HeatmapMessage:
+        """uint8 (value / 255) or float, every digit of float32 kept, with the cells that were looked at."""
         kind: Literal["u8", "f32"] = "u8" if heatmap.dtype == np.uint8 else "f32"
         body = np.ascontiguousarray(heatmap, np.uint8 if kind == "u8" else "<f4").tobytes()
         rows, columns = heatmap.shape
         return HeatmapMessage(
-            encoding=kind, rows=rows, columns=columns, data=base64.b64encode(body).decode("ascii")
+            encoding=kind,
+            rows=rows,
+            columns=columns,
+            data=_encoded(body),
+            looked_at=None if looked_at is None else _encoded(looked_at.astype(np.uint8).tobytes()),
         )
 
 
@@ -143,6 +160,10 @@ class ViewMessage(BaseModel):
         pose = self._pose()
         View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
         return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body))
+
+
+def _encoded(body: bytes) -> str:
+    return base64.b64encode(body).decode("ascii")
 
 
 def _decoded(text: str) -> bytes:

@@ -27,7 +27,7 @@ def evenly(values: Map, stride: int, picture: tuple[int, int]) -> Map:
         np.minimum(np.arange(pixels // side) * side // stride, cells - 1)
         for pixels, cells in zip(picture, values.shape, strict=True)
     )
-    return np.asarray(values[np.ix_(rows, columns)])
+    return np.asanyarray(values[np.ix_(rows, columns)])  # with the mask of one that has some
 
 
 def cells_of_stride(

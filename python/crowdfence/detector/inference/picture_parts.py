@@ -91,6 +91,18 @@ def parts_by_gsd(
     return _parts(_sizes(across, known_m, 1.0), image, stride)
 
 
+def near_parts(
+    gsd_m: Gsd, known_m: tuple[float, float], image: Image, stride: int
+) -> tuple[list[PicturePart], NDArray[np.bool_]]:
+    """The same without ground that is too far away and the sky above it: none of the parts answers for their
+    cells [h, w], which are the second."""
+    given = checked_gsd(gsd_m)
+    across = given if given.ndim == 2 else given[..., 0]
+    far = with_nearest(across) > known_m[1]
+    parts = _parts(np.where(far, 0.0, _sizes(across, known_m, 1.0)), image, stride)
+    return parts, at_cells(far, (-(-image.shape[0] // stride), -(-image.shape[1] // stride)))
+
+
 def suspicious_parts(
     heatmap: NDArray[np.float32], parts: list[PicturePart], far: NDArray[np.bool_], image: Image, stride: int
 ) -> list[PicturePart]:
@@ -145,13 +157,13 @@ def _sizes(gsd_m: NDArray[np.float32], known_m: tuple[float, float], enlarged: f
 
 
 def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[PicturePart]:
-    """The parts of each size [r, c] over the image."""
+    """The parts of each size [r, c] over the image; none of size 0."""
     height, width = image.shape[:2]
     if (sizes == 1.0).all():
         return [PicturePart(1.0, slice(0, height), slice(0, width), None)]
     size_of_cell = at_cells(sizes, (-(-height // stride), -(-width // stride)))
     parts = []
-    for size in np.unique(size_of_cell).tolist():
+    for size in np.unique(size_of_cell[size_of_cell > 0.0]).tolist():
         cells = size_of_cell == size
         cost = PART_COST_PX / (size * stride) ** 2
         for box in covering_boxes(cells, _margin_cells(size, stride), cost):

@@ -24,6 +24,7 @@ from crowdfence.detector.inference.picture_parts import (
     Enlarge,
     PicturePart,
     far_cells,
+    near_parts,
     parts_by_gsd,
     suspicious_parts,
 )
@@ -59,6 +60,22 @@ class SizedModel:
         if gsd_m is not None or as_it_is or self._sizes.weights is None:
             return self._map(image, parts)
         return combined([self._of_part(image, part) for part in parts], self._sizes)
+
+    @property
+    def tells_near_from_far(self) -> bool:
+        """Whether `near_heatmap` is there: of a map whose cells are probabilities of their own. People are
+        counted over borders, and a crowd at the border of what was looked at would lack some."""
+        maps = self._output.kind not in (*PEOPLE_KINDS, "density")
+        return maps and self._sizes.gsd_m is not None
+
+    def near_heatmap(self, image: Image, gsd_m: Gsd) -> Map:
+        """`heatmap`, a masked array [h, w]: ground that is coarser than the model knows was not looked at,
+        nor was the sky above it."""
+        known_m = self._sizes.gsd_m
+        assert known_m is not None and self.tells_near_from_far
+        parts, far = near_parts(gsd_m, known_m, image, self._output.stride)
+        values = self._map(image, parts) if parts else np.zeros(far.shape, np.float32)
+        return np.ma.MaskedArray(np.where(far, np.float32(0.0), values), far)
 
     def heatmaps(
         self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
