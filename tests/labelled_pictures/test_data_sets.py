@@ -94,12 +94,46 @@ def test_pictures_are_found_by_any_spelling_of_their_kind(tmp_path: Path, suffix
         ("1,2,3,4,5,nan,7,8\n", "allowed: 8 finite numbers"),
         ("a,b,c,d,e,f,g,h\n", "allowed: 8 finite numbers"),
         ("1\n" * 100_001, "has 100,001 lines; allowed: 100,000"),
-        ("\u00e9", "is no text of numbers"),
+        ("1,1,10,20,4,8,1,1,0,0\n", r"line 1: '1,1,10,20,4,8,1,1,0,0'; allowed: 8 finite numbers"),
+        ("10,,20,4,8,1,1,0,0\n", "allowed: 8 finite numbers"),
     ],
 )
 def test_wrong_lines_are_named(tmp_path: Path, text: str, message: str) -> None:
+    """Lines of ten numbers are of VisDrone's films: read as eight, nobody would be in them."""
     with pytest.raises(AnnotationError, match=message):
         list(read_data_set("visdrone", visdrone(tmp_path, text), NOTHING))
+
+
+def test_labels_that_are_no_text_are_named(tmp_path: Path) -> None:
+    folder = visdrone(tmp_path)
+    (folder / "annotations" / "0001.txt").write_bytes(b"\xe9")
+    with pytest.raises(AnnotationError, match="is no text of numbers"):
+        list(read_data_set("visdrone", folder, NOTHING))
+
+
+def test_labels_may_come_from_windows(tmp_path: Path) -> None:
+    """With a mark of the byte order, and other ends of lines."""
+    folder = visdrone(tmp_path)
+    (folder / "annotations" / "0001.txt").write_bytes(b"\xef\xbb\xbf10,20,4,8,1,1,0,0,\r\n\r\n")
+    (found,) = read_data_set("visdrone", folder, NOTHING)
+    np.testing.assert_array_equal(found.people, [[12, 28, 4, 8]])
+
+
+def test_people_whom_visdrone_does_not_judge_are_ignored(tmp_path: Path) -> None:
+    """Their score is 0; they are neither people nor ground without anybody."""
+    text = "10,20,4,8,0,1,0,0\n30,20,4,8,0,2,0,0\n40,20,4,8,1,2,0,0\n50,20,4,8,0,11,0,0\n"
+    (found,) = read_data_set("visdrone", visdrone(tmp_path, text), NOTHING)
+    np.testing.assert_array_equal(found.people, [[42, 28, 4, 8]])
+    np.testing.assert_array_equal([one[0] for one in found.ignored], [[10, 20], [30, 20]])
+
+
+def test_upcount_has_one_head_a_line(tmp_path: Path) -> None:
+    """Lines with a class before them, or of boxes, are another form: x would be the class."""
+    picture(tmp_path / "images" / "a__32.0.jpg")
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "a__32.0.txt").write_text("0 5 6 2 2\n")
+    with pytest.raises(AnnotationError, match=r"line 1: '0 5 6 2 2'; allowed: 2 finite numbers"):
+        list(read_data_set("upcount", tmp_path, NOTHING))
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

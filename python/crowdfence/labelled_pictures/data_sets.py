@@ -1,7 +1,8 @@
 """Data sets of people seen by drones, as they come from their makers -> annotated pictures.
 
 visdrone    VisDrone-DET: images/*.jpg and annotations/*.txt; x, y, width, height, score, class, truncation,
-            occlusion, of which class 0 is ignored and 1 and 2 are people
+            occlusion, of which class 0 is ignored and 1 and 2 are people, who are ignored too where the score
+            is 0
 dronecrowd  DroneCrowd: images/imgSSSFFF.jpg and ground_truth/GT_imgSSSFFF.mat with the heads as image_info
 upcount     UP-COUNT: images/**/NAME__ALTITUDE.jpg and labels/**/NAME__ALTITUDE.txt with the heads, x y a line
 coco        any folder with a COCO file
@@ -62,9 +63,10 @@ def read_data_set(kind: str, folder: Path, options: ImportOptions) -> Iterator[A
 def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     for image, labels in _pairs(folder, "images", "annotations", ".txt", options.every):
         rows = _table(labels, 8, separator=",")
-        kind = rows[:, 5]
-        people = rows[np.isin(kind, _VISDRONE_PEOPLE)]
-        ignored = rows[kind == _VISDRONE_IGNORED]
+        score, kind = rows[:, 4], rows[:, 5]
+        are_people = np.isin(kind, _VISDRONE_PEOPLE)
+        people = rows[are_people & (score != 0)]
+        ignored = rows[(kind == _VISDRONE_IGNORED) | (are_people & (score == 0))]
         yield AnnotatedPicture(
             image,
             *_size(image),
@@ -81,7 +83,7 @@ def _dronecrowd(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPictu
 def _upcount(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     for image, labels in _pairs(folder, "images", "labels", ".txt", options.every):
         width, height = _size(image)
-        heads = _table(labels, 2)[:, :2]
+        heads = _table(labels, 2)
         gsd_m = None if options.hfov_deg is None else _straight_down(image, options.hfov_deg, width)
         yield AnnotatedPicture(image, width, height, people_at_points(heads), gsd_m=gsd_m)
 
@@ -136,23 +138,26 @@ def _size(image: Path) -> tuple[int, int]:
 
 
 def _table(path: Path, columns: int, *, separator: str | None = None) -> NDArray[np.float64]:
-    """Rows [N, columns] of finite numbers; empty lines and a separator at the end are no harm."""
+    """Rows [N, columns] of finite numbers; empty lines and a separator at the end are no harm. Lines of more
+    are of another kind of data, whose columns mean something else."""
     rows = []
     try:
-        lines = path.read_text(encoding="ascii").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise AnnotationError(f"{path} is no text of numbers") from None
     if len(lines) > _MOST_LINES:
         raise AnnotationError(f"{path} has {len(lines):,} lines; allowed: {_MOST_LINES:,}")
     for number, line in enumerate(lines, start=1):
-        words = [word for word in line.replace(separator or " ", " ").split() if word]
-        if not words:
+        if not line.strip():
             continue
+        words = line.split(separator)
+        if not words[-1].strip():
+            words.pop()
         try:
-            values = [float(word) for word in words[:columns]]
+            values = [float(word) for word in words]
         except ValueError:
             values = []
-        if len(values) < columns or not all(map(math.isfinite, values)):
+        if len(values) != columns or not all(map(math.isfinite, values)):
             raise AnnotationError(f"{path}, line {number}: {quoted(line)}; allowed: {columns} finite numbers")
         rows.append(values)
     return np.array(rows, np.float64).reshape(-1, columns)
