@@ -226,6 +226,18 @@ def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
     assert "2 marks of classes that mean nothing here: Menschenmenge" in " ".join(finished.stdout.split())
 
 
+def test_an_import_tells_of_labels_whose_pictures_are_not_there(tmp_path: Path) -> None:
+    """An archive that was unpacked in part gave figures of whatever pictures had come."""
+    source = visdrone(tmp_path / "source")
+    (source / "annotations" / "0002.txt").write_text("10,20,4,8,1,1,0,0\n")
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "a")
+    assert finished.returncode == OK
+    assert "1 file of labels without a picture, left out, the first: " in finished.stderr
+    assert "annotations/0002.txt" in finished.stderr
+    told = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "b", "--json").stdout
+    assert json.loads(told)["labels_without_picture"] == 1
+
+
 def test_marks_of_another_size_of_the_picture_are_refused(tmp_path: Path) -> None:
     """Somebody made the pictures smaller and left the marks as they were."""
     (tmp_path / "source").mkdir()

@@ -72,7 +72,11 @@ def import_data(
     """
     from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
-    from crowdfence.labelled_pictures.data_sets import ImportOptions, read_data_set
+    from crowdfence.labelled_pictures.data_sets import (
+        ImportOptions,
+        labels_without_picture,
+        read_data_set,
+    )
 
     wanted = ImportOptions(gsd_m, hfov_deg, every, _roles(roles or []))
     if output.exists() and any(output.iterdir() if output.is_dir() else [output]):
@@ -82,6 +86,7 @@ def import_data(
             tell("reading the annotations")
             found = list(read_data_set(kind.value, source, wanted))
             crowds = sum(bool(picture_labels(picture).crowd.any()) for picture in found)
+            unpictured = labels_without_picture(kind.value, source)
             if missing := [picture.path for picture in found if not picture.path.is_file()]:
                 raise FileNotFoundError(f"{missing[0]}: annotated, but not there")
         kept: list[AnnotatedPicture] = []
@@ -97,7 +102,8 @@ def import_data(
     left_out = dict(Counter(name for picture in kept for name in picture.left_out).most_common())
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
     if as_json:
-        console.print_json({**facts, "pictures_with_crowd": crowds, "left_out": left_out})
+        more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
+        console.print_json({**facts, "pictures_with_crowd": crowds, **more})
         return
     shown = {
         "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
@@ -106,12 +112,15 @@ def import_data(
     if left_out:
         marks = counted(sum(left_out.values()), "mark")
         names = [*left_out][:_NAMED]
-        more = f" and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
+        others = f" and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
         shown["left out"] = (
-            f"{marks} of classes that mean nothing here: {', '.join(names)}{more}; "
+            f"{marks} of classes that mean nothing here: {', '.join(names)}{others}; "
             "--class NAME=person, crowd or ignore says what one means"
         )
     console.stdout().print(console.facts(str(output), shown))
+    if unpictured:
+        files = counted(len(unpictured), "file")
+        console.warn(f"{files} of labels without a picture, left out, the first: {unpictured[0]}")
 
 
 def _roles(pairs: list[str]) -> dict[str, Any]:

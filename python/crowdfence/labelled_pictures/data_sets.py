@@ -34,6 +34,13 @@ from crowdfence.labelled_pictures.coco import annotation_file, read_coco
 
 _MOST_LINES = 100_000
 _SUFFIXES = (".jpg", ".jpeg", ".png")
+_IMAGES = "images"
+_LABELS = {
+    "visdrone": ("annotations", ".txt", ""),
+    "dronecrowd": ("ground_truth", ".mat", "GT_"),
+    "upcount": ("labels", ".txt", ""),
+}
+"""Folder of the labels, how their names end, and what they begin with."""
 _VISDRONE_IGNORED, _VISDRONE_PEOPLE = 0, (1, 2)
 
 
@@ -60,8 +67,19 @@ def read_data_set(kind: str, folder: Path, options: ImportOptions) -> Iterator[A
         yield picture if options.gsd_m is None else replace(picture, gsd_m=options.gsd_m)
 
 
+def labels_without_picture(kind: str, folder: Path) -> list[Path]:
+    """Files of labels of which no picture is there: nothing of them is imported. Of a COCO file, that is an
+    error."""
+    if kind not in _LABELS:
+        return []
+    place, suffix, prefix = _LABELS[kind]
+    pictured = {_labels_of(image, folder, kind) for image in _pictures(folder)}
+    found = sorted((folder / place).rglob(f"{prefix}*{suffix}"))
+    return [path for path in found if path not in pictured and not path.name.startswith(".")]
+
+
 def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
-    for image, labels in _pairs(folder, "images", "annotations", ".txt", options.every):
+    for image, labels in _pairs(folder, "visdrone", options.every):
         rows = _table(labels, 8, separator=",")
         score, kind = rows[:, 4], rows[:, 5]
         are_people = np.isin(kind, _VISDRONE_PEOPLE)
@@ -76,12 +94,12 @@ def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture
 
 
 def _dronecrowd(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
-    for image, labels in _pairs(folder, "images", "ground_truth", ".mat", options.every, "GT_"):
+    for image, labels in _pairs(folder, "dronecrowd", options.every):
         yield AnnotatedPicture(image, *_size(image), people_at_points(_heads(labels)))
 
 
 def _upcount(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
-    for image, labels in _pairs(folder, "images", "labels", ".txt", options.every):
+    for image, labels in _pairs(folder, "upcount", options.every):
         width, height = _size(image)
         heads = _table(labels, 2)
         gsd_m = None if options.hfov_deg is None else _straight_down(image, options.hfov_deg, width)
@@ -110,20 +128,28 @@ KINDS: dict[str, Callable[[Path, ImportOptions], Iterator[AnnotatedPicture]]] = 
 }
 
 
-def _pairs(
-    folder: Path, images: str, labels: str, suffix: str, every: int, prefix: str = ""
-) -> Iterator[tuple[Path, Path]]:
-    """Pictures with their files of labels, which lie the same way below another folder."""
+def _pictures(folder: Path) -> list[Path]:
     # Cameras write .JPG; a picture that is passed over is one without its crowd.
-    found = sorted(path for path in (folder / images).rglob("*") if path.suffix.lower() in _SUFFIXES)
+    return sorted(path for path in (folder / _IMAGES).rglob("*") if path.suffix.lower() in _SUFFIXES)
+
+
+def _labels_of(image: Path, folder: Path, kind: str) -> Path:
+    """They lie the same way below another folder."""
+    place, suffix, prefix = _LABELS[kind]
+    labels = (folder / place / image.relative_to(folder / _IMAGES)).with_suffix(suffix)
+    return labels.with_name(f"{prefix}{labels.name}")
+
+
+def _pairs(folder: Path, kind: str, every: int) -> Iterator[tuple[Path, Path]]:
+    """Pictures with their files of labels."""
+    found = _pictures(folder)
     if not found:
-        raise FileNotFoundError(f"{folder / images} holds no picture ({', '.join(_SUFFIXES)})")
+        raise FileNotFoundError(f"{folder / _IMAGES} holds no picture ({', '.join(_SUFFIXES)})")
     for image in found[::every]:
-        place = (folder / labels / image.relative_to(folder / images)).with_suffix(suffix)
-        place = place.with_name(f"{prefix}{place.name}")
-        if not place.is_file():
-            raise FileNotFoundError(f"{place}: no labels of {image.name}")
-        yield image, place
+        labels = _labels_of(image, folder, kind)
+        if not labels.is_file():
+            raise FileNotFoundError(f"{labels}: no labels of {image.name}")
+        yield image, labels
 
 
 def _size(image: Path) -> tuple[int, int]:
