@@ -51,6 +51,23 @@ def test_crowds_are_outlined_or_groups(tmp_path: Path) -> None:
     np.testing.assert_array_equal(picture.crowds[2], [[40, 10], [45, 10], [45, 16], [40, 16]])
 
 
+def test_nothing_is_said_of_what_is_to_be_ignored(tmp_path: Path) -> None:
+    """Converters of VisDrone and of others write `ignore` beside `iscrowd`."""
+    path = written(
+        tmp_path,
+        document(
+            {"bbox": [10, 20, 4, 8], "ignore": 0, "iscrowd": 0},
+            {"bbox": [20, 20, 30, 9], "ignore": 1, "iscrowd": 0},
+            {"segmentation": [[0, 0, 8, 0, 8, 8]], "category_id": 2, "ignore": 1},
+            {"bbox": [1, 1, 2, 2], "category_id": 3, "ignore": 1},
+        ),
+    )
+    (picture,) = read_coco(path)
+    np.testing.assert_array_equal(picture.people, [[12, 28, 4, 8]])
+    assert picture.crowds == () and len(picture.ignored) == 2 and picture.left_out == ("tent",)
+    np.testing.assert_array_equal(picture.ignored[0], [[20, 20], [50, 20], [50, 29], [20, 29]])
+
+
 def test_other_names_are_said(tmp_path: Path) -> None:
     mark = document({"bbox": [0, 0, 2, 2]}, categories=[{"id": 1, "name": "Zuschauer"}])
     path = written(tmp_path, mark)

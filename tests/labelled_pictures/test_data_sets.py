@@ -141,6 +141,8 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         list(read_data_set("visdrone", tmp_path / "nowhere", NOTHING))
     with pytest.raises(FileNotFoundError, match="holds no picture"):
         list(read_data_set("upcount", tmp_path, NOTHING))
+    with pytest.raises(FileNotFoundError, match=r"takes one annotations.json there, which names pictures"):
+        list(read_data_set("coco", tmp_path, NOTHING))
     picture(tmp_path / "images" / "a__x.jpg")
     with pytest.raises(FileNotFoundError, match=r"a__x.txt: no labels of a__x.jpg"):
         list(read_data_set("upcount", tmp_path, NOTHING))

@@ -5,7 +5,8 @@
      "categories": [{"id": 1, "name": "crowd"}]}
 
 Annotations are outlines (`segmentation`), boxes (`bbox`: x, y, width, height) or points (`keypoints`: x, y,
-visibility, of which the first visible one counts). A group of people marked with `iscrowd` is a crowd.
+visibility, of which the first visible one counts). A group of people marked with `iscrowd` is a crowd. Of
+people and crowds marked with `ignore`, as converters of other data sets do, nothing is said.
 Our own key `gsd_m` of an image states its metres per pixel.
 """
 
@@ -123,6 +124,8 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
         role = role_of.get(category)
         if role == "person" and row.get("iscrowd") == 1:
             role = "crowd"
+        if role is not None and row.get("ignore") == 1:
+            role = "ignore"
         if role is None:
             left_out.setdefault(key, []).append(names[category])
         else:

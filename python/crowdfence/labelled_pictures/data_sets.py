@@ -30,7 +30,7 @@ from crowdfence.labelled_pictures.annotated_picture import (
     people_in_boxes,
     rectangle,
 )
-from crowdfence.labelled_pictures.coco import annotation_file, read_coco
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, annotation_file, read_coco
 
 _MOST_LINES = 100_000
 _SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -109,7 +109,10 @@ def _upcount(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]
 def _coco(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     file = annotation_file(folder)
     if file is None:
-        raise FileNotFoundError(f"{folder} holds no JSON file, or several, with images and annotations")
+        raise FileNotFoundError(
+            f"{folder} holds no JSON file, or several, with images and annotations: it takes one "
+            f"{ANNOTATIONS} there, which names pictures below {folder}"
+        )
     for picture in read_coco(file, options.roles)[:: options.every]:
         marked = (picture.width, picture.height)
         if picture.path.is_file() and (size := _size(picture.path)) != marked:
