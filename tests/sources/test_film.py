@@ -478,6 +478,48 @@ def test_angles_that_are_0_throughout_say_nothing(tmp_path: Path) -> None:
     assert moving is not None and np.allclose(moving[0], [1.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize(("every", "used"), [(1, False), (40, True)])
+def test_angles_beyond_any_are_in_another_unit(tmp_path: Path, every: int, used: bool) -> None:
+    """In tenths of degrees 45 down is -450; a block that is damaged may say anything."""
+
+    def block(number: int) -> str:
+        pitch = -450.0 if number % every == 0 else -45.0
+        return (
+            f"{number}\n00:00:{number:02},000 --> 00:00:{number:02},033\n[latitude: 46.5] [longitude: 8.0] "
+            f"[rel_alt: 30.0 abs_alt: 530.0] [gb_yaw: 90.0 gb_pitch: {pitch} gb_roll: 0.0]\n\n"
+        )
+
+    log = read_subtitles(srt(tmp_path, "".join(block(n) for n in range(1, 60))))
+    if used:
+        assert np.flatnonzero(np.isnan(log.attitudes(None)).any(axis=1)).tolist() == [39]
+        return
+    with pytest.raises(
+        ValueError, match=r"logged in another unit than degrees \(yaw, pitch, roll 90, -450, 0\)"
+    ):
+        log.attitudes(None)
+    assert len(log.attitudes(CameraMount.parse("north:-90"))) == 59
+
+
+def test_a_home_that_is_not_set_is_none(tmp_path: Path) -> None:
+    """It is written as 0, 0, in the Gulf of Guinea, and heights would count from its ground."""
+    block = "{0}\n00:00:0{0},000 --> 00:00:0{0},900\nHOME({1}) \nGPS(8.001,46.501,19) BAROMETER:20.1\n\n"
+    log = read_subtitles(srt(tmp_path, block.format(1, "0.0,0.0") + block.format(2, "8.0,46.5")))
+    assert log.take_off == (46.5, 8.0)
+    assert read_subtitles(srt(tmp_path, block.format(1, "0.0,0.0"))).take_off is None
+
+
+def test_numbers_with_a_decimal_comma_are_none(tmp_path: Path) -> None:
+    """Cut at the comma, a place would be up to 100 km off, a height up to a metre."""
+    block = (
+        "1\n00:00:01,000 --> 00:00:02,000\n[latitude: 46{0}5] [longitude: 8.25] "
+        "[rel_alt: 27{0}9 abs_alt: 530.0] [dzoom_ratio: 10000, delta:0]\n\n"
+    )
+    log = read_subtitles(srt(tmp_path, block.format(".")))
+    assert (log.latitude_deg[0], log.heights_m["take-off"][0]) == (46.5, 27.9)
+    with pytest.raises(ValueError, match="holds no position"):
+        read_subtitles(srt(tmp_path, block.format(",")))
+
+
 def test_matrice_writes_latitude_first_and_no_attitude(tmp_path: Path) -> None:
     text = (
         "1\n00:00:00,000 --> 00:00:01,000\n2022.06.21 16:06:17\nGPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M\n\n"

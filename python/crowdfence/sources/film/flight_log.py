@@ -31,6 +31,8 @@ class FlightLog:
     take_off: tuple[float, float] | None = None
     focal_35mm: NDArray[np.float64] | None = None
     """Focal lengths as on 35 mm film, zoom included [N], millimetres."""
+    unusable_attitude: str = ""
+    """Why what is logged of the camera's attitude cannot be used."""
     remarks: list[str] = field(default_factory=list)
 
     def attitudes(self, mount: CameraMount | None) -> NDArray[np.float64]:
@@ -49,9 +51,9 @@ class FlightLog:
         if self.camera_ned is None:
             body = "the drone's is there" if self.body_ned is not None else "nor the drone's"
             raise ValueError(
-                f"the attitude of the camera is not logged ({body}), and a guess would put crowds anywhere: "
-                "say it with --mount, such as level:-60 for a gimbal that follows the heading, or "
-                "north:-90,0 for straight down with north on top"
+                f"the attitude of the camera is {self.unusable_attitude or 'not logged'} ({body}), and a "
+                "guess would put crowds anywhere: say it with --mount, such as level:-60 for a gimbal that "
+                "follows the heading, or north:-90,0 for straight down with north on top"
             )
         return self.camera_ned
 

@@ -32,6 +32,10 @@ _LARGEST_BYTES = 1 << 28
 _SPEED_OFF = 0.2
 _LONG_S = 10.0
 """Over so long a time of day in whole seconds tells how fast it runs."""
+_LEAST_DEG, _MOST_DEG = (-360.0, -180.0, -180.0), 360.0
+"""Of yaw, pitch and roll, whichever way they are counted."""
+_DAMAGED = 0.05
+"""A share of the blocks; what more of them say is no damage."""
 _NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
 _ARROW = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 _CLOCK = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[,.](\d{1,3}))?(?:[,.](\d{1,3}))?")
@@ -41,7 +45,8 @@ _GPS = re.compile(
 _HOME = re.compile(r"HOME\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER)
 _HEIGHT = re.compile(r"(?:\bH\s+|BAROMETER\s*:\s*)" + _NUMBER)
 _ANGLES = re.compile(r"\b([FG])\.PRY\s*\(\s*" + r"\D{0,3},\s*".join([_NUMBER] * 3) + r"\D{0,3}\)")
-_FIELD = re.compile(r"\b([a-z]+(?:_[a-z]+)*)\s*:\s*" + _NUMBER, re.IGNORECASE)
+_FIELD = re.compile(r"\b([a-z]+(?:_[a-z]+)*)\s*:\s*" + _NUMBER + r"(?!\d|\.\d|,\d)", re.IGNORECASE)
+"""None of a number with a decimal comma, whose digits behind it would be lost."""
 
 _NAMES = {
     "latitude": "latitude",
@@ -87,7 +92,7 @@ def read_subtitles(path: Path) -> FlightLog:
             f"{path} holds no position: {len(found)} blocks, none with a time and GPS or latitude and "
             "longitude"
         )
-    remarks = _remarks(path, blocks, len(found))
+    remarks, unusable = _remarks(path, blocks, len(found)), _unusable(blocks, "camera")
     return FlightLog(
         time_s=np.array([one.time_s for one in blocks], np.float64),
         start_ns=_start_ns(blocks),
@@ -99,6 +104,7 @@ def read_subtitles(path: Path) -> FlightLog:
         timed_by_film=True,
         take_off=next((one.home for one in blocks if one.home is not None), None),
         focal_35mm=_focal_35mm(blocks),
+        unusable_attitude=unusable,
         remarks=remarks,
     )
 
@@ -127,7 +133,8 @@ def _block(text: str) -> _Block:
         block.fields["rel_alt"] = float(height[1])
     if home := _HOME.search(text):
         first, second = float(home[1]), float(home[2])
-        block.home = (second, first) if block.longitude_first else (first, second)
+        place = (second, first) if block.longitude_first else (first, second)
+        block.home = place if _is_place(*place) else None
     _drop_impossible(block)
     return block
 
@@ -146,12 +153,16 @@ def _take_gps(block: _Block, gps: re.Match[str]) -> None:
     block.decimals = len(gps[2 if block.longitude_first else 1].partition(".")[2])
 
 
+def _is_place(latitude: float, longitude: float) -> bool:
+    """No fix, and no home yet, is written as 0, 0; damage can be anything."""
+    return (latitude, longitude) != (0.0, 0.0) and on_earth(latitude, longitude)
+
+
 def _drop_impossible(block: _Block) -> None:
-    """No fix is written as 0, 0; damage can be anything."""
     latitude, longitude = block.fields.get("latitude"), block.fields.get("longitude")
     if latitude is None or longitude is None:
         return
-    if (latitude == 0 and longitude == 0) or not on_earth(latitude, longitude):
+    if not _is_place(latitude, longitude):
         del block.fields["latitude"], block.fields["longitude"]
 
 
@@ -196,8 +207,32 @@ def _heights(blocks: list[_Block], remarks: list[str]) -> dict[HeightsAbove, NDA
     return heights
 
 
+def _angles(blocks: list[_Block], who: str) -> NDArray[np.float64]:
+    """Yaw, pitch, roll [N, 3]."""
+    return np.stack([_column(blocks, f"{who}_{angle}") for angle in ("yaw", "pitch", "roll")], axis=1)
+
+
+def _no_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of angles [N, 3] are beyond any [N]."""
+    return np.asarray(((angles < _LEAST_DEG) | (angles > _MOST_DEG)).any(axis=1))
+
+
+def _unusable(blocks: list[_Block], who: str) -> str:
+    """Why angles are not used; a block that is damaged is left out by itself. In tenths of degrees, small
+    ones look like degrees."""
+    angles = _angles(blocks, who)
+    beyond = _no_degrees(angles)
+    if beyond.mean() <= _DAMAGED:
+        return ""
+    first = ", ".join(f"{angle:g}" for angle in angles[beyond][0])
+    return f"logged in another unit than degrees (yaw, pitch, roll {first})"
+
+
 def _attitudes(blocks: list[_Block], who: str) -> NDArray[np.float64] | None:
-    angles = np.stack([_column(blocks, f"{who}_{angle}") for angle in ("yaw", "pitch", "roll")], axis=1)
+    if _unusable(blocks, who):
+        return None
+    angles = _angles(blocks, who)
+    angles[_no_degrees(angles)] = np.nan
     angles[:, 2] = np.where(np.isfinite(angles[:, 2]), angles[:, 2], 0.0)
     told = angles[np.isfinite(angles).all(axis=1)]
     if not told.any():  # nor where all are 0, as of a drone that does not know them
