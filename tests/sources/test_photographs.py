@@ -217,6 +217,56 @@ def test_a_gimbal_that_says_0_throughout_says_nothing(tmp_path: Path, maker: Mak
     assert len(open_recording(path, geoid_m=48.0).frames) == 1
 
 
+def _with_sides(path: Path, sides: tuple[str, str] | None) -> Path:
+    """33.9 degrees of latitude and 151.2 of longitude; `sides`: how EXIF says which, None: not at all."""
+    angles = dji((10.0, -45.0, 0.0))
+    write_photograph(path, frames()[0].image(), 10**18, (33.9, 151.2, 50.0), angles, focal_mm35=24)
+    with Image.open(path) as picture:
+        exif, xmp = picture.getexif(), picture.info["xmp"]
+        gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
+        for tag in (1, 3):
+            del gps[tag]
+        if sides is not None:
+            gps |= {1: sides[0], 3: sides[1]}
+        picture.save(path, "JPEG", exif=exif, xmp=xmp)
+    return path
+
+
+@pytest.mark.parametrize("sides", [("S", "W"), ("S\0\0", "W\0 "), ("s", "w"), ("South", "West")])
+def test_the_southern_and_the_western_hemisphere_are_where_they_are(
+    tmp_path: Path, sides: tuple[str, str]
+) -> None:
+    assert read_tags(_with_sides(tmp_path / "a.jpg", sides)).place == pytest.approx((-33.9, -151.2))
+
+
+@pytest.mark.parametrize("sides", [None, ("", "W"), ("?", "W")])
+def test_a_place_without_its_hemisphere_is_none(tmp_path: Path, sides: tuple[str, str] | None) -> None:
+    path = _with_sides(tmp_path / "a.jpg", sides)
+    with pytest.raises(ValueError, match=r"does not say where it was taken \(GPS, with its hemispheres\)"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("angles", [("+100.0", "-900.0", "0.0"), ("+10,5", "-45,9", "0,0")])
+def test_angles_that_are_no_degrees_or_have_a_comma_say_nothing(
+    tmp_path: Path, angles: tuple[str, str, str]
+) -> None:
+    named = zip(("Yaw", "Pitch", "Roll"), angles, strict=True)
+    xmp = " ".join(f'drone-dji:Gimbal{name}Degree="{angle}"' for name, angle in named)
+    path = write_photograph(
+        tmp_path / "a.jpg", frames()[0].image(), 10**18, (46.5, 8.0, 50.0), xmp, focal_mm35=24
+    )
+    with pytest.raises(ValueError, match="does not say where its camera looked"):
+        open_recording(path)
+
+
+def test_a_place_with_a_decimal_comma_is_that_of_exif(tmp_path: Path) -> None:
+    """Cut at the comma it would be up to 100 km off."""
+    xmp = dji((1.0, -45.0, 0.0), 'drone-dji:GpsLatitude="46,5123" drone-dji:GpsLongitude="8,0123"')
+    path = tmp_path / "a.jpg"
+    write_photograph(path, frames()[0].image(), 10**18, (46.5123, 8.0123, 50.0), xmp)
+    assert read_tags(path).place == pytest.approx((46.5123, 8.0123))
+
+
 def test_a_position_that_the_drone_calls_invalid_is_none(tmp_path: Path) -> None:
     """GpsStatus is Normal, RTK or Invalid (DJI's Mavic 3M Image Processing Guide)."""
     for status in ("Normal", "RTK"):

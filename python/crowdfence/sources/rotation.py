@@ -43,6 +43,15 @@ def rotation_matrix(q: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def are_degrees(yaw: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.bool_]:
+    """Whether angles, whichever way they are counted, can be degrees: in tenths of them, say, they reach
+    further. Angles that are not known (NaN) can."""
+    found = np.ones(np.broadcast_shapes(np.shape(yaw), np.shape(pitch), np.shape(roll)), np.bool_)
+    for angle, least in ((yaw, -360.0), (pitch, -180.0), (roll, -180.0)):
+        found &= ~((np.asarray(angle) < least) | (np.asarray(angle) > 360.0))
+    return found
+
+
 def from_yaw_pitch_roll_deg(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
     """Aerospace angles in degrees: turn by yaw about z, then pitch about the new y, roll about the new x."""
     half = [math.radians(angle) / 2 for angle in (yaw, pitch, roll)]

@@ -26,14 +26,12 @@ from numpy.typing import NDArray
 from crowdfence.georeference import on_earth
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.geographic_track import HeightsAbove
-from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
+from crowdfence.sources.rotation import are_degrees, from_yaw_pitch_roll_deg
 
 _LARGEST_BYTES = 1 << 28
 _SPEED_OFF = 0.2
 _LONG_S = 10.0
 """Over so long a time of day in whole seconds tells how fast it runs."""
-_LEAST_DEG, _MOST_DEG = (-360.0, -180.0, -180.0), 360.0
-"""Of yaw, pitch and roll, whichever way they are counted."""
 _DAMAGED = 0.05
 """A share of the blocks; what more of them say is no damage."""
 _NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
@@ -212,16 +210,11 @@ def _angles(blocks: list[_Block], who: str) -> NDArray[np.float64]:
     return np.stack([_column(blocks, f"{who}_{angle}") for angle in ("yaw", "pitch", "roll")], axis=1)
 
 
-def _no_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of angles [N, 3] are beyond any [N]."""
-    return np.asarray(((angles < _LEAST_DEG) | (angles > _MOST_DEG)).any(axis=1))
-
-
 def _unusable(blocks: list[_Block], who: str) -> str:
     """Why angles are not used; a block that is damaged is left out by itself. In tenths of degrees, small
     ones look like degrees."""
     angles = _angles(blocks, who)
-    beyond = _no_degrees(angles)
+    beyond = ~are_degrees(*angles.T)
     if beyond.mean() <= _DAMAGED:
         return ""
     first = ", ".join(f"{angle:g}" for angle in angles[beyond][0])
@@ -232,7 +225,7 @@ def _attitudes(blocks: list[_Block], who: str) -> NDArray[np.float64] | None:
     if _unusable(blocks, who):
         return None
     angles = _angles(blocks, who)
-    angles[_no_degrees(angles)] = np.nan
+    angles[~are_degrees(*angles.T)] = np.nan
     angles[:, 2] = np.where(np.isfinite(angles[:, 2]), angles[:, 2], 0.0)
     told = angles[np.isfinite(angles).all(axis=1)]
     if not told.any():  # nor where all are 0, as of a drone that does not know them

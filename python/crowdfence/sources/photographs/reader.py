@@ -164,7 +164,7 @@ def _placeable(
 
 def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
     if tags.place is None:
-        return "does not say where it was taken (GPS)"
+        return "does not say where it was taken (GPS, with its hemispheres)"
     if not tags.heights_m:
         return "does not say how high it was taken"
     if options.mount is None and tags.attitude_ned is None:

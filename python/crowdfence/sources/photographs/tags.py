@@ -34,7 +34,7 @@ from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
 from crowdfence.sources.pictures.decoding import orientation
-from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply
+from crowdfence.sources.rotation import are_degrees, from_yaw_pitch_roll_deg, multiply
 
 _HEAD_BYTES = 1 << 19
 """EXIF and XMP stand before the picture; previews between them may be large."""
@@ -45,7 +45,8 @@ _XMP_VALUE = re.compile(
 _SKYDIO = re.compile(rb"drone-skydio:CameraOrientationNED(.{0,400})", re.DOTALL)
 _SKYDIO_END = re.compile(rb"/>|</drone-skydio:CameraOrientationNED")
 """What follows may be the drone's own attitude, whose angles have the same names."""
-_NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,15})?)(?:/(\d{1,9}))?")
+_NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,30})?)(?:/(\d{1,9}))?(?![.,]?\d)")
+"""None with a decimal comma, whose digits behind it would be lost."""
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _BELOW = (1, 3, b"\x01", b"\x03")
 """GPSAltitudeRef of heights that are to be taken negative; 3 since EXIF 3.0."""
@@ -154,7 +155,7 @@ def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.floa
         if turn is not None:
             return turn
     yaw, pitch, roll = (_number(xmp.get(f"Camera:{angle}")) for angle in _ANGLES)
-    if yaw is None or pitch is None:
+    if yaw is None or pitch is None or not are_degrees(yaw, pitch, roll or 0.0):
         return None
     if pitch < -_SHAKES_DEG and _is_autel(make, xmp):  # its EVO Lite tells pitch from the horizon there too
         return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
@@ -169,10 +170,12 @@ def _is_autel(make: str, xmp: Mapping[str, str]) -> bool:
 
 
 def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
-    """None where they are not told, or all 0, as a drone writes them that does not know them: to its last
-    digit level and north none ever hangs."""
+    """None where they are not told, in another unit, or all 0, as a drone writes them that does not know
+    them: to its last digit level and north none ever hangs."""
     yaw, pitch, roll = (_number(angle) for angle in angles)
     if yaw is None or pitch is None or (yaw, pitch, roll or 0.0) == (0.0, 0.0, 0.0):
+        return None
+    if not are_degrees(yaw, pitch, roll or 0.0):
         return None
     return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
 
@@ -188,8 +191,8 @@ def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float
         longitude = next((_number(xmp[f"{maker}:{n}"]) for n in names if f"{maker}:{n}" in xmp), None)
         if _is_place(latitude, longitude):
             return latitude, longitude  # type: ignore[return-value]
-    latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef) == "S")
-    longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef) == "W")
+    latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "NS")
+    longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "EW")
     return (latitude, longitude) if _is_place(latitude, longitude) else None  # type: ignore[return-value]
 
 
@@ -219,13 +222,18 @@ def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
     return by_rtk or model.replace(" ", "").upper().startswith(_ELLIPSOIDAL)
 
 
-def _degrees(value: Any, negative: bool) -> float | None:
+def _degrees(value: Any, side: Any, sides: str) -> float | None:
+    """Signed by `side`, the first or the second of two letters; None where it is neither, as the place could
+    be on the other side of the Earth."""
+    letter = exif_text(side)[:1].upper()
     try:
         degrees, minutes, seconds = (float(part) for part in value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     total = degrees + minutes / 60 + seconds / 3600
-    return None if not math.isfinite(total) else (-total if negative else total)
+    if not math.isfinite(total) or not letter or letter not in sides:
+        return None
+    return -total if letter == sides[1] else total
 
 
 def _number(value: Any) -> float | None:
