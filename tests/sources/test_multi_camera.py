@@ -9,6 +9,7 @@ import pytest
 from crowdfence import OrConfig, ProjectionConfig, RunConfig, open_terrain
 from crowdfence.evaluation.replay import score
 from crowdfence.sources import is_recording, open_recording
+from support.command_line import crowdfence
 from support.small_data_sets import FOCAL_PX, MIDDLE_PX, SIZE, DataSet, camera_from_world, write_data_set
 
 GROUP = [(4.0, 6.0), (4.8, 6.2), (4.4, 6.9), (5.2, 6.8)]
@@ -43,6 +44,26 @@ def test_cameras_people_and_pictures(folder: Path) -> None:
         assert (people.position[:, 2] == 0.0).all()
     first, second = (recording.frames[at].stamp_ns for at in (0, 2))
     assert second - first == 500_000_000  # twice a second, in either numbering
+
+
+def test_a_picture_that_is_missing_is_told_and_its_spelling_is_free(tmp_path: Path) -> None:
+    """The heatmaps are those of the annotations: that they are taken for all must not go unheard, as they
+    would be judged for a detector."""
+    folder = write_data_set(tmp_path / "data", data_set(wildtrack=True), pictures=True)
+    upper = folder / "Image_subsets" / "C1" / "00000000.png"
+    upper.rename(upper.with_suffix(".PNG"))
+    whole = open_recording(folder)
+    assert all(frame.pixels.image for frame in whole.frames) and len(whole.warnings) == 1
+    (folder / "Image_subsets" / "C2" / "00000005.png").unlink()
+    told = "1 of 4 pictures are not there, the first C2 of number 5"
+    assert told in open_recording(folder).warnings
+    done = crowdfence("run", folder, "--assume-local", "-o", tmp_path / "out")
+    assert done.returncode == 0 and told in done.stderr
+    assert "1 of 4 frames hold a heatmap and no picture, so the recorded heatmaps are taken" in done.stderr
+    done = crowdfence(
+        "run", folder, "--assume-local", "--detector", "recorded", "-o", tmp_path / "out", "--force"
+    )
+    assert done.returncode == 0 and "hold a heatmap and no picture" not in done.stderr
 
 
 def test_feet_are_marked_where_people_stand(folder: Path) -> None:

@@ -28,7 +28,7 @@ from crowdfence.sources.recording import Frame, PixelSources, Recording
 BEGIN_NS = 1_500_000_000_000_000_000
 USUAL_SIZE = (1920, 1080)
 """Of the pictures, where there are none to say."""
-_SUFFIXES = (".png", ".jpg")
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,17 @@ def read_multi_camera(folder: Path, options: MultiCameraOptions) -> Recording:
     cameras = read_cameras(folder, layout, _picture_size(folder))
     # Frames and the log of people ask for the same annotations one after the other.
     annotated = lru_cache(maxsize=4)(lambda number: read_annotations(files[number], layout, len(cameras)))
-    stamps_ns = {_stamp_ns(layout, number): number for number in files}
+    numbers = {_stamp_ns(layout, number): number for number in files}
     frames = [
         _frame(folder, fixed, at, number, stamp_ns, annotated, options.boxes)
-        for stamp_ns, number in stamps_ns.items()
+        for stamp_ns, number in numbers.items()
         for at, fixed in enumerate(cameras)
     ]
+    warnings = [f"{layout.name} does not say when pictures were taken: stamps are made up"]
+    missing = [frame for frame in frames if frame.pixels.image is None]
+    if 0 < len(missing) < len(frames):
+        first = f"{missing[0].drone} of number {numbers[missing[0].stamp_ns]}"
+        warnings.append(f"{len(missing)} of {len(frames)} pictures are not there, the first {first}")
     return Recording(
         name=folder.resolve().name,
         drones=tuple(fixed.name for fixed in cameras),
@@ -65,10 +70,10 @@ def read_multi_camera(folder: Path, options: MultiCameraOptions) -> Recording:
         georeference=None,
         terrain=flat_ground(layout),
         refused=(),
-        warnings=(f"{layout.name} does not say when pictures were taken: stamps are made up",),
+        warnings=tuple(warnings),
         manifest={"kind": layout.name, "path": str(folder), "boxes": options.boxes},
-        pose_tracks={fixed.name: _hovering(fixed, list(stamps_ns)) for fixed in cameras},
-        people=PeopleLog(list(stamps_ns), lambda stamp_ns: _people(stamp_ns, annotated(stamps_ns[stamp_ns]))),
+        pose_tracks={fixed.name: _hovering(fixed, list(numbers)) for fixed in cameras},
+        people=PeopleLog(list(numbers), lambda stamp_ns: _people(stamp_ns, annotated(numbers[stamp_ns]))),
     )
 
 
