@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 from scipy.io import savemat
 
 from crowdfence.detector_training.frame_store import store_missions
@@ -238,6 +238,35 @@ def test_an_import_tells_of_labels_whose_pictures_are_not_there(tmp_path: Path) 
     assert "annotations/0002.txt" in finished.stderr
     told = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "b", "--json").stdout
     assert json.loads(told)["labels_without_picture"] == 1
+
+
+def turned(path: Path, told: int) -> None:
+    with Image.open(path) as picture:
+        exif = picture.getexif()
+        exif[ExifTags.Base.Orientation] = told
+        picture.save(path, exif=exif)
+
+
+def test_pictures_that_are_stored_turned_are_told_at_the_door(tmp_path: Path) -> None:
+    """They were counted as pictures with a crowd, and left out of every measurement."""
+    source = visdrone(tmp_path / "source")
+    turned(source / "images" / "0001.jpg", 3)
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "a")
+    assert finished.returncode == OK
+    assert "1 picture stored turned (EXIF Orientation), on which nothing is measured" in finished.stderr
+    told = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "b", "--json").stdout
+    assert json.loads(told)["stored_turned"] == 1
+
+
+def test_marks_of_a_picture_as_it_is_shown_are_refused_with_the_reason(tmp_path: Path) -> None:
+    """Programs for labelling turn pictures upright; their width is the height of the stored one."""
+    (tmp_path / "source").mkdir()
+    source = three_people(tmp_path / "source")
+    with Image.open(source / "a.png") as picture:
+        picture.transpose(Image.Transpose.ROTATE_90).save(source / "a.png")
+    turned(source / "a.png", 6)
+    with pytest.raises(AnnotationError, match=r"a.png is stored turned \(EXIF Orientation 6\)"):
+        list(read_data_set("coco", source, NOTHING))
 
 
 def test_marks_of_another_size_of_the_picture_are_refused(tmp_path: Path) -> None:

@@ -76,6 +76,7 @@ def import_data(
         ImportOptions,
         labels_without_picture,
         read_data_set,
+        stored_turned,
     )
 
     wanted = ImportOptions(gsd_m, hfov_deg, every, _roles(roles or []))
@@ -89,6 +90,7 @@ def import_data(
             unpictured = labels_without_picture(kind.value, source)
             if missing := [picture.path for picture in found if not picture.path.is_file()]:
                 raise FileNotFoundError(f"{missing[0]}: annotated, but not there")
+            turned = stored_turned(found)
         kept: list[AnnotatedPicture] = []
         with console.progress("copying", len(found), "pictures") as advance:
             for picture in found:
@@ -103,7 +105,7 @@ def import_data(
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
     if as_json:
         more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
-        console.print_json({**facts, "pictures_with_crowd": crowds, **more})
+        console.print_json({**facts, "pictures_with_crowd": crowds, **more, "stored_turned": len(turned)})
         return
     shown = {
         "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
@@ -118,6 +120,12 @@ def import_data(
             "--class NAME=person, crowd or ignore says what one means"
         )
     console.stdout().print(console.facts(str(output), shown))
+    if turned:
+        console.warn(
+            f"{counted(len(turned), 'picture')} stored turned (EXIF Orientation), on which nothing is "
+            "measured or trained, as their marks may mean the stored picture or the one that is shown: save "
+            f"them with their pixels as the marks mean them and Orientation 1; the first: {turned[0]}"
+        )
     if unpictured:
         files = counted(len(unpictured), "file")
         console.warn(f"{files} of labels without a picture, left out, the first: {unpictured[0]}")

@@ -13,7 +13,7 @@ Whoever imports one has its licence; none comes with crowdfence.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from crowdfence.labelled_pictures.annotated_picture import (
     rectangle,
 )
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, annotation_file, read_coco
+from crowdfence.sources.pictures.decoding import UPRIGHT, orientation, turned_fault
 
 _MOST_LINES = 100_000
 _SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -78,6 +79,12 @@ def labels_without_picture(kind: str, folder: Path) -> list[Path]:
     return [path for path in found if path not in pictured and not path.name.startswith(".")]
 
 
+def stored_turned(pictures: Sequence[AnnotatedPicture]) -> list[Path]:
+    """Those that ask to be turned (EXIF Orientation): nothing is measured on them, as their marks may mean
+    the stored picture or the one that is shown."""
+    return [picture.path for picture in pictures if _orientation(picture.path) != UPRIGHT]
+
+
 def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     for image, labels in _pairs(folder, "visdrone", options.every):
         rows = _table(labels, 8, separator=",")
@@ -116,6 +123,8 @@ def _coco(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     for picture in read_coco(file, options.roles)[:: options.every]:
         marked = (picture.width, picture.height)
         if picture.path.is_file() and (size := _size(picture.path)) != marked:
+            if size[::-1] == marked and (told := _orientation(picture.path)) != UPRIGHT:
+                raise AnnotationError(f"{picture.path} {turned_fault(told)}")
             raise AnnotationError(
                 f"{picture.path} has {size[0]} x {size[1]} pixels, its marks are of {marked[0]} x {marked[1]}"
                 ": they would lie beside what they mark"
@@ -164,6 +173,14 @@ def _size(image: Path) -> tuple[int, int]:
             return picture.size
     except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
         raise AnnotationError(f"{image} cannot be read as a picture: {error}") from None
+
+
+def _orientation(image: Path) -> int:
+    """EXIF Orientation of a picture that can be opened."""
+    from PIL import Image
+
+    with Image.open(image) as picture:
+        return orientation(picture)
 
 
 def _table(path: Path, columns: int, *, separator: str | None = None) -> NDArray[np.float64]:
