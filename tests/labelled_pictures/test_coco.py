@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from crowdfence.labelled_pictures.annotated_picture import AnnotationError
 from crowdfence.labelled_pictures.coco import annotation_file, read_coco, write_coco
+from crowdfence.labelled_pictures.crowd_labels import picture_labels
 
 
 def document(*annotations: dict[str, Any], **changes: Any) -> dict[str, Any]:
@@ -45,10 +49,46 @@ def test_boxes_points_and_outlines_of_people(tmp_path: Path) -> None:
 
 def test_crowds_are_outlined_or_groups(tmp_path: Path) -> None:
     outline = {"category_id": 2, "segmentation": [[0, 0, 8, 0, 8, 8], [20, 20, 30, 20, 30, 30]]}
-    group = {"iscrowd": 1, "bbox": [40, 10, 5, 6], "segmentation": {"counts": [5], "size": [48, 64]}}
+    group = {"iscrowd": 1, "bbox": [40, 10, 5, 6]}
     (picture,) = read_coco(written(tmp_path, document(outline, group)))
     assert len(picture.crowds) == 3 and len(picture.people) == 0
     np.testing.assert_array_equal(picture.crowds[2], [[40, 10], [45, 10], [45, 16], [40, 16]])
+
+
+def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
+    """Down the columns, beginning with those outside."""
+    flat = [False, *mask.ravel(order="F").tolist()]
+    turns = [0, *(number for number in range(1, len(flat)) if flat[number] != flat[number - 1])]
+    begins = [max(turn - 1, 0) for turn in turns]
+    return [b - a for a, b in zip(begins, [*begins[1:], mask.size], strict=True)]
+
+
+def as_text(runs: list[int]) -> str:
+    """As pycocotools packs them."""
+    text = ""
+    for number, run in enumerate(runs):
+        value = run - (runs[number - 2] if number > 2 else 0)
+        more = True
+        while more:
+            digit, value = value & 0x1F, value >> 5
+            more = value != (-1 if digit & 0x10 else 0)
+            text += chr(48 + digit + (0x20 if more else 0))
+    return text
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_masks_are_where_their_pixels_are(tmp_path: Path, packed: bool) -> None:
+    """An L whose box is mostly empty, and a block below it: as programs for painting write crowds."""
+    mask = np.zeros((48, 64), np.bool_)
+    mask[4:40, 8:12], mask[36:40, 8:50], mask[44:48, 60:64] = True, True, True
+    runs = run_lengths(mask)
+    outline = {"counts": as_text(runs) if packed else runs, "size": [48, 64]}
+    mark = {"iscrowd": 1, "bbox": [8, 4, 56, 44], "segmentation": outline}
+    (picture,) = read_coco(written(tmp_path, document(mark)))
+    areas = sorted(shapely.Polygon(one).area for one in picture.crowds)
+    assert areas == [16, 36 * 4 + 38 * 4]
+    drawn = picture_labels(picture).crowd
+    assert (drawn & ~binary_dilation(mask, np.ones((3, 3)))).sum() == 0 and (mask & ~drawn).sum() == 0
 
 
 def test_nothing_is_said_of_what_is_to_be_ignored(tmp_path: Path) -> None:
@@ -146,8 +186,14 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         (document({"segmentation": [[1, 2, 3, 4, 5, 6, 7]]}), "has 7 numbers"),
         (
             document({"segmentation": {"counts": "abc"}}),
-            r"given run by run \(RLE\), which is not read: give its box",
+            r"annotations\[0\].segmentation.size is None; allowed: \[48, 64\], height and width",
         ),
+        (document({"segmentation": {"size": [64, 48], "counts": [3072]}}), r"size is \[64, 48\]; allowed"),
+        *(
+            (document({"segmentation": {"size": [48, 64], "counts": counts}}), "no sequence of runs of 3072")
+            for counts in (None, [5], [-1, 3073], [1.5, 3070.5], "abc", "\x00", "o" * 9, [True, 3071])
+        ),
+        (document({"segmentation": {"size": [48, 64], "counts": [3072]}}), "is a mask without a pixel"),
         (document({"segmentation": [[1, 2, 3, 4, 5, 10**400]]}), "allowed: a list of finite numbers"),
         (
             document({"bbox": [1, 2, 3, 4], "image_id": 8}),

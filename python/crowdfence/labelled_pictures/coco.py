@@ -4,9 +4,10 @@
      "annotations": [{"image_id": 1, "category_id": 1, "segmentation": [[x, y, ...]]}],
      "categories": [{"id": 1, "name": "crowd"}]}
 
-Annotations are outlines (`segmentation`), boxes (`bbox`: x, y, width, height) or points (`keypoints`: x, y,
-visibility, of which the first visible one counts). A group of people marked with `iscrowd` is a crowd. Of
-people and crowds marked with `ignore`, as converters of other data sets do, nothing is said.
+Annotations are outlines or masks (`segmentation`), boxes (`bbox`: x, y, width, height) or points
+(`keypoints`: x, y, visibility, of which the first visible one counts). A group of people marked with
+`iscrowd` is a crowd. Of people and crowds marked with `ignore`, as converters of other data sets do, nothing
+is said.
 Our own key `gsd_m` of an image states its metres per pixel.
 """
 
@@ -33,6 +34,7 @@ from crowdfence.labelled_pictures.annotated_picture import (
     people_in_boxes,
     rectangle,
 )
+from crowdfence.labelled_pictures.run_lengths import mask_outlines
 
 ANNOTATIONS = "annotations.json"
 """Name of the file that imports write."""
@@ -171,9 +173,9 @@ def _picture(
     polygons: dict[str, list[Polygon]] = {"crowd": [], "ignore": []}
     for where, mark, role in marks:
         if role == "person":
-            people.append(_person(mark, where))
+            people.append(_person(mark, where, width, height))
         else:
-            polygons[role] += _outlines(mark, where)
+            polygons[role] += _outlines(mark, where, width, height)
     return AnnotatedPicture(
         folder / name,
         width,
@@ -185,7 +187,7 @@ def _picture(
     )
 
 
-def _person(mark: Mapping[str, Any], where: str) -> list[float]:
+def _person(mark: Mapping[str, Any], where: str, width: int, height: int) -> list[float]:
     """x, y of the feet, width, height."""
     if mark.get("bbox"):
         return [float(value) for value in people_in_boxes(np.array(_box(mark, where)))[0]]
@@ -194,13 +196,13 @@ def _person(mark: Mapping[str, Any], where: str) -> list[float]:
         if len(points) % 3 == 0 and (points[2::3] > 0.0).any():
             first = int(np.flatnonzero(points[2::3] > 0.0)[0])
             return [float(value) for value in people_at_points(points[3 * first : 3 * first + 2])[0]]
-    corners = np.concatenate(_outlines(mark, where))
+    corners = np.concatenate(_outlines(mark, where, width, height))
     low, high = corners.min(axis=0), corners.max(axis=0)
     return [float(value) for value in people_in_boxes(np.concatenate([low, high - low]))[0]]
 
 
-def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
-    """Polygons of a mark; its box where it has none, also for groups that COCO gives run by run."""
+def _outlines(mark: Mapping[str, Any], where: str, width: int, height: int) -> list[Polygon]:
+    """Polygons of a mark, at least one; its box where it has none."""
     outline = mark.get("segmentation")
     if isinstance(outline, list) and outline:
         polygons = [_numbers(one, f"{where}.segmentation", None) for one in outline]
@@ -210,12 +212,12 @@ def _outlines(mark: Mapping[str, Any], where: str) -> list[Polygon]:
                     f"{where}.segmentation has {len(one)} numbers; allowed: x, y of 3 corners and more"
                 )
         return [np.array(one, np.float64).reshape(-1, 2) for one in polygons]
+    if outline and isinstance(outline, dict):
+        if not (parts := mask_outlines(outline, width, height, where)):
+            raise AnnotationError(f"{where}.segmentation is a mask without a pixel")
+        return parts
     if mark.get("bbox"):
         return [rectangle(*_box(mark, where))]
-    if outline and isinstance(outline, dict):
-        raise AnnotationError(
-            f"{where}.segmentation is given run by run (RLE), which is not read: give its box (bbox) too"
-        )
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
 
 
