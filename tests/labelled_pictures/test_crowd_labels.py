@@ -31,6 +31,13 @@ def test_three_within_two_metres_are_a_crowd_and_two_are_not() -> None:
     assert found.sum() == pytest.approx(20 * 20 + np.pi * 100, rel=0.12)
 
 
+def test_who_is_marked_twice_is_one_person() -> None:
+    """As where two files were put together: a couple is no crowd."""
+    couple = [(150, 50, 5, 17), (160, 50, 5, 17)]
+    assert not picture_labels(picture(couple * 2)).crowd.any()
+    assert picture_labels(picture([*couple, (155, 50, 5, 17)])).crowd.any()
+
+
 def test_a_person_is_as_long_as_a_box_where_no_scale_is_given() -> None:
     """Boxes of 68 pixels: 0.025 m per pixel, 30 pixels are 0.75 m; boxes of 17: 0.1 m, 30 pixels are 3 m."""
     apart = np.array([(50, 90), (80, 90), (110, 90)])
@@ -42,7 +49,7 @@ def test_a_person_is_as_long_as_a_box_where_no_scale_is_given() -> None:
 
 def test_points_without_a_scale_are_refused() -> None:
     with pytest.raises(AnnotationError, match=r"p.jpg: people are points and nothing tells the scale"):
-        picture_labels(picture([(1, 1, 0, 0)] * 3, gsd_m=None))
+        picture_labels(picture([(1, n, 0, 0) for n in range(3)], gsd_m=None))
     assert not picture_labels(picture([(1, 1, 0, 0)] * 2, gsd_m=None)).crowd.any()  # no crowd at any scale
 
 

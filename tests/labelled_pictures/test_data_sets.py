@@ -240,6 +240,13 @@ def test_an_import_tells_of_labels_whose_pictures_are_not_there(tmp_path: Path) 
     assert json.loads(told)["labels_without_picture"] == 1
 
 
+def test_an_import_tells_who_is_marked_twice(tmp_path: Path) -> None:
+    source = visdrone(tmp_path / "source", "10,20,4,8,1,1,0,0\n16,20,4,8,1,1,0,0\n" * 2)
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "a")
+    said = " ".join(finished.stdout.split())
+    assert "1, 0 of them with a crowd" in said and "people 2, 2 marks again of the same" in said
+
+
 def turned(path: Path, told: int) -> None:
     with Image.open(path) as picture:
         exif = picture.getexif()

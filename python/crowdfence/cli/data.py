@@ -70,6 +70,7 @@ def import_data(
 
     You need the data set and its licence; nothing is downloaded.
     """
+    from crowdfence.labelled_pictures.annotated_picture import distinct
     from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
     from crowdfence.labelled_pictures.data_sets import (
@@ -101,15 +102,18 @@ def import_data(
                 advance()
         write_coco(kept, output / ANNOTATIONS)
     people = sum(len(picture.people) for picture in kept)
+    again = people - sum(len(distinct(picture.people)) for picture in kept)
     left_out = dict(Counter(name for picture in kept for name in picture.left_out).most_common())
-    facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people}
+    facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people - again}
     if as_json:
         more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
-        console.print_json({**facts, "pictures_with_crowd": crowds, **more, "stored_turned": len(turned)})
+        console.print_json(
+            {**facts, "pictures_with_crowd": crowds, **more, "stored_turned": len(turned), "repeated": again}
+        )
         return
     shown = {
         "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
-        "people": f"{people}",
+        "people": f"{people - again}" + (f", {counted(again, 'mark')} again of the same" if again else ""),
     }
     if left_out:
         marks = counted(sum(left_out.values()), "mark")

@@ -49,5 +49,12 @@ def people_at_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([points, np.zeros_like(points)], axis=1)
 
 
+def distinct(people: NDArray[np.float64]) -> NDArray[np.float64]:
+    """People [N, 4] without those who are marked again with the same numbers, as in files that were put
+    together: two of them are one, and would make a crowd of a couple. In their order."""
+    _, first = np.unique(people, axis=0, return_index=True)
+    return people[np.sort(first)]
+
+
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:
     return np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])

@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, AnnotationError, Polygon
+from crowdfence.labelled_pictures.annotated_picture import (
+    AnnotatedPicture,
+    AnnotationError,
+    Polygon,
+    distinct,
+)
 from crowdfence.truth.at_exposure import DEFAULT_CROWD
 from crowdfence.truth.crowd_ground import PERSON_RADIUS_M
 from crowdfence.truth.morphology import close_with_disc
@@ -32,8 +37,9 @@ class PictureLabels(NamedTuple):
 
 def picture_labels(picture: AnnotatedPicture) -> PictureLabels:
     """Crowds as outlined, and the ground of every group of at least three people within 2 m: discs of 1 m
-    around them, closed with a disc of 2 m as on the terrain. Metres are those of the picture's `gsd_m`, else
-    of the people's boxes; ground seen at a low angle counts as if seen from above, which errs towards crowd.
+    around them, closed with a disc of 2 m as on the terrain. Who is marked twice counts once. Metres are
+    those of the picture's `gsd_m`, else of the people's boxes; ground seen at a low angle counts as if seen
+    from above, which errs towards crowd.
 
     AnnotationError for people of unknown size in a picture of unknown scale, and for marks that are in other
     units than pixels of the picture.
@@ -45,7 +51,7 @@ def picture_labels(picture: AnnotatedPicture) -> PictureLabels:
         )
     _require_pixels(picture)
     crowd = _drawn(picture.crowds, picture)
-    people = picture.people
+    people = distinct(picture.people)
     if len(people) >= DEFAULT_CROWD["min_people"]:
         gsd_m = _gsd_at(people, picture)
         members = in_crowds(people[:, :2], gsd_m)
