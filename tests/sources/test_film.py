@@ -533,6 +533,18 @@ def test_matrice_writes_latitude_first_and_no_attitude(tmp_path: Path) -> None:
         log.attitudes(None)
 
 
+def test_positions_with_corrections_are_positions(tmp_path: Path) -> None:
+    """A Phantom 4 RTK calls them RTK, while it has corrections, and GPS again when it has lost them."""
+    block = (
+        "{0}\n00:00:0{0},000 --> 00:00:0{0},900\nF/6.3, SS 60, ISO 100, EV 0, "
+        "{1} (120.083799, 30.213635, 28), HOME (120.084146, 30.214243, 103.55m), D 75.36m, H 76.19m, "
+        "H.S 0.30m/s, V.S 0.00m/s, F.PRY (-5.3°, 2.1°, 28.3°), G.PRY (-40.0°, 0.0°, 28.2°)\n\n"
+    )
+    log = read_subtitles(srt(tmp_path, block.format(1, "GPS") + block.format(2, "RTK")))
+    assert log.latitude_deg.tolist() == [30.213635] * 2 and log.longitude_deg.tolist() == [120.083799] * 2
+    assert log.heights_m["take-off"].tolist() == [76.19] * 2 and log.take_off == (30.214243, 120.084146)
+
+
 def test_an_older_mavic_writes_longitude_first(tmp_path: Path) -> None:
     text = (
         "1\n00:00:01,000 --> 00:00:02,000\nHOME(-58.4563,-34.7386) 2017.07.03 10:15:03\n"

@@ -1,6 +1,7 @@
 """Subtitles that DJI drones write beside their films (.SRT), in the dialects of their generations.
 
-    Phantom 4 RTK        GPS (lon, lat, n) ... H 85.8m ... F.PRY (p, r, y), G.PRY (p, r, y)
+    Phantom 4 RTK        GPS (lon, lat, n) ... H 85.8m ... F.PRY (p, r, y), G.PRY (p, r, y); RTK (lon, lat, n)
+                         where it has corrections
     Matrice              GPS(lat,lon,0.0M) BAROMETER:0.3M
     older Mavic          HOME(lon,lat) ... GPS(lon,lat,19) BAROMETER:20.1
     Mavic 2              [latitude : -20.2] [longtitude : 149.0], no arrows, no heights
@@ -38,7 +39,7 @@ _NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
 _ARROW = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 _CLOCK = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[,.](\d{1,3}))?(?:[,.](\d{1,3}))?")
 _GPS = re.compile(
-    r"GPS\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER + r"\s*(?:,\s*" + _NUMBER + r"?\s*([Mm]?))?"
+    r"\b(?:GPS|RTK)\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER + r"\s*(?:,\s*" + _NUMBER + r"?\s*([Mm]?))?"
 )
 _HOME = re.compile(r"HOME\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER)
 _HEIGHT = re.compile(r"(?:\bH\s+|BAROMETER\s*:\s*)" + _NUMBER)
