@@ -267,6 +267,18 @@ def test_a_place_with_a_decimal_comma_is_that_of_exif(tmp_path: Path) -> None:
     assert read_tags(path).place == pytest.approx((46.5123, 8.0123))
 
 
+def test_a_panorama_is_refused(tmp_path: Path) -> None:
+    """Drones put them together in flight and save them beside the others, with place, angles and lens."""
+    folder = write_photographs(tmp_path / "flight")
+    panorama = dji((10.0, -30.0, 0.0), 'GPano:ProjectionType="equirectangular"')
+    image = frames()[0].image()
+    write_photograph(folder / "pano.jpg", image, 10**18, (46.5, 8.0, 500.0), panorama, focal_mm35=24)
+    found = open_recording(folder)
+    assert len(found.frames) == len(frames())
+    (refused,) = found.refused
+    assert "pano.jpg is a panorama (equirectangular)" in refused.reason
+
+
 def test_a_position_that_the_drone_calls_invalid_is_none(tmp_path: Path) -> None:
     """GpsStatus is Normal, RTK or Invalid (DJI's Mavic 3M Image Processing Guide)."""
     for status in ("Normal", "RTK"):

@@ -163,6 +163,8 @@ def _placeable(
 
 
 def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
+    if tags.panorama:
+        return f"is a panorama ({tags.panorama}), put together of several pictures: no lens shows it so"
     if tags.place is None:
         return "does not say where it was taken (GPS, with its hemispheres)"
     if not tags.heights_m:

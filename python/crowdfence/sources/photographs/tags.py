@@ -84,6 +84,8 @@ class PhotographTags:
     """Whether the drone has taken the distortion of that calibration out of the picture."""
     orientation: int
     """EXIF Orientation, 1 = as stored."""
+    panorama: str
+    """Its projection, of pictures that were put together; empty of those of one lens."""
     by_dji: bool
 
 
@@ -125,6 +127,7 @@ def read_tags(path: Path) -> PhotographTags:
         dewarp=xmp.get("drone-dji:DewarpData"),
         dewarped=xmp.get("drone-dji:DewarpFlag") == "1",
         orientation=turned,
+        panorama=xmp.get("GPano:ProjectionType", ""),
         by_dji=make.upper() in ("DJI", "HASSELBLAD"),
     )
 
