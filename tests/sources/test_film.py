@@ -35,6 +35,7 @@ from crowdfence.sources.recording import Recording
 from support.flight_logs import tlog, ulog
 from support.foreign_recordings import (
     Dialect,
+    Row,
     beyond,
     closed,
     frames,
@@ -506,6 +507,17 @@ def test_a_home_that_is_not_set_is_none(tmp_path: Path) -> None:
     log = read_subtitles(srt(tmp_path, block.format(1, "0.0,0.0") + block.format(2, "8.0,46.5")))
     assert log.take_off == (46.5, 8.0)
     assert read_subtitles(srt(tmp_path, block.format(1, "0.0,0.0"))).take_off is None
+
+
+def test_heights_above_the_sea_are_doubted_also_where_there_are_no_others(tmp_path: Path) -> None:
+    def sea(number: int, time_s: float, row: Row, place: tuple[float, float, float]) -> str:
+        return re.sub(r"rel_alt: \S+ ", "", mini(number, time_s, row, place))
+
+    film, start_ns = write_film(tmp_path / "a.mp4")
+    write_subtitles(tmp_path / "a.srt", start_ns, sea)
+    found = open_recording(film, geoid_m=48.0)
+    assert any("heights are those above the sea" in warning for warning in found.warnings)
+    assert any("air pressure" in warning for warning in found.warnings)
 
 
 def test_numbers_with_a_decimal_comma_are_none(tmp_path: Path) -> None:

@@ -297,6 +297,23 @@ def test_heights_of_dji_above_the_sea_are_doubted(tmp_path: Path) -> None:
         assert any("air pressure" in warning for warning in found.warnings) == told
 
 
+def test_one_photograph_without_its_height_above_the_take_off_is_told(tmp_path: Path) -> None:
+    """The heights of all are those above the sea then, as of a barometer on a standard day."""
+    for number in range(3):
+        height = "" if number == 1 else 'drone-dji:RelativeAltitude="+20.0"'
+        angles = dji((10.0, -60.0, 0.0), height)
+        place = 46.5, 8.0, 520.0
+        path = tmp_path / f"{number}.jpg"
+        write_photograph(path, frames()[number].image(), (number + 1) * 10**18, place, angles, focal_mm35=24)
+    found = open_recording(tmp_path, geoid_m=48.0)
+    assert any("heights are those above the sea" in warning for warning in found.warnings)
+    assert any("air pressure" in warning for warning in found.warnings)
+    told = "1 of 3 photographs do not tell how high above the take-off"
+    assert any(told in warning for warning in found.warnings)
+    (tmp_path / "1.jpg").unlink()
+    assert not any("do not tell" in one for one in open_recording(tmp_path).warnings)
+
+
 def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
     """Whether the attitude means the stored picture or the shown one, nobody can know."""
     folder = write_photographs(tmp_path / "flight", dji)

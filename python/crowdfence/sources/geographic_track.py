@@ -89,6 +89,8 @@ class LocalTrack:
     track: PoseTrack
     contact: GroundContact | None
     remarks: list[str]
+    heights: HeightsAbove
+    """Which of the recorded ones are used."""
 
 
 def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georeference | None) -> LocalTrack:
@@ -131,7 +133,7 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
     contact = None
     if not absolute:
         contact = _contact(poses, options, above, anchor, first, remarks)
-    return LocalTrack(anchor, track, contact, [*remarks, *left_out])
+    return LocalTrack(anchor, track, contact, [*remarks, *left_out], above)
 
 
 def _sea_level_of_start_m(poses: GeographicPoses) -> float:

@@ -125,7 +125,7 @@ def read_film(
         unplaced.append(UnplacedFrame(start_ns + round(time_s * 1e9), camera, pixels, fault))
     lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
-    sea = DJI_SEA_LEVEL if options.heights == "sea" and log.timed_by_film else ""
+    sea = DJI_SEA_LEVEL if placed.heights == "sea" and log.timed_by_film else ""
     cut = "" if options.clock_offset_s is not None else _cut(log, film)
     remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, squeeze, lens, _spacing(step_s)]
     return Recording(

@@ -103,7 +103,13 @@ def read_photographs(
         if placed.contact is not None:
             contacts[drone] = placed.contact
         remarks += [f"{drone}: {remark}" for remark in placed.remarks]
-        if options.heights == "sea" and all(one.tags.by_dji for one in group):
+        lacking = sum(_HEIGHTS[0] not in one.tags.heights_m for one in group)
+        if options.heights is None and 0 < lacking < len(group):
+            remarks.append(
+                f"{drone}: {lacking} of {len(group)} photographs do not tell how high above the take-off "
+                "they were taken, so that is used of none: without these, those of the others would be"
+            )
+        if placed.heights == "sea" and all(one.tags.by_dji for one in group):
             remarks.append(f"{drone}: {DJI_SEA_LEVEL}")
         unplaced[drone] = _unplaced(drone, group, options, remarks)
     frames, misplaced = place_cameras(unplaced, tracks, limits)
