@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, Recording, open_recording
 from crowdfence.sources.ground_contact import on_ground
-from crowdfence.sources.photographs.tags import read_tags
+from crowdfence.sources.photographs.tags import _place, read_tags
 from support.foreign_recordings import (
     Angles,
     Maker,
@@ -244,6 +244,13 @@ def test_a_place_without_its_hemisphere_is_none(tmp_path: Path, sides: tuple[str
     path = _with_sides(tmp_path / "a.jpg", sides)
     with pytest.raises(ValueError, match=r"does not say where it was taken \(GPS, with its hemispheres\)"):
         open_recording(path)
+
+
+def test_a_signed_latitude_is_none() -> None:
+    """-33 degrees, 54 minutes, south: as programs write it that take EXIF for signed. It could be either."""
+    gps = {1: "S", 2: (33.0, 54.0, 0.0), 3: "E", 4: (151.0, 12.0, 0.0)}
+    assert _place(gps, {}) == pytest.approx((-33.9, 151.2))
+    assert _place({**gps, 2: (-33.0, 54.0, 0.0)}, {}) is None
 
 
 @pytest.mark.parametrize("angles", [("+100.0", "-900.0", "0.0"), ("+10,5", "-45,9", "0,0")])

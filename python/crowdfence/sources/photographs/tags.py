@@ -226,15 +226,15 @@ def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
 
 
 def _degrees(value: Any, side: Any, sides: str) -> float | None:
-    """Signed by `side`, the first or the second of two letters; None where it is neither, as the place could
-    be on the other side of the Earth."""
+    """Signed by `side`, the first or the second of two letters; None where it is neither, or the numbers are
+    signed too, as the place could be on the other side of the Earth."""
     letter = exif_text(side)[:1].upper()
     try:
         degrees, minutes, seconds = (float(part) for part in value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     total = degrees + minutes / 60 + seconds / 3600
-    if not math.isfinite(total) or not letter or letter not in sides:
+    if not math.isfinite(total) or min(degrees, minutes, seconds) < 0 or not letter or letter not in sides:
         return None
     return -total if letter == sides[1] else total
 
