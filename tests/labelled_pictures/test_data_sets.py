@@ -288,6 +288,23 @@ def test_marks_of_another_size_of_the_picture_are_refused(tmp_path: Path) -> Non
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.parametrize(
+    ("kind", "words", "said"),
+    [
+        ("visdrone", ("--hfov-deg", "80"), "--hfov-deg is for upcount"),
+        ("upcount", ("--hfov-deg", "80", "--gsd-m", "0.1"), "give one of them"),
+        ("visdrone", ("--class", "car=person"), "--class is for coco"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(
+    tmp_path: Path, kind: str, words: tuple[str, ...], said: str
+) -> None:
+    source = visdrone(tmp_path / "source")
+    finished = crowdfence("data", "import", kind, source, "-o", tmp_path / "data", *words)
+    assert finished.returncode == FAILED and said in finished.stderr
+    assert not (tmp_path / "data").exists()
+
+
 def test_an_import_that_fails_writes_nothing(tmp_path: Path) -> None:
     source = visdrone(tmp_path / "source", "1,2,3\n")
     finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "data")

@@ -80,6 +80,12 @@ def import_data(
         stored_turned,
     )
 
+    if hfov_deg is not None and kind is not DataSet.upcount:
+        raise ValueError(f"--hfov-deg is for upcount, whose pictures tell the altitude, not for {kind.value}")
+    if hfov_deg is not None and gsd_m is not None:
+        raise ValueError("--hfov-deg and --gsd-m both say how many metres a pixel is: give one of them")
+    if roles and kind is not DataSet.coco:
+        raise ValueError(f"--class is for coco, whose classes have names of their own, not for {kind.value}")
     wanted = ImportOptions(gsd_m, hfov_deg, every, _roles(roles or []))
     if output.exists() and any(output.iterdir() if output.is_dir() else [output]):
         raise FileExistsError(f"{output} exists and is not empty")
