@@ -127,6 +127,14 @@ def test_people_whom_visdrone_does_not_judge_are_ignored(tmp_path: Path) -> None
     np.testing.assert_array_equal([one[0] for one in found.ignored], [[10, 20], [30, 20]])
 
 
+def test_one_picture_in_two_files_is_refused(tmp_path: Path) -> None:
+    """Both would be judged by the same labels, and count twice."""
+    folder = visdrone(tmp_path)
+    picture(folder / "images" / "0001.png")
+    with pytest.raises(AnnotationError, match=r"0001.png and 0001.jpg have the same labels: keep one"):
+        list(read_data_set("visdrone", folder, NOTHING))
+
+
 def test_upcount_has_one_head_a_line(tmp_path: Path) -> None:
     """Lines with a class before them, or of boxes, are another form: x would be the class."""
     picture(tmp_path / "images" / "a__32.0.jpg")

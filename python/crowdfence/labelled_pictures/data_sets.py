@@ -157,6 +157,11 @@ def _pairs(folder: Path, kind: str, every: int) -> Iterator[tuple[Path, Path]]:
     found = _pictures(folder)
     if not found:
         raise FileNotFoundError(f"{folder / _IMAGES} holds no picture ({', '.join(_SUFFIXES)})")
+    of_labels: dict[Path, Path] = {}
+    for image in found:
+        other = of_labels.setdefault(_labels_of(image, folder, kind), image)
+        if other is not image:
+            raise AnnotationError(f"{image} and {other.name} have the same labels: keep one of them")
     for image in found[::every]:
         labels = _labels_of(image, folder, kind)
         if not labels.is_file():
