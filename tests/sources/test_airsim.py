@@ -335,6 +335,17 @@ def test_several_vehicles_need_their_start_positions(tmp_path):
         open_recording(folder)
 
 
+def test_a_single_vehicle_is_one_of_its_settings(tmp_path):
+    """Those of another recording, or of several vehicles whose table does not name them: it would have
+    started at the origin, and its camera looked ahead."""
+    folder = write_airsim(tmp_path / "rec", flight())
+    edit_table(folder, old_airsim)
+    with pytest.raises(ValueError, match=r"does not hold the vehicle 'drone' of the recording, but 'uav1', "):
+        open_recording(folder)
+    edit_settings(folder, lambda s: s["Vehicles"].clear())
+    assert open_recording(folder).drones == ("drone",)
+
+
 def test_a_downward_camera_needs_its_mount(tmp_path):
     folder = write_airsim(tmp_path / "rec", flight(), telemetry=False)
     for path in (folder / "images").iterdir():

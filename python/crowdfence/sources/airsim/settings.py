@@ -77,8 +77,15 @@ class AirSimSettings:
         """Where the vehicle's own coordinates begin, NED metres from the world origin.
 
         AirSim turns no axes there: the start's Yaw is the vehicle's first heading and nothing else. A single
-        vehicle may do without; of several, each must be in the settings, or all would start at one place.
+        vehicle may do without where the settings name none; of several, each must be in the settings, or all
+        would start at one place.
         """
+        if vehicle not in self.vehicles and fleet == 1 and self.vehicles:
+            raise ValueError(
+                f"{self._name} does not hold the vehicle {vehicle!r} of the recording, but "
+                f"{', '.join(map(repr, self.vehicles))}: where it started and its camera looks is not told. "
+                "Take the settings.json that it was recorded with, or add it under Vehicles"
+            )
         if vehicle not in self.vehicles and fleet > 1:
             raise ValueError(
                 f"{self._name} has no start position for vehicle {vehicle!r} under Vehicles: the positions "
