@@ -249,6 +249,31 @@ def test_mount_angles_count_without_telemetry(tmp_path):
     np.testing.assert_allclose(frame.world_from_camera[:3, 2], [down[1], down[0], -down[2]], atol=1e-9)
 
 
+def test_what_is_not_a_number_is_not_set(tmp_path):
+    """AirSim's documentation lists all settings with NaN for those without a default."""
+    folder = write_airsim(tmp_path / "rec", flight(), telemetry=False)
+    before = open_recording(folder).frames_of("uav1")[0].world_from_camera
+    nothing = dict.fromkeys(("X", "Y", "Z", "Pitch", "Roll", "Yaw"), float("nan"))
+    edit_settings(folder, lambda settings: settings.setdefault("CameraDefaults", {}).update(nothing))
+    np.testing.assert_array_equal(open_recording(folder).frames_of("uav1")[0].world_from_camera, before)
+
+
+def test_camera_defaults_hold_for_cameras_that_do_not_say_otherwise(tmp_path):
+    """CameraDefaults "can be overridden for individual camera" (AirSim's documentation); its angles went
+    unread, and the camera looked ahead."""
+    folder = write_airsim(tmp_path / "rec", flight(), telemetry=False)
+
+    def down_by_default(settings):
+        settings.setdefault("CameraDefaults", {}).update(Pitch=-90, Roll=0, Yaw=0)
+        for name in ("Pitch", "Roll", "Yaw"):
+            settings["Vehicles"]["uav1"]["Cameras"]["front_center"].pop(name, None)
+
+    edit_settings(folder, down_by_default)
+    frame = open_recording(folder).frames_of("uav1")[0]
+    down = body_ned("uav1", frame.stamp_ns)[1].apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(frame.world_from_camera[:3, 2], [down[1], down[0], -down[2]], atol=1e-9)
+
+
 def test_a_log_of_the_camera_itself(tmp_path):
     """`camera_position` and `camera_orientation` of AirSim's ImageResponse: NED from the vehicle's start."""
     flown = flight()

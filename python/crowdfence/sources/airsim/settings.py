@@ -100,7 +100,7 @@ class AirSimSettings:
         ValueError for a camera other than front_center whose direction is not in the settings: AirSim's other
         cameras look sideways, back or down.
         """
-        entry = self._camera(vehicle, camera)
+        entry = self._mounted(vehicle, camera)
         angles_known = any(key in entry for key in ("Pitch", "Roll", "Yaw"))
         if not angles_known and _OLD_CAMERA_IDS.get(camera, camera) != _LOOKS_AHEAD:
             raise ValueError(
@@ -154,6 +154,13 @@ class AirSimSettings:
         name = next((name for name in cameras if name in same), camera)
         return self._object(cameras, name)
 
+    def _mounted(self, vehicle: str, camera: str) -> dict[str, Any]:
+        """Where a camera is and looks, as far as it is said. AirSim moves the cameras that a vehicle names;
+        what these leave open, also by a NaN, CameraDefaults may say."""
+        named = self._camera(vehicle, camera)
+        defaults = self._object(self.content, "CameraDefaults") if named else {}
+        return {**_said(defaults), **_said(named)}
+
     def _capture_settings(self, owner: dict[str, Any], image_type: int) -> dict[str, Any]:
         entries = owner.get("CaptureSettings", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -175,3 +182,10 @@ class AirSimSettings:
     @property
     def _name(self) -> str:
         return str(self.path) if self.path else "(no settings.json)"
+
+
+def _said(entry: dict[str, Any]) -> dict[str, Any]:
+    """Without NaN, which stands for what is not set."""
+    return {
+        key: value for key, value in entry.items() if not (isinstance(value, float) and math.isnan(value))
+    }
