@@ -255,6 +255,16 @@ def test_an_import_tells_who_is_marked_twice(tmp_path: Path) -> None:
     assert "1, 0 of them with a crowd" in said and "people 2, 2 marks again of the same" in said
 
 
+def test_one_scale_for_pictures_of_several_sizes_is_doubted(tmp_path: Path) -> None:
+    source = visdrone(tmp_path / "source")
+    picture(source / "images" / "0002.jpg", 32, 24)
+    (source / "annotations" / "0002.txt").write_text("")
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "a", "--gsd-m", "0.1")
+    assert "pictures have 2 sizes, from 32 x 24 to 64 x 48 pixels, and 0.1 m a pixel is" in finished.stderr
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "b")
+    assert finished.stderr == ""  # boxes tell the scale of each
+
+
 def turned(path: Path, told: int) -> None:
     with Image.open(path) as picture:
         exif = picture.getexif()

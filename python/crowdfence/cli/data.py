@@ -107,6 +107,7 @@ def import_data(
                 kept.append(replace(picture, path=place))
                 advance()
         write_coco(kept, output / ANNOTATIONS)
+    sizes = {(picture.width, picture.height) for picture in kept}
     people = sum(len(picture.people) for picture in kept)
     again = people - sum(len(distinct(picture.people)) for picture in kept)
     left_out = dict(Counter(name for picture in kept for name in picture.left_out).most_common())
@@ -130,6 +131,12 @@ def import_data(
             "--class NAME=person, crowd or ignore says what one means"
         )
     console.stdout().print(console.facts(str(output), shown))
+    if len(sizes) > 1 and gsd_m is not None:
+        smallest, largest = (f"{width} x {height}" for width, height in (min(sizes), max(sizes)))
+        console.warn(
+            f"pictures have {len(sizes)} sizes, from {smallest} to {largest} pixels, and {gsd_m:g} m a pixel "
+            "is taken for all: in those that were shrunk, people seem to stand closer together than they did"
+        )
     if turned:
         console.warn(
             f"{counted(len(turned), 'picture')} stored turned (EXIF Orientation), on which nothing is "
