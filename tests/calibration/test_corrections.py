@@ -24,7 +24,7 @@ from crowdfence.calibration.correction import (
     negative_log_likelihood,
     sigmoid,
 )
-from crowdfence.calibration.graph import bake, write_contract
+from crowdfence.calibration.graph import PREFIX, bake, write_contract
 from crowdfence.calibration.logit_counts import logit_counts
 from crowdfence.errors import DetectorError
 
@@ -223,6 +223,27 @@ def test_a_model_can_be_calibrated_again() -> None:
     once = bake(model(["Sigmoid"]), line("temperature", 0.5), "heatmap", "probability")
     twice = bake(once, line("scale and bias", 3.0, 1.0), "heatmap", "probability")
     np.testing.assert_allclose(outputs(twice, X)[0], sigmoid(3.0 * X.astype(np.float64) + 1.0), atol=1e-6)
+
+
+def test_a_model_whose_correction_was_cut_off_can_be_calibrated() -> None:
+    """Its nodes are gone and its numbers are not, as where somebody moves the output back to the logits."""
+    once = bake(model(["Sigmoid"]), line("temperature", 0.5), "heatmap", "probability")
+    left = [node for node in once.graph.node if not node.name.startswith(PREFIX)]
+    left[-1].input[0] = "logits"
+    del once.graph.node[:]
+    once.graph.node.extend(left)
+    again = bake(once, line("temperature", 3.0), "heatmap", "probability")
+    np.testing.assert_allclose(outputs(again, X)[0], sigmoid(6.0 * X.astype(np.float64)), atol=1e-6)
+
+
+def test_a_graph_that_a_runtime_takes_and_onnx_does_not_is_said() -> None:
+    made = model(["Sigmoid"])
+    nodes = list(made.graph.node)
+    del made.graph.node[:]
+    made.graph.node.extend(reversed(nodes))
+    outputs(made, X)
+    with pytest.raises(DetectorError, match=r"no valid ONNX.* topologically sorted.*export it again"):
+        bake(made, line("temperature", 0.5), "heatmap", "probability")
 
 
 def test_numpy_agrees_with_the_graph_on_the_heatmap_of_the_old_model() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from crowdfence.calibration.correction import LogitMap
 from crowdfence.detector.contract.lookup import METADATA_KEY
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 if TYPE_CHECKING:
     from onnx import GraphProto, ModelProto, NodeProto
@@ -29,7 +29,8 @@ def bake(
     operators for each knot.
 
     Raises DetectorError for a graph without that output, one where it is made otherwise or lies inside a
-    control-flow operator, an output that is not floating point, and an operator set below 8.
+    control-flow operator, an output that is not floating point, an operator set below 8, and a graph that
+    is not valid ONNX though a runtime may take it.
     """
     import onnx
 
@@ -54,7 +55,13 @@ def bake(
     nodes = [*graph.node[:at], *writer.nodes, *graph.node[at:]]
     del graph.node[:]
     graph.node.extend(nodes)
-    onnx.checker.check_model(corrected)
+    try:
+        onnx.checker.check_model(corrected)
+    except onnx.checker.ValidationError as error:
+        raise DetectorError(
+            "the model is no valid ONNX, though ONNX Runtime takes it, and no correction can be written into it: "
+            f"{quoted(str(error), 200)}; export it again"
+        ) from None
     return corrected
 
 
@@ -73,8 +80,11 @@ class _Writer:
 
     def __init__(self, graph: GraphProto, dtype: type[np.floating[Any]]) -> None:
         self._graph, self._dtype = graph, dtype
-        # A model that was calibrated before holds our names already.
-        taken = {name for node in graph.node for name in node.output if name.startswith(PREFIX)}
+        # A model that was calibrated before holds our names already; numbers stay where an earlier
+        # correction was cut off.
+        names = [name for node in graph.node for name in node.output]
+        names += [constant.name for constant in graph.initializer]
+        taken = {name for name in names if name.startswith(PREFIX)}
         self.number = next(n for n in range(len(taken) + 1) if not _any_starts(taken, f"{PREFIX}_{n}_"))
         self.nodes: list[NodeProto] = []
 
