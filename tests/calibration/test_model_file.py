@@ -12,7 +12,7 @@ import onnx
 import pytest
 
 from crowdfence import Contract, Detector
-from crowdfence.calibration.correction import line
+from crowdfence.calibration.correction import UNCHANGED, line
 from crowdfence.calibration.model_file import require_agreement, write_calibrated
 from crowdfence.errors import DetectorError
 from support.onnx_models import contract, write_map_model
@@ -82,3 +82,50 @@ def test_a_tiled_model_as_it_is_written_passes(tmp_path: Path) -> None:
     graph = onnx.load(str(tmp_path / "before.onnx"))
     write_calibrated(graph, HALVED, Contract.from_json(described), completed, output)
     require_agreement(before, Detector(output), HALVED, IMAGE)
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.1, 0.2, 0.5, 2.0])
+@pytest.mark.parametrize("half", [False, True], ids=["float32", "float16"])
+def test_a_model_that_was_far_too_sure_of_itself_passes(tmp_path: Path, scale: float, half: bool) -> None:
+    """Its probabilities near 1 have lost their logits, so numpy cannot tell what the graph makes of them."""
+    before_path = sure_model(tmp_path / "before.onnx", half=half)
+    described, output = contract("probability"), tmp_path / "after.onnx"
+    chosen, before = line("temperature", scale), Detector(before_path, contract=described)
+    graph = onnx.load(str(before_path))
+    write_calibrated(graph, chosen, Contract.from_json(described), Contract.from_json(described), output)
+    after = Detector(output)
+    require_agreement(before, after, chosen, IMAGE, half=half)
+    for wrong in (UNCHANGED, line("scale and bias", scale, 0.2)):
+        with pytest.raises(DetectorError, match="differs from its calibration"):
+            require_agreement(before, after, wrong, IMAGE, half=half)
+
+
+def sure_model(path: Path, *, half: bool) -> Path:
+    """P = sigmoid of the red of a cell, from -16 to 16."""
+    write_map_model(path, scale=32.0 / 255.0, offset=-16.0)
+    model = onnx.load(str(path))
+    (last,) = (node for node in model.graph.node if "heatmap" in node.output)
+    last.output[0] = "logits"
+    kind = onnx.TensorProto.FLOAT16 if half else onnx.TensorProto.FLOAT
+    model.graph.node.append(onnx.helper.make_node("Cast", ["logits"], ["cast"], to=kind))
+    model.graph.node.append(onnx.helper.make_node("Sigmoid", ["cast"], ["heatmap"]))
+    model.graph.output[0].type.tensor_type.elem_type = kind
+    onnx.save_model(model, str(path))
+    return path
+
+
+def test_a_model_that_does_something_else_is_not_written(tmp_path: Path) -> None:
+    """What was there before stays, also where it may be replaced."""
+    described = Contract.from_json(contract("logits"))
+    graph = onnx.load(str(write_map_model(tmp_path / "before.onnx")))
+    output = tmp_path / "after.onnx"
+    output.write_bytes(b"an earlier model")
+
+    def refuse(written: Path) -> None:
+        assert Detector(written).contract == described
+        raise DetectorError("it differs")
+
+    with pytest.raises(DetectorError, match="it differs"):
+        write_calibrated(graph, HALVED, described, described, output, refuse)
+    assert output.read_bytes() == b"an earlier model"
+    assert {path.name for path in tmp_path.iterdir()} == {"before.onnx", "after.onnx"}

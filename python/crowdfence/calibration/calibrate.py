@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from crowdfence.calibration.choice import Calibration, calibrate
 from crowdfence.calibration.correction import UNCHANGED, LogitMap
-from crowdfence.calibration.graph import bake
+from crowdfence.calibration.graph import bake, float_type
 from crowdfence.calibration.logit_counts import logit_counts
 from crowdfence.calibration.model_file import (
     calibrated_contract,
@@ -119,8 +119,13 @@ def calibrate_model(
     completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
     seen = range_of_missions({name: np.array(of_one) for name, of_one in statistics.items()})
     completed = replace(completed, pictures=seen)
-    write_calibrated(graph, calibration.chosen, contract, completed, output)
-    require_agreement(detector, Detector(output), calibration.chosen, missions.some_image())
+
+    def agrees(written: Path) -> None:
+        half = float_type(graph.graph, contract.output.name) is np.float16
+        image = missions.some_image()
+        require_agreement(detector, Detector(written), calibration.chosen, image, half=half)
+
+    write_calibrated(graph, calibration.chosen, contract, completed, output, agrees)
     return ModelCalibration(
         completed,
         plan,

@@ -38,7 +38,7 @@ def bake(
     corrected.CopyFrom(model)
     graph = corrected.graph
     _require_opset(corrected)
-    dtype = _float_type(graph, output_name)
+    dtype = float_type(graph, output_name)
     writer = _Writer(graph, dtype)
     index = _producer(graph, output_name)
     if kind == "probability":
@@ -59,7 +59,7 @@ def bake(
         onnx.checker.check_model(corrected)
     except onnx.checker.ValidationError as error:
         raise DetectorError(
-            "the model is no valid ONNX, though ONNX Runtime takes it, and no correction can be written into it: "
+            "the model is no valid ONNX, though ONNX Runtime takes it, and no correction fits into it: "
             f"{quoted(str(error), 200)}; export it again"
         ) from None
     return corrected
@@ -132,7 +132,8 @@ def _require_opset(model: ModelProto) -> None:
         )
 
 
-def _float_type(graph: GraphProto, output_name: str) -> type[np.floating[Any]]:
+def float_type(graph: GraphProto, output_name: str) -> type[np.floating[Any]]:
+    """In which precision an output is computed; DetectorError for one that is no floating point."""
     from onnx import TensorProto
 
     outputs = {output.name: output for output in graph.output}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -13,7 +14,7 @@ from crowdfence.atomic_file import atomic_path
 from crowdfence.calibration.choice import Calibration
 from crowdfence.calibration.correction import LogitMap
 from crowdfence.calibration.graph import bake, write_contract
-from crowdfence.calibration.logit_counts import LIMIT, cell_logits
+from crowdfence.calibration.logit_counts import cell_logits
 from crowdfence.detector.contract.contract import Contract, Validity
 from crowdfence.detector.contract.picture_sizes import PictureSizes
 from crowdfence.errors import DetectorError
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 
 TOLERATED_DIFFERENCE = 1e-3
 """Between the calibrated graph and the same in numpy; beyond it the graph does something else."""
+TELLING_LOGIT = 13.0
+"""Of larger ones a float32 probability says too little: a temperature of 10 makes .003 of one step of it."""
+TOLERATED_DIFFERENCE_HALF, TELLING_LOGIT_HALF = 1e-2, 4.0
+"""The same of a graph that computes in float16."""
 
 
 def output_kind(contract: Contract) -> Literal["probability", "logits"]:
@@ -92,9 +97,15 @@ def about_after(about: dict[str, Any] | None, chosen: LogitMap) -> dict[str, Any
 
 
 def write_calibrated(
-    graph: ModelProto, chosen: LogitMap, contract: Contract, completed: Contract, output: Path
+    graph: ModelProto,
+    chosen: LogitMap,
+    contract: Contract,
+    completed: Contract,
+    output: Path,
+    check: Callable[[Path], None] = lambda written: None,
 ) -> None:
-    """Write `graph`, which `contract` describes, corrected and with the `completed` contract; atomically."""
+    """Write `graph`, which `contract` describes, corrected and with the `completed` contract; atomically, and
+    only when `check` of the file does not raise."""
     import onnx
 
     # The correction was fitted after the division by the contract's temperature; now it comes before it.
@@ -103,18 +114,23 @@ def write_calibrated(
     write_contract(baked, completed.to_json())
     with atomic_path(output) as temporary:
         onnx.save_model(baked, str(temporary))
+        check(temporary)
 
 
-def require_agreement(before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8]) -> None:
-    """DetectorError unless the written model gives on an image what the correction gives in numpy."""
+def require_agreement(
+    before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8], *, half: bool = False
+) -> None:
+    """DetectorError unless the written model gives on an image what the correction gives in numpy. `half`:
+    its output is float16."""
+    tolerated = TOLERATED_DIFFERENCE_HALF if half else TOLERATED_DIFFERENCE
     image = _not_resampled(image, before.contract)
     raw = before(image, as_it_is=True)
-    inside = np.abs(cell_logits(raw)) < LIMIT - 1.0  # beyond, a float32 probability has lost its logit
+    inside = np.abs(cell_logits(raw)) < (TELLING_LOGIT_HALF if half else TELLING_LOGIT)
     difference = np.abs(after(image, as_it_is=True) - chosen.probability(raw))[inside].max(initial=0.0)
-    if difference > TOLERATED_DIFFERENCE:
+    if difference > tolerated:
         raise DetectorError(
-            f"the calibrated model differs from its calibration by {difference:.2g}; allowed: "
-            f"{TOLERATED_DIFFERENCE:g}. Please report this model"
+            f"the calibrated model differs from its calibration by {difference:.2g}; allowed: {tolerated:g}. "
+            "Nothing is written. Please report this model"
         )
 
 
