@@ -104,6 +104,9 @@ def test_written_and_read_again_it_is_the_same(given: dict[str, Any]) -> None:
             {"rates": {"true_positive": {"rate": 0.9, "low": 0.95, "high": 1.0}}},
             r"rates.true_positive is 0.9 in \[0.95, 1\]; allowed: 0 <= low <= rate",
         ),
+        ({"about": {"map50": [float("nan")]}}, r"about is no JSON .*Out of range.*; allowed: .* not NaN"),
+        ({"rates": {"voxel_size_m": float("inf")}}, r"rates is no JSON .*Out of range"),
+        ({"about": {"classes": {1}}}, r"about is no JSON \(.*set.*\); allowed"),
         ({"target_height_m": -1}, r"target_height_m is -1; allowed: a finite number of at least 0"),
     ],
 )

@@ -5,6 +5,7 @@ null is the same as a key left out.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -89,10 +90,17 @@ class JsonSection:
         return low, high
 
     def free(self, name: str) -> dict[str, Any] | None:
-        """Any JSON object, or None."""
+        """Any JSON object, or None. NaN and infinity are no JSON, though Python reads and writes them."""
         value = self._get(name, None)
         if value is not None and not isinstance(value, Mapping):
             raise self.refuse(name, "a JSON object or null")
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise DetectorError(
+                f"{self.key(name)} is no JSON ({error}); allowed: what JSON has, text and finite numbers, "
+                "not NaN and infinity"
+            ) from None
         return None if value is None else dict(value)
 
     def raw(self, name: str) -> Any:
