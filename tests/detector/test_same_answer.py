@@ -37,6 +37,18 @@ def test_certainty_is_an_answer_like_any_other(certain: float) -> None:
     assert warning("logits", certain, 0.5) is None
 
 
+def test_probabilities_that_are_taken_for_logits_are_told() -> None:
+    """By hand: sigmoid(0) = 0.5, sigmoid(1) = 0.7310586."""
+    told = warning("logits", 0.5, 0.7310586)
+    assert told is not None and told.startswith(
+        "test model gives P = 0.5 to 0.73 in all 2 pictures, so all is"
+    )
+    assert told.endswith("its contract says output.kind 'logits'; is it 'probability'?")
+    assert warning("probability", 0.5, 0.7310586) is None
+    assert warning("logits", 0.49, 0.7310586) is None
+    assert warning("logits", 0.5, 0.74) is None
+
+
 def test_a_few_masks_of_nobody_and_people_who_are_not_there_are_no_doubt() -> None:
     assert warning("probability", *[0.0] * 9) is None
     assert warning("points", 4.5e-5, 4.5e-5) is None
