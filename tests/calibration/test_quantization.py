@@ -247,8 +247,39 @@ def test_a_model_that_needs_metres_per_pixel(model: Path, recording: Path, tmp_p
     assert Detector(tmp_path / "int8.onnx").contract.output == people.contract.output
 
 
-def test_what_cannot_be_quantized(recording: Path, tmp_path: Path) -> None:
+def test_layers_without_names(model: Path, recording: Path, tmp_path: Path) -> None:
+    """Names are optional in ONNX: that of the first and the last layer, which stay, was that of all."""
+    changed = onnx.load(model)
+    for node in changed.graph.node:
+        node.name = ""
+    nameless, outputs = tmp_path / "nameless.onnx", [tmp_path / "a.onnx", tmp_path / "b.onnx"]
+    onnx.save_model(changed, str(nameless))
+    for source, output in zip((model, nameless), outputs, strict=True):
+        quantize_model(Detector(source, contract()), source, [recording], output, pictures=4)
+    operators, expected = ([node.op_type for node in onnx.load(path).graph.node] for path in outputs)
+    assert operators == expected and operators.count("QuantizeLinear") == 2
+
+
+def test_what_cannot_be_quantized(model: Path, recording: Path, tmp_path: Path) -> None:
     flat = write_map_model(tmp_path / "flat.onnx", contract())
-    with pytest.raises(DetectorError, match="no convolutions"):
-        quantize_model(Detector(flat), flat, [recording], tmp_path / "int8.onnx", pictures=2)
-    assert not (tmp_path / "int8.onnx").exists()
+    old, short = tmp_path / "old.onnx", tmp_path / "short.onnx"
+    changed = onnx.load(model)
+    changed.opset_import[0].version = 12
+    onnx.save_model(changed, str(old))
+    changed = onnx.load(model)
+    kept = [node for node in changed.graph.node if "middle" not in node.name]
+    next(node for node in kept if node.name == "conv_last").input[0] = "b"
+    del changed.graph.node[:]
+    changed.graph.node.extend(kept)
+    onnx.save_model(changed, str(short))
+    for refused, message in (
+        (flat, "no convolutions"),
+        (MODELS / "crowdnet-s-int8.onnx", "computes in eight bits already: take the one in floating point"),
+        (old, "operator set is 12; eight bits need 13 or newer: export it again"),
+        (short, "between its first and its last convolution.* nothing that could compute in eight bits"),
+    ):
+        with pytest.raises(DetectorError, match=message):
+            quantize_model(
+                Detector(refused, contract()), refused, [recording], tmp_path / "int8.onnx", pictures=2
+            )
+        assert not (tmp_path / "int8.onnx").exists()

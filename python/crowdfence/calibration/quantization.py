@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 QUANTIZED = ("Conv", "Add", "Relu")
 """Operators that compute in eight bits; others pass such values on or turn them back."""
+MIN_OPSET = 13
+"""From here on DequantizeLinear has steps for each channel."""
 PICTURES = 64
 CALLED = 0.5
 
@@ -83,8 +85,9 @@ def quantize_model(
     Where the recordings are labelled missions with maps, the frames that `plan` looks at tell its rates.
     `on_picture` is called for each of all these.
 
-    ModuleNotFoundError without the package onnx; DetectorError for a model without convolutions; ValueError
-    for recordings without a picture, or with a contract beside `output` that would hide the model's own.
+    ModuleNotFoundError without the package onnx; DetectorError for a model in which no convolution can
+    compute in eight bits, one that does so already, or of an operator set below 13; ValueError for recordings
+    without a picture, or with a contract beside `output` that would hide the model's own.
     """
     from crowdfence.detector.detector import Detector
 
@@ -183,11 +186,14 @@ def _quantized(
     from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
     from onnxruntime.quantization.shape_inference import quant_pre_process
 
+    original = onnx.load(str(model))
+    _require_floating_point(original)
     with TemporaryDirectory() as folder:
         prepared, written = Path(folder) / "prepared.onnx", Path(folder) / "quantized.onnx"
         # The tools of the runtime tell what they do on standard output.
         with redirect_stdout(io.StringIO()):
             quant_pre_process(str(model), str(prepared), skip_symbolic_shape=True)
+            _name_nodes(prepared)
             quantize_static(
                 str(prepared),
                 str(written),
@@ -202,7 +208,11 @@ def _quantized(
                 calibrate_method=CalibrationMethod.Percentile,
             )
         quantized = onnx.load(str(written))
-    original = onnx.load(str(model))
+    if not any(node.op_type == "QuantizeLinear" for node in quantized.graph.node):
+        raise DetectorError(
+            "between its first and its last convolution, which stay in floating point, the model has nothing "
+            "that could compute in eight bits: convolutions of float32 with constant weights"
+        )
     del quantized.metadata_props[:]
     quantized.metadata_props.extend(original.metadata_props)
     write_contract(quantized, contract.to_json())
@@ -217,6 +227,28 @@ class _Reader:
 
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         return next(self._tensors, None)
+
+
+def _require_floating_point(model: ModelProto) -> None:
+    """DetectorError for a model in eight bits, and for one of too old an operator set."""
+    if any(node.op_type == "QuantizeLinear" for node in model.graph.node):
+        raise DetectorError("the model computes in eight bits already: take the one in floating point")
+    found = max((entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")), default=0)
+    if found < MIN_OPSET:
+        raise DetectorError(
+            f"the model's operator set is {found}; eight bits need {MIN_OPSET} or newer: export it again, or "
+            f"turn it into that with onnx.version_converter.convert_version(model, {MIN_OPSET})"
+        )
+
+
+def _name_nodes(path: Path) -> None:
+    """What stays in floating point is told to the runtime by name, and names are optional in ONNX."""
+    import onnx
+
+    model = onnx.load(str(path))
+    for index, node in enumerate(model.graph.node):
+        node.name = node.name or f"crowdfence_{node.op_type}_{index}"
+    onnx.save_model(model, str(path))
 
 
 def _kept_in_floating_point(model: ModelProto) -> list[str]:
