@@ -212,6 +212,30 @@ def test_baked_logits_are_corrected_under_the_same_name(logit_map: LogitMap) -> 
     np.testing.assert_allclose(heatmap, logit_map(2.0 * X.astype(np.float64)), atol=1e-4)
 
 
+@pytest.mark.parametrize("logit_map", [line("scale and bias", 0.25, -0.6), CURVE])
+@pytest.mark.parametrize("kind", ["probability", "logits"])
+def test_what_lies_beyond_the_limit_of_the_fit_is_corrected_as_it_was_fitted(
+    logit_map: LogitMap, kind: str
+) -> None:
+    """Fitted were logits cut at 16; a graph that goes on from there is surer than all that was counted."""
+    made = model(["Sigmoid"] if kind == "probability" else [])
+    x = np.array([-40.0, -20.0, -8.0, 8.0, 20.0, 40.0], np.float32).reshape(1, 1, 2, 3)
+    given = outputs(bake(made, logit_map, "heatmap", kind), x)[0]  # type: ignore[arg-type]
+    expected = logit_map(np.clip(2.0 * x.astype(np.float64), -16.0, 16.0))
+    np.testing.assert_allclose(given, expected if kind == "logits" else sigmoid(expected), atol=1e-5)
+
+
+def test_no_number_stays_no_number() -> None:
+    """What a detector refuses of the model it refuses of the calibrated one, too."""
+    x = np.array([np.nan, np.inf, -np.inf, 1.0], np.float32).reshape(1, 1, 2, 2)
+    for tail, kind, refused in (
+        ([], "logits", [True, True, True, False]),
+        (["Sigmoid"], "probability", [True, False, False, False]),
+    ):
+        given = outputs(bake(model(tail), line("temperature", 0.5), "heatmap", kind), x)[0]  # type: ignore[arg-type]
+        assert (~np.isfinite(given)).ravel().tolist() == refused
+
+
 def test_logits_that_the_graph_itself_uses_stay_for_it() -> None:
     """ "logits" is an output and feeds the Sigmoid: only the output is corrected."""
     heatmap, logits = outputs(bake(model(["Sigmoid"]), line("temperature", 0.5), "logits", "logits"), X)

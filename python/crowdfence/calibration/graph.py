@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from crowdfence.calibration.correction import LogitMap
+from crowdfence.calibration.logit_counts import LIMIT
 from crowdfence.detector.contract.lookup import METADATA_KEY
 from crowdfence.errors import DetectorError, quoted
 
@@ -20,13 +21,18 @@ MIN_OPSET = 8
 
 
 def bake(
-    model: ModelProto, logit_map: LogitMap, output_name: str, kind: Literal["probability", "logits"]
+    model: ModelProto,
+    logit_map: LogitMap,
+    output_name: str,
+    kind: Literal["probability", "logits"],
+    limit: float = LIMIT,
 ) -> ModelProto:
     """A copy of `model` whose output `output_name` is corrected; everything else is as it was.
 
     A `probability` must come out of a Sigmoid: the correction goes in front of it, in full precision.
-    `logits` are corrected as they leave the graph. Lines take one Mul and one Add, curves a few standard
-    operators for each knot.
+    `logits` are corrected as they leave the graph. Before that they are cut at `limit`, as they were where
+    the correction was fitted: what was counted there says nothing of how sure larger ones may be. A line then
+    takes one Mul and one Add, a curve a few standard operators for each knot.
 
     Raises DetectorError for a graph without that output, one where it is made otherwise or lies inside a
     control-flow operator, an output that is not floating point, an operator set below 8, and a graph that
@@ -44,12 +50,12 @@ def bake(
     if kind == "probability":
         sigmoid = _sigmoid_before(graph, index, output_name)
         node = graph.node[sigmoid]
-        node.input[0] = writer.map(node.input[0], logit_map)
+        node.input[0] = writer.map(node.input[0], logit_map, limit)
         at = sigmoid
     else:
         raw = f"{PREFIX}_{writer.number}_before"
         _rename(graph, output_name, raw)
-        writer.map(raw, logit_map)
+        writer.map(writer.without_infinity(raw), logit_map, limit)
         writer.nodes[-1].output[0] = output_name
         at = index + 1
     nodes = [*graph.node[:at], *writer.nodes, *graph.node[at:]]
@@ -88,8 +94,14 @@ class _Writer:
         self.number = next(n for n in range(len(taken) + 1) if not _any_starts(taken, f"{PREFIX}_{n}_"))
         self.nodes: list[NodeProto] = []
 
-    def map(self, logits: str, logit_map: LogitMap) -> str:
+    def without_infinity(self, logits: str) -> str:
+        """The logits, NaN for infinity: both are refused when they leave a graph, and cut at a limit infinity
+        would be a number like any other."""
+        return self._apply("Add", logits, self._apply("Sub", logits, logits))
+
+    def map(self, logits: str, logit_map: LogitMap, limit: float) -> str:
         """Name of the tensor that holds the corrected logits."""
+        logits = self._apply("Min", self._apply("Max", logits, -limit), limit)
         if logit_map.is_line:
             scaled = self._apply("Mul", logits, logit_map.scale)
             return self._apply("Add", scaled, logit_map.bias)

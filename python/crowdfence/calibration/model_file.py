@@ -14,7 +14,7 @@ from crowdfence.atomic_file import atomic_path
 from crowdfence.calibration.choice import Calibration
 from crowdfence.calibration.correction import LogitMap
 from crowdfence.calibration.graph import bake, write_contract
-from crowdfence.calibration.logit_counts import cell_logits
+from crowdfence.calibration.logit_counts import LIMIT, cell_logits
 from crowdfence.detector.contract.contract import Contract, Validity
 from crowdfence.detector.contract.picture_sizes import PictureSizes
 from crowdfence.errors import DetectorError
@@ -109,8 +109,9 @@ def write_calibrated(
     import onnx
 
     # The correction was fitted after the division by the contract's temperature; now it comes before it.
-    logit_map = chosen.of_scaled(1.0 / contract.temperature) if contract.output.kind == "logits" else chosen
-    baked = bake(graph, logit_map, contract.output.name, output_kind(contract))
+    temperature = contract.temperature if contract.output.kind == "logits" else 1.0
+    logit_map, limit = chosen.of_scaled(1.0 / temperature), LIMIT * temperature
+    baked = bake(graph, logit_map, contract.output.name, output_kind(contract), limit)
     write_contract(baked, completed.to_json())
     with atomic_path(output) as temporary:
         onnx.save_model(baked, str(temporary))
