@@ -146,6 +146,39 @@ def test_an_overconfident_model_is_calibrated_and_described(
     assert confidence[1] < confidence[0]
 
 
+def test_a_model_that_resizes_is_measured_as_it_is_written(data: list[Path], tmp_path: Path) -> None:
+    """Its heatmap lies between its cells, and the correction of what lies between two of them is not what
+    lies between two that are corrected: rates and figures are those of the file, to the last digit."""
+    described = contract(
+        "logits", input__size=[WIDTH // 2, HEIGHT // 2], input__multiple_of=4, input__resize="stretch"
+    )
+    model = write_map_model(tmp_path / "half.onnx", described, scale=0.2, offset=-9.0, blur_cells=1)
+    done = calibrate(model, data, tmp_path / "calibrated.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    report, after = json.loads(done.stdout), Detector(tmp_path / "calibrated.onnx")
+    assert report["chosen"] != "none"
+    plan = MeasurementPlan(target_height_m=report["contract"]["target_height_m"])
+    written = model_quality(after, data, plan).to_json()
+    assert written["rates"] == report["rates"]["all"]
+    assert written["quality"]["overall"] == report["quality"]["overall"]
+
+
+def test_a_model_whose_correction_does_not_hold_is_not_written(data: list[Path], tmp_path: Path) -> None:
+    """One that rolls dice; what was there before stays, also where it may be replaced."""
+    model, output = noisy_model(tmp_path / "dice.onnx", sharpness=1.0), tmp_path / "calibrated.onnx"
+    changed = onnx.load(str(model))
+    last = changed.graph.node.pop()
+    changed.graph.node.append(helper.make_node("RandomNormalLike", [last.input[0]], ["dice"]))
+    changed.graph.node.append(helper.make_node("Add", [last.input[0], "dice"], ["thrown"]))
+    changed.graph.node.append(helper.make_node("Sigmoid", ["thrown"], ["heatmap"]))
+    onnx.save_model(changed, str(model))
+    output.write_bytes(b"an earlier model")
+    done = calibrate(model, data, output, "--force")
+    assert done.returncode == FAILED and "differs from its calibration" in done.stderr
+    assert "Nothing is written" in done.stderr and output.read_bytes() == b"an earlier model"
+    assert {path.name for path in tmp_path.iterdir()} == {"dice.onnx", "calibrated.onnx"}
+
+
 def test_the_table_says_what_was_measured(data: list[Path], tmp_path: Path) -> None:
     done = calibrate(
         noisy_model(tmp_path / "m.onnx", sharpness=4.0), data[:2], tmp_path / "out.onnx", "--every", 6

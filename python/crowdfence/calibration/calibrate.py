@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,8 +90,8 @@ def calibrate_model(
     write it into the graph, and calibration, rates and range of validity into the metadata of `output`.
 
     Goes over the missions twice, one frame and one map in memory at a time; `on_frame` is called for every
-    frame of both. Data are mission files, AirSim recordings or folders with truth that the model was not
-    trained on.
+    frame of both. Nothing is written where the corrected graph does not do what was fitted. Data are mission
+    files, AirSim recordings or folders with truth that the model was not trained on.
 
     ModuleNotFoundError without the package onnx; DetectorError for a model whose output is neither one
     probability from a Sigmoid nor logits; ValueError for data without truth or without crowd.
@@ -110,22 +111,22 @@ def calibrate_model(
     # What joins the maps of several sizes follows the graph's correction only where that is a line.
     combines = contract.sizes is not None and contract.sizes.weights is not None
     calibration = calibrate(counts, lines_only=combines and not scaled)
-    measured = measure(
-        missions,
-        partial(_before_and_after, detector, calibration.chosen, plan),
-        contract.output.stride,
-    )
+    with TemporaryDirectory() as folder:
+        corrected = Path(folder) / "corrected.onnx"
+        unmeasured = calibrated_contract(contract, calibration, None, None, plan.target_height_m)
+        write_calibrated(graph, calibration.chosen, contract, unmeasured, corrected)
+        written, half = Detector(corrected), float_type(graph.graph, contract.output.name) is np.float16
+        require_agreement(detector, written, calibration.chosen, missions.some_image(), half=half)
+        measured = measure(
+            missions,
+            partial(_before_and_after, detector, written, calibration.chosen, plan),
+            contract.output.stride,
+        )
     before, after = measured.rates or (None, None)
     completed = calibrated_contract(contract, calibration, after, measured.settings, plan.target_height_m)
     seen = range_of_missions({name: np.array(of_one) for name, of_one in statistics.items()})
     completed = replace(completed, pictures=seen)
-
-    def agrees(written: Path) -> None:
-        half = float_type(graph.graph, contract.output.name) is np.float16
-        image = missions.some_image()
-        require_agreement(detector, Detector(written), calibration.chosen, image, half=half)
-
-    write_calibrated(graph, calibration.chosen, contract, completed, output, agrees)
+    write_calibrated(graph, calibration.chosen, contract, completed, output)
     return ModelCalibration(
         completed,
         plan,
@@ -163,10 +164,20 @@ def _count_logits(
 
 
 def _before_and_after(
-    detector: Detector, chosen: LogitMap, plan: MeasurementPlan, mission: LabelledMission, frame: Frame
+    detector: Detector,
+    written: Detector,
+    chosen: LogitMap,
+    plan: MeasurementPlan,
+    mission: LabelledMission,
+    frame: Frame,
 ) -> tuple[Heatmap, Heatmap]:
+    """Of the model and of the corrected one. That one looks itself where it is shown pictures at other sizes:
+    the graph corrects its own cells, and heatmaps are interpolated from these."""
     raw = mission.heatmap(detector, frame, plan.max_range_m)
-    return raw, chosen.probability(raw)
+    contract = detector.contract
+    if contract.sizes is None and contract.input.resize not in ("stretch", "letterbox"):
+        return raw, chosen.probability(raw)
+    return raw, mission.heatmap(written, frame, plan.max_range_m)
 
 
 def _warnings(calibration: Calibration, measured: PassResult, missions: LabelledMissions) -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -97,15 +96,9 @@ def about_after(about: dict[str, Any] | None, chosen: LogitMap) -> dict[str, Any
 
 
 def write_calibrated(
-    graph: ModelProto,
-    chosen: LogitMap,
-    contract: Contract,
-    completed: Contract,
-    output: Path,
-    check: Callable[[Path], None] = lambda written: None,
+    graph: ModelProto, chosen: LogitMap, contract: Contract, completed: Contract, output: Path
 ) -> None:
-    """Write `graph`, which `contract` describes, corrected and with the `completed` contract; atomically, and
-    only when `check` of the file does not raise."""
+    """Write `graph`, which `contract` describes, corrected and with the `completed` contract; atomically."""
     import onnx
 
     # The correction was fitted after the division by the contract's temperature; now it comes before it.
@@ -115,7 +108,6 @@ def write_calibrated(
     write_contract(baked, completed.to_json())
     with atomic_path(output) as temporary:
         onnx.save_model(baked, str(temporary))
-        check(temporary)
 
 
 def require_agreement(
