@@ -118,6 +118,13 @@ def test_metres_per_pixel_count_for_every_model_that_is_shown_pictures_to_scale(
         assert told["heatmap"]["highest"] == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.parametrize("gsd_m", ["nan", "inf", "0", "-1"])
+def test_metres_per_pixel_that_are_none_are_said_of_the_option(tmp_path: Path, gsd_m: str) -> None:
+    model = write_map_model(tmp_path / "m.onnx", document())
+    finished = check(model, "--gsd-m", gsd_m)
+    assert finished.returncode == 2 and "Invalid value for '--gsd-m'" in finished.stderr
+
+
 def test_a_picture_of_sixteen_bits_is_not_clipped(tmp_path: Path) -> None:
     model = write_map_model(tmp_path / "m.onnx", document())
     Image.fromarray(np.full((24, 40), 4000, np.uint16)).save(tmp_path / "deep.png")

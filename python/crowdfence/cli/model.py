@@ -46,6 +46,8 @@ def check(
         float | None,
         typer.Option(
             "--gsd-m",
+            min=1e-6,
+            max=1e3,
             help="Metres per pixel of the picture. Default: 0.1 for density, points and boxes, else unknown.",
         ),
     ] = None,
