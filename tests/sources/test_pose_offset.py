@@ -114,6 +114,24 @@ def test_nothing_is_put_right_twice_by_one_alignment(flown: Recording, tmp_path:
             open_recording(tmp_path / "finer.mcap", alignment=tmp_path / file)
 
 
+def test_an_alignment_found_anew_is_not_taken_on_top_of_one(flown: Recording, tmp_path: Path) -> None:
+    """Two alignments of the same poses differ a little, by their pictures; the second moved poses that the
+    first had put right as far again. One of righted poses does nothing for those that are not."""
+    drone = flown.drones[0]
+    folder = tmp_path / "flight"
+    write_alignment(tmp_path / "a.json", {drone: PoseOffset(yaw_deg=3.0)}, None, flown)
+    write_alignment(tmp_path / "b.json", {drone: PoseOffset(yaw_deg=2.9)}, None, flown)
+    convert(open_recording(folder, alignment=tmp_path / "a.json"), tmp_path / "righted.mcap")
+    righted = open_recording(tmp_path / "righted.mcap")
+    with pytest.raises(ValueError, match=f"of {drone} as they were recorded, and those in righted were put"):
+        open_recording(tmp_path / "righted.mcap", alignment=tmp_path / "b.json")
+    write_alignment(tmp_path / "rest.json", {drone: PoseOffset(yaw_deg=0.1)}, None, righted)
+    with pytest.raises(ValueError, match=f"of {drone} that were put right before, and those in flight"):
+        open_recording(folder, alignment=tmp_path / "rest.json")
+    finer = open_recording(tmp_path / "righted.mcap", alignment=tmp_path / "rest.json")
+    assert [one["yaw_deg"] for one in finer.manifest["alignment"][drone]] == [3.0, 0.1]
+
+
 def test_a_fleet_keeps_what_was_put_right_in_its_parts(flown: Recording, tmp_path: Path) -> None:
     drone, other = flown.drones[:2]
     offsets = {drone: PoseOffset(0.1)}

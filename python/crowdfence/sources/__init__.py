@@ -273,10 +273,11 @@ def _film_beside(path: Path) -> str:
 
 
 def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
-    from crowdfence.sources.alignment_file import doubt_of, read_alignment
+    from crowdfence.sources.alignment_file import doubt_of, read_alignment, require_same_poses
     from crowdfence.sources.pose_offset import without_offsets
 
     righted = without_offsets(recording, read_alignment(alignment))
+    require_same_poses(alignment, recording)
     doubt = doubt_of(alignment, recording)
     return righted if doubt is None else replace(righted, warnings=(*righted.warnings, doubt))
 

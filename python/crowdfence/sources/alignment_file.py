@@ -12,7 +12,7 @@ from typing import Any
 from crowdfence.atomic_file import write_bytes
 from crowdfence.errors import one_line, quoted
 from crowdfence.iso_time import iso_utc
-from crowdfence.sources.pose_offset import PoseOffset
+from crowdfence.sources.pose_offset import PoseOffset, alignments_of
 from crowdfence.sources.recording import Recording
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
@@ -35,7 +35,11 @@ def write_alignment(
     drones = {drone: asdict(offset) for drone, offset in offsets.items()}
     content: dict[str, Any] = {"kind": KIND, "drones": drones, "found": dict(found or {})}
     if recording is not None:
-        content["recording"] = {"name": recording.name, "span_ns": recording.span_ns}
+        content["recording"] = {
+            "name": recording.name,
+            "span_ns": recording.span_ns,
+            "alignment": {drone: alignments_of(recording.manifest, drone) for drone in offsets},
+        }
     write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
 
 
@@ -46,6 +50,30 @@ def read_alignment(path: str | PathLike[str]) -> dict[str, PoseOffset]:
     if not isinstance(drones, dict):
         raise ValueError(f"{path}: drones must be names with their offsets")
     return {str(drone): _offset(path, drone, values) for drone, values in drones.items()}
+
+
+def require_same_poses(path: str | PathLike[str], recording: Recording) -> None:
+    """ValueError where an alignment was found on poses that were put right by other alignments than those of
+    this recording: what is left of one is not left of the other. A file that does not say passes. Other
+    errors as for `read_alignment`."""
+    found_on = _content(path).get("recording")
+    before = found_on.get("alignment") if isinstance(found_on, dict) else None
+    if not isinstance(before, dict):
+        return
+    for drone, righted in before.items():
+        if righted == (now := alignments_of(recording.manifest, drone)):
+            continue
+        if not righted:
+            raise ValueError(
+                f"{path} was found on the poses of {drone} as they were recorded, and those in "
+                f"{recording.name} were put right before: it would move them as far again; leave the "
+                "alignment out"
+            )
+        raise ValueError(
+            f"{path} was found on poses of {drone} that were put right before, and those in {recording.name} "
+            f"were {'put right by another alignment' if now else 'not'}: it tells what the first left; use "
+            "it with the recording that it was found on, or align this one"
+        )
 
 
 def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
