@@ -80,6 +80,25 @@ def test_rows_tell_how_large_their_errors_are(position_m: float, attitude_deg: f
     assert found.attitude_deg == pytest.approx(attitude_deg, rel=0.15)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_noise_of_one_axis_alone_is_told_and_smoothed(axis: int) -> None:
+    """As of a barometer beside a steady GNSS, or of a compass on a steady gimbal. A median over the values of
+    all axes took it for none."""
+    exact, dice = orbit(seconds()), np.random.default_rng(axis)
+    of_axis = np.outer(dice.standard_normal(len(exact)), np.eye(3)[axis])
+    attitudes = Rotation.from_quat(np.roll(exact.quaternions, -1, axis=1)) * Rotation.from_rotvec(
+        np.radians(2.0) * of_axis
+    )
+    rows = PoseTrack(exact.stamps_ns, exact.positions + of_axis, np.roll(attitudes.as_quat(), 1, axis=1))
+    found = noise_of(rows)
+    assert found is not None
+    assert found.position_m == pytest.approx(np.sqrt(1 / 3), rel=0.15)
+    assert found.attitude_deg == pytest.approx(2.0 * np.sqrt(1 / 3), rel=0.15)
+    before, left = off(rows, exact), off(steadied_as(rows, "estimate"), exact)
+    assert left.position_m < 0.3 * before.position_m
+    assert left.attitude_deg < 0.5 * before.attitude_deg
+
+
 def test_lost_rows_do_not_look_like_noise() -> None:
     at_s = seconds()[np.random.default_rng(3).random(500) > 0.3]
     found = noise_of(orbit(at_s))

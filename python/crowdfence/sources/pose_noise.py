@@ -63,8 +63,8 @@ class PoseNoise:
 
 
 def noise_of(track: PoseTrack) -> PoseNoise | None:
-    """How far rows are off the line between their neighbours, as the median tells it; None where too few rows
-    are close enough together to say. Of noise that lasts over several rows it sees a part."""
+    """How far rows are off the line between their neighbours, as the median of each axis tells it; None where
+    too few rows are close enough together to say. Of noise that lasts over several rows it sees a part."""
     seconds = (track.stamps_ns - track.stamps_ns[:1]) / 1e9
     whole = seconds[2:] - seconds[:-2]
     close = whole < _CLOSE_ROWS_S
@@ -82,8 +82,10 @@ def noise_of(track: PoseTrack) -> PoseNoise | None:
 
 
 def _spread(errors: NDArray[np.float64]) -> float:
-    """Standard deviation of normal errors, whatever a few of them are."""
-    return float(np.median(np.abs(errors)) / _MEDIAN_OF_NORMAL)
+    """Standard deviation an axis of normal errors [N, 3], whatever a few of them are. Heights or headings may
+    tremble alone, which the median over all axes takes for none: root of the mean square of the axes."""
+    of_axes = np.median(np.abs(errors), axis=0) / _MEDIAN_OF_NORMAL
+    return float(np.sqrt(np.mean(of_axes**2)))
 
 
 def steadied(track: PoseTrack, noise: PoseNoise) -> PoseTrack:
