@@ -35,6 +35,7 @@ def run_facts(run: Run) -> dict[str, Any]:
             "holes": None if run.holes is None else asdict(run.holes),
         },
         "alignment": run.recording.manifest.get("alignment"),
+        "pose_noise": run.recording.manifest.get("pose_noise"),
         "left_out": run.recording.manifest.get("left_out", []),
         "method": description.method,
         "parameters": description.parameters,
@@ -46,6 +47,7 @@ def summarise(run: Run, grid: SurfaceGrid) -> dict[str, Any]:
     """All of a run for crowds, ready for JSON."""
     return {
         **run_facts(run),
+        "zone_rules": run.config.zone_parameters(run.crowd_map.default_threshold()),
         "area_m2": {
             state.name.lower(): grid.area_m2(state) for state in VoxelState if state != VoxelState.NEVER_SEEN
         },

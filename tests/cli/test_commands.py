@@ -125,6 +125,25 @@ def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Pat
     assert (rules["threshold"], rules["off_threshold"]) == (exported["threshold"], 0.02)
 
 
+def test_the_summary_and_the_report_tell_all_that_shaped_the_zones(airsim: Path, tmp_path: Path) -> None:
+    """Zones from 50 m up and ground around the crowd stood in neither, nor that the poses were smoothed."""
+    out = tmp_path / "out"
+    shape = ("--buffer", "fixed:distance_m=7", "--lower-m", 50, "--restriction", "no_sustained_flight")
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, *shape, "--pose-noise", "2,3").returncode == 0
+    summary = json.loads((out / "summary.json").read_text())
+    header = json.loads((out / "zone_history.jsonl").read_text().splitlines()[0])
+    assert summary["zone_rules"] == header["zone_rules"]
+    assert summary["zone_rules"]["buffer_m"] == 7.0
+    noise = {"position_m": 2.0, "attitude_deg": 3.0}
+    assert summary["pose_noise"] == dict.fromkeys(STARTS, noise)
+    report = (out / "report.html").read_text()
+    rows = dict(re.findall(r"<tr><td>([^<]*)</td><td>([^<]*)</td></tr>", report))
+    assert (rows["buffer_m"], rows["lower_m"], rows["upper_m"]) == ("7", "50", "120")
+    assert rows["restriction"] == "no_sustained_flight" and rows["max_vertices"] == "no limit"
+    drone = min(STARTS)
+    assert f"{drone} smoothed by 2 m and 3 deg" in rows["poses"]
+
+
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
     common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
     done = crowdfence(*common, "--files", "crowd_map.tif")

@@ -9,7 +9,7 @@ constant ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -109,16 +109,20 @@ def steadied_as(track: PoseTrack, given: GivenNoise | None) -> PoseTrack:
 
 def without_noise(recording: Recording, given: GivenNoise) -> Recording:
     """The recording with steady poses; where they were not told, `Recording.warnings` says how large the
-    errors were found."""
+    errors were found. The manifest tells by what each drone's poses were smoothed."""
     tracks: dict[str, PoseTrack] = {}
+    smoothed: dict[str, dict[str, float]] = {}
     warnings = list(recording.warnings)
     for drone, track in recording.tracks().items():
         noise = _taken(track, given)
         if noise is not None:
             tracks[drone] = steadied(track, noise)
+            smoothed[drone] = asdict(noise)
         if given == "estimate":
             warnings.append(f"poses of {drone}: {_found(noise)}")
-    return replace(placed_again(recording, tracks, "smoothing"), warnings=tuple(warnings))
+    manifest = {**recording.manifest, "pose_noise": smoothed}
+    steady = placed_again(recording, tracks, "smoothing")
+    return replace(steady, warnings=tuple(warnings), manifest=manifest)
 
 
 def with_doubts(recording: Recording) -> Recording:

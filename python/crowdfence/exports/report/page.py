@@ -30,6 +30,8 @@ STATES = {
 """What each state is called, and what it means for a pilot."""
 
 _MOST_REFUSALS = 200
+_TOLD_ABOVE = ("threshold", "min_area_m2")
+"""Of the rules of zones."""
 
 
 def report_page(
@@ -168,19 +170,34 @@ def _parameters(summary: Mapping[str, Any]) -> dict[str, str]:
     if "name" in detector:
         model = " ".join(filter(None, (detector["name"], detector["version"])))
         model += f", sha256 {detector['sha256']}" if detector["sha256"] else ""
-    used = {
-        name: f"{value:g}" if isinstance(value, float) else f"{value}"
-        for name, value in summary["parameters"].items()
-    }
+    used = {name: _value(value) for name, value in summary["parameters"].items()}
+    rules = {name: _value(value) for name, value in summary["zone_rules"].items() if name not in _TOLD_ABOVE}
     return {
         "map": f"{terrain['voxels']:,} cells of {terrain['voxel_size_m']:g} m{why}; "
         f"{terrain['seen_voxels']:,} of them seen",
         "heatmaps": model,
+        "poses": _poses(summary),
         "method": summary["method"],
         "threshold": f"{summary['threshold']:.4g}",
         "smallest zone": f"{summary['min_area_m2']:g} m²",
         **used,
+        **rules,
     }
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "no limit"
+    return f"{value:g}" if isinstance(value, float) else f"{value}"
+
+
+def _poses(summary: Mapping[str, Any]) -> str:
+    """What was done to them: whoever looks for a zone in the wrong place asks that first."""
+    righted = summary["alignment"]  # of a file that may say anything
+    done = [f"{drone} put right by an alignment" for drone in righted] if isinstance(righted, Mapping) else []
+    for drone, noise in sorted((summary["pose_noise"] or {}).items()):
+        done.append(f"{drone} smoothed by {noise['position_m']:.2g} m and {noise['attitude_deg']:.2g} deg")
+    return "; ".join(done) or "as recorded"
 
 
 def _rows(facts: Mapping[str, str]) -> str:
