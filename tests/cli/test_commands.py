@@ -144,6 +144,14 @@ def test_the_summary_and_the_report_tell_all_that_shaped_the_zones(airsim: Path,
     assert f"{drone} smoothed by 2 m and 3 deg" in rows["poses"]
 
 
+def test_the_report_tells_the_threshold_that_was_given(airsim: Path, tmp_path: Path) -> None:
+    """Not the method's own, which stood there under the same name."""
+    out = tmp_path / "out"
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--threshold", 0.4).returncode == 0
+    report = (out / "report.html").read_text()
+    assert re.findall(r"<tr><td>threshold</td><td>([^<]*)</td></tr>", report) == ["0.4"]
+
+
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
     common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
     done = crowdfence(*common, "--files", "crowd_map.tif")

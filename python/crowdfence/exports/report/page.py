@@ -31,7 +31,7 @@ STATES = {
 
 _MOST_REFUSALS = 200
 _TOLD_ABOVE = ("threshold", "min_area_m2")
-"""Of the rules of zones."""
+"""Of the rules of zones; among the parameters `threshold` is the method's own, whatever was given."""
 
 
 def report_page(
@@ -170,7 +170,7 @@ def _parameters(summary: Mapping[str, Any]) -> dict[str, str]:
     if "name" in detector:
         model = " ".join(filter(None, (detector["name"], detector["version"])))
         model += f", sha256 {detector['sha256']}" if detector["sha256"] else ""
-    used = {name: _value(value) for name, value in summary["parameters"].items()}
+    used = {name: _value(value) for name, value in summary["parameters"].items() if name not in _TOLD_ABOVE}
     rules = {name: _value(value) for name, value in summary["zone_rules"].items() if name not in _TOLD_ABOVE}
     return {
         "map": f"{terrain['voxels']:,} cells of {terrain['voxel_size_m']:g} m{why}; "
