@@ -90,7 +90,7 @@ def test_frames_that_leave_the_telemetry_are_refused(flown: Recording) -> None:
 
 
 def test_a_drone_of_another_recording_is_named(flown: Recording) -> None:
-    with pytest.raises(ValueError, match="another recording: .* has no drone 'uav9', it holds uav1"):
+    with pytest.raises(ValueError, match="another recording: .* has no drone 'uav9', it holds uav1, .*mend the name"):
         without_offsets(flown, {"uav9": PoseOffset()})
 
 
@@ -186,7 +186,19 @@ def test_the_file_gives_back_what_was_written(flown: Recording, tmp_path: Path) 
         ('{"kind": "crowdfence alignment", "drones": {"a": {"pitch": 1}}}', "a must have pitch_deg"),
         ('{"kind": "crowdfence alignment", "drones": {"a": {"pitch_deg": "1"}}}', "a has '1' where"),
         ('{"kind": "crowdfence alignment", "drones": {"a": {"position_m": [1, 2]}}}', "east, north and up"),
-        ('{"kind": "crowdfence alignment", "drones": {"a": {"time_s": NaN}}}', "finite"),
+        ('{"kind": "crowdfence alignment", "drones": {}}', "names no drone"),
+        (
+            '{"kind": "crowdfence alignment", "drones": {"a": {"yaw_deg": 1}, "a": {"yaw_deg": -1}}}',
+            "has 'a' twice",
+        ),
+        (
+            '{"kind": "crowdfence alignment", "drones": {"a": {"yaw_deg": 1, "yaw_deg": 2}}}',
+            "has 'yaw_deg' twice",
+        ),
+        (
+            '{"kind": "crowdfence alignment", "drones": {"a": {"time_s": NaN}}}',
+            r"offsets.json: time_s of a is nan; it must be finite",
+        ),
         ('{"kind": "crowdfence alignment", "drones": {"a": {"time_s": 1e300}}}', "time_s of a is 1e.*86400"),
         (
             '{"kind": "crowdfence alignment", "drones": {"a": {"yaw_deg": 1%s}}}' % ("0" * 400),

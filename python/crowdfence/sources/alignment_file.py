@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from math import isfinite
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,8 @@ def read_alignment(path: str | PathLike[str]) -> dict[str, PoseOffset]:
     drones = content.get("drones")
     if not isinstance(drones, dict):
         raise ValueError(f"{path}: drones must be names with their offsets")
+    if not drones:
+        raise ValueError(f"{path} names no drone: it would put nothing right; leave it out")
     return {str(drone): _offset(path, drone, values) for drone, values in drones.items()}
 
 
@@ -96,12 +99,23 @@ def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
 
 def _content(path: str | PathLike[str]) -> dict[str, Any]:
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
+        content = json.loads(text, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no alignment: {one_line(error)}") from error
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ValueError(f"{path} is no alignment; `crowdfence align` writes one")
     return content
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object. ValueError for a name that stands in it twice: only one of its values would count."""
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"it has {quoted(name)} twice")
+        found[name] = value
+    return found
 
 
 def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:
@@ -119,6 +133,8 @@ def _offset(path: str | PathLike[str], drone: str, values: Any) -> PoseOffset:
     for name, number in zip((*_NUMBERS, *["position_m"] * 3), (*numbers, *position), strict=True):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise ValueError(f"{path}: {drone} has {quoted(number)} where a number is needed")
+        if isinstance(number, float) and not isfinite(number):
+            raise ValueError(f"{path}: {name} of {drone} is {number}; it must be finite")
         if abs(number) > _MOST[name]:
             raise ValueError(f"{path}: {name} of {drone} is {quoted(number, 20)}, beyond {_MOST[name]:g}")
     pitch, yaw, roll, time_s = map(float, numbers)
