@@ -76,8 +76,8 @@ def without_offsets(recording: Recording, offsets: Mapping[str, PoseOffset]) -> 
     if unknown:
         raise ValueError(
             f"the alignment is of another recording: {recording.name} has no drone {unknown[0]!r}, it holds "
-            f"{', '.join(recording.drones) or 'none'}; if it is the same flight, mend the name in the alignment "
-            "or take that drone out of it"
+            f"{', '.join(recording.drones) or 'none'}; if it is the same flight, mend the name in the "
+            "alignment or take that drone out of it"
         )
     righted_before = {drone: alignments_of(recording.manifest, drone) for drone in offsets}
     if twice := [drone for drone, offset in offsets.items() if _told(offset) in righted_before[drone]]:
