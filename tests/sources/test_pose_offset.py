@@ -90,7 +90,7 @@ def test_frames_that_leave_the_telemetry_are_refused(flown: Recording) -> None:
 
 
 def test_a_drone_of_another_recording_is_named(flown: Recording) -> None:
-    with pytest.raises(ValueError, match="another recording: .* no drone 'uav9', it holds uav1, .*mend the name"):
+    with pytest.raises(ValueError, match="another recording: .* no drone .uav9., it holds uav1, .*mend"):
         without_offsets(flown, {"uav9": PoseOffset()})
 
 
