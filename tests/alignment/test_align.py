@@ -203,6 +203,50 @@ def test_a_heading_that_jumps_is_told_by_the_command(tmp_path: Path) -> None:
     assert "(yaw by +1." in done.stdout
 
 
+def test_pictures_that_nothing_is_found_again_in_are_told(tmp_path: Path) -> None:
+    """A compass that is reset by 60 degrees leaves nothing that could be compared from there on: the rest
+    agrees, and that says nothing of half of the flight."""
+    folder, later = (
+        write_flight(tmp_path / name, circling, paint(), turned_deg=(0.0, yaw_deg, 0.0), frames=16)
+        for name, yaw_deg in (("flight", 0.0), ("later", 60.0))
+    )
+    for picture in sorted((later / "images").iterdir())[9:]:
+        picture.replace(folder / "images" / picture.name)
+    output = tmp_path / "offsets.json"
+    ground = write_level(tmp_path / "level.tif")
+    done = crowdfence("align", folder, "-t", ground, "-o", output, columns=300)
+    assert "places in 9 of 16 pictures, apart by" in done.stdout
+    assert "nothing is known of the other 7: their poses may be far off" in done.stdout
+    told = json.loads(output.read_text())["found"]["drones"]["uav1"]
+    assert (told["pictures"], told["pictures_matched"]) == (16, 9)
+
+
+def test_drones_that_are_left_out_are_named_where_too_little_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of six pictures of uav2 most places are found again in those of uav1, whose poses jump."""
+    monkeypatch.setattr("crowdfence.alignment.estimate.FEWEST_MATCHES", 300)
+    folder, later = (
+        write_fleet(
+            tmp_path / name,
+            {"uav1": Flown(circling, turned_deg=(0.0, yaw_deg, 0.0)), "uav2": Flown(opposite)},
+            paint(),
+            frames=14,
+        )
+        for name, yaw_deg in (("flight", 0.0), ("later", 2.0))
+    )
+    for picture in sorted((later / "images").glob("uav1_*"))[7:]:
+        picture.replace(folder / "images" / picture.name)
+    for k, picture in enumerate(sorted((folder / "images").glob("uav2_*"))):
+        if k not in (0, 2, 5, 7, 10, 13):
+            picture.unlink()
+    first, second = align(open_recording(folder), level()).drones
+    assert "jump" in first.why_not
+    assert "places could be found again in another picture without those of uav1, which are refused" in (
+        second.why_not
+    )
+
+
 def test_water_that_flows_is_refused(tmp_path: Path) -> None:
     """All that is seen drifts eastwards by 0.3 m/s, as a river does. To a camera that circles this looks like
     one that is turned, though by no constant angle."""

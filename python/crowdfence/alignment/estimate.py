@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -65,6 +66,11 @@ class DroneAlignment:
     """What was found of one drone."""
 
     drone: str
+    pictures: int
+    """How many of it were compared."""
+    pictures_matched: int
+    """In how many of these places of others were found again. Of the rest nothing is known: their poses may
+    be so far off that nothing fits."""
     matches: int
     before_px: float
     """Median disagreement of its pictures with others, in pixels of a picture 640 wide."""
@@ -134,7 +140,7 @@ def align(
     tracks = settled.tracks()
     found: dict[str, DroneAlignment] = {}
     while left := [name for name in names if name not in found]:
-        found |= _told_or_left_out(*_of_drones(left, frames, matches), tracks, terrain)
+        found |= _told_or_left_out(*_of_drones(left, frames, matches), tracks, terrain, sorted(found))
     return Alignment(tuple(found[name] for name in names), len(frames), len(matches))
 
 
@@ -161,12 +167,17 @@ def _matches(seen: Sequence[SeenGround]) -> list[GroundMatches]:
 
 def _counts(
     names: Sequence[str], frames: Sequence[Frame], matches: Sequence[GroundMatches]
-) -> dict[str, int]:
+) -> dict[str, tuple[int, int, int]]:
+    """Pictures of each drone, those of them with matches, and its matches."""
     counts = dict.fromkeys(names, 0)
+    matched: set[int] = set()
     for pair in matches:
+        matched |= {pair.first, pair.second}
         for name in {frames[pair.first].drone, frames[pair.second].drone}:
             counts[name] += len(pair)
-    return counts
+    pictures = Counter(frame.drone for frame in frames)
+    pictures_matched = Counter(frames[number].drone for number in matched)
+    return {name: (pictures[name], pictures_matched[name], counts[name]) for name in names}
 
 
 def _of_drones(
@@ -188,15 +199,16 @@ def _told_or_left_out(
     matches: Sequence[GroundMatches],
     tracks: Mapping[str, PoseTrack],
     terrain: Terrain,
+    left_out: Sequence[str],
 ) -> dict[str, DroneAlignment]:
     """What is found of drones that are compared with one another; only those of which nothing can be told, if
     there are any: the others would be laid on their poses as if these were right. Of those whose poses jump
-    the surest alone: its step shows in others."""
+    the surest alone: its step shows in others. `left_out` are those of which that was found before."""
     names = sorted({frame.drone for frame in frames})
     counts = _counts(names, frames, matches)
-    reasons = {name: _too_little([f for f in frames if f.drone == name], counts[name]) for name in names}
+    reasons = {name: _too_little(counts[name][0], counts[name][2], left_out) for name in names}
     nothing = {
-        name: DroneAlignment(name, counts[name], np.nan, np.nan, (), why)
+        name: DroneAlignment(name, *counts[name], np.nan, np.nan, (), why)
         for name, why in reasons.items()
         if why
     }
@@ -212,7 +224,7 @@ def _told_or_left_out(
     if jumps := _jumps(names, disagreement, fit):
         name = max(jumps, key=lambda one: jumps[one].sigmas)
         before, after = _median_px(names.index(name), fit)
-        return {name: DroneAlignment(name, counts[name], before, after, (), str(jumps[name]))}
+        return {name: DroneAlignment(name, *counts[name], before, after, (), str(jumps[name]))}
     found = {name: _drone(name, number, counts[name], fit) for number, name in enumerate(names)}
     return {name: one for name, one in found.items() if one.why_not} or found
 
@@ -242,32 +254,33 @@ def _groups(
     return np.asarray(groups, np.int64)
 
 
-def _too_little(frames: Sequence[Frame], matches: int) -> str:
-    if len(frames) < FEWEST_FRAMES:
-        return f"{len(frames)} pictures, {FEWEST_FRAMES} are needed"
+def _too_little(pictures: int, matches: int, left_out: Sequence[str]) -> str:
+    if pictures < FEWEST_FRAMES:
+        return f"{pictures} pictures, {FEWEST_FRAMES} are needed"
     if matches < FEWEST_MATCHES:
+        without = f" without those of {', '.join(left_out)}, which are refused" if left_out else ""
         return (
-            f"{matches} places could be found again in another picture, {FEWEST_MATCHES} are needed: the "
-            "ground has too little to recognise, or the pictures share too little of it"
+            f"{matches} places could be found again in another picture{without}, {FEWEST_MATCHES} are "
+            "needed: the ground has too little to recognise, or the pictures share too little of it"
         )
     return ""
 
 
-def _drone(name: str, number: int, matches: int, fit: Fit) -> DroneAlignment:
+def _drone(name: str, number: int, counts: tuple[int, int, int], fit: Fit) -> DroneAlignment:
     before, after = _median_px(number, fit)
     if not (after <= _WORSE * before + _NOISE_PX and after <= max(_MUCH_PX, _LEAST_BETTER * before)):
         why_not = (
             f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
             f"{after:.2f} after)"
         )
-        return DroneAlignment(name, matches, before, after, (), why_not)
+        return DroneAlignment(name, *counts, before, after, (), why_not)
     estimates = []
     for q, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
         shown, told = bool(fit.shown[number, q]), bool(fit.told[number, q])
         value, error = (fit.values[number, q], fit.error[number, q]) if shown else (0.0, PRIOR[q])
         reason = "" if told else _untold(quantity, number, q, shown, fit)
         estimates.append(Estimate(quantity, unit, float(value), float(error), told, reason))
-    return DroneAlignment(name, matches, before, after, tuple(estimates))
+    return DroneAlignment(name, *counts, before, after, tuple(estimates))
 
 
 def _median_px(number: int, fit: Fit) -> tuple[float, float]:
@@ -300,6 +313,8 @@ def told_in_json(alignment: Alignment) -> dict[str, Any]:
         "pairs": alignment.pairs,
         "drones": {
             one.drone: {
+                "pictures": one.pictures,
+                "pictures_matched": one.pictures_matched,
                 "matches": one.matches,
                 "before_px": _number(one.before_px),
                 "after_px": _number(one.after_px),

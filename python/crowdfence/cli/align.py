@@ -90,7 +90,9 @@ def _verdict(one: Estimate) -> str:
 
 
 def _agreement(drone: DroneAlignment) -> str:
+    unknown = drone.pictures - drone.pictures_matched
+    rest = f"; nothing is known of the other {unknown}: their poses may be far off" if unknown else ""
     return (
-        f"{counted(drone.matches, 'place')} in several pictures, apart by "
-        f"{drone.before_px:.2f} px before, {drone.after_px:.2f} px after"
+        f"{counted(drone.matches, 'place')} in {drone.pictures_matched} of {drone.pictures} pictures, apart "
+        f"by {drone.before_px:.2f} px before, {drone.after_px:.2f} px after{rest}"
     )
