@@ -152,6 +152,17 @@ def test_the_report_tells_the_threshold_that_was_given(airsim: Path, tmp_path: P
     assert re.findall(r"<tr><td>threshold</td><td>([^<]*)</td></tr>", report) == ["0.4"]
 
 
+def test_what_or_calls_crowd_is_not_said_to_be_opened_by_a_look(airsim: Path, tmp_path: Path) -> None:
+    """It keeps for good what was called crowd once: nobody needs to fly there again."""
+    out = tmp_path / "out"
+    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--method", "or").returncode == 0
+    zone = json.loads((out / "summary.json").read_text())["zones"][0]["id"]
+    told = crowdfence("explain", out, "--zone", zone, columns=200).stdout
+    assert "never: the method or opens nothing" in told and "only a look" not in told
+    report = (out / "report.html").read_text()
+    assert "by a look only" not in report and ">never</td>" in report
+
+
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
     common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
     done = crowdfence(*common, "--files", "crowd_map.tif")

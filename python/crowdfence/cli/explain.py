@@ -12,6 +12,7 @@ from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.cli.wording import counted
 from crowdfence.iso_time import iso_utc
+from crowdfence.zones.belief import FOR_GOOD
 from crowdfence.zones.reasons import REASONS
 from crowdfence.zones.square_metres import square_metres
 
@@ -48,7 +49,8 @@ def explain(
         console.print_json(_json(found, stamp_ns, events))
         return
     out = console.stdout()
-    out.print(console.facts(f"zone {found.id} at {iso_utc(stamp_ns)}", _facts(found, zones, stamp_ns)))
+    facts = _facts(found, zones, stamp_ns, history.description.get("method"))
+    out.print(console.facts(f"zone {found.id} at {iso_utc(stamp_ns)}", facts))
     if found.evidence:
         out.print(_evidence_table(found, stamp_ns))
     for event in events:
@@ -77,7 +79,7 @@ def _absent(zone: str, stamp_ns: int, zones: ZoneSet, history: ZoneHistory) -> s
     )
 
 
-def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
+def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int, method: str | None) -> dict[str, str]:
     band = zone.band
     facts = {
         "why closed": REASONS.get(zone.reason or "", "not known"),
@@ -94,7 +96,7 @@ def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int) -> dict[str, str]:
         "last look": f"{_ago(zone.last_seen_ns, stamp_ns)}; at its oldest part "
         f"{_ago(zone.oldest_look_ns, stamp_ns)}",
         "since": "not known" if zone.created_ns is None else f"{_ago(zone.created_ns, stamp_ns)}",
-        "until": _until(zone, stamp_ns),
+        "until": _until(zone, stamp_ns, method),
         "seen by": ", ".join(zone.seen_by) or "not known",
     }
     return facts
@@ -107,7 +109,9 @@ def _interval(zone: Zone) -> str:
     return f"{low:.3f} to {high:.3f}: of ten such places the share of crowd lies in it nine times"
 
 
-def _until(zone: Zone, stamp_ns: int) -> str:
+def _until(zone: Zone, stamp_ns: int, method: str | None = None) -> str:
+    if method == FOR_GOOD:
+        return "never: the method or opens nothing that it called crowd once"
     if zone.valid_until_ns is not None:
         return f"{iso_utc(zone.valid_until_ns)} if nobody looks again"
     text = "none of its own: only a look can open it"

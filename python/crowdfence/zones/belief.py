@@ -19,6 +19,8 @@ _LATEST_NS = np.iinfo(np.int64).max // 2
 _ROUNDING = 1e-9
 """What the core allows for it where it compares probabilities with a prior, as a share."""
 FORGET_TO_PRIOR = ("evidence", "linear-pool", "log-pool")
+FOR_GOOD = "or"
+"""The method that opens nothing that it called crowd once, whoever looks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

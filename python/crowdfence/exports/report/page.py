@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from crowdfence.exports.colours import STATE_COLOURS
 from crowdfence.voxel_state import VoxelState
+from crowdfence.zones.belief import FOR_GOOD
 from crowdfence.zones.reasons import REASONS
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def report_page(
         fleet=escape(", ".join(summary["frames"])),
         cards=_cards(summary, zones, frames, refused),
         picture=b64encode(picture).decode("ascii"),
-        zones=_zones(zones, stamp_ns),
+        zones=_zones(zones, stamp_ns, summary["method"]),
         left_out=_left_out(summary),
         states=_states(summary["area_m2"]),
         warnings=_items(summary["warnings"], "Nothing was doubtful."),
@@ -70,7 +71,7 @@ def _cards(summary: Mapping[str, Any], zones: ZoneSet, frames: int, refused: Seq
     )
 
 
-def _zones(zones: ZoneSet, stamp_ns: int) -> str:
+def _zones(zones: ZoneSet, stamp_ns: int, method: str) -> str:
     if not zones.closed:
         return '<p class="quiet">No zone is closed. Ground that nobody saw is not known to be safe.</p>'
     head = "".join(
@@ -86,13 +87,15 @@ def _zones(zones: ZoneSet, stamp_ns: int) -> str:
             ("seen by", False),
         )
     )
-    rows = "".join(f"<tr>{_zone(zone, stamp_ns)}</tr>" for zone in zones.closed)
+    rows = "".join(f"<tr>{_zone(zone, stamp_ns, method)}</tr>" for zone in zones.closed)
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
 
 
-def _zone(zone: Zone, stamp_ns: int) -> str:
+def _zone(zone: Zone, stamp_ns: int, method: str) -> str:
     crowd = zone.kind == "crowd"
     ends = "by a look only" if zone.valid_until_ns is None else f"in {_s(zone.valid_until_ns - stamp_ns)}"
+    if method == FOR_GOOD:
+        ends = "never"
     why = REASONS.get(zone.reason or "", zone.kind)
     cells = (
         (f"<b>{escape(zone.id)}</b>", ""),
