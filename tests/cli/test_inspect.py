@@ -456,6 +456,13 @@ def write_holed(path: Path) -> Path:
     return path
 
 
+def test_what_only_recordings_can_use_is_refused_for_maps(tmp_path: Path) -> None:
+    """It was passed over, so that a map seemed to be looked at as it was asked."""
+    bt = write_octomap(tmp_path / "plain.bt", plain())
+    assert "plain.bt is no recording: --alignment does not apply" in error_line(bt, "--alignment", "a.json")
+    assert "plain.bt is no recording: --pose-noise does not apply" in error_line(bt, "--pose-noise", "1,1")
+
+
 def test_ground_that_nobody_measured_is_told(tmp_path: Path, recording: Path) -> None:
     """Six pixels of 1200 were bridged."""
     path = write_holed(tmp_path / "holed.tif")

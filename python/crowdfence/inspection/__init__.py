@@ -33,7 +33,7 @@ def inspect_file(
     is called with a few words whenever the next step begins.
 
     OSError for a path that cannot be read; ValueError for one that is none of these, that is damaged, or for
-    a `terrain` that does not fit.
+    a `terrain` or options that do not fit.
     """
     from crowdfence.inspection.crowd_map import inspect_crowd_map
     from crowdfence.inspection.recording import inspect_recording
@@ -43,6 +43,9 @@ def inspect_file(
     terrain_path = None if terrain is None else Path(terrain)
     options = options or InspectionOptions()
     kind = _kind(path)
+    if kind != "recording":
+        for name in options.source_options:
+            raise ValueError(f"{path} is no recording: {name} does not apply")
     if kind == "map":
         if terrain_path is not None:
             raise ValueError(f"{path} is a map itself; --terrain goes with recordings and crowd maps")
