@@ -72,6 +72,10 @@ def test_what_the_core_uses_is_checked_by_the_core() -> None:
             RunConfig(EvidenceConfig(zone_log_odds=-1e300)),
             "zone_log_odds is -1e+300; it must be in [-12, 12]",
         ),
+        (
+            RunConfig(EvidenceConfig(zone_log_odds=-5.0)),
+            "zone_log_odds is -5; it must be above -2.5, from which on ground is empty (clear_log_odds)",
+        ),
         (RunConfig(EvidenceConfig(zone_log_odds=30.0)), "zone_log_odds is 30; it must be in [-12, 12]"),
         (
             RunConfig(LogPoolConfig(zone_log_odds=float("nan"))),

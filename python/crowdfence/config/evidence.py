@@ -93,6 +93,13 @@ class EvidenceConfig:
         there is one. ValueError for values out of bounds."""
         complete = self.with_detector(None)
         assert complete.likelihood and complete.prior is not None and complete.focal_px is not None
+        threshold = above(complete.prior, zone_log_odds=self.zone_log_odds)
+        cleared = below(complete.prior, clear_log_odds=self.clear_log_odds)
+        if not -self.clear_log_odds < self.zone_log_odds:
+            raise ValueError(
+                f"zone_log_odds is {self.zone_log_odds:g}; it must be above {-self.clear_log_odds:g}, from "
+                "which on ground is empty (clear_log_odds)"
+            )
         return Evidence(
             complete.likelihood,
             prior=complete.prior,
@@ -100,8 +107,8 @@ class EvidenceConfig:
             sharp_gsd_m=self.sharp_gsd_m,
             doubt=self.doubt,
             agreement=self.agreement,
-            threshold=above(complete.prior, zone_log_odds=self.zone_log_odds),
-            cleared=below(complete.prior, clear_log_odds=self.clear_log_odds),
+            threshold=threshold,
+            cleared=cleared,
             focal_px=complete.focal_px,
         )
 

@@ -53,8 +53,10 @@ def require_above_prior(crowd_map: CrowdMap, threshold: float) -> None:
     """ValueError for a threshold that ground reaches by being forgotten, whatever was seen there."""
     prior = float(crowd_map.method.parameters.get("prior", 0.0))
     if forgets_to_unknown(crowd_map) and threshold <= prior * (1.0 + _ROUNDING):
+        of_log_odds = crowd_map.method.name != "linear-pool" and threshold == crowd_map.default_threshold()
+        given = "zone_log_odds must be above 0: the threshold is" if of_log_odds else "threshold is"
         raise ValueError(
-            f"threshold is {threshold:g}; it must be above the prior, {prior:g}, which method "
+            f"{given} {threshold:g}; it must be above the prior, {prior:g}, which method "
             f"{crowd_map.method.name} forgets towards: ground that was seen empty would become crowd because "
             "nobody looks at it. To close what nobody has looked at for a while, use close_unseen"
         )
