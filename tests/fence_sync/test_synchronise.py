@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from crowdfence import Georeference
+from crowdfence import Georeference, Zone
 from crowdfence.fence_sync import FenceError, FenceKeeper, FenceReport, ItemCapacity
 from crowdfence.fence_sync.vehicle_memory import recall
 from crowdfence.planner import ClearAir
@@ -22,6 +22,7 @@ from support.vehicle_emulator import (
     Channel,
     EmulatedLink,
     EmulatedVehicle,
+    RawItem,
     polygon,
 )
 
@@ -290,6 +291,49 @@ def test_clear_removes_ours_and_all_removes_everything(tmp_path: Path) -> None:
     assert "0 shapes removed, 1 stay" in told(keep.clear())["cleared"]
     assert "1 shapes removed, 0 stay" in told(keep.clear(everything=True))["cleared"]
     assert vehicle.items == []
+
+
+def put_and_lost(vehicle: EmulatedVehicle, folder: Path, zones: list[Zone] | None) -> str:
+    """The link is lost when the vehicle has taken the list (None: it is cleared), before it is read back."""
+    keep = keeper(vehicle, folder)
+    take = vehicle._take
+
+    def take_and_fall_silent(items: list[RawItem]) -> None:
+        take(items)
+        vehicle.mute = True
+
+    vehicle._take = take_and_fall_silent  # type: ignore[method-assign]
+    with pytest.raises(FenceError) as raised:
+        keep.clear() if zones is None else keep.put(zones, HERE)
+    vehicle.mute, vehicle._take = False, take  # type: ignore[method-assign]
+    vehicle._beat_s = float("-inf")  # the next link has a clock of its own
+    return str(raised.value)
+
+
+def test_what_was_taken_when_the_link_was_lost_is_ours(tmp_path: Path) -> None:
+    """It counted as that of others and stayed for ever: a few lost links, and no crowd had room."""
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    for north_m in (100.0, 130.0, 160.0):
+        text = put_and_lost(vehicle, tmp_path, [box(100.0, north_m), box(300.0, north_m, name="Z2")])
+        assert "it holds the one before or that one; send again" in text
+        assert len(vehicle.items) == 3 + 8 and vehicle.items[:3] == THEIRS
+    shapes, ours = keeper(vehicle, tmp_path).read()
+    assert (len(shapes), len(ours)) == (3, 2)
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert len(vehicle.items) == 3 + 8 and covers(vehicle, FAR)
+    assert "kept_others" in told(report) and "changed_by_others" not in told(report)
+    put_and_lost(vehicle, tmp_path, None)
+    report = keeper(vehicle, tmp_path).put(FAR[:1], HERE)
+    assert "changed_by_others" not in told(report) and len(vehicle.items) == 3 + 4
+
+
+def test_what_somebody_else_changed_while_the_link_was_lost_is_said(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    keeper(vehicle, tmp_path).put(FAR[:1], HERE)
+    put_and_lost(vehicle, tmp_path, FAR)
+    vehicle.items = []
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert "1 of our shapes changed or gone" in told(report)["changed_by_others"] and covers(vehicle, FAR)
 
 
 def test_two_vehicles_of_one_system_id_are_refused(tmp_path: Path) -> None:

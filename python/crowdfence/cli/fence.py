@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     help="An autopilot's fence over MAVLink: send zones, read it, keep it equal to zones, clear it.",
-    epilog="Exit codes: 0 ok, 1 nothing was changed, 2 usage, 3 done, with an alarm.",
+    epilog="Exit codes: 0 ok, 1 nothing was changed, or not known to be, 2 usage, 3 done, with an alarm.",
     no_args_is_help=True,
 )
 

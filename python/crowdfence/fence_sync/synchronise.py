@@ -54,6 +54,7 @@ _PAUSE_S = 0.3
 _WARNING = 4
 """MAV_SEVERITY; lower numbers are worse."""
 _ABOUT_FENCES = ("fence", "reposition")
+_MAYBE_TAKEN = "a list was sent, so it holds the one before or that one; send again once it answers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ class FenceKeeper:
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
         """All shapes that the vehicle holds, and those of them that are ours."""
         there = tuple(shapes_of(self._download()))
-        ours, _, _ = parted(there, recall(self.memory_path).ours)
+        ours, _, _ = recall(self.memory_path).parted(there)
         return there, tuple(ours)
 
     def put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
@@ -119,7 +120,7 @@ class FenceKeeper:
         events += self.enforcement() if zones else []
         self._locate()
         memory, before = recall(self.memory_path), self._download()
-        found, others, missing = parted(shapes_of(before), memory.ours)
+        found, others, missing = memory.parted(shapes_of(before))
         events += _of_others(others, missing, memory)
         station.vehicle.texts.clear()
         capacity = self._capacity(memory)
@@ -128,6 +129,8 @@ class FenceKeeper:
             wanted = [*items_of(others), *items_of(fence.shapes)]
             # Wherever in the list: two stations that both put theirs last would write in turn for ever.
             written = not are_same(items_of(found), items_of(fence.shapes))
+            if written:
+                remember(self.memory_path, memory.before(fence.shapes, found))
             result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
             if result == MissionResult.ACCEPTED:
                 break
@@ -138,7 +141,7 @@ class FenceKeeper:
         else:
             raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
         now_ours = tuple(shapes_of(held[len(items_of(others)) :]) if written else found)
-        remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most))
+        remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most, is_first=False))
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
         events += inside(station.vehicle, shapes_of(held), zones, georeference)
@@ -148,16 +151,17 @@ class FenceKeeper:
     def clear(self, *, everything: bool = False) -> FenceReport:
         """Remove our part of the fence, or all of it."""
         memory, before = recall(self.memory_path), self._download()
-        _, others, missing = parted(shapes_of(before), memory.ours)
+        found, others, missing = memory.parted(shapes_of(before))
         kept = [] if everything else others
         wanted = items_of(kept)
         written = not are_same(before, wanted)
         events = [] if everything else list(_of_others(others, missing, memory))
         if written:
+            remember(self.memory_path, memory.before((), found))
             result, held = self._replace(wanted)
             if result != MissionResult.ACCEPTED:
                 raise FenceError(self._refused(result, _what_stays(before, held)))
-        remember(self.memory_path, VehicleMemory((), tuple(kept), memory.most))
+        remember(self.memory_path, VehicleMemory((), tuple(kept), memory.most, is_first=False))
         removed = len(shapes_of(before)) - len(kept)
         events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
         return FenceReport(tuple(kept), (), written, NOTHING, "", tuple(events))
@@ -212,7 +216,10 @@ class FenceKeeper:
                 result = station.hold(upload(wanted, station.clock, station.patience))
             except Silence as error:
                 silence, result = error, MissionResult.ACCEPTED
-            held = self._download()
+            try:
+                held = self._download()
+            except Silence as error:
+                raise Silence(f"{error}; {_MAYBE_TAKEN}") from error
             if result != MissionResult.ACCEPTED or are_same(held, wanted):
                 return result, held
             if attempt == _UPLOADS - 1:

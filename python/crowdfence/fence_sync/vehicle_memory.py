@@ -3,6 +3,9 @@
 A fence item has no place for an owner. What stands on the vehicle exactly as we read it back last is ours;
 everything else was drawn by somebody else and is kept. Where the file is lost, our old shapes count as those
 of others: too much stays closed, nothing opens.
+
+A list is remembered before it is sent, too: where the link is lost, or the program ends, after it was taken
+and before it was read back, what stands there is ours all the same.
 """
 
 from __future__ import annotations
@@ -10,12 +13,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 from crowdfence.atomic_file import write_bytes
 from crowdfence.fence_sync.fence_error import FenceError
-from crowdfence.fence_sync.fence_item import FenceItem, FenceShape
+from crowdfence.fence_sync.fence_item import FenceItem, FenceShape, are_same, parted
 from crowdfence.fence_sync.ground_station import Vehicle
 
 _FORMAT = "crowdfence fence memory"
@@ -32,7 +35,32 @@ class VehicleMemory:
     most: int | None = None
     """Items or bytes that the vehicle holds, where it refused more."""
     is_first: bool = True
-    """Nothing was ever written."""
+    """Nothing that was written was ever read back."""
+    sent: tuple[FenceShape, ...] | None = None
+    """Of ours, as they were sent since, where nobody has read back whether they were taken."""
+
+    def parted(
+        self, there: Sequence[FenceShape]
+    ) -> tuple[list[FenceShape], list[FenceShape], list[FenceShape]]:
+        """Shapes that are there and ours, there and not ours, ours and no longer there."""
+        found, unknown, missing = parted(there, self.ours)
+        if self.sent is None:
+            return found, unknown, missing
+        unread, others = list(self.sent), []
+        for shape in unknown:
+            same = next((one for one in unread if are_same(one, shape)), None)
+            if same is None:
+                others.append(shape)
+            else:
+                unread.remove(same)
+                found.append(shape)
+        taken = all(any(are_same(one, shape) for shape in there) for one in self.sent)
+        return found, others, [] if taken else missing
+
+    def before(self, sent: Sequence[FenceShape], found: Sequence[FenceShape]) -> VehicleMemory:
+        """What to remember before a list is sent, to a vehicle on which `found` is ours now."""
+        ours = self.ours if self.sent is None else tuple(found)
+        return replace(self, ours=ours, sent=tuple(sent))
 
 
 def default_folder() -> Path:
@@ -55,7 +83,9 @@ def recall(path: Path) -> VehicleMemory:
         told = json.loads(path.read_bytes())
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it is {told['format']} version {told['version']}")
-        return VehicleMemory(_shapes(told["ours"]), _shapes(told["others"]), told["most"], is_first=False)
+        ours, others = _shapes(told["ours"]), _shapes(told["others"])
+        sent = None if told.get("sent") is None else _shapes(told["sent"])
+        return VehicleMemory(ours, others, told["most"], told.get("is_first", False), sent)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FenceError(
             f"{path} does not say what was written last ({type(error).__name__} {error}); remove it, then "
@@ -72,6 +102,8 @@ def remember(path: Path, memory: VehicleMemory) -> None:
         "ours": _lists(memory.ours),
         "others": _lists(memory.others),
         "most": memory.most,
+        "is_first": memory.is_first,
+        "sent": None if memory.sent is None else _lists(memory.sent),
     }
     write_bytes(path, (json.dumps(told) + "\n").encode())
 
