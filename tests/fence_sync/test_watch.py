@@ -11,7 +11,7 @@ from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.transport import open_transport
 from support.fence_zones import box, station
-from support.vehicle_emulator import ARDUPILOT, EmulatedLink, EmulatedVehicle, polygon
+from support.vehicle_emulator import ARDUPILOT, EmulatedLink, EmulatedVehicle, closes, polygon
 
 A, B = box(100.0, 100.0, name="A"), box(200.0, 100.0, name="B")
 THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56))
@@ -100,11 +100,21 @@ class Watched:
     def sleep(self, duration_s: float) -> None:
         self.link.now_s += duration_s
 
-    def write(self, *, north_m: float, count: int = 1, **properties: object) -> None:
+    def write(
+        self,
+        *,
+        north_m: float,
+        count: int = 1,
+        west_deg: float = 8.5456,
+        step_deg: float = 5e-4,
+        side_deg: tuple[float, float] = (2.7e-4, 1.8e-4),
+        **properties: object,
+    ) -> None:
         features = []
+        wide, high = side_deg
         for i in range(count):
-            south, west = 47.3977 + north_m / 111_190, 8.5456 + 5e-4 * i
-            ring = [(0, 0), (2.7e-4, 0), (2.7e-4, 1.8e-4), (0, 1.8e-4), (0, 0)]
+            south, west = 47.3977 + north_m / 111_190, west_deg + step_deg * i
+            ring = [(0, 0), (wide, 0), (wide, high), (0, high), (0, 0)]
             corners = [[west + east, south + north] for east, north in ring]
             geometry = {"type": "Polygon", "coordinates": [corners]}
             features.append(
@@ -198,6 +208,32 @@ def test_a_vehicle_that_flies_into_the_fence_is_an_alarm_at_once(tmp_path: Path)
     assert watched.run(4.0) == ["vehicle_inside"]
     watched.vehicle.position = (47.3977, 8.5456)
     assert watched.run(4.0) == [] and watched.watch.alarms == ()
+
+
+def test_a_vehicle_that_takes_off_in_the_fence_is_told_to_leave(tmp_path: Path) -> None:
+    """It had been told not to take off, and nothing was said when it did."""
+    watched = Watched(tmp_path)
+    watched.vehicle.armed, watched.vehicle.position = False, (47.3977 + 110.0 / 111_190, 8.5457)
+    watched.run(5.0)
+    assert [event.details["suggestion"] for event in watched.said if event.alarm] == ["stay_down"]
+    watched.vehicle.armed = True
+    assert watched.run(5.0) == ["vehicle_inside"]
+    assert watched.said[0].details["suggestion"] == "evacuate" and watched.run(20.0) == []
+
+
+def test_a_place_to_go_to_that_is_closed_since_is_taken_back(tmp_path: Path) -> None:
+    """The vehicle was sent into the crowd that had gathered there, and no other place was named."""
+    watched = Watched(tmp_path)
+    watched.vehicle.position = (47.3977 + 115.0 / 111_190, 8.5456 + 0.3e-4)
+    watched.run(5.0)
+    (sent,) = [event for event in watched.said if event.kind == "vehicle_inside"]
+    assert sent.details["bearing_deg"] == 270.0
+    watched.write(north_m=60.0, count=2, west_deg=8.5449, step_deg=7e-4, side_deg=(6e-4, 1e-3))
+    assert "vehicle_inside" in watched.run(5.0)
+    (sent,) = [event for event in watched.said if event.kind == "vehicle_inside"]
+    place = sent.details["clear_latitude"], sent.details["clear_longitude"]
+    assert closes(watched.vehicle.items, *place) == []
+    assert "vehicle_inside" not in watched.run(20.0)
 
 
 def test_a_link_that_is_lost_and_comes_back(tmp_path: Path) -> None:

@@ -31,8 +31,7 @@ def inside(
     vehicle: Vehicle, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
 ) -> Iterator[FenceEvent]:
     """Alarms, for all exclusion shapes that the vehicle holds. Heights do not count: a fence has none."""
-    exclusions = [one for one in shapes if one[0].command in (POLYGON_EXCLUSION, CIRCLE_EXCLUSION)]
-    closed = [ground for one in exclusions if (ground := ground_of(one, georeference)) is not None]
+    closed = _closed(shapes, georeference)
     if not closed:
         return
     if vehicle.position is None:
@@ -54,6 +53,17 @@ def inside(
             "a word, and a return leads into it; move home or land elsewhere",
             alarm=True,
         )
+
+
+def is_closed(place: Position, shapes: Sequence[FenceShape], georeference: Georeference) -> bool:
+    """Whether an exclusion shape holds a place, or is as near as positions are off."""
+    closed = _closed(shapes, georeference)
+    return bool(closed) and _within(place, closed, georeference) is not None
+
+
+def _closed(shapes: Sequence[FenceShape], georeference: Georeference) -> list[Any]:
+    exclusions = [one for one in shapes if one[0].command in (POLYGON_EXCLUSION, CIRCLE_EXCLUSION)]
+    return [ground for one in exclusions if (ground := ground_of(one, georeference)) is not None]
 
 
 def _within(

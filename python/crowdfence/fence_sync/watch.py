@@ -1,7 +1,7 @@
 """A vehicle's fence kept equal to zones that change, until somebody stops it.
 
 Whatever goes wrong is said and tried again; the vehicle keeps the last fence that it took. Something that
-lasts is said once when it begins.
+lasts is said once when it begins, and again where what was said is wrong by now.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_item import FenceShape
+from crowdfence.fence_sync.inside import is_closed
+from crowdfence.fence_sync.messages import Position
 from crowdfence.fence_sync.synchronise import FenceKeeper
 from crowdfence.fence_sync.zone_source import PlacedZones, ZoneSource
 from crowdfence.zones import Zone
@@ -83,6 +85,8 @@ class FenceWatch:
         self._shapes: tuple[FenceShape, ...] = ()
         self._read_s = self._checked_s = self._clock()
         self._standing: dict[tuple[str, str], FenceEvent] = {}
+        self._told: dict[tuple[str, str], FenceEvent] = {}
+        """As each of them was said last."""
         self._is_unsent = False
         """Whether the newest fence was refused."""
         self._reopen_at_s: float | None = None
@@ -224,13 +228,24 @@ class FenceWatch:
             self._debounce.failed(float("-inf"))
 
     def _say_while(self, kinds: Collection[str], events: Iterable[FenceEvent]) -> None:
-        """Say what begins, forget what has ended; what goes on was said."""
+        """Say what begins, forget what has ended; what goes on was said, as long as that is not wrong now."""
         now = {_what(event): event for event in events}
         for what, event in now.items():
-            if what[0] in kinds and what not in self._standing:
+            if what[0] in kinds and (what not in self._standing or self._misleads(self._told[what], event)):
+                self._told[what] = event
                 self._tell(event)
         others = {what: event for what, event in self._standing.items() if what[0] not in kinds}
         self._standing = {**others, **{what: event for what, event in now.items() if what[0] in kinds}}
+
+    def _misleads(self, told: FenceEvent, now: FenceEvent) -> bool:
+        """Whether a vehicle that flies was told to stay down, or was sent to a place that is closed since."""
+        if now.kind != "vehicle_inside" or self._placed is None:
+            return False
+        suggestion = now.details["suggestion"]
+        place = Position(told.details["clear_latitude"], told.details["clear_longitude"])
+        return suggestion != told.details["suggestion"] or (
+            suggestion == "evacuate" and is_closed(place, self._shapes, self._placed.georeference)
+        )
 
 
 def _what(event: FenceEvent) -> tuple[str, str]:
