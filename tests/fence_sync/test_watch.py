@@ -336,6 +336,26 @@ def test_two_ground_stations_leave_the_fence_of_each_other_alone(tmp_path: Path)
     assert one.watch.alarms == other.watch.alarms == ()
 
 
+def test_two_that_share_what_they_remember_are_told_of_each_other(tmp_path: Path) -> None:
+    """Each took the zones of the other for its own old ones and removed them, and neither said a word."""
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "other" / "state").symlink_to(tmp_path / "one" / "state", target_is_directory=True)
+    one, other = Watched(tmp_path / "one", check_s=5.0), Watched(tmp_path / "other", check_s=5.0)
+    other.vehicle = one.vehicle
+    other.link.vehicles = (one.vehicle,)
+    other.write(north_m=300.0)
+    one.run(12.0)
+    other.link.now_s = one.link.now_s
+    assert "changed_by_others" not in other.run(12.0), "one may go on where another ended"
+    one.link.now_s = other.link.now_s
+    assert "changed_by_others" in one.run(12.0)
+    (event,) = [event for event in one.said if event.kind == "changed_by_others"]
+    assert event.alarm and "give each a --state of its own" in event.text
+    one.said.clear()
+    assert "changed_by_others" not in one.run(20.0)
+
+
 def test_a_refusal_is_said_once_and_tried_again(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     watched.vehicle.rejects = 5

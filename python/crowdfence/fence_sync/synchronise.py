@@ -102,6 +102,8 @@ class FenceKeeper:
         for stranger in self.strangers():
             raise FenceError(stranger.text)
         self.memory_path = memory_file(folder, station.vehicle)
+        self._kept: VehicleMemory | None = None
+        """What this one remembered last; in the file stands what anybody did."""
 
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
         """All shapes that the vehicle holds, and those of them that are ours."""
@@ -121,7 +123,7 @@ class FenceKeeper:
         self._locate()
         memory, before = recall(self.memory_path), self._download()
         found, others, missing = memory.parted(shapes_of(before))
-        events += _of_others(others, missing, memory)
+        events += [*_of_others(others, missing, memory), *_of_a_second(memory, self._kept)]
         station.vehicle.texts.clear()
         capacity = self._capacity(memory)
         for _ in range(_REFUSALS):
@@ -130,7 +132,7 @@ class FenceKeeper:
             # Wherever in the list: two stations that both put theirs last would write in turn for ever.
             written = not are_same(items_of(found), items_of(fence.shapes))
             if written:
-                remember(self.memory_path, memory.before(fence.shapes, found))
+                self._remember(memory.before(fence.shapes, found))
             result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
             if result == MissionResult.ACCEPTED:
                 break
@@ -141,7 +143,7 @@ class FenceKeeper:
         else:
             raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
         now_ours = tuple(shapes_of(held[len(items_of(others)) :]) if written else found)
-        remember(self.memory_path, VehicleMemory(now_ours, tuple(others), memory.most, is_first=False))
+        self._remember(VehicleMemory(now_ours, tuple(others), memory.most, is_first=False))
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
         events += inside(station.vehicle, shapes_of(held), zones, georeference)
@@ -157,11 +159,11 @@ class FenceKeeper:
         written = not are_same(before, wanted)
         events = [] if everything else list(_of_others(others, missing, memory))
         if written:
-            remember(self.memory_path, memory.before((), found))
+            self._remember(memory.before((), found))
             result, held = self._replace(wanted)
             if result != MissionResult.ACCEPTED:
                 raise FenceError(self._refused(result, _what_stays(before, held)))
-        remember(self.memory_path, VehicleMemory((), tuple(kept), memory.most, is_first=False))
+        self._remember(VehicleMemory((), tuple(kept), memory.most, is_first=False))
         removed = len(shapes_of(before)) - len(kept)
         events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
         return FenceReport(tuple(kept), (), written, NOTHING, "", tuple(events))
@@ -202,6 +204,10 @@ class FenceKeeper:
         """Ask where home is, which is set anew where a vehicle takes off; what was known stays where it does
         not say."""
         self.station.hold(optional(Home, self.station.clock, self.station.patience))
+
+    def _remember(self, memory: VehicleMemory) -> None:
+        remember(self.memory_path, memory)
+        self._kept = memory
 
     def _download(self) -> tuple[FenceItem, ...]:
         return self.station.hold(download(self.station.clock, self.station.patience))
@@ -312,6 +318,18 @@ def _of_others(
         f"somebody else changed the fence since it was written last: {', '.join(filter(None, said))}",
         alarm=bool(missing),
         details={"ours_missing": len(missing), "new": len(new), "gone": len(gone)},
+    )
+
+
+def _of_a_second(memory: VehicleMemory, kept: VehicleMemory | None) -> Iterator[FenceEvent]:
+    """Whether somebody else wrote with the same memory: all that it wrote counts as ours, and is replaced."""
+    if kept is None or not memory.is_of_another(kept):
+        return
+    yield FenceEvent(
+        "changed_by_others",
+        "another crowdfence that shares our --state wrote the fence since: what it wrote is replaced, as it "
+        "replaced ours; stop one of them, or give each a --state of its own, then both stay",
+        alarm=True,
     )
 
 

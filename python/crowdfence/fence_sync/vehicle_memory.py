@@ -62,6 +62,11 @@ class VehicleMemory:
         ours = self.ours if self.sent is None else tuple(found)
         return replace(self, ours=ours, sent=tuple(sent))
 
+    def is_of_another(self, kept: VehicleMemory) -> bool:
+        """Whether somebody else wrote since, whose file is the same."""
+        _, new, gone = parted(self.ours, kept.ours)
+        return bool(new or gone) and not self.is_first
+
 
 def default_folder() -> Path:
     """Where programs keep their state (XDG base directories)."""
