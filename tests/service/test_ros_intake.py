@@ -3,6 +3,7 @@
 import json
 import time
 from collections import Counter
+from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -109,6 +110,18 @@ def test_a_picture_whose_own_are_lost_while_the_camera_changes_is_refused() -> N
     assert known.at(3) == WIDE  # what was before and after it is one camera
     with pytest.raises(ValueError, match="the camera changes, and no camera_info of 5 has come"):
         known.at(5)
+
+
+def test_intrinsics_that_come_behind_their_pictures_are_waited_for() -> None:
+    """Where those of an earlier picture were there first, each had those of the picture before."""
+    known = Intrinsics(5.0)
+    known.heard(0, WIDE)  # of a picture that was told before we came
+    assert known.at(10) == WIDE
+    known.heard(10, WIDE)
+    later = Timer(0.1, known.heard, (20, TELE))
+    later.start()
+    assert known.at(20) == TELE
+    later.join()
 
 
 def test_a_stream_keeps_the_newest_only() -> None:

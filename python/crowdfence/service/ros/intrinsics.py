@@ -6,6 +6,7 @@ picture, some one now and then, or once for all.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from threading import Condition
 
@@ -25,6 +26,8 @@ class Intrinsics:
         """By stamp, in the order of their coming."""
         self._every_picture = False
         """Whether a picture had one of its own stamp."""
+        self._without: deque[int] = deque(maxlen=_KEPT)
+        """Pictures whose own had not come when they were asked for."""
         self._changed = Condition()
 
     def heard(self, stamp_ns: int, camera: Camera) -> None:
@@ -33,6 +36,7 @@ class Intrinsics:
             self._cameras[stamp_ns] = camera
             while len(self._cameras) > _KEPT:
                 del self._cameras[next(iter(self._cameras))]
+            self._every_picture |= stamp_ns in self._without  # behind its picture: the next one waits
             self._changed.notify_all()
 
     def at(self, stamp_ns: int) -> Camera:
@@ -47,6 +51,7 @@ class Intrinsics:
             if (own := self._cameras.get(stamp_ns)) is not None:
                 self._every_picture = True
                 return own
+            self._without.append(stamp_ns)
             before = max((at for at in self._cameras if at < stamp_ns), default=None)
             after = min((at for at in self._cameras if at > stamp_ns), default=None)
             around = [self._cameras[at] for at in (before, after) if at is not None]
