@@ -528,6 +528,29 @@ def test_poses_told_in_other_axes_from_now_on_are_not_mixed_with_those_of_before
     assert np.allclose(feed.pose_at(later_ns), straight_down(12.0), atol=1e-9)
 
 
+def test_a_gimbal_that_was_told_as_fixed_too_moves() -> None:
+    """As by the description of a robot, before its driver runs: it was where it would be seconds later."""
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    feed.transformed(decoded(tf_message(0, "base", FRAME, straight_down(0.0))), fixed=True)
+    for number in range(100):
+        stamp_ns = START_NS + number * SECOND_NS // 10
+        feed.transformed(decoded(tf_message(stamp_ns, "map", "base", np.eye(4))), fixed=False)
+        feed.transformed(decoded(tf_message(stamp_ns, "base", FRAME, straight_down(number))), fixed=False)
+    found = feed.pose_at(START_NS + 5 * SECOND_NS)
+    assert np.allclose(found, straight_down(50.0), atol=1e-9)
+
+
+def test_what_is_told_as_fixed_and_again_and_again_stays_fixed() -> None:
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    feed.transformed(decoded(tf_message(0, "base", FRAME, straight_down(0.0))), fixed=True)
+    for stamp_ns in (START_NS, START_NS + SECOND_NS // 2):
+        feed.transformed(decoded(tf_message(stamp_ns, "map", "base", np.eye(4))), fixed=False)
+        feed.transformed(decoded(tf_message(stamp_ns - 1, "base", FRAME, straight_down(0.0))), fixed=False)
+    assert np.allclose(feed.pose_at(START_NS + SECOND_NS // 4), straight_down(0.0), atol=1e-9)
+
+
 def test_tf_that_says_where_the_map_is_on_earth_moves_no_camera() -> None:
     """The service itself tells the fleet, on the topic that it listens to: cameras went to the middle of the
     Earth."""

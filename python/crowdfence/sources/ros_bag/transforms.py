@@ -57,26 +57,39 @@ def as_forward_left_up(body: PoseTrack) -> PoseTrack:
     return PoseTrack(body.stamps_ns, body.positions, turned)
 
 
+_Row = tuple[list[float], list[float]]
+"""Position and quaternion (w, x, y, z)."""
+
+
 @dataclass(slots=True)
 class _Edge:
     parent: str
     stamps_ns: list[int] = field(default_factory=list)
     positions: list[list[float]] = field(default_factory=list)
     quaternions: list[list[float]] = field(default_factory=list)
-    fixed: bool = False
+    told_fixed: _Row | None = None
 
     def segment(self) -> Segment:
         if self.fixed:
             return self.as_fixed()
         return track_from_rows(self.stamps_ns, self.positions, self.quaternions)[0]
 
+    @property
+    def fixed(self) -> bool:
+        """Told to be. A gimbal that the description of a robot tells as fixed too moves by what its driver
+        tells."""
+        return self.told_fixed is not None and all(row == self.told_fixed for row in self._rows())
+
     def as_fixed(self) -> FixedTransform:
-        return FixedTransform(np.array(self.positions[-1]), normalise(np.array(self.quaternions[-1])))
+        position, quaternion = self.told_fixed or (self.positions[-1], self.quaternions[-1])
+        return FixedTransform(np.array(position), normalise(np.array(quaternion)))
 
     def still(self) -> bool:
-        rows = zip(self.positions, self.quaternions, strict=True)
-        first = self.positions[0], self.quaternions[0]
-        return self.fixed or all(row == first for row in rows)
+        rows = self._rows()
+        return self.fixed or (bool(rows) and all(row == rows[0] for row in rows))
+
+    def _rows(self) -> list[_Row]:
+        return list(zip(self.positions, self.quaternions, strict=True))
 
 
 class TransformTree:
@@ -94,12 +107,15 @@ class TransformTree:
         if edge.parent != parent:
             self.warnings.append(f"tf: {child} hangs on {edge.parent} and on {parent}; the first is taken")
             return
-        edge.fixed = edge.fixed or fixed
+        at, turn = transform.transform.translation, transform.transform.rotation
+        position, quaternion = [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]
+        if fixed:
+            edge.told_fixed = position, quaternion
+            return
         stamp = transform.header.stamp
         edge.stamps_ns.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
-        position, turn = transform.transform.translation, transform.transform.rotation
-        edge.positions.append([position.x, position.y, position.z])
-        edge.quaternions.append([turn.w, turn.x, turn.y, turn.z])
+        edge.positions.append(position)
+        edge.quaternions.append(quaternion)
 
     def path(self, frame: str, above: str | None = None) -> list[str]:
         """Frames from the root (or the one below `above`) down to `frame`; empty when `frame` is not in the
