@@ -528,6 +528,36 @@ def test_poses_told_in_other_axes_from_now_on_are_not_mixed_with_those_of_before
     assert np.allclose(feed.pose_at(later_ns), straight_down(12.0), atol=1e-9)
 
 
+def test_poses_in_two_frames_by_turns_are_not_mixed_and_are_told_of() -> None:
+    """Two nodes on one topic: a view between two rows stood in the middle between odom and map."""
+    feed = RosPoses("camera_pose", None)
+    feed.posed(decoded(pose_message(START_NS, straight_down(10.0), "/map")))
+    feed.posed(decoded(pose_message(START_NS + SECOND_NS // 4, straight_down(10.0), "map")))
+    assert feed.doubt is None
+    feed.posed(decoded(pose_message(START_NS + SECOND_NS // 2, straight_down(60.0), "odom")))
+    with pytest.raises(ValueError, match="before the first"):
+        feed.pose_at(START_NS + 3 * SECOND_NS // 8)
+    assert feed.doubt is not None and "its poses come in the frames map and odom: all are" in feed.doubt
+
+
+def test_a_body_that_hangs_on_two_frames_has_no_pose() -> None:
+    """MAVROS may tell tf from map and from odom: the camera stood in either by turns, as the window fell."""
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    body_from_camera = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    feed.transformed(decoded(tf_message(0, "base", FRAME, body_from_camera)), fixed=True)
+    for number in range(200):
+        stamp_ns = START_NS + number * SECOND_NS // 10
+        parent, east = ("odom", 60.0) if 50 <= number < 100 and number % 2 else ("/map", 10.0)
+        feed.transformed(decoded(tf_message(stamp_ns, parent, "base", level_body(east))), fixed=False)
+    for seconds in (2.0, 15.0):
+        found = feed.pose_at(START_NS + round(seconds * SECOND_NS))
+        assert np.allclose(found, straight_down(10.0), atol=1e-9)
+    for seconds in (5.0, 7.05, 9.95):
+        with pytest.raises(ValueError, match="tf says that base hangs on map and on odom: stop all but one"):
+            feed.pose_at(START_NS + round(seconds * SECOND_NS))
+
+
 def test_a_gimbal_that_was_told_as_fixed_too_moves() -> None:
     """As by the description of a robot, before its driver runs: it was where it would be seconds later."""
     feed = RosPoses("tf", None)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from collections.abc import Sequence
 from threading import Condition
 from typing import Any, Literal
 
@@ -47,7 +48,6 @@ class RosPoses:
         "see that its pose topic, or every tf from the map to the frame of its pictures, is published at "
         "least once a second under the names in --topics, with the stamps of the same clock as its pictures"
     )
-    doubt: str | None = None
 
     def __init__(
         self,
@@ -63,8 +63,11 @@ class RosPoses:
         poses has a name that others have too, whose it is."""
         self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
         self._of = of
+        self.doubt: str | None = None
         self._rows: deque[tuple[int, list[float], list[float]]] = deque()
         self._moving: dict[str, deque[Any]] = {}
+        self._parents: dict[str, dict[str, tuple[int, int]]] = {}
+        """What a frame that moves hung on, by name: from the first to the last stamp."""
         self._fixed: dict[str, Any] = {}
         self.camera_frame = ""
         """The optical frame, as the pictures name it."""
@@ -84,11 +87,16 @@ class RosPoses:
         child = getattr(message, "child_frame_id", "").lstrip("/")
         with self.changed:
             self._body_frame = child or self._body_frame
-            self._frame = frame
             in_ned = is_ned_pose(frame, child)
-            if in_ned != self._in_ned:  # somebody else publishes now: no row of before fits
-                self._in_ned = in_ned
+            if (frame, in_ned) != (self._frame, self._in_ned):  # somebody else publishes now: no row fits
                 self._rows.clear()
+            if self._frame is not None and frame != self._frame:
+                self.doubt = (
+                    f"its poses come in the frames {' and '.join(sorted((frame, self._frame)))}: all are "
+                    "taken to count from --origin, so what it sees may lie elsewhere; see that one node "
+                    "publishes on its pose topic, in one frame, or acknowledge this where both are the same"
+                )
+            self._frame, self._in_ned = frame, in_ned
             if in_ned:
                 self._tell_ned(frame if is_ned(frame) else child)
             if self._rows and stamp_ns <= self._rows[-1][0]:
@@ -110,10 +118,14 @@ class RosPoses:
                     continue
                 kept = self._moving.setdefault(child, deque())
                 stamp_ns = time_ns(transform.header.stamp)
-                if kept and stamp_ns <= time_ns(kept[-1].header.stamp):
-                    if not _of_another_clock(stamp_ns, time_ns(kept[-1].header.stamp)):
-                        continue
+                if kept and _of_another_clock(stamp_ns, time_ns(kept[-1].header.stamp)):
                     kept.clear()
+                    self._parents[child].clear()
+                parents, parent = self._parents.setdefault(child, {}), transform.header.frame_id.lstrip("/")
+                first_ns, last_ns = parents.get(parent, (stamp_ns, stamp_ns))
+                parents[parent] = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
+                if kept and stamp_ns <= time_ns(kept[-1].header.stamp):
+                    continue
                 kept.append(transform)
                 while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
                     kept.popleft()
@@ -169,6 +181,7 @@ class RosPoses:
             root, path = tree.in_world(self.camera_frame)
             if not path:
                 raise ValueError(f"no tf leads to {self.camera_frame or '(no frame)'}")
+            self._require_one_parent(path, stamp_ns)
             segments = tree.segments(path)
             if is_ned(root):
                 self._tell_ned(root)
@@ -193,8 +206,24 @@ class RosPoses:
                 f"no tf leads from {self._body_frame} to {self.camera_frame or '(no frame)'}: say how the "
                 "camera hangs with --mount, such as level:-60"
             )
+        self._require_one_parent(path, stamp_ns)
         segments: list[Segment] = [body, *tree.segments(path)]
         return composed(segments, self._max_gap_s)
+
+    def _require_one_parent(self, path: Sequence[str], stamp_ns: int) -> None:
+        """ValueError where two nodes say that a frame hangs on different ones, as MAVROS may of map and odom:
+        the camera would stand in either by turns."""
+        for child in path:
+            parents = [
+                parent
+                for parent, (first_ns, last_ns) in self._parents.get(child, {}).items()
+                if first_ns - _AROUND_NS <= stamp_ns <= last_ns + _AROUND_NS
+            ]
+            if len(parents) > 1:
+                raise ValueError(
+                    f"tf says that {child} hangs on {' and on '.join(sorted(parents))}: stop all but one of "
+                    "the nodes that say so"
+                )
 
     def _tree(self, stamp_ns: int) -> TransformTree:
         tree = TransformTree()
