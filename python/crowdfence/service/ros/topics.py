@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from crowdfence.sources.mission import ros2_messages
@@ -11,11 +12,13 @@ ROLES = ("camera", "info", "heatmap", "camera_pose", "pose", "tf")
 """Positions on Earth come by telemetry (`--mavlink`)."""
 _OF_ONE_CAMERA = ("camera", "heatmap", "camera_pose")
 """Two cameras of one drone may share a pose of its body and tf."""
+_TOPIC = re.compile(r"/?[^/*$?#]+(?:/[^/*$?#]+)*/?")
+"""With what means several to Zenoh, the pictures of a fleet would be those of one drone."""
 
 
 def live_topics(texts: Sequence[str]) -> list[DroneTopics]:
     """From ROLE=TOPIC,... for one drone each. ValueError for what is no role, a drone without pictures or
-    intrinsics, a name twice, and a topic of one camera for two drones."""
+    intrinsics, a name twice, a topic of one camera for two drones, and what names several topics."""
     drones = [_of_drone(text) for text in texts]
     names = [one.drone for one in drones]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -62,6 +65,10 @@ def _of_drone(text: str) -> DroneTopics:
         if not (equals and topic) or role not in (*ROLES, "drone"):
             raise ValueError(
                 f"--topics {text!r}: {part!r} must be ROLE=TOPIC, roles: drone, {', '.join(ROLES)}"
+            )
+        if role != "drone" and not _TOPIC.fullmatch(topic):
+            raise ValueError(
+                f"--topics {text!r}: {topic} names no topic; it has no *, $, ?, # and no //"
             )
         named[role] = topic
     pictures = named.get("camera") or named.get("heatmap") or ""
