@@ -391,6 +391,41 @@ def test_a_mount_stands_in_for_a_gimbal_and_the_map_for_heights_above_the_take_o
         assert abs(np.degrees(np.arcsin(found[2, 2])) - pitch_deg) < 0.01
 
 
+def test_heights_from_a_home_that_was_not_told_put_no_camera_anywhere() -> None:
+    """Home was set anew on other ground and the word of it was lost: until it was asked for again cameras
+    hung too high or too low by as much as the one home lies above the other, and nothing was said."""
+    options = TelemetryOptions(mount=CameraMount("level", -60.0))
+    feed = Telemetry("uav1", ground(), mission().georeference, options)
+
+    def told_home(row: Row, altitude_m: float) -> Any:
+        message = home(row)
+        message.altitude = round(altitude_m * 1e3)
+        return message
+
+    def told(part: Sequence[Row], home_m: float) -> None:
+        for row in part:
+            place = position(row)
+            place.relative_alt = round(place.alt - home_m * 1e3)
+            for message in (place, attitude(row), system_time(row)):
+                feed.heard(message, row.stamp_ns)
+
+    first_m = position(rows()[0]).alt / 1e3
+    feed.heard(told_home(rows()[0], first_m), rows()[0].stamp_ns)
+    told(rows()[:200], first_m)
+    assert feed.knows_home
+    before = feed.pose_at(rows()[190].stamp_ns)
+    told(rows()[200:], first_m + 12.0)
+    assert not feed.knows_home, "so it is asked for"
+    words = "home {:.0f} m above the sea, and the one that it told last .* lies at {:.0f} m"
+    with pytest.raises(ValueError, match=words.format(first_m + 12.0, first_m)):
+        feed.pose_at(rows()[-10].stamp_ns)
+    feed.heard(told_home(rows()[0], first_m + 12.0), rows()[-1].stamp_ns)
+    assert feed.knows_home
+    assert feed.pose_at(rows()[-10].stamp_ns)[2, 3] < before[2, 3]
+    with pytest.raises(ValueError, match=words.format(first_m, first_m + 12.0)):
+        feed.pose_at(rows()[20].stamp_ns)
+
+
 def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: Path) -> None:
     now, port = Now(frames()[0].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA, wait_s=0.05) as (service, http):

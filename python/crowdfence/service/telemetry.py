@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from threading import Condition
 from typing import Any
@@ -29,6 +30,8 @@ _KEPT_MS = 70_000
 _AROUND_MS = 2500
 """Messages this far from a view say where it was taken."""
 _MS_NS = 1_000_000
+_OTHER_HOME_M = 5.0
+"""A home so much higher or lower than the one that heights count from is another one."""
 _AUTOPILOTS = (0, 1)
 """Components taken for it while nobody has told a position: unsaid, and MAV_COMP_ID_AUTOPILOT1."""
 
@@ -139,7 +142,22 @@ class Telemetry:
 
     @property
     def knows_home(self) -> bool:
-        return bool(self._messages["HOME_POSITION"])
+        """Whether the home that heights count from now was told."""
+        places = self._messages[PLACE]
+        return bool(self._messages["HOME_POSITION"]) and self._other_home(list(places)[-1:]) is None
+
+    def _other_home(self, places: Sequence[Any]) -> str | None:
+        """What is said where positions count their heights from another home than the one that was told: it
+        was set anew, as where a drone takes off elsewhere, and one of the two is of before."""
+        for home in self._messages["HOME_POSITION"]:
+            for one in places if home.altitude else ():
+                counted_m, told_m = (one.alt - one.relative_alt) / 1e3, home.altitude / 1e3
+                if abs(counted_m - told_m) > _OTHER_HOME_M:
+                    return (
+                        f"its heights count from a home {counted_m:.0f} m above the sea, and the one that it "
+                        f"told last (HOME_POSITION) lies at {told_m:.0f} m: home was set anew"
+                    )
+        return None
 
     def _keep(self, kept: deque[Any], message: Any) -> None:
         boot_ms = message.time_boot_ms
@@ -190,6 +208,9 @@ class Telemetry:
                     "its heights count from the take-off, which it has not told (HOME_POSITION): say it with "
                     "--take-off LAT,LON, or use those above the sea (--heights sea)"
                 )
+            other_home = self._other_home(around[PLACE]) if heights.take_off is None else None
+            if placed.contact.place is not None and other_home is not None:
+                raise ValueError(other_home)
             track = settled_track(self._drone, track, placed.contact, self._terrain)
         return steadied_as(track, self._options.noise).at(stamp_ns, self._options.max_gap_s)
 
