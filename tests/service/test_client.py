@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
@@ -93,6 +94,49 @@ def test_a_stream_that_goes_silent_breaks(monkeypatch: pytest.MonkeyPatch) -> No
         with pytest.raises(httpx.TransportError, match=f"{url} said nothing for 0.2 s"):
             next(messages)
         over.set()
+
+
+def test_who_takes_long_for_a_step_gets_the_newest_next_and_every_alert() -> None:
+    """Steps waited in the buffers of both ends: who took a second for each was half a minute behind after
+    half a minute, by zones that looked as new as ever."""
+    taken, over = Event(), Event()
+
+    def tell(connection: ServerConnection) -> None:
+        taken.wait(60.0)
+        for number in range(3000):
+            connection.send(json.dumps({"type": "step", "number": number, "zones": "x" * 2000}))
+            if number % 1000 == 0:
+                connection.send(json.dumps({"type": "alert", "number": number}))
+        over.wait(60.0)
+
+    with saying_hello(tell) as url:
+        messages = Client(url).stream()
+        next(messages)
+        taken.set()
+        found: list[tuple[str, int]] = []
+        while ("step", 2999) not in found and len(found) < 20:
+            time.sleep(0.3)
+            message = next(messages)
+            found.append((message["type"], message["number"]))
+        assert [one for one in found if one[0] == "alert"] == [("alert", 0), ("alert", 1000), ("alert", 2000)]
+        assert found[-1] == ("step", 2999), found
+        messages.close()  # type: ignore[attr-defined]
+        over.set()
+
+
+def test_a_step_from_before_the_line_broke_is_not_given_after_it() -> None:
+    def tell(connection: ServerConnection) -> None:
+        connection.send('{"type": "alert"}')
+        connection.send('{"type": "step"}')
+        connection.socket.close()
+
+    with saying_hello(tell) as url:
+        messages = Client(url).stream()
+        assert next(messages) == {"type": "hello"}
+        time.sleep(0.5)
+        assert next(messages) == {"type": "alert"}
+        with pytest.raises(httpx.TransportError, match="broke"):
+            next(messages)
 
 
 def test_a_stream_ends_when_the_service_does_and_says_so_when_it_is_full() -> None:

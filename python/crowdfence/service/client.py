@@ -7,6 +7,7 @@ import ssl
 import time
 from collections.abc import Iterator
 from os import PathLike
+from threading import Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit, urlunsplit
@@ -18,10 +19,12 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera, Observation, View
 from crowdfence.errors import quoted
 from crowdfence.service.belief import ColumnBeliefs
+from crowdfence.service.unread import Unread
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from websockets.sync.client import ClientConnection
 
 _COME_AGAIN = (429, 503, 507)
 _LONGEST_PAUSE_S = 5.0
@@ -173,27 +176,38 @@ class Client:
         return self._json("POST", f"/alerts/{alert}/acknowledge")
 
     def stream(self) -> Iterator[dict[str, Any]]:
-        """Messages as they come: hello, step, alert, mode, ping; until the service ends. httpx.TransportError
-        where the line breaks or goes silent: what was heard last may not hold any more."""
-        from websockets.exceptions import ConnectionClosed
+        """Messages as they come: hello, step, alert, mode, ping; until the service ends. Who takes long for
+        one gets the newest step next, and every alert. httpx.TransportError where the line breaks or goes
+        silent: what was heard last may not hold any more."""
         from websockets.sync.client import connect
 
         scheme, host, path, _, _ = urlsplit(self._url)
         address = urlunsplit(("wss" if scheme == "https" else "ws", host, f"{path}/api/v1/stream", "", ""))
         trust = self._trust if scheme == "https" else None
+        unread = Unread()
         with connect(address, additional_headers=self._headers, max_size=None, ssl=trust) as socket:
+            Thread(target=self._read, args=(socket, unread), name="stream", daemon=True).start()
+            while (message := unread.take()) is not None:
+                yield message
+
+    def _read(self, socket: ClientConnection, unread: Unread) -> None:
+        """In a thread, until the line ends."""
+        from websockets.exceptions import ConnectionClosed
+
+        try:
             while True:
-                try:
-                    text = socket.recv(timeout=_SILENT_S)
-                except TimeoutError as error:
-                    raise httpx.ReadTimeout(f"{self._url} said nothing for {_SILENT_S:g} s") from error
-                except ConnectionClosed as error:
-                    if error.rcvd is None:
-                        raise httpx.ReadError(f"the line to {self._url} broke: {error}") from error
-                    if error.rcvd.code == _TRY_AGAIN_LATER:
-                        raise ServiceError(503, error.rcvd.reason) from error
-                    return
-                yield json.loads(text)
+                unread.put(json.loads(socket.recv(timeout=_SILENT_S)))
+        except TimeoutError:
+            unread.end(httpx.ReadTimeout(f"{self._url} said nothing for {_SILENT_S:g} s"))
+        except ConnectionClosed as error:
+            if error.rcvd is None:
+                unread.end(httpx.ReadError(f"the line to {self._url} broke: {error}"))
+            elif error.rcvd.code == _TRY_AGAIN_LATER:
+                unread.end(ServiceError(503, error.rcvd.reason))
+            else:
+                unread.end()
+        except Exception as error:
+            unread.end(error)
 
     def _give(self, path: str, body: bytes, kind: str) -> int:
         give_up_s = time.monotonic() + self._patience_s

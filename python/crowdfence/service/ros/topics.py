@@ -67,9 +67,7 @@ def _of_drone(text: str) -> DroneTopics:
                 f"--topics {text!r}: {part!r} must be ROLE=TOPIC, roles: drone, {', '.join(ROLES)}"
             )
         if role != "drone" and not _TOPIC.fullmatch(topic):
-            raise ValueError(
-                f"--topics {text!r}: {topic} names no topic; it has no *, $, ?, # and no //"
-            )
+            raise ValueError(f"--topics {text!r}: {topic} names no topic; it has no *, $, ?, # and no //")
         named[role] = topic
     pictures = named.get("camera") or named.get("heatmap") or ""
     drone = named.pop("drone", "") or pictures.strip("/").partition("/")[0]
