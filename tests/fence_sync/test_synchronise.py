@@ -173,7 +173,7 @@ def test_no_room_beside_others(tmp_path: Path) -> None:
         (EmulatedVehicle(parameters={"GF_ACTION": 4}), r"GF_ACTION is 4 \(terminate\).*Set it to 2"),
         (EmulatedVehicle(parameters={}), "GF_ACTION could not be read"),
         (EmulatedVehicle(rejects=mavlink.MAV_MISSION_INVALID), "refused the fence: INVALID; the one before"),
-        (EmulatedVehicle(rejects=mavlink.MAV_MISSION_DENIED), "refused the fence: DENIED"),
+        (EmulatedVehicle(rejects=mavlink.MAV_MISSION_DENIED), "DENIED; .*another ground station may"),
         (EmulatedVehicle(rejects=mavlink.MAV_MISSION_NO_SPACE), "refuses every fence for want of space|room"),
         (EmulatedVehicle(rejects=77), "refused the fence: result 77"),
     ],

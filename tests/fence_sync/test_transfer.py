@@ -183,6 +183,29 @@ def test_a_vehicle_that_knows_no_fences_is_said_to() -> None:
         conversation.send(Ack(MissionResult.UNSUPPORTED))
 
 
+def test_a_vehicle_whose_fence_another_station_writes_is_busy() -> None:
+    """It was asked whether its firmware takes fences at all."""
+    conversation = download(lambda: 0.0, PATIENCE)
+    next(conversation)
+    with pytest.raises(
+        FenceError, match="DENIED; ArduPilot says so while another ground station writes it: try"
+    ):
+        conversation.send(Ack(MissionResult.DENIED))
+
+
+def test_we_are_no_ground_station_of_an_operator() -> None:
+    """As system 255 our heartbeat stood in for theirs: ArduPilot did not notice that their link was lost."""
+    link = EmulatedLink(EmulatedVehicle())
+    packets: list[bytes] = []
+    send, link.send = link.send, lambda data: (packets.append(data), send(data))[1]  # type: ignore[method-assign]
+    read(station(link))
+    said = [packet for data in packets for packet in mavlink.MAVLink(None).parse_buffer(data) or []]
+    assert {(one.get_srcSystem(), one.get_srcComponent()) for one in said} == {(254, 190)}
+    assert {one.type for one in said if one.get_type() == "HEARTBEAT"} == {mavlink.MAV_TYPE_GCS}, (
+        "PX4 sends texts"
+    )
+
+
 def test_something_is_said_again_until_it_is_answered() -> None:
     conversation = ask(RequestList(), lambda heard: None, lambda: 0.0, Patience(retry_s=0.5, tries=3))
     said = [next(conversation).say]

@@ -29,9 +29,9 @@ from crowdfence.fence_sync.messages import (
     Version,
 )
 
-GROUND_STATION = 255
-"""System id, the one that ground stations take."""
-MISSION_PLANNER_COMPONENT = 190
+OUR_SYSTEM, OUR_COMPONENT = 254, 190
+"""Not the 255 of operators' ground stations: ArduPilot would not notice that the link to theirs is lost while
+we speak (FS_GCS_ENABLE), and would take our list for a new beginning of one that they are writing."""
 _FENCE = 1
 """MAV_MISSION_TYPE_FENCE."""
 _REQUEST_MESSAGE = 512
@@ -54,7 +54,7 @@ class Heard:
 class MavlinkCodec:
     """One end of a link: numbers what it sends, finds packets in what it receives."""
 
-    def __init__(self, system: int = GROUND_STATION, component: int = MISSION_PLANNER_COMPONENT) -> None:
+    def __init__(self, system: int = OUR_SYSTEM, component: int = OUR_COMPONENT) -> None:
         """FenceError where pymavlink is not installed."""
         try:
             from pymavlink.dialects.v20 import common
@@ -116,7 +116,7 @@ def _command_packet(mavlink: Any, message: Command, to: tuple[int, int]) -> Any:
 
 
 _PACKETS: dict[type, Callable[[Any, Any, tuple[int, int]], Any]] = {
-    # A ground station, no autopilot, active.
+    # A ground station, no autopilot, active: PX4 sends its texts to ground stations alone.
     Heartbeat: lambda mavlink, message, to: mavlink.heartbeat_encode(6, message.autopilot, 0, 0, 4),
     Count: lambda mavlink, message, to: mavlink.mission_count_encode(*to, message.count, _FENCE),
     RequestList: lambda mavlink, message, to: mavlink.mission_request_list_encode(*to, _FENCE),

@@ -6,7 +6,7 @@ list is replaced before it is known what others put into it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,10 @@ _PAUSE_S = 0.3
 _WARNING = 4
 """MAV_SEVERITY; lower numbers are worse."""
 _ABOUT_FENCES = ("fence", "reposition")
+_HINTS: Mapping[int, str] = {
+    MissionResult.NO_SPACE: "; give a smaller --capacity",
+    MissionResult.DENIED: "; another ground station may be writing it: send again in some seconds",
+}
 _MAYBE_TAKEN = "a list was sent, so it holds the one before or that one; send again once it answers"
 
 
@@ -245,7 +249,7 @@ class FenceKeeper:
 
     def _refused(self, result: int, stays: str) -> str:
         said = "; ".join(dict.fromkeys(text.text for text in self.station.vehicle.texts))
-        hint = "; give a smaller --capacity" if result == MissionResult.NO_SPACE else ""
+        hint = _HINTS.get(result, "")
         why = f"{result_name(result)}{f' ({said})' if said else ''}"
         return f"the vehicle refused the fence: {why}; {stays}{hint}"
 

@@ -8,7 +8,7 @@ https://mavlink.io/en/services/mission.html
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from crowdfence.fence_sync.conversation import Clock, Conversation, Patience, Waiting, ask
 from crowdfence.fence_sync.fence_error import FenceError, Silence
@@ -24,6 +24,10 @@ from crowdfence.fence_sync.messages import (
     result_name,
 )
 
+_UNREADABLE: Mapping[int, str] = {
+    MissionResult.UNSUPPORTED: "does its firmware take fences over the mission protocol?",
+    MissionResult.DENIED: "ArduPilot says so while another ground station writes it: try again later",
+}
 _READINGS = 4
 """Times that a list is read which changes meanwhile."""
 
@@ -102,9 +106,7 @@ def _count(heard: Message) -> int | None:
 
 
 def _require_readable(heard: Message) -> None:
-    """Old answers to an upload are no refusal to read, but that it has no fences is."""
-    if isinstance(heard, Ack) and heard.result in (MissionResult.UNSUPPORTED, MissionResult.DENIED):
-        raise FenceError(
-            f"the vehicle does not give its fence away: {result_name(heard.result)}; "
-            "does its firmware take fences over the mission protocol?"
-        )
+    """Old answers to an upload are no refusal to read, but that it has no fences is, or that it is busy."""
+    hint = _UNREADABLE.get(heard.result) if isinstance(heard, Ack) else None
+    if isinstance(heard, Ack) and hint is not None:
+        raise FenceError(f"the vehicle does not give its fence away: {result_name(heard.result)}; {hint}")
