@@ -131,6 +131,24 @@ def test_a_stream_keeps_the_newest_only() -> None:
     assert known.at(850) == WIDE and known.at(999) == TELE and known.at(10) == WIDE
 
 
+@pytest.mark.parametrize(
+    ("role", "kind", "needed"),
+    [
+        ("info", IMAGE, INFO),
+        ("heatmap", "sensor_msgs/msg/CompressedImage", IMAGE),
+        ("camera", "sensor_msgs/msg/NavSatFix", f"{IMAGE} or sensor_msgs/msg/CompressedImage"),
+        ("pose", "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped or nav_msgs/msg/Odometry or"),
+    ],
+)
+def test_a_topic_of_another_type_is_named(role: str, kind: str, needed: str) -> None:
+    """Where it was read, it failed at a field that it lacks, in a thread of Zenoh that told nobody."""
+    given = Given()
+    given.intake.take(role, kind, heatmap(1))
+    (reason,) = given.reasons
+    assert reason.startswith(f"a message of uav1 is {kind}; {role} needs {needed}")
+    assert given.refused["uav1"] == 1
+
+
 def test_a_disk_that_cannot_be_read_for_a_moment_ends_no_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     """The thread of the drone ended with it: no picture was taken any more, until the next start."""
     given = Given()

@@ -16,6 +16,7 @@ from crowdfence.service.gate import Refused
 from crowdfence.service.live import Live
 from crowdfence.service.ros.intrinsics import Intrinsics
 from crowdfence.service.ros.poses import RosPoses
+from crowdfence.service.ros.topics import ROLES
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
@@ -60,6 +61,9 @@ class Intake:
 
     def take(self, role: str, kind: str, data: bytes, *, fixed: bool = False) -> None:
         """A message as it came; what it is good for decides its role."""
+        if kind not in ROLES[role]:
+            self._refuse(f"a message of {self._drone} is {kind}; {role} needs {' or '.join(ROLES[role])}")
+            return
         try:
             if role in ("camera", "heatmap"):
                 self._waiting.put_nowait((role, kind, data))

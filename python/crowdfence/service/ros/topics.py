@@ -8,8 +8,16 @@ from collections.abc import Sequence
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 
-ROLES = ("camera", "info", "heatmap", "camera_pose", "pose", "tf")
-"""Positions on Earth come by telemetry (`--mavlink`)."""
+_POSES = (ros2_messages.POSE_STAMPED, ros2_messages.ODOMETRY, ros2_messages.POSE_WITH_COVARIANCE)
+ROLES: dict[str, tuple[str, ...]] = {
+    "camera": (ros2_messages.IMAGE, ros2_messages.COMPRESSED_IMAGE),
+    "info": (ros2_messages.CAMERA_INFO,),
+    "heatmap": (ros2_messages.IMAGE,),
+    "camera_pose": _POSES,
+    "pose": _POSES,
+    "tf": (ros2_messages.TF_MESSAGE,),
+}
+"""And the message types that each may have. Positions on Earth come by telemetry (`--mavlink`)."""
 _OF_ONE_CAMERA = ("camera", "heatmap", "camera_pose")
 """Two cameras of one drone may share a pose of its body and tf."""
 _TOPIC = re.compile(r"/?[^/*$?#]+(?:/[^/*$?#]+)*/?")
