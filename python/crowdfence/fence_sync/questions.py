@@ -22,7 +22,7 @@ from crowdfence.fence_sync.messages import (
     Version,
 )
 
-_OPTIONAL_TRIES = 4
+OPTIONAL_TRIES = 4
 """Of what a vehicle may not know: a position without satellites, a number of its own."""
 _Optional = type[Position] | type[Home] | type[Version]
 _NUMBERS: dict[_Optional, int] = {
@@ -32,9 +32,11 @@ _NUMBERS: dict[_Optional, int] = {
 }
 
 
-def optional(kind: _Optional, clock: Clock, patience: Patience) -> Conversation[Message | None]:
+def optional(
+    kind: _Optional, clock: Clock, patience: Patience, *, most_tries: int = OPTIONAL_TRIES
+) -> Conversation[Message | None]:
     """A `Position`, `Home` or `Version`; None where the vehicle does not say it."""
-    few = replace(patience, tries=min(patience.tries, _OPTIONAL_TRIES))
+    few = replace(patience, tries=min(patience.tries, most_tries))
 
     def answer(heard: Message) -> Message | None:
         return heard if isinstance(heard, kind) else None

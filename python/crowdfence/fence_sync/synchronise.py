@@ -35,7 +35,7 @@ from crowdfence.fence_sync.messages import (
     result_name,
 )
 from crowdfence.fence_sync.placement import NOTHING, PlacedFence, placed
-from crowdfence.fence_sync.questions import optional, parameters
+from crowdfence.fence_sync.questions import OPTIONAL_TRIES, optional, parameters
 from crowdfence.fence_sync.transfer import download, upload
 from crowdfence.fence_sync.vehicle_memory import VehicleMemory, memory_file, recall, remember
 from crowdfence.georeference import Georeference
@@ -103,7 +103,8 @@ class FenceKeeper:
         self.station = station
         self._folder = folder
         self._given = capacity
-        for stranger in self.strangers():
+        # By its number its shapes are known again: a lossy link must not pass for a vehicle that has none.
+        for stranger in self.strangers(most_tries=station.patience.tries):
             raise FenceError(stranger.text)
         self.memory_path = memory_file(folder, station.vehicle)
         self._kept: VehicleMemory | None = None
@@ -187,12 +188,12 @@ class FenceKeeper:
         values = station.hold(parameters(names, autopilot, station.clock, station.patience))
         return list(enforcement(autopilot, values))
 
-    def strangers(self) -> list[FenceEvent]:
+    def strangers(self, *, most_tries: int = OPTIONAL_TRIES) -> list[FenceEvent]:
         """Whether others than this vehicle answer under its system id, as far as vehicles say a number of
         their own: what one of them says would be taken for what the other does."""
         station, vehicle = self.station, self.station.vehicle
         vehicle.strangers.clear()
-        station.hold(optional(Version, station.clock, station.patience))
+        station.hold(optional(Version, station.clock, station.patience, most_tries=most_tries))
         station.listen(_PAUSE_S)
         if not vehicle.strangers:
             return []
