@@ -232,6 +232,18 @@ def test_a_vehicle_in_a_zone_is_an_alarm_with_a_way_out(tmp_path: Path) -> None:
     assert "do not take off here" in told(report)["vehicle_inside"]
 
 
+def test_an_ardupilot_in_a_zone_is_said_to_have_breached_it(tmp_path: Path) -> None:
+    """It was said of PX4's fence, which is not kept then: who heard it expected a vehicle that stays."""
+    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 2}
+    vehicle = EmulatedVehicle(autopilot=ARDUPILOT, parameters=keeps)
+    report = keeper(vehicle, tmp_path).put([box(-10.0, -10.0)], HERE)
+    assert "a breach: ArduPilot does at once what FENCE_ACTION says" in told(report)["vehicle_inside"]
+    assert "PX4" not in told(report)["home_inside"] and "a return leads" in told(report)["home_inside"]
+    vehicle.position = None
+    report = keeper(vehicle, tmp_path).put([box(-10.0, -10.0)], HERE)
+    assert "if it is in the fence, that is a breach" in told(report)["position_unknown"]
+
+
 def test_a_vehicle_on_ground_that_is_closed_for_nothing_is_told_so(tmp_path: Path) -> None:
     vehicle = EmulatedVehicle(home=(47.3, 8.5))
     beside = [box(-60.0, -10.0), box(40.0, -10.0, name="Z2")]

@@ -1,7 +1,8 @@
 """Is the vehicle, or its home, in what its fence closes?
 
 Then the fence is taken and not kept: PX4 drops every shape that holds the vehicle or its home, with a line in
-its log only, and a vehicle in the middle of a zone stays there.
+its log only, and a vehicle in the middle of a zone stays there. ArduPilot keeps it (AC_PolyFence_loader.cpp,
+`breached`): a vehicle in it has breached it and does at once what FENCE_ACTION says, also above the crowd.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_item import CIRCLE_EXCLUSION, POLYGON_EXCLUSION, FenceShape
 from crowdfence.fence_sync.ground_station import Vehicle
-from crowdfence.fence_sync.messages import Home, Position
+from crowdfence.fence_sync.messages import Autopilot, Home, Position
 from crowdfence.fence_sync.placement import ground_of
 from crowdfence.georeference import Georeference
 from crowdfence.planner.way_out import way_out
@@ -37,7 +38,8 @@ def inside(
     if vehicle.position is None:
         yield FenceEvent(
             "position_unknown",
-            "the vehicle does not say where it is: if it is in the fence, the fence is not kept",
+            "the vehicle does not say where it is: if it is in the fence, "
+            + ("that is a breach at once" if _keeps_it(vehicle) else "the fence is not kept"),
             alarm=True,
         )
     elif (place := _within(vehicle.position, closed, georeference)) is not None:
@@ -49,8 +51,9 @@ def inside(
     elif (place := _within(vehicle.home, closed, georeference)) is not None:
         yield FenceEvent(
             "home_inside",
-            f"home lies in the fence{_of_zone(place, zones)}: PX4 drops that part of the fence without "
-            "a word, and a return leads into it; move home or land elsewhere",
+            f"home lies in the fence{_of_zone(place, zones)}: "
+            + ("" if _keeps_it(vehicle) else "PX4 drops that part of the fence without a word, and ")
+            + "a return leads into it; move home or land elsewhere",
             alarm=True,
         )
 
@@ -95,9 +98,12 @@ def _vehicle_inside(
         if vehicle.armed
         else "do not take off here"
     )
+    becomes = "which is then taken and not kept"
+    if _keeps_it(vehicle):
+        becomes = "a breach: ArduPilot does at once what FENCE_ACTION says, which may be to land there"
     return FenceEvent(
         "vehicle_inside",
-        f"the vehicle is in the fence{_of_zone(place, zones)}, which is then taken and not kept; {advice}",
+        f"the vehicle is in the fence{_of_zone(place, zones)}, {becomes}; {advice}",
         alarm=True,
         details={
             "suggestion": "evacuate" if vehicle.armed else "stay_down",
@@ -107,6 +113,11 @@ def _vehicle_inside(
             "bearing_deg": round(bearing_deg, 1),
         },
     )
+
+
+def _keeps_it(vehicle: Vehicle) -> bool:
+    """Whether a fence that it is in is one for the vehicle."""
+    return vehicle.autopilot == Autopilot.ARDUPILOT
 
 
 def _of_zone(place: NDArray[np.float64], zones: Sequence[Zone]) -> str:
