@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 from crowdfence import surface_grid
 from crowdfence.exports.ros2.topics import BELIEF, CLOSED, ZONES
 from crowdfence.service.clock import Clock
 from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.sources.mission import ros2_messages
+from crowdfence.zones import Zone
 from support.small_service import SETTINGS, START_NS, message, running, sharp, views
 
 
@@ -40,6 +42,25 @@ def test_views_go_into_the_map_while_grids_are_made(tmp_path: Path, monkeypatch:
         RosPublisher(service.mission, lambda topic, kind, body: topics.append(topic))._publish()
     assert was_free == [True]
     assert topics == ["/crowdfence/closed", "/crowdfence/belief", "/crowdfence/zones"]
+
+
+def test_before_the_first_view_what_others_drew_is_published(tmp_path: Path) -> None:
+    """Nothing was, while HTTP told of it: the fleet took off into the zones of others."""
+    heard: dict[str, Any] = {}
+
+    def take(topic: str, kind: str, body: bytes) -> None:
+        heard[topic] = ros2_messages.decode(kind, body)
+
+    given = Zone.of_no_look("hospital", shapely.box(10.0, 10.0, 20.0, 20.0), "static", "given")
+    clock = Clock("system", system=lambda: START_NS, steady=lambda: START_NS)
+    how: dict[str, Any] = {"clock": clock, "settings": replace(SETTINGS, clock="system")}
+    with running(tmp_path, static_zones=[given], **how) as service:
+        RosPublisher(service.mission, take)._publish()
+    labels = [marker.text for marker in heard[ZONES].markers if marker.text]
+    assert len(labels) == 1 and labels[0].startswith("hospital (static)")
+    assert {ros2_messages.time_ns(one.header.stamp) for one in heard[ZONES].markers} == {START_NS}
+    assert heard[CLOSED].data.count(100) == 100 and set(heard[CLOSED].data) == {-1, 100}
+    assert set(heard[BELIEF].data) == {-1}
 
 
 def test_ground_that_nobody_looks_at_is_not_known_to_be_empty_for_ever(tmp_path: Path) -> None:

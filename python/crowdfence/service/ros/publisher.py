@@ -71,27 +71,29 @@ class RosPublisher:
                 _LOG.exception("zones could not be published")
 
     def _publish(self) -> None:
-        moment, now_s = self._mission.newest, time.monotonic()
-        if moment is None:
-            return
+        moment, now_s = self._moment(), time.monotonic()
         if now_s - self._framed_s > _FRAME_AGAIN_S and self._mission.georeference is not None:
             self._framed_s = now_s
             frame = earth_from_map(self._mission.georeference, moment.stamp_ns)
             self._send(TF_STATIC, ros2_messages.TF_MESSAGE, {"transforms": [frame]})
         if now_s >= self._grids_due_s:
-            self._publish_grids(moment)
+            self._publish_grids()
             self._grids_due_s = time.monotonic() + max(
                 _AGAIN_S, (time.monotonic() - now_s) / _GRIDS_COST_AT_MOST
             )
-            moment = self._mission.newest or moment  # the map went on meanwhile
+            moment = self._moment()  # the map went on meanwhile
         ground = None if self._grid is None else height_at(self._grid)
         markers = zone_markers(moment.zones, moment.stamp_ns, ground)
         self._send(ZONES, ros2_messages.MARKER_ARRAY, markers)
 
-    def _publish_grids(self, moment: Moment) -> None:
+    def _moment(self) -> Moment:
+        """The newest; before the first view what holds without any."""
+        return self._mission.newest or self._mission.opening(self._mission.read_at_ns())
+
+    def _publish_grids(self) -> None:
         mission = self._mission
         with mission.lock:
-            moment = mission.newest or moment
+            moment = self._moment()
             stamp_ns = mission.read_at_ns()
             read = read_crowd_map(
                 mission.loop.crowd_map,
