@@ -62,6 +62,31 @@ def active(service: Service, kind: str) -> set[tuple[str | None, str | None]]:
     }
 
 
+def test_a_drone_whose_clock_is_behind_is_not_sought_on_its_link(tmp_path: Path) -> None:
+    """Its views came, stamped half a minute ago, and the alarm said that none did."""
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service:
+        watch = Watch(service)
+        assert service.live is not None
+        now.ns = START_NS + 30 * SECOND_NS
+        for _ in range(4):
+            now.ns += SECOND_NS
+            for drone, behind_s in (("uav1", 0), ("uav2", 30)):
+                one = view(drone, 3)
+                stamp_ns = now.ns - behind_s * SECOND_NS
+                given = View(drone, stamp_ns, one.camera, one.world_from_camera, one.heatmap)
+                service.live.intake.give_view(message(given))
+            settle(service)
+            watch.look()
+        alert = service.alerts.active("drone_silent", "uav2")
+        assert alert is not None and "one came in that time, 30.0 s after its stamp: the clock" in alert.text
+        assert active(service, "drone_silent") == {("uav2", None)}
+        now.ns += 6 * SECOND_NS
+        watch.look()
+        alert = service.alerts.active("drone_silent", "uav1")
+        assert alert is not None and "one came" not in alert.text
+
+
 def test_silence_is_an_alarm_and_opens_nothing(tmp_path: Path) -> None:
     now = Now()
     with running(tmp_path, clock=now.clock(), drones=("uav1", "uav2", "uav3")) as service:

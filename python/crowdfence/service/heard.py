@@ -18,6 +18,8 @@ class Heard:
         """Of drones that an operator left out."""
         self.last_view_ns: dict[str, int] = {}
         """Newest stamp of each drone that was accepted, also before a restart."""
+        self.came_ns: dict[str, int] = {}
+        """When the last view of each drone was accepted since the start, by the clock of the service."""
         self.accepted_s: float | None = None
         """When the last view was accepted since the start, by a steady clock."""
         self.acknowledging = Latency()

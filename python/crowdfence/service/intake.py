@@ -117,6 +117,7 @@ class Intake:
             raise Refused(507, f"the view cannot be kept: {error}", 5.0) from error
         self._heard.acknowledging.took(time.monotonic() - started_s)
         self._heard.view(drone, stamp_ns)
+        self._heard.came_ns[drone] = self._clock.now_ns()
         return Accepted(seq, duplicate=False)
 
     def _check_other_kind(self, kind: RecordKind, drone: str, stamp_ns: int) -> None:

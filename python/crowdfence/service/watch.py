@@ -126,6 +126,7 @@ class Watch:
         heard, started_ns = (
             ({}, 0) if live is None else (dict(live.heard.last_view_ns), live.applying.started_ns)
         )
+        came = {} if live is None else dict(live.heard.came_ns)
         for drone in service.drones:
             last = service.fleet.last(drone)
             last_ns = max(0 if last is None else last.stamp_ns, heard.get(drone, 0))
@@ -138,6 +139,13 @@ class Watch:
                 else f"no view from {drone} since the start of the service, for more than {most_s:g} s: what "
                 "it should look at is seen by nobody"
             )
+            if last_ns and drone in came and 0 <= now_ns - came[drone] <= most_s * _SECOND_NS:
+                late_s = (came[drone] - last_ns) / _SECOND_NS
+                text += (
+                    f"; one came in that time, {late_s:.1f} s after its stamp: the clock of the drone is "
+                    "behind, and poses that --mavlink tells for its views are those of then, or its link "
+                    "keeps views back"
+                )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
 
     def _doubles(self) -> None:
