@@ -155,7 +155,8 @@ class Telemetry:
                 if abs(counted_m - told_m) > _OTHER_HOME_M:
                     return (
                         f"its heights count from a home {counted_m:.0f} m above the sea, and the one that it "
-                        f"told last (HOME_POSITION) lies at {told_m:.0f} m: home was set anew"
+                        f"told last (HOME_POSITION) lies at {told_m:.0f} m: home was set anew; it is asked "
+                        "for, or say with --take-off where heights count from"
                     )
         return None
 

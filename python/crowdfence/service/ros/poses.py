@@ -91,10 +91,11 @@ class RosPoses:
             if (frame, in_ned) != (self._frame, self._in_ned):  # somebody else publishes now: no row fits
                 self._rows.clear()
             if self._frame is not None and frame != self._frame:
+                frames = " and ".join(sorted((frame or "(none)", self._frame or "(none)")))
                 self.doubt = (
-                    f"its poses come in the frames {' and '.join(sorted((frame, self._frame)))}: all are "
-                    "taken to count from --origin, so what it sees may lie elsewhere; see that one node "
-                    "publishes on its pose topic, in one frame, or acknowledge this where both are the same"
+                    f"its poses come in the frames {frames}: all are taken to count from --origin, so what "
+                    "it sees may lie elsewhere; see that one node publishes on its pose topic, in one "
+                    "frame, or acknowledge this where both are the same"
                 )
             self._frame, self._in_ned = frame, in_ned
             if in_ned:
