@@ -26,11 +26,12 @@ from scene import machine
 
 from crowdfence import CrowdMap, Recording, Terrain, open_recording, project
 from crowdfence.config import OrConfig, PaperConfig, RunConfig
-from crowdfence.detector.detector import Detector
+from crowdfence.detector.detector import FAR_EVERY_S, Detector
 from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.evaluation.replay import score
 from crowdfence.pipeline import FrameLoop, HeatmapSource, heatmap_source, open_terrain, run
 from crowdfence.pipeline.detect import RECORDED
+from crowdfence.pipeline.far_looks import FarLooks
 from crowdfence.pipeline.run import frame_row
 from crowdfence.results import write_results
 from crowdfence.sources.recording import Instant
@@ -39,11 +40,13 @@ from crowdfence.zones import find_zones
 RECORDING = Path("out/race-640x480.mcap")
 SIMULATE = ("simulate", "race", "--seed", "11", "--frames", "80", "--size", "640x480")
 CONFIG = RunConfig()
-ENLARGED: dict[str, Enlarge] = {
-    "shipped model": "always",
-    "shipped model, --enlarge affordable": "affordable",
-    "shipped model, --enlarge never": "never",
+LOOKS: dict[str, tuple[float, Enlarge]] = {
+    "shipped model": (FAR_EVERY_S, "always"),
+    "shipped model, --far-every 0": (0.0, "always"),
+    "shipped model, --far-every 0 --enlarge affordable": (0.0, "affordable"),
+    "shipped model, --far-every 0 --enlarge never": (0.0, "never"),
 }
+"""Seconds from one look at far ground to the next, and whether that is enlarged."""
 AROUND_M = 5.0  # of the step that keeps a safety distance
 HOTTEST = 15
 
@@ -64,8 +67,8 @@ def main() -> None:
     models = {"as recorded": RECORDED}
     if not arguments.recorded:
         models |= {
-            name: heatmap_source(Detector(enlarge=enlarge), terrain, 300.0)
-            for name, enlarge in ENLARGED.items()
+            name: heatmap_source(_detector(name), terrain, CONFIG.projection.max_range_m, whole=False)
+            for name in LOOKS
         }
     _print_stages(recording, terrain, models)
     for name, heatmaps in models.items():
@@ -73,6 +76,11 @@ def main() -> None:
     _print_replay(recording, terrain)
     _print_results(recording, terrain)
     _print_python(recording, terrain)
+
+
+def _detector(name: str) -> Detector:
+    far_every_s, enlarge = LOOKS[name]
+    return Detector(far_every_s=far_every_s, enlarge=enlarge)
 
 
 def _arguments() -> argparse.Namespace:
@@ -112,23 +120,25 @@ class Stages:
         zones = replace(CONFIG.zones, buffer_m=AROUND_M)
         around = _loop(self.recording, self.terrain, RECORDED, replace(CONFIG, zones=zones))
         beside = CONFIG.with_detector(None).crowd_map(self.terrain, len(self.recording.drones))
+        far = {name: heatmaps.far_looks() for name, heatmaps in models.items()}
         for instant in self.recording.instants():
-            self._read(instant, models)
+            self._read(instant, models, far)
             self._fuse(instant, loop, around, beside)
         return loop.crowd_map.seen_count
 
     def _stage(self, name: str) -> Stage:
         return self.by_name.setdefault(name, Stage())
 
-    def _read(self, instant: Instant, models: dict[str, HeatmapSource]) -> None:
+    def _read(self, instant: Instant, models: dict[str, HeatmapSource], far: dict[str, FarLooks]) -> None:
         if "shipped model" in models:
             with self._stage("decode picture").running():
                 pictures = [frame.image() for frame in instant.frames]
             del pictures
-            for name in ENLARGED:
+            for name in LOOKS:
                 with self._stage(f"decode picture and detect, {name}").running():
                     for frame in instant.frames:
-                        models[name].heatmap_of(frame)
+                        near = models[name].leaves_far_out(frame, far[name])
+                        models[name].look(frame, near=near)
         with self._stage("decode heatmap").running():
             for frame in instant.frames:
                 frame.heatmap()
@@ -163,7 +173,7 @@ def _a_frame(seconds: float, recording: Recording) -> str:
 
 def _print_whole(recording: Recording, terrain: Terrain, name: str, heatmaps: HeatmapSource) -> None:
     """`pipeline.run`, then each instant by itself for its latency."""
-    whole, detector = Stage(), None if heatmaps is RECORDED else Detector(enlarge=ENLARGED[name])
+    whole, detector = Stage(), None if heatmaps is RECORDED else _detector(name)
     with whole.running():
         run(recording, terrain, CONFIG, detector=detector)
     before = Stage()
@@ -185,10 +195,10 @@ def _loop(
 
 
 def _latency_ms(recording: Recording, loop: FrameLoop, heatmaps: HeatmapSource) -> list[float]:
-    latency_ms = []
+    latency_ms, far = [], heatmaps.far_looks()
     for instant in recording.instants():
         arrived = time.perf_counter()
-        ((_, found),) = heatmaps.detected([instant], len(recording.drones))
+        ((_, found),) = heatmaps.detected([instant], len(recording.drones), far=far)
         loop.step(found.views, instant.stamp_ns)
         latency_ms.append((time.perf_counter() - arrived) * 1e3)
     return latency_ms

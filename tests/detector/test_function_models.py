@@ -56,6 +56,7 @@ def test_a_contract_adds_rates_and_validity() -> None:
         (np.zeros((96, 64)), r"gave 96 rows for 64 pixels"),
         (np.zeros((64, 96, 1)), r"gave float64 \[64, 96, 1\]; allowed: float \[h, w\]"),
         (np.zeros((64, 96), np.int32), r"gave int32"),
+        (np.ma.masked_less(np.zeros((64, 96)), 0.5), r"masked cells.*give the function itself to `run`"),
         (None, r"gave object \[\]"),
     ],
 )

@@ -3,12 +3,15 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from crowdfence import Detector, Recording, pipeline
+from crowdfence import Detector, Recording, Run, pipeline
 from crowdfence.config import OrConfig, PaperConfig, RunConfig
 from crowdfence.pipeline import heatmap_source
 from crowdfence.pipeline.far_looks import FarLooks
+from crowdfence.sources.recording import Frame
 from support.onnx_models import contract, write_map_model
 from support.small_service import CONFIG, DRONES, pictured, plain
 
@@ -95,6 +98,25 @@ def test_what_no_look_was_at_is_no_more_empty_than_before(flown: Recording, mode
     seen = [sum(row.voxels_seen for row in run.rows) for run in (often, seldom)]
     assert 0.4 * seen[0] < seen[1] < 0.9 * seen[0]
     assert seldom.zones.area_m2 > 0.5 * often.zones.area_m2 > 0.0
+
+
+def test_a_function_may_mask_what_it_did_not_look_at(flown: Recording, model: Path) -> None:
+    """A blind half of the picture, such as the drone's own leg: what is seen of the ground is seen by the
+    other half."""
+    terrain, detector = plain(), Detector(model, far_every_s=0.0)
+    left = np.zeros((30, 40), bool)
+    left[:, :20] = True
+
+    def flown_with(mask: NDArray[np.bool_]) -> Run:
+        def look(frame: Frame) -> NDArray[np.float32]:
+            return np.ma.MaskedArray(detector(frame.image()), mask)
+
+        return pipeline.run(flown, terrain, CONFIG, detector=look)
+
+    runs = [flown_with(mask) for mask in (np.zeros((30, 40), bool), left, ~left)]
+    whole, right, other = (run.crowd_map.seen() for run in runs)
+    assert (whole == (right | other)).all() and right.sum() < 0.9 * whole.sum()
+    assert len(runs[0].zones) > 0
 
 
 @pytest.mark.parametrize("method", [PaperConfig(prior=0.2), OrConfig()])

@@ -112,6 +112,13 @@ def test_a_layer_without_a_proper_name_is_not_written(tmp_path):
             writer.add_frame("uav1", EPOCH_NS, layers={"Landing_Site": LayerContent(SITES)})
 
 
+def test_what_was_not_looked_at_is_not_written_as_empty(tmp_path):
+    with MissionWriter(tmp_path / "m.mcap") as writer:
+        writer.add_camera("uav1", CAMERA)
+        with pytest.raises(ValueError, match="cells of a heatmap are masked"):
+            writer.add_frame("uav1", EPOCH_NS, heatmap=np.ma.masked_less(SITES, 9))
+
+
 def test_conversion_keeps_layers(mission, tmp_path):
     done = convert(open_recording(mission), tmp_path / "copy.mcap")
     copy = open_recording(done.path)

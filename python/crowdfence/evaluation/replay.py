@@ -104,9 +104,10 @@ class CellCounter:
         self.counts = Confusion(0, 0, 0, 0)
 
     def add(self, instant: Instant, found: InstantViews) -> None:
-        """The views of an instant; those of frames without a label do not count."""
+        """The views of an instant; those of frames without a label do not count, nor do those of a part of
+        their picture."""
         labelled = {frame.drone: frame for frame in instant.frames if has_crowd_mask(frame)}
-        judged = [view for view in found.views if view.drone in labelled]
+        judged = [view for view in found.views if view.drone in labelled and view.looked_at is None]
         if judged:
             masks = (crowd_mask(labelled[view.drone]) for view in judged)
             self.counts += confusion((view.heatmap for view in judged), masks)

@@ -55,10 +55,15 @@ class HeatmapSource:
     """What the pictures were like that a model was shown."""
 
     def detected(
-        self, instants: Iterable[Instant], drones: int, video: StillVideo | None = None
+        self,
+        instants: Iterable[Instant],
+        drones: int,
+        video: StillVideo | None = None,
+        far: FarLooks | None = None,
     ) -> Iterator[tuple[Instant, InstantViews]]:
         """The step: each instant with its views and refused frames, in order. `video` refuses the views of
-        videos that stand still; whoever asks how they stand gives it.
+        videos that stand still; whoever asks how they stand gives it, and who goes on with a flight gives the
+        `far` looks of before.
 
         An ONNX model looks at the drones of an instant side by side, one thread each, which share its
         session, and at the next instant while the caller works on this one. Of other functions nobody knows
@@ -70,7 +75,7 @@ class HeatmapSource:
                 yield instant, video.moving(instant.views(self.heatmap_of), instant)
             return
         begun: deque[Callable[[], tuple[Instant, InstantViews]]] = deque()
-        far = self.far_looks()
+        far = self.far_looks() if far is None else far
         with ThreadPoolExecutor(drones, thread_name_prefix="detector") as executor:
 
             def begin(instant: Instant) -> Callable[[], tuple[Instant, InstantViews]]:
@@ -157,7 +162,7 @@ def _unless_blind(heatmap_of: HeatmapFunction) -> HeatmapFunction:
 
 def _shows_nobody(heatmap: Pixels) -> bool:
     """False for what is no heatmap: the core says what is wrong with it."""
-    values = np.asarray(heatmap)
+    values = np.asarray(np.ma.filled(heatmap, 0))
     if values.size == 0 or values.dtype.kind not in "uf":
         return False
     return bool(values.max() < (_SHOWN * 255 if values.dtype == np.uint8 else _SHOWN))

@@ -30,7 +30,13 @@ class HeatmapFunction:
         self._stride = contract.output.stride
 
     def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
-        given = np.asarray(self._function(image))
+        answer = self._function(image)
+        if np.ma.is_masked(answer):
+            raise DetectorError(
+                "the function masked cells, and a detector answers for all of them: give the function itself "
+                "to `run`, to which masked cells were not looked at"
+            )
+        given = np.asarray(answer)
         if given.dtype == np.uint8:
             given = given.astype(np.float32) / np.float32(255.0)
         if given.ndim != 2 or given.dtype.kind != "f" or given.size == 0:

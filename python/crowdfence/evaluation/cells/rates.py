@@ -120,7 +120,7 @@ def confusion(heatmaps: Iterable[ArrayLike], masks: Iterable[ArrayLike], thresho
     A cell is called crowd when its value is above `threshold`, as b_i in equation 1.
     Sequences or iterators of equal length, one frame in memory at a time.
 
-    Raises ValueError, with the frame, for NaN or values outside [0, 1], masks of another type or proportion,
+    Raises ValueError, with the frame, for masked cells, NaN or values outside [0, 1], masks of another type or proportion,
     and sequences that differ in length or are empty.
     """
     if not 0.0 <= threshold < 1.0:
@@ -142,6 +142,8 @@ def labelled_cells(
             ended = "heatmaps" if heatmap is missing else "masks"
             raise ValueError(f"{ended} ended after {count} frames, the other sequence did not")
         try:
+            if np.ma.is_masked(heatmap):
+                raise ValueError("cells of the heatmap are masked; rates are those of whole heatmaps")
             values = heatmap_values(np.asarray(heatmap))
             yield values, crowd_cells(np.asarray(mask), values.shape)
         except ValueError as error:
