@@ -26,7 +26,7 @@ from scene import machine
 
 from crowdfence import CrowdMap, Recording, Terrain, open_recording, project
 from crowdfence.config import OrConfig, PaperConfig, RunConfig
-from crowdfence.detector.detector import FAR_EVERY_S, Detector
+from crowdfence.detector.detector import Detector
 from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.evaluation.replay import score
 from crowdfence.pipeline import FrameLoop, HeatmapSource, heatmap_source, open_terrain, run
@@ -41,10 +41,10 @@ RECORDING = Path("out/race-640x480.mcap")
 SIMULATE = ("simulate", "race", "--seed", "11", "--frames", "80", "--size", "640x480")
 CONFIG = RunConfig()
 LOOKS: dict[str, tuple[float, Enlarge]] = {
-    "shipped model": (FAR_EVERY_S, "always"),
-    "shipped model, --far-every 0": (0.0, "always"),
-    "shipped model, --far-every 0 --enlarge affordable": (0.0, "affordable"),
-    "shipped model, --far-every 0 --enlarge never": (0.0, "never"),
+    "shipped model": (0.0, "always"),
+    "shipped model, --enlarge affordable": (0.0, "affordable"),
+    "shipped model, --enlarge never": (0.0, "never"),
+    "shipped model, --far-every 0.25": (0.25, "always"),
 }
 """Seconds from one look at far ground to the next, and whether that is enlarged."""
 AROUND_M = 5.0  # of the step that keeps a safety distance

@@ -183,7 +183,9 @@ def test_a_look_at_near_ground_where_all_is_far_was_at_nothing(red: Detector) ->
 
 def test_detectors_that_count_people_or_do_not_say_how_far_they_see_leave_nothing_out(tmp_path: Path) -> None:
     for name, stated in (("plain", document()), ("known", document(sizes={"gsd_m": list(KNOWN_M)}))):
-        detector = Detector(write_map_model(tmp_path / f"{name}.onnx", stated))
+        model = write_map_model(tmp_path / f"{name}.onnx", stated)
+        assert Detector(model).far_every_s == 0.0
+        detector = Detector(model, far_every_s=0.25)
         assert detector.far_every_s == (0.25 if name == "known" else 0.0)
     of_function = Detector.from_callable(lambda image: np.zeros((24, 32)), stride=4)
     both = Detector.combined([detector, Detector(tmp_path / "plain.onnx")])

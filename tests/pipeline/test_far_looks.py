@@ -67,7 +67,7 @@ def flown() -> Recording:
 
 
 def test_looks_in_between_leave_far_ground_out(flown: Recording, model: Path) -> None:
-    detector, terrain = Detector(model), plain()
+    detector, terrain = Detector(model, far_every_s=0.25), plain()
     heatmaps = heatmap_source(detector, terrain, 80.0, whole=False)
     whole = heatmap_source(detector, terrain, 80.0)
     assert heatmaps.to_json()["far_every_s"] == 0.25 and "far_every_s" not in whole.to_json()

@@ -166,7 +166,7 @@ def test_a_picture_that_stands_still_is_known_from_any_height(tmp_path: Path) ->
         shown = PixelSources(image=lambda: png(1))
         frames.append(Frame("uav1", BEGIN_NS + number * 100_000_000, CAMERA, pose, shown))
     flown = Recording("climb", ("uav1",), tuple(frames), None, None, (), (), {}, {})
-    source = heatmap_source(cf.Detector(model), terrain, 100.0, whole=False)
+    source = heatmap_source(cf.Detector(model, far_every_s=0.25), terrain, 100.0, whole=False)
     found = [views for _, views in source.detected(flown.instants(), 1)]
     assert [len(views.views) for views in found] == [1] + [0] * 23
     assert all("its picture is the one before" in views.refused[0].reason for views in found[1:])

@@ -77,7 +77,7 @@ def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp
 def test_looks_that_left_far_ground_out_do_so_again(tmp_path: Path, cut: int) -> None:
     """Pictures that wait for others are looked at again after a crash, as they were before."""
     document = contract(sizes={"gsd_m": [0.05, 0.17]})
-    detector = Detector(write_map_model(tmp_path / "red.onnx", document))
+    detector = Detector(write_map_model(tmp_path / "red.onnx", document), far_every_s=0.25)
     pictures = [picture_message(sharp(one)) for one in views(12)]
 
     def show(service: Service, shown: list[bytes]) -> None:

@@ -65,7 +65,7 @@ class DetectorOptions:
 class LookOptions:
     """How often a detector looks along a flight."""
 
-    far_every_s: options.FarEveryS = None
+    far_every_s: options.FarEveryS = 0.0
 
 
 class LayerOptions:

@@ -193,13 +193,13 @@ EnlargeOption = Annotated[
     ),
 ]
 FarEveryS = Annotated[
-    float | None,
+    float,
     typer.Option(
         "--far-every",
         metavar="SECONDS",
         help="Ground that is too far for the model is looked at once in so many seconds of a drone, and left "
-        "out of its looks in between, as if out of view; 0: in every picture. Method evidence only. "
-        "[default: 0.25]",
+        "out of its looks in between, as if out of view; 0: in every picture. For machines that do not keep "
+        "up: 0.25 saves a quarter of the work and more, and finds fewer of the people there.",
     ),
 ]
 ContractPath = Annotated[

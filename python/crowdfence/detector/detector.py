@@ -30,9 +30,6 @@ from crowdfence.detector.onnx_session import open_session
 from crowdfence.detector.shipped import model_path
 from crowdfence.errors import DetectorError
 
-FAR_EVERY_S = 0.25
-"""Default of `Detector.far_every_s`."""
-
 AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
 
 
@@ -68,7 +65,7 @@ class Detector:
         threads: int = 1,
         output: Mapping[str, Any] | None = None,
         enlarge: Enlarge = "always",
-        far_every_s: float = FAR_EVERY_S,
+        far_every_s: float = 0.0,
     ) -> None:
         """Load an ONNX model: its file, or a shipped one by its name, such as "crowdnet-s-wide" (None:
         "crowdnet-s").
@@ -80,7 +77,7 @@ class Detector:
         enlarge: whether ground farther away than the model knows is enlarged: "never", "always", or as far as
         that costs no more than a 640 x 480 picture or the picture itself.
         far_every_s: along a flight, such ground is looked at once in so many seconds of a drone and left out
-        of its looks in between (0: never left out), see `pipeline.far_looks`.
+        of its looks in between, see `pipeline.far_looks`; 0: it is never left out.
 
         OSError when a file cannot be read; DetectorError when the model or the contract cannot be used;
         ValueError for seconds that are negative or not finite.
@@ -169,7 +166,7 @@ class Detector:
     @property
     def far_every_s(self) -> float:
         """Along a flight, ground that is farther away than the model knows is looked at once in so many
-        seconds of a drone. 0: in every picture, as by all that find people, combinations and functions."""
+        seconds of a drone; 0: in every picture, as always by what finds people, combines or is a function."""
         return self._far_every_s
 
     def near_ground(self, image: NDArray[np.uint8], gsd_m: Gsd) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ def choose_detector(
     contract: Path | None = None,
     threads: int = 1,
     enlarge: Enlarge = "always",
-    far_every_s: float | None = None,
+    far_every_s: float = 0.0,
 ) -> Detector | None:
     """`choice` "auto", "recorded" or the path of a model -> what `pipeline.run` takes; several models are
     combined. The name of the shipped model stands for its path.
@@ -52,7 +52,7 @@ def choose_detector(
             raise ValueError(f"--contract {contract} belongs to a model; {_RECORDED}")
         if enlarge != "always":
             raise ValueError(f"--enlarge {enlarge} is for a model; {_RECORDED}")
-        if far_every_s is not None:
+        if far_every_s:
             raise ValueError(f"--far-every {far_every_s:g} is for a model; {_RECORDED}")
         return None
     if choice != "auto":
@@ -118,12 +118,11 @@ def named_detector(
     contract: Path | None = None,
     threads: int = 1,
     enlarge: Enlarge = "always",
-    far_every_s: float | None = None,
+    far_every_s: float = 0.0,
 ) -> Detector:
-    """The detector of one model, or the combination of several; shipped ones go by their names.
-    `far_every_s` None: the default of `Detector`. ValueError for words that mean no model here, and for
-    `far_every_s` given to what looks at every picture as a whole."""
-    from crowdfence.detector.detector import FAR_EVERY_S, Detector
+    """The detector of one model, or the combination of several; shipped ones go by their names. ValueError
+    for words that mean no model here, and for `far_every_s` of what looks at every picture as a whole."""
+    from crowdfence.detector.detector import Detector
     from crowdfence.detector.shipped import SHIPPED_MODEL, model_path
 
     if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
@@ -131,9 +130,9 @@ def named_detector(
     files = [model_path(model).resolve() for model in models]  # one file may have several names
     if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
-    every_s = FAR_EVERY_S if far_every_s is None else far_every_s
     detectors = [
-        Detector(model, contract, threads=threads, enlarge=enlarge, far_every_s=every_s) for model in models
+        Detector(model, contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s)
+        for model in models
     ]
     detector = detectors[0] if len(detectors) == 1 else Detector.combined(detectors)
     if far_every_s and not detector.far_every_s:

@@ -1,10 +1,10 @@
 """Which looks of a drone take in far ground.
 
 Ground beyond what a detector knows is shown to it enlarged. It takes half of the time of detecting on a
-typical oblique view, and more than half of the cells of the map that a view touches, while single looks at it
-say least: it is small in the picture, and the next look shows the same. So it is looked at a few times a
-second, whatever the rate of the pictures, and in between not at all: those cells of the heatmap are masked,
-which says neither crowd nor empty. A method that takes what a drone does not see for empty needs whole looks.
+typical oblique view, and more than half of the cells of the map that a view touches, while a single look at
+it says least. A machine that does not keep up with its pictures may look at it a few times a second, whatever
+their rate, and in between not at all: those cells of the heatmap are masked, which says neither crowd nor
+empty. A method that takes what a drone does not see for empty needs whole looks.
 """
 
 from __future__ import annotations

@@ -120,8 +120,8 @@ def confusion(heatmaps: Iterable[ArrayLike], masks: Iterable[ArrayLike], thresho
     A cell is called crowd when its value is above `threshold`, as b_i in equation 1.
     Sequences or iterators of equal length, one frame in memory at a time.
 
-    Raises ValueError, with the frame, for masked cells, NaN or values outside [0, 1], masks of another type or proportion,
-    and sequences that differ in length or are empty.
+    Raises ValueError, with the frame, for masked cells, NaN or values outside [0, 1], masks of another type
+    or proportion, and sequences that differ in length or are empty.
     """
     if not 0.0 <= threshold < 1.0:
         raise ValueError(f"threshold must lie in [0, 1), got {threshold}")

@@ -295,7 +295,9 @@ def _compressed(image: bytes) -> dict[str, Any]:
 
 def _heatmap_pixels(heatmap: NDArray[Any]) -> NDArray[Any]:
     if np.ma.is_masked(heatmap):
-        raise ValueError("cells of a heatmap are masked; a mission file has no word for what was not looked at")
+        raise ValueError(
+            "cells of a heatmap are masked; a mission file has no word for what was not looked at"
+        )
     heatmap = np.asarray(heatmap)
     if heatmap.dtype == np.uint8:
         return heatmap
