@@ -187,6 +187,35 @@ def test_masks_of_zero_and_one_are_doubted_by_whoever_reads_them(
     assert "multiply them by 255" in said
 
 
+def labelled(recording: Path, heights_m: list[float]) -> Path:
+    """`with_crowd`, labelled so too, at these heights instead, one per picture."""
+    with_crowd(recording)
+    (recording / "truth" / "regions").mkdir(parents=True)
+    for stamp_ns in FIRST:
+        labels = Image.fromarray(np.ones((24, 32), np.uint8))
+        labels.save(recording / "truth" / "regions" / f"uav1_{stamp_ns}.png")
+    poses = recording / "poses.csv"
+    head, *rows = poses.read_text().splitlines()
+    at = head.split(",").index("z")
+    for number, height_m in enumerate(heights_m):
+        row = rows[number].split(",")
+        rows[number] = ",".join([*row[:at], str(height_m), *row[at + 1 :]])
+    poses.write_text("\n".join([head, *rows, ""]))
+    return recording
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate"])
+def test_heights_that_the_map_settles_are_told(plain: Path, tmp_path: Path, command: str) -> None:
+    flown = labelled(write_hovering(tmp_path / "rec", {"uav1": FIRST}), [5.0, 45.0, 45.0, 45.0])
+    where = ("-o", tmp_path / "out") if command == "run" else ()
+    common = (flown, "-t", plain, "--assume-local", "--detector", "recorded", "--ground-start", "--json")
+    done = crowdfence(command, *common, *where)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)["warnings"]
+    told = "uav1: heights moved by -5.0 m: its first pose is put on the map's ground"
+    assert [told in line for line in said].count(True) == 1, said
+
+
 def test_a_replay_says_what_is_doubtful_before_it_begins(doubtful: tuple[Path, Path], tmp_path: Path) -> None:
     words = ["serve", doubtful[0], "-t", doubtful[1], "--assume-local", "--port", 0, "--json"]
     with (tmp_path / "log").open("w") as errors:

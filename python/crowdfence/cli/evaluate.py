@@ -120,6 +120,7 @@ def evaluate(
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
+    from crowdfence.sources.ground_contact import on_ground
     from crowdfence.sources.layers import CROWD, checked_layer
     from crowdfence.truth.crowd_masks import unlabelled_warning
 
@@ -134,6 +135,7 @@ def evaluate(
     chosen = chosen_detector(source, told)
     reading = read_map(source, told["terrain"], **map_options(told))
     ground = reading.terrain
+    source = on_ground(source, ground)  # before anything is looked at: a detector looks at its scale
     heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
     cells = CellCounter()
     if measured_rates:
