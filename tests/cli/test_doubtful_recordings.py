@@ -216,6 +216,20 @@ def test_heights_that_the_map_settles_are_told(plain: Path, tmp_path: Path, comm
     assert [told in line for line in said].count(True) == 1, said
 
 
+@pytest.mark.parametrize("command", ["run", "evaluate"])
+def test_a_coarse_map_and_cameras_under_its_ground_are_told(
+    plain: Path, tmp_path: Path, command: str
+) -> None:
+    flown = labelled(write_hovering(tmp_path / "rec", {"uav1": FIRST}), [40.0, 40.0, 40.0, -30.0])
+    where = ("-o", tmp_path / "out") if command == "run" else ()
+    common = (flown, "-t", plain, "--assume-local", "--voxel-size-m", 4, "--detector", "recorded", "--json")
+    done = crowdfence(command, *common, *where)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)["warnings"]
+    for doubt in ("voxels of 4 m are coarse for people", "the camera is below the map's ground in 1 of 4"):
+        assert [doubt in line for line in said].count(True) == 1, said
+
+
 def test_a_replay_says_what_is_doubtful_before_it_begins(doubtful: tuple[Path, Path], tmp_path: Path) -> None:
     words = ["serve", doubtful[0], "-t", doubtful[1], "--assume-local", "--port", 0, "--json"]
     with (tmp_path / "log").open("w") as errors:

@@ -118,8 +118,10 @@ def evaluate(
     from crowdfence.evaluation.replay import CellCounter, beside_map_warning, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
+    from crowdfence.maps.voxel_size import coarse_voxels_warning
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
+    from crowdfence.pipeline.under_ground import under_ground_line
     from crowdfence.sources.ground_contact import on_ground
     from crowdfence.sources.layers import CROWD, checked_layer
     from crowdfence.truth.crowd_masks import unlabelled_warning
@@ -192,6 +194,7 @@ def evaluate(
         *source.warnings,
         *(one for one in (unlabelled, unrecorded, beside) if one is not None),
         *reading.doubts,
+        *filter(None, (coarse_voxels_warning(ground.voxel_size_m), under_ground_line(ground, source.frames))),
         *heatmaps.of_detectors,
         *doubts,
         *units.warnings,
