@@ -60,9 +60,9 @@ def _line(
     **look: Any,
 ) -> None:
     fused = by_setting[setting.name]
-    threshold = fused.sweep.best()[0] if best else fused.threshold
+    iou = fused.sweep.best()[1] if best else fused.sweep.at(fused.threshold)
     seconds = (fused.stamps_ns - fused.stamps_ns[0]) / 1e9
-    axes.plot(seconds, fused.sweep.at(threshold).per_frame, **{"linewidth": 1.1, "label": label, **look})
+    axes.plot(seconds, iou.per_frame, **{"linewidth": 1.1, "label": label, **look})
 
 
 def _mean(fused: Fused) -> float:

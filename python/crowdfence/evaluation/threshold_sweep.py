@@ -29,12 +29,14 @@ class SweepResult:
 
     def best(self) -> tuple[float, MeanIou]:
         """The threshold with the largest mean IoU on this very recording: an upper bound, not a forecast. NaN
-        where none has any, because there was no crowd in view."""
+        where none has any above 0, as where no crowd was in view: of all that find nothing none is best, the
+        lowest, which calls all ground crowd, least of all."""
         means = [self._score(column).mean for column in range(len(self.thresholds))]
         if np.isnan(means).all():
             return float("nan"), self._score(0)
         column = int(np.nanargmax(means))
-        return float(self.thresholds[column]), self._score(column)
+        best = float(self.thresholds[column]) if means[column] > 0.0 else float("nan")
+        return best, self._score(column)
 
     def _score(self, column: int) -> MeanIou:
         iou = self.per_frame[:, column]
