@@ -331,6 +331,20 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert report["detector"]["false_positive_rate"]["rate"] == pytest.approx(4 / 160)
     assert report["warnings"] == []
 
+    # Measured rates are those of what the method calls crowd.
+    asked = ("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, "-m", "paper", "--json")
+    for number, (stamp, heatmap) in enumerate(zip(stamps, (first, crowd), strict=True)):
+        lower = heatmap // 255 * np.uint8(120 if number else 200)  # 0.47, and 0.78 where some of it is wrong
+        Image.fromarray(lower).save(tmp_path / "heatmaps" / f"uav1_{stamp}.png")
+    for above, found, alarms in ((0.3, 36 / 40, 4 / 160), (0.5, 16 / 40, 4 / 160)):
+        measured = json.loads(crowdfence(*asked, "--measured-rates", "--b-threshold", above).stdout)
+        assert measured["detector"]["rates_above"] == above
+        config = measured["scores"][0]["config"]
+        assert config["true_positive_rate"] == pytest.approx(found)
+        assert config["false_positive_rate"] == pytest.approx(alarms)
+    for stamp, heatmap in zip(stamps, (first, crowd), strict=True):
+        Image.fromarray(heatmap).save(tmp_path / "heatmaps" / f"uav1_{stamp}.png")
+
     # Without its label the first heatmap's 20 voxels are all false alarms, and that is said.
     (tmp_path / "truth" / "regions" / f"uav1_{stamps[0]}.png").unlink()
     asked = ("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, "-m", "or", "--json")

@@ -99,6 +99,10 @@ def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:
             "--b-threshold does nothing with --method or; --or-b-threshold",
         ),
         (["-m", "paper", "--or-b-threshold", ".5"], "--or-b-threshold does nothing without --method or"),
+        (["-m", "evidence", "--measured-rates"], "--measured-rates does nothing with --method evidence"),
+        (["-m", "log-pool", "--measured-rates"], "--measured-rates does nothing with --method log-pool"),
+        (["-m", "paper", "--measured-rates", "--tpr", ".8"], "--tpr does nothing with --measured-rates"),
+        (["--measured-rates", "--fpr", ".1"], "--fpr does nothing with --measured-rates"),
     ],
 )
 def test_options_of_methods_that_are_not_scored(given: list[str], why: str) -> None:

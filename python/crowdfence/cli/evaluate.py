@@ -74,7 +74,11 @@ def evaluate(
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
     measured_rates: Annotated[
-        bool, typer.Option("--measured-rates", help="Use the rates per heatmap cell that the truth shows.")
+        bool,
+        typer.Option(
+            "--measured-rates",
+            help="Use the rates per heatmap cell that the truth shows, above --b-threshold.",
+        ),
     ] = False,
     b_threshold: options.BThreshold = PAPER.b_threshold,
     or_b_threshold: Annotated[
@@ -111,6 +115,10 @@ def evaluate(
     """Mean IoU (equation 4) of the methods against the truth that the recording holds, and who stands in a
     zone."""
     paper = options.part(PaperConfig, context.params, alpha=PAPER.alpha)
+    if measured_rates:
+        refuse_unused(
+            context, ["true_positive_rate", "false_positive_rate"], "with --measured-rates, which measures it"
+        )
     if method is not None:
         _refuse_unused(context, method, paper)
     from crowdfence.atomic_folder import replaceable_folder
@@ -139,11 +147,14 @@ def evaluate(
     ground = reading.terrain
     source = on_ground(source, ground)  # before anything is looked at: a detector looks at its scale
     heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
-    cells = CellCounter()
+    cells = CellCounter(paper.b_threshold)
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
             cells.counts = count_rates(
-                source, heatmaps, on_instant=lambda instant, _: advance(len(instant.frames))
+                source,
+                heatmaps,
+                b_threshold=paper.b_threshold,
+                on_instant=lambda instant, _: advance(len(instant.frames)),
             )
         rates = cells.counts.rates()
         paper = replace(
@@ -202,7 +213,7 @@ def evaluate(
     ]
     counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
     summary = {
-        "detector": {**heatmaps.to_json(), **_rates(counts)},
+        "detector": {**heatmaps.to_json(), **_rates(counts), "rates_above": cells.b_threshold},
         "layer": layer,
         "truth": truth.value,
         "scores": [_as_json(row) for row in scores],
@@ -218,7 +229,7 @@ def evaluate(
     if as_json:
         console.print_json(summary)
     else:
-        _print(source.name, _against(truth, layer), made_by, counts, scores)
+        _print(source.name, _against(truth, layer), made_by, counts, cells.b_threshold, scores)
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
         for reason in [*map(in_options, warnings), *refusal_lines(refused)]:
@@ -236,9 +247,10 @@ def _refuse_unused(context: typer.Context, names: list[options.MethodName], pape
         refuse_unused(context, ["or_b_threshold"], "without --method or")
     elif len(set(names)) == 1:
         refuse_unused(context, ["b_threshold"], "with --method or; --or-b-threshold does")
-    refuse_options_of_other_methods(
-        context, [_methods(context.params, name, paper, None)[0] for name in names]
-    )
+    configs = [_methods(context.params, name, paper, None)[0] for name in names]
+    refuse_options_of_other_methods(context, configs)
+    if not any(hasattr(config, "true_positive_rate") for config in configs):
+        refuse_unused(context, ["measured_rates"], f"with --method {', '.join(sorted(set(names)))}")
 
 
 def _methods(
@@ -336,7 +348,10 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
     }
 
 
-def _print(name: str, against: str, made_by: str, counts: Confusion, scores: list[Score]) -> None:
+def _print(
+    name: str, against: str, made_by: str, counts: Confusion, above: float, scores: list[Score]
+) -> None:
+    """`counts` are those of heatmap cells, called crowd `above` that value."""
     from rich.table import Table
 
     out = console.stdout()
@@ -369,7 +384,10 @@ def _print(name: str, against: str, made_by: str, counts: Confusion, scores: lis
     rates = ""
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
-        rates = f"; per heatmap cell of labelled images TPR {number(tpr.rate)}, FPR {number(fpr.rate, 4)}"
+        rates = (
+            f"; per heatmap cell of labelled images, above {above:g}: TPR {number(tpr.rate)}, "
+            f"FPR {number(fpr.rate, 4)}"
+        )
     out.print(f"Heatmaps: {console.escaped(made_by)}{rates}.")
     out.print(
         "The threshold of `or` is its b_threshold. The best threshold is chosen on this very recording."

@@ -98,9 +98,10 @@ class Scores(NamedTuple):
 
 
 class CellCounter:
-    """Heatmap cells of labelled frames, counted at threshold 0.5."""
+    """Heatmap cells of labelled frames; those above `b_threshold` are called crowd, as equation 1 has it."""
 
-    def __init__(self) -> None:
+    def __init__(self, b_threshold: float = 0.5) -> None:
+        self.b_threshold = b_threshold
         self.counts = Confusion(0, 0, 0, 0)
 
     def add(self, instant: Instant, found: InstantViews) -> None:
@@ -110,7 +111,7 @@ class CellCounter:
         judged = [view for view in found.views if view.drone in labelled and view.looked_at is None]
         if judged:
             masks = (crowd_mask(labelled[view.drone]) for view in judged)
-            self.counts += confusion((view.heatmap for view in judged), masks)
+            self.counts += confusion((view.heatmap for view in judged), masks, self.b_threshold)
 
     def counted(self) -> Confusion:
         """The counts; ValueError when there was no labelled frame with a usable heatmap."""
@@ -120,11 +121,16 @@ class CellCounter:
 
 
 def measured_rates(
-    recording: Recording, heatmaps: HeatmapSource = RECORDED, *, on_instant: OnInstant | None = None
+    recording: Recording,
+    heatmaps: HeatmapSource = RECORDED,
+    *,
+    b_threshold: float = 0.5,
+    on_instant: OnInstant | None = None,
 ) -> Confusion:
-    """Heatmap cells of all labelled frames, counted at threshold 0.5. ValueError when there are none."""
+    """Heatmap cells of all labelled frames, called crowd above `b_threshold`: rates hold for a method of the
+    same. ValueError when there are none."""
     require_crowd_masks(recording)
-    cells = CellCounter()
+    cells = CellCounter(b_threshold)
     for instant, found in heatmaps.detected(recording.instants(), len(recording.drones)):
         cells.add(instant, found)
         if on_instant is not None:
