@@ -62,7 +62,7 @@ class Mission:
         self.terrain = cf.open_terrain(self._recording)
         self.drones = len(self._recording.drones)
         self._detector = cf.Detector()
-        self._kept = kept
+        self.kept = kept
 
     @property
     def contract(self) -> Contract:
@@ -75,12 +75,12 @@ class Mission:
 
     def looks(self) -> Iterator[Look]:
         """Instant by instant; made where they are not kept yet."""
-        self._kept.mkdir(parents=True, exist_ok=True)
+        self.kept.mkdir(parents=True, exist_ok=True)
         heatmaps = heatmap_source(self._detector, self.terrain, LITERAL.max_range_m)
         instants = self._recording.instants()
         number = 0
         while block := list(islice(instants, BLOCK)):
-            path = self._kept / f"{number:04}.looks"
+            path = self.kept / f"{number:04}.looks"
             if not path.exists():
                 looks = list(self._made(block, heatmaps))
                 part = path.with_suffix(".part")
@@ -117,9 +117,11 @@ class Mission:
 
 
 def simulated(seed: int, frames: int, size: str, folder: Path) -> Path:
-    """The race of a seed, simulated as far as it is not there yet."""
-    path = folder / f"race-{seed}.mcap"
-    whole = folder / f"race-{seed}.whole"
+    """The race of a seed, simulated as far as it is not there yet. Its name says what was asked for: one of
+    fewer or smaller pictures is another mission."""
+    name = f"race-{seed}-{frames}x{size}"
+    path = folder / f"{name}.mcap"
+    whole = folder / f"{name}.whole"
     if not whole.exists():
         command = ["simulate", "race", "--seed", seed, "--frames", frames, "--size", size]
         asked = [*command, "--no-heatmaps", "--resume", "-o", path]

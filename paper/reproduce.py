@@ -30,16 +30,17 @@ def missions(arguments: argparse.Namespace) -> list[Mission]:
     found = []
     for seed in arguments.seeds:
         recording = simulated(seed, arguments.frames, arguments.size, work)
-        found.append(Mission(f"race {seed}", recording, work / f"race-{seed}"))
+        found.append(Mission(f"race {seed}", recording, recording.with_suffix("")))
     return found
 
 
 def regimes(arguments: argparse.Namespace) -> list[Regime]:
     shipped, weakened = {}, {}
     for mission in missions(arguments):
-        kept = arguments.work / mission.name.replace(" ", "-")
-        shipped[mission.name] = fused(mission, all_settings(), kept / "shipped")
-        weakened[mission.name] = fused(Weakened(mission), [*WEAKENED_TABLE, EVIDENCE], kept / "weakened")
+        shipped[mission.name] = fused(mission, all_settings(), mission.kept / "shipped")
+        weakened[mission.name] = fused(
+            Weakened(mission), [*WEAKENED_TABLE, EVIDENCE], mission.kept / "weakened"
+        )
         tell(f"{mission.name} is fused")
     return [Regime("the shipped detector", shipped), Regime("weakened to the paper's", weakened)]
 

@@ -1,6 +1,7 @@
 """The paper's table by one command, on the bundled recording."""
 
 import csv
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -75,3 +76,18 @@ def test_its_figures_are_those_of_evaluate(results: Path) -> None:
 def test_the_weakened_detector_is_weaker(results: Path) -> None:
     shipped, weakened = (float(row["mean_iou"]) for row in rows(results) if row["setting"] == "no fusion")
     assert weakened < 0.5 * shipped
+
+
+def test_a_mission_of_other_pictures_is_another_mission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was kept of a short try stood in the table of the whole one."""
+    spec = importlib.util.spec_from_file_location("looks", ROOT / "paper" / "looks.py")
+    assert spec is not None and spec.loader is not None
+    looks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(looks)
+    asked: list[list[str]] = []
+    monkeypatch.setattr(looks.subprocess, "run", lambda command, check: asked.append(command))
+    tried = [(7, 6, "64x48"), (7, 6, "320x240"), (7, 1056, "320x240"), (8, 1056, "320x240")]
+    paths = [looks.simulated(*one, tmp_path) for one in [*tried, *tried]]
+    assert len(set(paths)) == len(asked) == len(tried) and paths[:4] == paths[4:]
