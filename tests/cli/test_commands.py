@@ -379,6 +379,16 @@ def test_a_recording_of_nobody_has_no_mean_iou(tmp_path: Path) -> None:
     assert score["per_frame"] == [None]
 
 
+def test_why_no_heatmap_could_be_used_is_told(tmp_path: Path) -> None:
+    folder = write_crowd_over_plain(tmp_path / "flight", set())
+    (picture,) = (folder / "heatmaps").iterdir()
+    picture.write_bytes(b"cut off")
+    done = crowdfence("evaluate", folder, "-t", folder / "plain.bt", *RECORDED, "--method", "or")
+    assert done.returncode == 1
+    assert "no frame has both a label and a usable heatmap; uav1 at " in done.stderr
+    assert "heatmap cannot be read" in done.stderr
+
+
 def write_crowd_over_plain(folder: Path, hole: set[tuple[int, int]]) -> Path:
     """A drone 30 m above the middle of a plain of 40 x 40 voxels of 1 m sees 30 x 30 of them, a pixel each,
     and 12 x 12 m of crowd in the middle. In the map the columns `hole` are missing. An OctoMap does not say

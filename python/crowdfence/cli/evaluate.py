@@ -211,7 +211,10 @@ def evaluate(
         *units.warnings,
         *lost,
     ]
-    counts = cells.counts if truth is options.TruthChoice.world else cells.counted()
+    counts = cells.counts
+    if truth is options.TruthChoice.projected and counts.positives + counts.negatives == 0:
+        nothing = "no frame has both a label and a usable heatmap"
+        raise ValueError("; ".join([nothing, *refusal_lines(refused)]))
     summary = {
         "detector": {**heatmaps.to_json(), **_rates(counts), "rates_above": cells.b_threshold},
         "layer": layer,
