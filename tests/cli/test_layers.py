@@ -1,14 +1,21 @@
 """`--layer` from a simulated mission to sites and scores, as somebody who types it sees it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
 import shapely
+from typer.testing import CliRunner
 
 import crowdfence as cf
+from crowdfence.cli import source_options
+from crowdfence.cli.app import app
+from crowdfence.sources import Recording
+from crowdfence.sources.recorded_truth import PeopleLog
 from support.command_line import crowdfence
 
 SMALL = ("--no-rgb", "--frames", 3, "--size", "160x128", "--drones", 2, "--voxel", 2, "--workers", 1)
@@ -112,6 +119,30 @@ def test_a_layer_is_scored_like_crowds(mission: Path, tmp_path: Path) -> None:
     page = (tmp_path / "report" / "index.html").read_text()
     assert "people on it" in page and "Who stands in a zone" not in page
     assert (tmp_path / "report" / "reliability.png").exists()
+
+
+def test_a_report_of_a_layer_needs_no_people(
+    mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = source_options.open_source
+
+    def without_people(*told: Any) -> Recording:
+        return replace(opened(*told), people=PeopleLog())
+
+    monkeypatch.setattr(source_options, "open_source", without_people)
+    asked = [
+        "evaluate",
+        str(mission),
+        "--layer",
+        "landing-site",
+        "-m",
+        "or",
+        "--report",
+        str(tmp_path / "out"),
+    ]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.exception
+    assert "people on it" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_what_a_layer_is_refused(mission: Path, tmp_path: Path) -> None:

@@ -139,7 +139,7 @@ def evaluate(
             pass  # known before the work
     layer = checked_layer(context.params["layer"])
     source = source_options.open_source(recording, context.params).of_layer(layer)
-    if report is not None:
+    if report is not None and layer == CROWD:
         require_people(source)
     told = context.params
     chosen = chosen_detector(source, told)
