@@ -61,6 +61,10 @@ def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
     scores = json.loads((report / "scores.json").read_text())["scores"]
     assert f"{scores[0]['safety']['people']:,} counts" in done.stdout
     assert f"{scores[0]['safety']['people']:,} counts" in (report / "index.html").read_text()
+    # Nothing says in which range recorded heatmaps are good; all were told to be in a tested one.
+    for told in (done.stdout, (report / "index.html").read_text()):
+        assert "In range: as 5 m, for no range is known that the heatmaps are good in" in told
+        assert "tested" not in told and "of them in range" not in told
     # Thresholds of a rare class are small: two digits after the point made 0.00 of them.
     for row, method in zip(scores, ("evidence", "or"), strict=True):
         line = next(line for line in done.stdout.splitlines() if line.split()[:1] == [method])

@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 
 from crowdfence import CrowdMap, Observation, Or, Terrain
 from crowdfence.detector.contract.contract import Validity
-from crowdfence.evaluation.safety import BUFFERS_M, CrowdsInView, CrowdWatch, Safety, areas_m2, distance_m
+from crowdfence.evaluation.safety import (
+    BUFFERS_M,
+    CrowdsInView,
+    CrowdWatch,
+    Safety,
+    _in_range,
+    areas_m2,
+    distance_m,
+    states_range,
+)
 from crowdfence.sources.recording import Recording
 
 PLAIN = Terrain.from_occupancy(np.ones((40, 40, 1), bool), 1.0)
@@ -51,10 +60,10 @@ def test_zones_far_apart_close_the_ground_of_each() -> None:
     np.testing.assert_array_equal(twice, 2.0 * areas_m2(zone, 1.0))
 
 
-def crowd_map(called: list[int]) -> CrowdMap:
+def look(called: list[int]) -> Observation:
     """Every voxel seen, some called crowd."""
     ids = np.arange(PLAIN.voxel_count)
-    seen = Observation(
+    return Observation(
         PLAIN,
         "a",
         0,
@@ -65,8 +74,11 @@ def crowd_map(called: list[int]) -> CrowdMap:
         tilt_deg=np.full(len(ids), 90.0),
         occluded_ids=[],
     )
+
+
+def crowd_map(called: list[int]) -> CrowdMap:
     result = CrowdMap(PLAIN, Or())
-    result.integrate_observations([seen], 0)
+    result.integrate_observations([look(called)], 0)
     return result
 
 
@@ -96,6 +108,25 @@ def test_no_people_leave_the_shares_unknown() -> None:
     assert np.isnan(Safety().share_in_zone).all()
     assert np.isnan(Safety().share_on_empty)
     assert np.isnan(Safety().blocked_per_own).all()
+
+
+@pytest.mark.parametrize(
+    ("tested", "stated", "inside"),
+    [
+        (None, False, True),
+        (Validity(), False, True),
+        (Validity(distance_m=(1.0, 10.0)), True, True),
+        (Validity(distance_m=(1.0, 9.0)), True, False),
+        (Validity(tilt_deg=(20.0, 90.0)), True, True),
+    ],
+)
+def test_in_range_is_what_the_detector_states_whichever_quantity(
+    tested: Validity | None, stated: bool, inside: bool
+) -> None:
+    """One that states distances alone had every look in range."""
+    assert states_range(tested) == stated
+    assert _in_range(look([]), tested).all() == inside
+    assert _in_range(look([]), tested).any() == inside
 
 
 def test_a_recording_that_knows_nobody_is_refused() -> None:

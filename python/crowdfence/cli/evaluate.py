@@ -126,6 +126,7 @@ def evaluate(
     from crowdfence.evaluation.replay import CellCounter, beside_map_warning, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
+    from crowdfence.evaluation.safety import states_range
     from crowdfence.maps.voxel_size import coarse_voxels_warning
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
     from crowdfence.pipeline.heatmap_units import HeatmapUnits
@@ -225,14 +226,26 @@ def evaluate(
         "warnings": warnings,
     }
     made_by = heatmaps_line(summary["detector"])
+    range_known = states_range(None if heatmaps.contract is None else heatmaps.contract.validity)
     if report is not None:
         labels = [_label(row.config) for row in scores]
         against = _against(truth, layer)
-        write_report(report, source.name, against, made_by, labels, scores, summary, knobs, force=force)
+        write_report(
+            report,
+            source.name,
+            against,
+            made_by,
+            labels,
+            scores,
+            summary,
+            knobs,
+            range_known=range_known,
+            force=force,
+        )
     if as_json:
         console.print_json(summary)
     else:
-        _print(source.name, _against(truth, layer), made_by, counts, cells.b_threshold, scores)
+        _print(source.name, _against(truth, layer), made_by, counts, cells.b_threshold, scores, range_known)
         if sweep:
             console.stdout().print(_knob_table(scores, knobs))
         for reason in [*map(in_options, warnings), *refusal_lines(refused)]:
@@ -352,7 +365,13 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
 
 
 def _print(
-    name: str, against: str, made_by: str, counts: Confusion, above: float, scores: list[Score]
+    name: str,
+    against: str,
+    made_by: str,
+    counts: Confusion,
+    above: float,
+    scores: list[Score],
+    range_known: bool,
 ) -> None:
     """`counts` are those of heatmap cells, called crowd `above` that value."""
     from rich.table import Table
@@ -383,7 +402,7 @@ def _print(
         out.print(_layer_table(scores))
         out.print(_LAYER_LEGEND)
     if any(row.safety is not None and row.safety.people for row in scores):
-        out.print(_LEGEND)
+        out.print((_IN_RANGE if range_known else _ANY_RANGE) + _LEGEND)
     rates = ""
     if counts.positives + counts.negatives:
         tpr, fpr = counts.true_positive_rate(), counts.false_positive_rate()
@@ -484,8 +503,9 @@ _LAYER_LEGEND = (
     "at or above the threshold. Found: of the ground of the class that was seen.\n"
     "People: of everybody on ground that was seen."
 )
+_IN_RANGE = "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
+_ANY_RANGE = "In range: as 5 m, for no range is known that the heatmaps are good in. On empty:\n"
 _LEGEND = (
-    "In range: with 5 m, on ground seen within the detector's tested range. On empty:\n"
     "on ground that the map calls empty. Closed: ground in zones per ground of crowds\n"
     "that was seen, both with 5 m around."
 )

@@ -215,12 +215,19 @@ def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshol
     return int(np.count_nonzero(~_is_among(crowds.people, other)))
 
 
+def states_range(tested: Validity | None) -> bool:
+    """Whether a detector states where it was tested; else any look counts as in range."""
+    return tested is not None and (tested.gsd_m, tested.distance_m, tested.tilt_deg) != (None, None, None)
+
+
 def _in_range(observation: Observation, tested: Validity | None) -> NDArray[np.bool_]:
     inside = np.ones(len(observation), np.bool_)
     if tested is None:
         return inside
     if tested.gsd_m is not None and observation.focal_px > 0.0:
         inside &= observation.range_m <= tested.gsd_m[1] * observation.focal_px
+    elif tested.distance_m is not None:  # says less: the same distance looks another size to another lens
+        inside &= observation.range_m <= tested.distance_m[1]
     if tested.tilt_deg is not None:
         inside &= observation.tilt_deg >= tested.tilt_deg[0]
     return inside

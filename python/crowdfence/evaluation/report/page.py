@@ -44,21 +44,23 @@ def write_report(
     summary: Mapping[str, Any],
     knobs: Sequence[Sequence[Turned]] = (),
     *,
+    range_known: bool = True,
     force: bool = False,
 ) -> None:
     """Write the report of a recording into a folder, which is whole or absent; an older report is replaced
     with `force`.
 
-    against   what the truth is, in words
-    heatmaps  what made them, in words
-    names     of the methods, one per score
-    summary   goes into scores.json as it is; its "warnings" and "refused" stand on the page too
-    knobs     of each method, where they were turned; else nothing
+    against      what the truth is, in words
+    heatmaps     what made them, in words
+    names        of the methods, one per score
+    summary      goes into scores.json as it is; its "warnings" and "refused" stand on the page too
+    knobs        of each method, where they were turned; else nothing
+    range_known  whether it is stated in which range the detector was tested
 
     The scores hold measures and safety, or what is counted of a layer. FileExistsError where the folder holds
     anything else or may not be replaced, OSError where it cannot be written.
     """
-    page = _page(name, against, heatmaps, names, scores, knobs, _doubts(summary))
+    page = _page(name, against, heatmaps, names, scores, knobs, _doubts(summary), range_known)
     with whole_folder(folder, contents=CONTENTS, force=force) as beside:
         write_plots(beside, names, scores)
         (beside / "scores.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
@@ -73,6 +75,7 @@ def _page(
     scores: list[Score],
     knobs: Sequence[Sequence[Turned]],
     doubts: list[str],
+    range_known: bool,
 ) -> str:
     if scores[0].layer is not None:
         return _layer_page(name, against, heatmaps, names, scores, knobs, doubts)
@@ -85,9 +88,9 @@ def _page(
         ),
         _table("Who stands in a zone", _people(names, scores)),
         _paragraph(
-            f"Of {_counted(scores)} of people of crowds on ground that some drone has had in view. A zone "
-            "is what is held closed, with the buffer around it. In range: on ground seen within the range "
-            "that the detector was tested in, 5 m buffer. On empty: on ground that the map calls empty. "
+            f"Of {_counted(scores, range_known)} of people of crowds on ground that some drone has had in "
+            f"view. A zone is what is held closed, with the buffer around it. In range: "
+            f"{_IN_RANGE[range_known]}. On empty: on ground that the map calls empty. "
             "Closed: ground in zones, times the crowds' own, both with 5 m around."
         ),
         f'<div class="plots">{pictures}</div>',
@@ -128,11 +131,18 @@ def _list(sentences: Sequence[str], none: str) -> str:
     return f"<ul>{items}</ul>" if items else _paragraph(none)
 
 
-def _counted(scores: list[Score]) -> str:
+_IN_RANGE = {
+    True: "on ground seen within the range that the detector was tested in, 5 m buffer",
+    False: "as 5 m, for no range is known that the heatmaps are good in",
+}
+
+
+def _counted(scores: list[Score], range_known: bool) -> str:
     """How many people the shares are of: everybody once a second."""
     safety = scores[0].safety
     assert safety is not None
-    return f"{safety.people:,} counts ({safety.people_in_range:,} of them in range)"
+    in_range = f" ({safety.people_in_range:,} of them in range)" if range_known else ""
+    return f"{safety.people:,} counts{in_range}"
 
 
 def _layer_page(
