@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation
 from crowdfence.labelled_pictures.annotated_picture import AnnotationError
 from crowdfence.labelled_pictures.coco import annotation_file, read_coco, write_coco
 from crowdfence.labelled_pictures.crowd_labels import picture_labels
+from crowdfence.labelled_pictures.picture_recording import open_labelled_pictures
 
 
 def document(*annotations: dict[str, Any], **changes: Any) -> dict[str, Any]:
@@ -116,6 +117,18 @@ def test_other_names_are_said(tmp_path: Path) -> None:
     assert len(read_coco(path, {"zuschauer": "person"})[0].people) == 1
     with pytest.raises(AnnotationError, match="no class is named 'publikum'"):
         read_coco(path, {"publikum": "crowd"})
+
+
+def test_pictures_say_which_of_their_marks_mean_nothing(tmp_path: Path) -> None:
+    """Riders were empty ground for whoever opened the folder without `data import`, and nobody was told."""
+    classes = [{"id": 1, "name": "person"}, {"id": 2, "name": "rider"}]
+    box = {"bbox": [0, 0, 2, 2]}
+    written(tmp_path, document(box, {**box, "category_id": 2}, categories=classes))
+    (warning,) = open_labelled_pictures(tmp_path).recording.warnings
+    assert warning.startswith("1 mark of classes that mean nothing here: rider, so where they are nobody is")
+    assert "data import coco --class NAME=person" in warning
+    written(tmp_path, document(box, categories=classes))
+    assert open_labelled_pictures(tmp_path).recording.warnings == ()
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections import Counter
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -18,8 +17,6 @@ from crowdfence.cli.wording import counted
 if TYPE_CHECKING:
     from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture
 
-_NAMED = 10
-"""Classes that are left out, those with most marks."""
 
 app = typer.Typer(help="Labelled pictures of others: import them.", no_args_is_help=True)
 
@@ -70,7 +67,7 @@ def import_data(
 
     You need the data set and its licence; nothing is downloaded.
     """
-    from crowdfence.labelled_pictures.annotated_picture import distinct
+    from crowdfence.labelled_pictures.annotated_picture import distinct, left_out_classes
     from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
     from crowdfence.labelled_pictures.data_sets import (
@@ -110,7 +107,7 @@ def import_data(
     sizes = {(picture.width, picture.height) for picture in kept}
     people = sum(len(picture.people) for picture in kept)
     again = people - sum(len(distinct(picture.people)) for picture in kept)
-    left_out = dict(Counter(name for picture in kept for name in picture.left_out).most_common())
+    left_out, left_out_text = left_out_classes(kept)
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people - again}
     if as_json:
         more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
@@ -123,13 +120,7 @@ def import_data(
         "people": f"{people - again}" + (f", {counted(again, 'mark')} again of the same" if again else ""),
     }
     if left_out:
-        marks = counted(sum(left_out.values()), "mark")
-        names = [*left_out][:_NAMED]
-        others = f" and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
-        shown["left out"] = (
-            f"{marks} of classes that mean nothing here: {', '.join(names)}{others}; "
-            "--class NAME=person, crowd or ignore says what one means"
-        )
+        shown["left out"] = f"{left_out_text}; --class NAME=person, crowd or ignore says what one means"
     console.stdout().print(console.facts(str(output), shown))
     if len(sizes) > 1 and gsd_m is not None:
         smallest, largest = (f"{width} x {height}" for width, height in (min(sizes), max(sizes)))

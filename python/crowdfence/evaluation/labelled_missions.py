@@ -107,6 +107,7 @@ class LabelledMissions:
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
+                self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
                 yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
                 continue
             recording = _recorded(path)

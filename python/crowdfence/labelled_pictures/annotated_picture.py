@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,6 +14,8 @@ from numpy.typing import NDArray
 Polygon = NDArray[np.float64]
 """Corners [K, 2] in pixels, K >= 3."""
 Role = Literal["person", "crowd", "ignore"]
+_NAMED = 10
+"""Classes named of those that mean nothing."""
 
 
 class AnnotationError(ValueError):
@@ -54,6 +58,18 @@ def distinct(people: NDArray[np.float64]) -> NDArray[np.float64]:
     together: two of them are one, and would make a crowd of a couple. In their order."""
     _, first = np.unique(people, axis=0, return_index=True)
     return people[np.sort(first)]
+
+
+def left_out_classes(pictures: Iterable[AnnotatedPicture]) -> tuple[dict[str, int], str]:
+    """Marks by class of those that mean nothing, the most frequent first, and the same in words; nothing and
+    an empty text where there are none."""
+    counts = dict(Counter(name for picture in pictures for name in picture.left_out).most_common())
+    if not counts:
+        return counts, ""
+    marks, names = sum(counts.values()), ", ".join([*counts][:_NAMED])
+    others = f" and {len(counts) - _NAMED} more" if len(counts) > _NAMED else ""
+    what = f"{marks} mark{'' if marks == 1 else 's'} of classes that mean nothing here: {names}{others}"
+    return counts, what
 
 
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:

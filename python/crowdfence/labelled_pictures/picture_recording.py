@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.errors import FrameError
-from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, left_out_classes
 from crowdfence.labelled_pictures.coco import annotation_file, read_coco
 from crowdfence.labelled_pictures.crowd_labels import PictureLabels, picture_labels
 from crowdfence.sources.recording import Frame, PixelSources, Recording
 
 PICTURES = "labelled pictures"
 """Under this key the manifest names the file of annotations."""
+_IMPORT = "if some are people, `crowdfence data import coco --class NAME=person, crowd or ignore` says so"
 _APART_NS = 10_000_000_000
 
 
@@ -49,7 +50,10 @@ def open_labelled_pictures(folder: Path) -> LabelledPictures:
     labels = _Labels(of_stamp)
     frames = tuple(_frame(folder, stamp_ns, picture, labels) for stamp_ns, picture in of_stamp.items())
     drones = tuple(dict.fromkeys(frame.drone for frame in frames))
-    recording = Recording(folder.name, drones, frames, None, None, (), (), {PICTURES: str(file)}, {})
+    _, left_out = left_out_classes(pictures)
+    # Where people or crowds have such a class, what shows them would pass for empty ground without a word.
+    warnings = (f"{left_out}, so where they are nobody is; {_IMPORT}",) if left_out else ()
+    recording = Recording(folder.name, drones, frames, None, None, (), warnings, {PICTURES: str(file)}, {})
     return LabelledPictures(recording, labels.crowd, labels.ignored)
 
 
