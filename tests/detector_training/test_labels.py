@@ -6,16 +6,19 @@ import multiprocessing
 import os
 import shutil
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from crowdfence import Camera, Terrain
 from crowdfence.detector_training.frame_store import _Arrays, store_missions
 from crowdfence.detector_training.labels import training_labels
 from crowdfence.errors import FrameError
+from crowdfence.sources import open_recording
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, PixelSources, Recording
 from crowdfence.truth.ground_labels import ground_cells
@@ -169,8 +172,6 @@ DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race
 
 
 def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
-    from crowdfence.sources import open_recording
-
     (stored,) = store_missions([DEMO], ["silhouettes"], tmp_path)
     recorded = open_recording(DEMO)
     assert len(stored) == len(recorded.frames)
@@ -238,3 +239,70 @@ def test_an_interrupted_store_is_made_again(tmp_path: Path):
     images.write_bytes(images.read_bytes()[:1000])
     (stored,) = store_missions([DEMO], ["silhouettes"], tmp_path)
     assert len(stored) == facts["frames"]
+
+
+def annotated(folder: Path, grey: int, *, sizes: Sequence[tuple[int, int]] = ((64, 48),)) -> Path:
+    """Pictures (width, height) of one grey, 1.png and on; in each a crowd and a mark that means nothing."""
+    folder.mkdir(exist_ok=True)
+    images, annotations = [], []
+    for number, (width, height) in enumerate(sizes, start=1):
+        name = f"{number}.png"
+        Image.new("RGB", (width, height), (grey, grey, grey)).save(folder / name)
+        images.append({"id": number, "file_name": name, "width": width, "height": height})
+        for category in (1, 2):
+            annotations.append({"image_id": number, "category_id": category, "bbox": [8, 8, 16, 16]})
+    categories = [{"id": 1, "name": "crowd"}, {"id": 2, "name": "rider"}]
+    document = {"images": images, "annotations": annotations, "categories": categories}
+    (folder / "annotations.json").write_text(json.dumps(document))
+    return folder
+
+
+def test_classes_that_mean_nothing_are_doubts_of_annotated_pictures(tmp_path: Path):
+    (stored,) = store_missions([annotated(tmp_path / "p", 90)], ["ground"], tmp_path / "store")
+    assert len(stored.doubts) == 1 and "that mean nothing here: rider" in stored.doubts[0]
+
+
+def test_a_picture_that_was_changed_is_decoded_again(tmp_path: Path):
+    """A damaged picture that was mended stayed out, and one that was replaced was learned as it had been."""
+    pictures = annotated(tmp_path / "p", 90, sizes=[(64, 48)] * 2)
+    whole = (pictures / "2.png").read_bytes()
+    (pictures / "2.png").write_bytes(b"damaged")
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert len(stored) == 1 and len(stored.skipped) == 1
+    (pictures / "2.png").write_bytes(whole)
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert len(stored) == 2 and stored.skipped == ()
+    Image.new("RGB", (64, 48), (30, 30, 30)).save(pictures / "1.png")
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert stored.images[0].max() == 30
+    description = next((tmp_path / "store").glob("*.json"))
+    made_ns = description.stat().st_mtime_ns
+    store_missions([pictures], ["ground"], tmp_path / "store")
+    assert description.stat().st_mtime_ns == made_ns
+
+
+def test_a_map_that_was_changed_labels_the_ground_again(tmp_path: Path):
+    folder = tmp_path / "f"
+    folder.mkdir()
+    for path in (DEMO, *DEMO.parent.glob("race.*")):
+        shutil.copyfile(path, folder / path.name)
+    mission = folder / DEMO.name
+    terrain = open_recording(mission).terrain
+    assert terrain is not None and terrain.parent == folder
+    store_missions([mission], ["ground"], tmp_path / "store")
+    os.utime(terrain, (1, 1))
+    description = next((tmp_path / "store").glob("*.json"))
+    made_ns = description.stat().st_mtime_ns
+    store_missions([mission], ["ground"], tmp_path / "store")
+    assert description.stat().st_mtime_ns > made_ns
+
+
+def test_a_store_of_which_a_part_is_gone_is_made_again(tmp_path: Path):
+    pictures = annotated(tmp_path / "p", 90)
+    store_missions([pictures], ["ground"], tmp_path / "store")
+    next((tmp_path / "store").glob("*.known.npy")).unlink()
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert len(stored) == 1
+    next((tmp_path / "store").glob("*.json")).write_text('{"name": ')
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert len(stored) == 1

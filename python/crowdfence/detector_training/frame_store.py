@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from crowdfence.atomic_file import NO_ROOM
+from crowdfence.atomic_file import NO_ROOM, atomic_path
 from crowdfence.detector_training.labels import (
     LABEL_STRIDE,
     STRIDE,
@@ -27,7 +27,7 @@ from crowdfence.detector_training.labels import (
 from crowdfence.labelled_pictures.coco import annotation_file
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
 
-_FORMAT = 5
+_FORMAT = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,8 @@ def store_missions(
     terrain_options: Mapping[str, Any] | None = None,
     on_mission: Callable[[StoredMission], None] | None = None,
 ) -> list[StoredMission]:
-    """Decode and label the frames of the recordings at `paths` into `folder`; what is there is reused.
+    """Decode and label the frames of the recordings at `paths` into `folder`; what is there is reused, unless
+    a recording, its map or a picture was changed since.
 
     Sides that are no multiple of the stride are cut down to one. Frames that cannot be read are skipped and
     named. `terrain_options` say how the maps are opened, see `pipeline.open_terrain`. ValueError for a
@@ -97,9 +98,9 @@ def _key(path: Path, targets: Sequence[Target], options: dict[str, Any]) -> str:
 
 def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], part: Path) -> Path:
     """Write one mission as arrays; the description comes last and says that the rest is whole."""
-    description = part.with_suffix(".json")
-    if description.exists():
+    if _is_current(part):
         return part
+    part.with_suffix(".json").unlink(missing_ok=True)
     from crowdfence.errors import FrameError
     from crowdfence.pipeline import read_map
     from crowdfence.sources import open_recording
@@ -128,7 +129,8 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
         arrays.known[kept] = np.stack([label.known for label in labels])
         kept += 1
     doubts = [*recording.warnings, *(() if ground is None else ground.doubts)]
-    return _described(path, part, kept, skipped, doubts)
+    read = _files_of(path, part.parent) + ([] if recording.terrain is None else [recording.terrain])
+    return _described(path, part, kept, skipped, doubts, read)
 
 
 def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
@@ -156,15 +158,46 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
         arrays.crowd[kept, :, :rows, :columns] = labels.crowd[:rows, :columns]
         arrays.known[kept, :, :rows, :columns] = labels.known[:rows, :columns]
         kept += 1
-    return _described(path, part, kept, skipped)
+    read = [path / frame.drone for frame in frames]
+    return _described(path, part, kept, skipped, pictures.recording.warnings, read)
 
 
-def _described(path: Path, part: Path, kept: int, skipped: list[str], doubts: Sequence[str] = ()) -> Path:
+def _described(
+    path: Path, part: Path, kept: int, skipped: list[str], doubts: Sequence[str], read: Sequence[Path]
+) -> Path:
     if not kept:
         raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
     facts = {"name": path.stem, "frames": kept, "skipped": skipped, "doubts": list(doubts)}
-    part.with_suffix(".json").write_text(json.dumps(facts))
+    facts["read"] = {str(file.resolve()): _state(file) for file in read}
+    with atomic_path(part.with_suffix(".json")) as whole:
+        whole.write_text(json.dumps(facts))
     return part
+
+
+def _is_current(part: Path) -> bool:
+    """Whether a mission is here whole, and of its files as they are now."""
+    try:
+        read = json.loads(part.with_suffix(".json").read_text())["read"]
+    except (OSError, ValueError):
+        return False
+    whole = all(_file(part, name).exists() for name in ("images", "crowd", "known"))
+    return whole and all(_state(Path(file)) == state for file, state in read.items())
+
+
+def _state(file: Path) -> list[int] | None:
+    """Size and time of change; None for a file that is not there."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return [found.st_size, found.st_mtime_ns]
+
+
+def _files_of(path: Path, store: Path) -> list[Path]:
+    """The files of a recording, which may be a folder, without those that are stored into it."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.rglob("*") if file.is_file() and store not in file.parents)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
