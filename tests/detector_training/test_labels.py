@@ -250,7 +250,7 @@ def annotated(folder: Path, grey: int, *, sizes: Sequence[tuple[int, int]] = ((6
         Image.new("RGB", (width, height), (grey, grey, grey)).save(folder / name)
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         for category in (1, 2):
-            annotations.append({"image_id": number, "category_id": category, "bbox": [8, 8, 16, 16]})
+            annotations.append({"image_id": number, "category_id": category, "bbox": [0, 0, 2, 2]})
     categories = [{"id": 1, "name": "crowd"}, {"id": 2, "name": "rider"}]
     document = {"images": images, "annotations": annotations, "categories": categories}
     (folder / "annotations.json").write_text(json.dumps(document))
@@ -260,6 +260,17 @@ def annotated(folder: Path, grey: int, *, sizes: Sequence[tuple[int, int]] = ((6
 def test_classes_that_mean_nothing_are_doubts_of_annotated_pictures(tmp_path: Path):
     (stored,) = store_missions([annotated(tmp_path / "p", 90)], ["ground"], tmp_path / "store")
     assert len(stored.doubts) == 1 and "that mean nothing here: rider" in stored.doubts[0]
+
+
+def test_pictures_keep_their_sizes_and_those_of_less_than_a_cell_are_skipped(tmp_path: Path):
+    pictures = annotated(tmp_path / "p", 90, sizes=[(97, 61), (70, 3), (64, 48)])
+    (stored,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    assert [stored.size_of(frame) for frame in range(len(stored))] == [(60, 96), (48, 64)]
+    assert (
+        len(stored.skipped) == 1
+        and "2.png" in stored.skipped[0]
+        and "less than 4 pixels" in stored.skipped[0]
+    )
 
 
 def test_a_picture_that_was_changed_is_decoded_again(tmp_path: Path):

@@ -474,6 +474,50 @@ def test_validation_counts_known_cells_by_hand():
     assert score.iou("silhouettes") == pytest.approx(crowd / (24 * 16))
 
 
+def corner(side: int) -> StoredMission:
+    """A bright square picture with crowd everywhere, in the corner of a canvas of 128 x 128 around which
+    nothing is known, beside one that fills it."""
+    images, crowd = np.zeros((2, 128, 128, 3), np.uint8), np.zeros((2, 1, 64, 64), np.uint8)
+    known = np.zeros(crowd.shape, np.bool_)
+    for frame, (own, grey) in enumerate(((side, 200), (128, 90))):
+        images[frame, :own, :own] = grey
+        crowd[frame, :, : own // 2, : own // 2] = 255
+        known[frame, :, : own // 2, : own // 2] = True
+    return StoredMission("corner", images, crowd, known, (), True, (), np.array([(side, side), (128, 128)]))
+
+
+def test_crops_of_small_pictures_do_not_show_the_canvas_of_the_largest():
+    """Drawn all over it, nearly all crops of a picture of 32 beside one of 128 held nothing to learn."""
+    plan = CropPlan(height=16, width=16, scale=(1.0, 1.0), rotation_deg=0.0, on_crowd=0.0)
+    sampler, rng, small = CropSampler([corner(32)], plan), np.random.default_rng(15), 0
+    for _ in range(300):
+        crop = sampler.draw(1, rng, CPU)
+        assert crop.known.all() and crop.crowd.all()
+        small += float(crop.image.mean()) > 0.5
+    assert 5 < small < 40  # 1 of 17, as their pixels say
+
+
+@pytest.mark.parametrize("side", [4, 12, 40])
+def test_validation_sees_a_picture_as_a_detector_does(side: int):
+    """Neither the black around it nor a cut, which is nothing for one of less than 16 pixels; the network
+    counts what the mean of the whole picture says."""
+    torch.manual_seed(0)
+    network, pictures = CrowdNet(1, width=0.25).eval(), corner(side)
+    whole = -side % 16
+    image = np.pad(pictures.images[0, :side, :side], ((0, whole), (0, whole), (0, 0)), mode="edge")
+    with torch.no_grad():
+        alone = network(torch.from_numpy(image).permute(2, 0, 1)[None].float() / 255.0)
+    torch.nn.init.constant_(network.logit.bias, float(network.logit.bias.detach() - alone[0, 0, 0, 0]) + 1e-3)
+    score = validate(network, [pictures], ["ground"], CPU)
+    with torch.no_grad():
+        alone = network(torch.from_numpy(image).permute(2, 0, 1)[None].float() / 255.0)
+        other = network(torch.from_numpy(pictures.images[1]).permute(2, 0, 1)[None].float() / 255.0)
+    called = int((alone[0, 0, : side // 4, : side // 4] > 0).sum()) + int((other > 0).sum())
+    cells = score.cells["ground"]
+    assert cells.true_positives == called
+    assert cells.true_positives + cells.false_negatives == (side // 4) ** 2 + 32**2
+
+
 def replace_known(mission: StoredMission, known: np.ndarray) -> StoredMission:
     return StoredMission(mission.name, mission.images, mission.crowd, known, ())
 

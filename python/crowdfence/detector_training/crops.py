@@ -56,7 +56,9 @@ class CropSampler:
         self._where = [
             (mission, frame) for mission in range(len(missions)) for frame in range(len(missions[mission]))
         ]
-        pixels = np.array([missions[mission].images[0, ..., 0].size for mission, _ in self._where], float)
+        pixels = np.array(
+            [math.prod(missions[mission].size_of(frame)) for mission, frame in self._where], float
+        )
         photographs = np.array([missions[mission].photographs for mission, _ in self._where], bool)
         self._chance = _with_share(pixels / pixels.sum(), photographs, plan.photographs)
 
@@ -71,8 +73,9 @@ class CropSampler:
 
     def _crop(self, mission: int, frame: int, rng: np.random.Generator, device: torch.device) -> Batch:
         stored, plan = self._missions[mission], self._plan
-        crowd, known = stored.crowd[frame], stored.known[frame]
-        height, width = stored.images.shape[1:3]
+        height, width = stored.size_of(frame)
+        labelled = (frame, slice(None), slice(height // LABEL_STRIDE), slice(width // LABEL_STRIDE))
+        crowd, known = stored.crowd[labelled], stored.known[labelled]
         scale = self._scale(height, width, rng)
         centre = self._centre(crowd, height, width, scale, rng)
         turn = math.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg))

@@ -47,9 +47,16 @@ class StoredMission:
     """Labelled pictures instead of a recording."""
     doubts: tuple[str, ...] = ()
     """What is doubtful about the recording and its map, one sentence each."""
+    sizes: NDArray[np.int64] | None = None
+    """[N, 2] rows and columns of each picture, which lies in the upper left corner; None: all are whole."""
 
     def __len__(self) -> int:
         return len(self.images)
+
+    def size_of(self, frame: int) -> tuple[int, int]:
+        """Rows and columns of a frame, multiples of the stride."""
+        rows, columns = self.images.shape[1:3] if self.sizes is None else self.sizes[frame].tolist()
+        return rows, columns
 
 
 def store_missions(
@@ -130,7 +137,7 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
         kept += 1
     doubts = [*recording.warnings, *(() if ground is None else ground.doubts)]
     read = _files_of(path, part.parent) + ([] if recording.terrain is None else [recording.terrain])
-    return _described(path, part, kept, skipped, doubts, read)
+    return _described(path, part, kept, skipped, doubts, read, None)
 
 
 def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
@@ -144,10 +151,15 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
     height = max(frame.camera.height for frame in frames) // STRIDE * STRIDE
     width = max(frame.camera.width for frame in frames) // STRIDE * STRIDE
     arrays = _Arrays.create(part, len(frames), targets, height, width)
+    sizes: list[tuple[int, int]] = []
     kept, skipped = 0, []
     for frame in frames:
         try:
             image, labels = frame.image()[:height, :width], picture_training_labels(pictures, frame)
+            if min(image.shape[:2]) < STRIDE:
+                raise FrameError(
+                    frame.drone, frame.stamp_ns, f"picture is less than {STRIDE} pixels high or wide"
+                )
         except FrameError as error:
             skipped.append(str(error))
             continue
@@ -157,17 +169,24 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
         arrays.images[kept, : image.shape[0], : image.shape[1]] = image
         arrays.crowd[kept, :, :rows, :columns] = labels.crowd[:rows, :columns]
         arrays.known[kept, :, :rows, :columns] = labels.known[:rows, :columns]
+        sizes.append((rows * LABEL_STRIDE, columns * LABEL_STRIDE))
         kept += 1
     read = [path / frame.drone for frame in frames]
-    return _described(path, part, kept, skipped, pictures.recording.warnings, read)
+    return _described(path, part, kept, skipped, pictures.recording.warnings, read, sizes)
 
 
 def _described(
-    path: Path, part: Path, kept: int, skipped: list[str], doubts: Sequence[str], read: Sequence[Path]
+    path: Path,
+    part: Path,
+    kept: int,
+    skipped: list[str],
+    doubts: Sequence[str],
+    read: Sequence[Path],
+    sizes: list[tuple[int, int]] | None,
 ) -> Path:
     if not kept:
         raise ValueError(f"no frame of {path} can be used; the first reason: {skipped[0]}")
-    facts = {"name": path.stem, "frames": kept, "skipped": skipped, "doubts": list(doubts)}
+    facts = {"name": path.stem, "frames": kept, "skipped": skipped, "doubts": list(doubts), "sizes": sizes}
     facts["read"] = {str(file.resolve()): _state(file) for file in read}
     with atomic_path(part.with_suffix(".json")) as whole:
         whole.write_text(json.dumps(facts))
@@ -242,7 +261,8 @@ def _mapped(part: Path, photographs: bool) -> StoredMission:
         np.load(_file(part, name), mmap_mode="r")[: facts["frames"]] for name in ("images", "crowd", "known")
     )
     skipped, doubts = tuple(facts["skipped"]), tuple(facts["doubts"])
-    return StoredMission(facts["name"], images, crowd, known, skipped, photographs, doubts)
+    sizes = None if facts["sizes"] is None else np.array(facts["sizes"], np.int64)
+    return StoredMission(facts["name"], images, crowd, known, skipped, photographs, doubts, sizes)
 
 
 def _file(part: Path, name: str) -> Path:

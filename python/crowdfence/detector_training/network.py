@@ -121,6 +121,12 @@ class CrowdNet(nn.Module):
         return copy.eval()
 
 
+def padded(image: Tensor) -> Tensor:
+    """Images [B, 3, H, W] with the border repeated up to whole network cells, as a `Detector` shows them."""
+    height, width = image.shape[2:]
+    return functional.pad(image, (0, -width % MULTIPLE_OF, 0, -height % MULTIPLE_OF), mode="replicate")
+
+
 def _mean(x: Tensor) -> Tensor:
     return x.mean(dim=(2, 3), keepdim=True)
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector_training.frame_store import StoredMission
-from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
+from crowdfence.detector_training.labels import STRIDE
+from crowdfence.detector_training.network import CrowdNet, padded
 from crowdfence.detector_training.plan import TrainingPlan
 from crowdfence.detector_training.trainer import Checkup, Trained
 
@@ -117,10 +118,11 @@ def _draw_examples(path: Path, network: CrowdNet, missions: Sequence[StoredMissi
     device = next(network.parameters()).device
     tiles = []
     for mission, frame in _spread(missions, EXAMPLES):
-        height, width = (side // MULTIPLE_OF * MULTIPLE_OF for side in mission.images.shape[1:3])
+        height, width = mission.size_of(frame)
         image = np.array(mission.images[frame, :height, :width])
         pixels = torch.from_numpy(image).to(device).permute(2, 0, 1)[None].float() / 255.0
-        heatmap = torch.sigmoid(network(pixels))[0, 0].float().cpu().numpy()
+        logits = network(padded(pixels))[0, 0, : height // STRIDE, : width // STRIDE]
+        heatmap = torch.sigmoid(logits).float().cpu().numpy()
         tiles.append(np.asarray(Image.fromarray(overlay(image, heatmap)).resize((480, 360))))
     while len(tiles) % _COLUMNS:
         tiles.append(np.full_like(tiles[0], 255))

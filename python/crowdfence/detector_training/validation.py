@@ -9,9 +9,9 @@ import torch
 
 from crowdfence.block_means import block_means
 from crowdfence.detector_training.frame_store import StoredMission
-from crowdfence.detector_training.labels import LABELS_PER_CELL, Target
+from crowdfence.detector_training.labels import LABELS_PER_CELL, STRIDE, Target
 from crowdfence.detector_training.loss import crowd_loss
-from crowdfence.detector_training.network import MULTIPLE_OF, CrowdNet
+from crowdfence.detector_training.network import CrowdNet, padded
 from crowdfence.evaluation.cells.rates import Confusion
 
 BATCH = 4
@@ -40,17 +40,18 @@ class ValidationScore:
 def validate(
     network: CrowdNet, missions: Sequence[StoredMission], targets: Sequence[Target], device: torch.device
 ) -> ValidationScore:
-    """Score `network` on every frame; frames are cut at the right and lower edge to whole network cells."""
+    """Score `network` on every frame, each of its own size and padded as for use."""
     network.eval()
     counts = {target: Confusion(0, 0, 0, 0) for target in targets}
     loss_sum, frames = 0.0, 0
     for mission in missions:
-        height, width = (side // MULTIPLE_OF * MULTIPLE_OF for side in mission.images.shape[1:3])
-        for first in range(0, len(mission), BATCH):
-            some = slice(first, first + BATCH)
+        together = BATCH if mission.sizes is None else 1
+        for first in range(0, len(mission), together):
+            some = slice(first, first + together)
+            height, width = mission.size_of(first)
+            rows, columns = height // STRIDE, width // STRIDE
             image = torch.from_numpy(mission.images[some, :height, :width].copy()).to(device)
-            logits = network(image.permute(0, 3, 1, 2).float() / 255.0)
-            rows, columns = logits.shape[2:]
+            logits = network(padded(image.permute(0, 3, 1, 2).float() / 255.0))[:, :, :rows, :columns]
             within = (some, slice(None), slice(rows * LABELS_PER_CELL), slice(columns * LABELS_PER_CELL))
             crowd = torch.from_numpy(block_means(mission.crowd[within], LABELS_PER_CELL) >= 127.5).to(device)
             known = torch.from_numpy(block_means(mission.known[within], LABELS_PER_CELL) > 0.5).to(device)
