@@ -389,6 +389,53 @@ def test_a_checkpoint_of_another_plan_is_refused(tmp_path: Path):
         )
 
 
+def test_a_checkpoint_of_other_missions_or_another_start_is_refused(tmp_path: Path):
+    """The report named the new missions, and the model had learned the old ones."""
+    checkpoint, plan = tmp_path / "checkpoint", replace(PLAN, steps=2, validate_every=2)
+    train([squares(1)], [squares(2)], plan, checkpoint=checkpoint)
+    again = {"checkpoint": checkpoint, "resume": True}
+    with pytest.raises(ValueError, match="another training: missions differ; remove it"):
+        train([squares(4)], [squares(2)], plan, **again)
+    with pytest.raises(ValueError, match="another training: validation missions differ"):
+        train([squares(1)], [squares(4)], plan, **again)
+    with pytest.raises(ValueError, match=r"another training: start \(--initial\) differ"):
+        train([squares(1)], [squares(2)], plan, initial=checkpoint, **again)
+    assert train([squares(1)], [squares(2)], plan, **again).best.step == 2
+
+
+@pytest.mark.parametrize("content", [b"hello\n", b"", b"PK\x03\x04"])
+def test_what_is_no_checkpoint_or_model_is_one_line(tmp_path: Path, content: bytes):
+    checkpoint = tmp_path / "checkpoint"
+    checkpoint.write_bytes(content)
+    with pytest.raises(ValueError, match="no whole checkpoint of `crowdfence train`"):
+        train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint, resume=True)
+    with pytest.raises(ValueError, match="no whole checkpoint of `crowdfence train`"):
+        train([squares(1)], [squares(2)], PLAN, initial=checkpoint)
+    torch.save({"weights": 1}, checkpoint)
+    with pytest.raises(ValueError, match="no whole checkpoint of `crowdfence train`"):
+        train([squares(1)], [squares(2)], PLAN, initial=checkpoint)
+
+
+def test_missions_without_a_crowd_are_refused():
+    """Learned from, they say that there is none; to validate on, the first weights were kept and training
+    stopped as if nothing had improved on them."""
+    with pytest.raises(ValueError, match=r"the training missions show no crowd \(silhouettes\)"):
+        train([mission(4, 96, 40)], [squares(2)], PLAN)
+    with pytest.raises(ValueError, match=r"the validation missions show no crowd \(silhouettes\)"):
+        train([squares(1), mission(4, 96, 40)], [mission(4, 96, 40)], PLAN)
+    unknown = replace_known(squares(2), np.zeros_like(squares(2).known))
+    with pytest.raises(ValueError, match="the validation missions show no crowd"):
+        train([squares(1)], [unknown], PLAN)
+
+
+def test_weights_that_are_no_numbers_are_no_model(monkeypatch: pytest.MonkeyPatch):
+    """The last step of a rate too large: its loss was still a number, what it left was not."""
+    score = ValidationScore(math.nan, {"silhouettes": Confusion(0, 9, 90, 0)})
+    monkeypatch.setattr("crowdfence.detector_training.trainer.validate", lambda *_: score)
+    with pytest.raises(ValueError, match="the validation loss is nan at step 2: use a smaller learning rate"):
+        train([squares(1)], [squares(2)], replace(PLAN, steps=2, validate_every=2))
+
+
 def test_a_training_can_start_from_another(tmp_path: Path):
     checkpoint = tmp_path / "checkpoint"
     earlier = train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint)
@@ -448,10 +495,14 @@ def test_a_wide_training_learns_and_a_resumed_one_is_the_same(tmp_path: Path):
         assert torch.equal(value, resumed.network.state_dict()[name]), name
 
 
-def test_training_stops_when_validation_does_not_improve():
+def test_training_stops_when_validation_does_not_improve(tmp_path: Path):
     plan = replace(PLAN, steps=200, validate_every=2, patience=2, learning_rate=1e-9, calm_share=0.0)
-    stopped = train([squares(1)], [squares(2)], plan)
+    checkpoint = tmp_path / "checkpoint"
+    stopped = train([squares(1)], [squares(2)], plan, checkpoint=checkpoint)
     assert stopped.stopped_early and stopped.history[-1].step < 200
+    # Where its model could not be written, --resume writes that one and trains no further.
+    again = train([squares(1)], [squares(2)], plan, checkpoint=checkpoint, resume=True)
+    assert again.stopped_early and again.history == stopped.history
 
 
 def test_training_without_validation_is_refused():

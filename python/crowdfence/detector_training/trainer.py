@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from collections import deque
@@ -21,6 +22,7 @@ from crowdfence.detector_training.average import WeightAverage
 from crowdfence.detector_training.clutter import cluttered, free_of_people, furnished
 from crowdfence.detector_training.crops import Batch, CropSampler
 from crowdfence.detector_training.frame_store import StoredMission
+from crowdfence.detector_training.labels import Target
 from crowdfence.detector_training.loss import crowd_loss
 from crowdfence.detector_training.network import CrowdNet
 from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx, measure_statistics
@@ -80,8 +82,8 @@ def train(
     whose weights this one starts from; a model holds no statistics, so they are measured on crops unless the
     plan freezes them.
 
-    ValueError for missions without frames, a checkpoint of another plan, weights of another network, or a
-    loss that is not finite.
+    ValueError for missions without frames or without a crowd, a checkpoint of another plan, other missions or
+    another start, weights of another network, or a loss that is not finite.
     """
     device = device or default_device()
     if not validation:
@@ -89,16 +91,18 @@ def train(
     sampler = CropSampler(missions, plan.crops)
     if not len(sampler):
         raise ValueError("the training missions hold no usable frame")
-    run = _Run(plan, device)
+    for what, some in (("training", missions), ("validation", validation)):
+        _require_crowd(what, some, plan.targets)
+    run = _Run(plan, device, {"missions": _digests(missions), "validation missions": _digests(validation)})
+    if initial is not None:
+        run.start_from(initial)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
-    elif initial is not None:
-        run.start_from(initial)
-        if initial.suffix == ".onnx" and not plan.frozen_statistics:
-            run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED, device).image)
+    elif initial is not None and initial.suffix == ".onnx" and not plan.frozen_statistics:
+        run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED, device).image)
     started, losses = time.monotonic() - run.seconds, []
-    stopped = False
-    for step, batch in _batches(sampler, plan, run.step, device):
+    stopped = run.stopped  # already, where it ended before its model was written
+    for step, batch in () if stopped else _batches(sampler, plan, run.step, device):
         losses.append(run.advance(batch, step))
         if on_step is not None:
             on_step(step)
@@ -108,17 +112,48 @@ def train(
             if not math.isfinite(mean_loss):
                 raise ValueError(f"the loss is {mean_loss} at step {step + 1}: use a smaller learning rate")
             score = validate(run.average.network, validation, plan.targets, device)
+            if not math.isfinite(score.loss):
+                raise ValueError(
+                    f"the validation loss is {score.loss} at step {step + 1}: use a smaller learning rate"
+                )
             checkup = Checkup(step + 1, time.monotonic() - started, mean_loss, score)
             run.note(checkup)
             if checkpoint is not None:
                 run.save(checkpoint)
             if on_checkup is not None:
                 on_checkup(checkup)
-            if run.waited >= plan.patience:
-                stopped = True
+            stopped = run.stopped
+            if stopped:
                 break
     run.average.network.load_state_dict(run.best_state)
     return Trained(run.average.network, run.best, run.history, stopped)
+
+
+def _require_crowd(what: str, missions: Sequence[StoredMission], targets: Sequence[Target]) -> None:
+    """ValueError where no frame shows a crowd: a network would learn that there is none, and no IoU could
+    tell which weights are better."""
+    for plane, target in enumerate(targets):
+        if not any(
+            bool(((crowd[plane] > 127) & known[plane]).any())
+            for mission in missions
+            for crowd, known in zip(mission.crowd, mission.known, strict=True)
+        ):
+            raise ValueError(
+                f"the {what} missions show no crowd ({target}) in any of their frames: add some that "
+                "do; are all classes of people named?"
+            )
+
+
+def _digests(missions: Sequence[StoredMission]) -> dict[str, str]:
+    """Of their labels and every 16th pixel along each axis, by number and name."""
+    digests = {}
+    for number, mission in enumerate(missions):
+        digest = hashlib.sha256(str(mission.images.shape).encode())
+        for frame in range(len(mission)):
+            for values in (mission.crowd[frame], mission.known[frame], mission.images[frame, ::16, ::16]):
+                digest.update(np.ascontiguousarray(values).tobytes())
+        digests[f"{number}: {mission.name}"] = digest.hexdigest()
+    return digests
 
 
 def default_device() -> torch.device:
@@ -158,9 +193,11 @@ def _crops(sampler: CropSampler, plan: TrainingPlan, step: int, count: int, devi
 class _Run:
     """The state of a training between two steps."""
 
-    def __init__(self, plan: TrainingPlan, device: torch.device) -> None:
+    def __init__(self, plan: TrainingPlan, device: torch.device, data: dict[str, dict[str, str]]) -> None:
         torch.manual_seed(plan.seed)
         self._plan, self._device = plan, device
+        self._origin: dict[str, Any] = {**data, "start (--initial)": None}
+        """What a checkpoint must have begun with, besides the plan, for this training to go on with it."""
         # Pixels with their channels side by side: faster convolutions on CPUs and on GPUs.
         self.network = CrowdNet(len(plan.targets), width=plan.width).to(
             device,
@@ -177,19 +214,24 @@ class _Run:
     def start_from(self, path: Path) -> None:
         """The best weights of another training, from its checkpoint or from the model that it wrote."""
         if path.suffix == ".onnx":
-            weights = import_onnx(path, len(self._plan.targets), self._plan.width)
-            self.network.load_state_dict(weights)
-            self.average.network.load_state_dict(weights)
+            self._take(import_onnx(path, len(self._plan.targets), self._plan.width))
             return
-        state = torch.load(path, map_location=self._device, weights_only=True)
+        state = _loaded(path, self._device)
         for name in ("targets", "width"):
             if state["plan"][name] != getattr(self._plan, name):
                 raise ValueError(
                     f"{path} was trained with {name} {state['plan'][name]}, this training "
                     f"has {getattr(self._plan, name)}"
                 )
-        self.network.load_state_dict(state["best"])
-        self.average.network.load_state_dict(state["best"])
+        self._take(state["best"])
+
+    def _take(self, weights: dict[str, torch.Tensor]) -> None:
+        self.network.load_state_dict(weights)
+        self.average.network.load_state_dict(weights)
+        digest = hashlib.sha256()
+        for value in weights.values():
+            digest.update(value.cpu().numpy().tobytes())
+        self._origin["start (--initial)"] = digest.hexdigest()
 
     def measure(self, images: torch.Tensor) -> None:
         """Take the statistics of these images; nothing that the network says changes."""
@@ -214,6 +256,11 @@ class _Run:
         if self.step > self._plan.calm_from:
             return 0
         return len(self.history) - 1 - self.history.index(self.best)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether validation has not improved for too long."""
+        return bool(self.history) and self.waited >= self._plan.patience
 
     def advance(self, batch: Batch, step: int) -> torch.Tensor:
         """One step; returns the loss."""
@@ -245,6 +292,7 @@ class _Run:
     def save(self, path: Path) -> None:
         state = {
             "plan": asdict(self._plan),
+            "origin": self._origin,
             "step": self.step,
             "network": self.network.state_dict(),
             "average": self.average.network.state_dict(),
@@ -256,9 +304,11 @@ class _Run:
             torch.save(state, file)
 
     def load(self, path: Path) -> None:
-        state = torch.load(path, map_location=self._device, weights_only=True)
-        if state["plan"] != asdict(self._plan):
-            differs = [name for name, value in asdict(self._plan).items() if state["plan"].get(name) != value]
+        state = _loaded(path, self._device)
+        plan, origin = asdict(self._plan), state.get("origin", self._origin)  # older ones say nothing of it
+        if (state["plan"], origin) != (plan, self._origin):
+            differs = [name for name, value in plan.items() if state["plan"].get(name) != value]
+            differs += [name for name, value in self._origin.items() if origin.get(name) != value]
             raise ValueError(
                 f"{path} belongs to another training: {', '.join(differs)} differ; remove it to start anew"
             )
@@ -268,6 +318,22 @@ class _Run:
         self.best_state = state["best"]
         self._optimiser.load_state_dict(state["optimiser"])
         self.history = [_checkup_of_data(one) for one in state["history"]]
+
+
+def _loaded(path: Path, device: torch.device) -> dict[str, Any]:
+    """The state in a checkpoint. ValueError for another file, whatever PyTorch takes it for."""
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except OSError:
+        raise
+    except Exception:
+        state = None
+    if (
+        not isinstance(state, dict)
+        or not {"plan", "step", "network", "average", "best", "history"} <= state.keys()
+    ):
+        raise ValueError(f"{path} is no whole checkpoint of `crowdfence train`: name another, or remove it")
+    return state
 
 
 def _computes_bfloat16(device: torch.device) -> bool:
