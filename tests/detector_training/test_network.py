@@ -414,6 +414,17 @@ def test_what_is_no_checkpoint_or_model_is_one_line(tmp_path: Path, content: byt
     torch.save({"weights": 1}, checkpoint)
     with pytest.raises(ValueError, match="no whole checkpoint of `crowdfence train`"):
         train([squares(1)], [squares(2)], PLAN, initial=checkpoint)
+    model = tmp_path / "model.onnx"
+    model.write_bytes(b"hello\n")
+    with pytest.raises(ValueError, match=r"model\.onnx is no ONNX file"):
+        import_onnx(model, 1, 1.0)
+
+
+def test_a_model_in_eight_bits_says_which_one_to_start_from():
+    from crowdfence.detector.shipped import shipped_model
+
+    with pytest.raises(ValueError, match="eight bits the one that it was made from"):
+        import_onnx(shipped_model("crowdnet-s"), 1, 1.0)
 
 
 def test_missions_without_a_crowd_are_refused():
@@ -434,6 +445,19 @@ def test_weights_that_are_no_numbers_are_no_model(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("crowdfence.detector_training.trainer.validate", lambda *_: score)
     with pytest.raises(ValueError, match="the validation loss is nan at step 2: use a smaller learning rate"):
         train([squares(1)], [squares(2)], replace(PLAN, steps=2, validate_every=2))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"width": math.inf}, "width is inf; it must be above 0 and finite"),
+        ({"learning_rate": math.inf}, "learning_rate is inf"),
+        ({"width": 0.03}, "width is 0.03; below 0.0625 a layer would have no channel"),
+    ],
+)
+def test_a_plan_that_gives_no_network_is_refused(changes: dict[str, float], message: str):
+    with pytest.raises(ValueError, match=message):
+        replace(PLAN, **changes)
 
 
 def test_a_training_can_start_from_another(tmp_path: Path):

@@ -21,11 +21,16 @@ def import_onnx(path: Path, targets: int, width: float) -> dict[str, Tensor]:
     already. ValueError for a file that `export_onnx` did not write, or of another width.
     """
     import onnx
+    from google.protobuf.message import DecodeError
     from onnx.numpy_helper import to_array
 
+    try:
+        graph = onnx.load(str(path)).graph
+    except DecodeError:
+        raise ValueError(f"{path} is no ONNX file") from None
     stored = {
         one.name.removeprefix(_PREFIX): torch.from_numpy(to_array(one).copy())
-        for one in onnx.load(str(path)).graph.initializer
+        for one in graph.initializer
         if one.name.startswith(_PREFIX)
     }
     network = CrowdNet(targets, width=width).eval()
@@ -51,7 +56,10 @@ def import_onnx(path: Path, targets: int, width: float) -> dict[str, Tensor]:
         state.update(stored)
         network.load_state_dict(state)
     except (KeyError, RuntimeError) as error:
-        raise ValueError(f"{path} is no model of `crowdfence train` of width {width:g}: {error}") from None
+        raise ValueError(
+            f"{path} is no model of `crowdfence train` of width {width:g} in floating point "
+            f"({error}); give its own --width, and of a model in eight bits the one that it was made from"
+        ) from None
     return state
 
 

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from crowdfence.detector_training.crops import CropPlan
 from crowdfence.detector_training.labels import Target
 
+SMALLEST_WIDTH = 1 / 16
+"""One channel where crowdnet-s has 16, its fewest."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrainingPlan:
@@ -42,8 +45,12 @@ class TrainingPlan:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
         for name in ("width", "learning_rate"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it must be above 0")
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it must be above 0 and finite")
+        if self.width < SMALLEST_WIDTH:
+            raise ValueError(
+                f"width is {self.width:g}; below {SMALLEST_WIDTH:g} a layer would have no channel"
+            )
         if not self.targets or len(set(self.targets)) < len(self.targets):
             raise ValueError(f"targets are {self.targets}; name each wanted one once")
 
