@@ -21,12 +21,13 @@ def import_onnx(path: Path, targets: int, width: float) -> dict[str, Tensor]:
     already. ValueError for a file that `export_onnx` did not write, or of another width.
     """
     import onnx
-    from google.protobuf.message import DecodeError
     from onnx.numpy_helper import to_array
 
     try:
         graph = onnx.load(str(path)).graph
-    except DecodeError:
+    except OSError:
+        raise
+    except Exception:  # of protobuf, which has several
         raise ValueError(f"{path} is no ONNX file") from None
     stored = {
         one.name.removeprefix(_PREFIX): torch.from_numpy(to_array(one).copy())

@@ -144,15 +144,15 @@ def _require_crowd(what: str, missions: Sequence[StoredMission], targets: Sequen
             )
 
 
-def _digests(missions: Sequence[StoredMission]) -> dict[str, str]:
-    """Of their labels and every 16th pixel along each axis, by number and name."""
-    digests = {}
-    for number, mission in enumerate(missions):
+def _digests(missions: Sequence[StoredMission]) -> list[str]:
+    """Of the labels of each and every 16th pixel along each axis."""
+    digests = []
+    for mission in missions:
         digest = hashlib.sha256(str(mission.images.shape).encode())
         for frame in range(len(mission)):
             for values in (mission.crowd[frame], mission.known[frame], mission.images[frame, ::16, ::16]):
                 digest.update(np.ascontiguousarray(values).tobytes())
-        digests[f"{number}: {mission.name}"] = digest.hexdigest()
+        digests.append(digest.hexdigest())
     return digests
 
 
@@ -193,7 +193,7 @@ def _crops(sampler: CropSampler, plan: TrainingPlan, step: int, count: int, devi
 class _Run:
     """The state of a training between two steps."""
 
-    def __init__(self, plan: TrainingPlan, device: torch.device, data: dict[str, dict[str, str]]) -> None:
+    def __init__(self, plan: TrainingPlan, device: torch.device, data: dict[str, list[str]]) -> None:
         torch.manual_seed(plan.seed)
         self._plan, self._device = plan, device
         self._origin: dict[str, Any] = {**data, "start (--initial)": None}
