@@ -458,11 +458,16 @@ StaleAfterS = Annotated[
 
 
 def recordings_in(places: list[Path]) -> list[Path]:
-    """The recordings named, and the missions in folders that are no recording themselves."""
+    """The recordings named, and the missions in folders that are no recording themselves; annotated pictures
+    beside missions are one more."""
+    from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
+
     paths: list[Path] = []
     for place in places:
         missions = sorted(place.glob("*.mcap")) if place.is_dir() else []
-        paths += missions or [place]
+        paths += missions
+        if not missions or is_labelled_pictures(place):
+            paths.append(place)
     return paths
 
 

@@ -103,6 +103,7 @@ def train(
         from crowdfence.detector_training.onnx_export import export_onnx
         from crowdfence.detector_training.report import training_facts, write_report
         from crowdfence.detector_training.trainer import train as train_network
+        from crowdfence.evaluation.labelled_missions import mission_names
 
         plan = _plan(
             target, {"steps": steps, "batch": batch, "width": width, "learning_rate": learning_rate}, seed
@@ -121,6 +122,10 @@ def train(
             raise ValueError(
                 f"{min(twice)} is given for training and for validation; it can serve only one of them"
             )
+        for some in (paths, held_out):
+            resolved = [path.resolve() for path in some]
+            if again := [path for path in some if resolved.count(path.resolve()) > 1]:
+                raise ValueError(f"{again[0]} is given twice; its frames would count double")
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
         stored: list[StoredMission] = []
         with console.progress("decoding", len(paths) + len(held_out), "missions") as advance:
@@ -133,6 +138,8 @@ def train(
                     terrain_options=map_options,
                     on_mission=lambda mission: advance(),
                 )
+        names = mission_names([*paths, *held_out])
+        stored = [replace(mission, name=name) for mission, name in zip(stored, names, strict=True)]
         for mission in stored:
             for doubt in mission.doubts:
                 console.warn(f"{mission.name}: {doubt}")
