@@ -8,18 +8,27 @@ second training began where the first one ended.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
 import onnx
 from onnx import numpy_helper
 
+from crowdfence.detector.contract.lookup import METADATA_KEY
+
 PREFIX = "network."
 
 
 def between(first: onnx.ModelProto, second: onnx.ModelProto, share: float) -> onnx.ModelProto:
     """`second`, of whose weights `share` is its own and the rest those of `first`. ValueError for models of
-    two networks."""
+    two networks, and for a `second` that was calibrated: what was measured of it is not true of the mixture.
+    """
+    stated = {entry.key: entry.value for entry in second.metadata_props}.get(METADATA_KEY, "{}")
+    if {"rates", "calibration"} & {key for key, value in json.loads(stated).items() if value is not None}:
+        raise ValueError(
+            "the second model is calibrated: give it as it was trained, and calibrate the mixture"
+        )
     before = {one.name: numpy_helper.to_array(one) for one in first.graph.initializer}
     for one in second.graph.initializer:
         if not one.name.startswith(PREFIX):

@@ -7,6 +7,7 @@ Cameras show paler colours than the renderer. Measured on photographs (README.md
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,8 @@ def main() -> None:
     parser.add_argument("--vibrance", type=float, default=VIBRANCE, help="1 to 8")
     given = parser.parse_args()
     contract = Detector(given.model).contract
+    if contract.rates is not None:
+        sys.exit("error: the model is calibrated, for pictures as they were; give it as it was trained")
     graph = onnx.load(str(given.model))
     shown = replace(contract, input=replace(contract.input, vibrance=given.vibrance))
     write_contract(graph, shown.to_json())

@@ -56,3 +56,16 @@ def test_no_world_and_no_autumn_of_the_judging_missions_is_ever_trained_on(recip
     assert all(len(found) == 1 for found in groups.values()), "a seed is a world: one group only"
     assert seasons["test-unseen-season"] == {"autumn"}
     assert all("autumn" not in found for group, found in seasons.items() if group != "test-unseen-season")
+
+
+def test_what_was_measured_of_one_model_is_not_said_of_a_mixture():
+    """The mixture stated the rates of the second model, and had its correction."""
+    onnx = pytest.importorskip("onnx")
+    from crowdfence.detector.shipped import shipped_model
+
+    spec = importlib.util.spec_from_file_location("between_weights", FOLDER / "between_weights.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    calibrated = onnx.load(str(shipped_model("crowdnet-s-float32")))
+    with pytest.raises(ValueError, match="the second model is calibrated: give it as it was trained"):
+        module.between(calibrated, calibrated, 0.5)
