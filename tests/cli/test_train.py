@@ -23,6 +23,24 @@ def test_annotated_pictures_beside_missions_are_taken_too(tmp_path: Path) -> Non
     assert recordings_in([tmp_path]) == [*missions, tmp_path]
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "m.checkpoint"], "--output m.checkpoint: a model's name ends in .onnx"),
+        (
+            ["-o", "m.onnx", "--live-statistics"],
+            "--live-statistics is for a training that starts from a model",
+        ),
+    ],
+)
+def test_what_training_could_not_use_is_refused(options: list[str], message: str) -> None:
+    """The model took the place of its checkpoint; statistics were as without the option."""
+    from crowdfence.cli.app import app
+
+    refused = CliRunner().invoke(app, ["train", "--data", "a", "--validation", "b", *options])
+    assert message in str(refused.exception)
+
+
 @pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")
 def test_missions_of_one_name_are_told_apart_and_none_counts_twice(tmp_path: Path) -> None:
     pytest.importorskip("onnxscript")

@@ -97,6 +97,15 @@ def train(
     """
     if not (initial is None or initial.is_file()):
         raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
+    if output.suffix != ".onnx":
+        raise ValueError(
+            f"--output {output}: a model's name ends in .onnx, beside which the others are written"
+        )
+    if live_statistics and (initial is None or initial.suffix != ".onnx"):
+        raise ValueError(
+            "--live-statistics is for a training that starts from a model (--initial MODEL.onnx); all others "
+            "have statistics that follow"
+        )
     folder = store or output.with_suffix(".frames")
     with _writable(output, resume=resume, force=force), writable_folder(folder, parents=True):
         from crowdfence.detector_training.frame_store import store_missions
