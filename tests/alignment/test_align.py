@@ -189,13 +189,19 @@ def test_a_drone_whose_poses_jump_is_refused_alone(jump: str, tmp_path: Path) ->
     assert np.abs([off.pitch_deg, off.yaw_deg, off.roll_deg, *off.position_m]).max() < 0.05
 
 
-def test_a_heading_that_jumps_is_told_by_the_command(tmp_path: Path) -> None:
+def circled_with_a_jump(tmp_path: Path, yaw_deg: float, *, frames: int, before: int) -> Path:
+    """A flight whose heading is off by so much behind its first pictures."""
     folder, later = (
-        write_flight(tmp_path / name, circling, paint(), turned_deg=(0.0, yaw_deg, 0.0), frames=14)
-        for name, yaw_deg in (("flight", 0.0), ("later", 2.0))
+        write_flight(tmp_path / name, circling, paint(), turned_deg=(0.0, off_deg, 0.0), frames=frames)
+        for name, off_deg in (("flight", 0.0), ("later", yaw_deg))
     )
-    for picture in sorted((later / "images").iterdir())[7:]:
+    for picture in sorted((later / "images").iterdir())[before:]:
         picture.replace(folder / "images" / picture.name)
+    return folder
+
+
+def test_a_heading_that_jumps_is_told_by_the_command(tmp_path: Path) -> None:
+    folder = circled_with_a_jump(tmp_path, 2.0, frames=14, before=7)
     output = tmp_path / "offsets.json"
     done = crowdfence("align", folder, "-t", write_level(tmp_path / "level.tif"), "-o", output, columns=300)
     assert done.returncode == 3 and not output.exists()
@@ -206,12 +212,7 @@ def test_a_heading_that_jumps_is_told_by_the_command(tmp_path: Path) -> None:
 def test_pictures_that_nothing_is_found_again_in_are_told(tmp_path: Path) -> None:
     """A compass that is reset by 60 degrees leaves nothing that could be compared from there on: the rest
     agrees, and that says nothing of half of the flight."""
-    folder, later = (
-        write_flight(tmp_path / name, circling, paint(), turned_deg=(0.0, yaw_deg, 0.0), frames=16)
-        for name, yaw_deg in (("flight", 0.0), ("later", 60.0))
-    )
-    for picture in sorted((later / "images").iterdir())[9:]:
-        picture.replace(folder / "images" / picture.name)
+    folder = circled_with_a_jump(tmp_path, 60.0, frames=16, before=9)
     output = tmp_path / "offsets.json"
     ground = write_level(tmp_path / "level.tif")
     done = crowdfence("align", folder, "-t", ground, "-o", output, columns=300)

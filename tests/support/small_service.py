@@ -99,32 +99,20 @@ def views(instants: int = 15, drones: Sequence[str] = DRONES) -> list[View]:
 
 def message(one: View) -> bytes:
     """The view as the service takes it."""
-    return (
-        ViewMessage(
-            drone=one.drone,
-            stamp_ns=one.stamp_ns,
-            camera=CameraMessage.of(one.camera),
-            world_from_camera=one.world_from_camera.tolist(),
-            heatmap=HeatmapMessage.of(one.heatmap),
-        )
-        .model_dump_json()
-        .encode()
-    )
+    return _message(one, heatmap=HeatmapMessage.of(one.heatmap))
 
 
 def picture_message(one: View) -> bytes:
     """The picture of a sharp view as the service takes it."""
-    return (
-        ViewMessage(
-            drone=one.drone,
-            stamp_ns=one.stamp_ns,
-            camera=CameraMessage.of(one.camera),
-            world_from_camera=one.world_from_camera.tolist(),
-            image=base64.b64encode(photograph(one)).decode(),
-        )
-        .model_dump_json()
-        .encode()
+    return _message(one, image=base64.b64encode(photograph(one)).decode())
+
+
+def _message(one: View, **shown: Any) -> bytes:
+    camera, pose = CameraMessage.of(one.camera), one.world_from_camera.tolist()
+    message = ViewMessage(
+        drone=one.drone, stamp_ns=one.stamp_ns, camera=camera, world_from_camera=pose, **shown
     )
+    return message.model_dump_json().encode()
 
 
 def photograph(one: View) -> bytes:
