@@ -35,7 +35,7 @@ def main() -> None:
         + _titles("people in zones")
         + _titles("closed / own")
     )
-    print("|---|" * 1 + "---|" * (3 + 2 * len(BUFFERS)))
+    print("|" + "---|" * (4 + 2 * len(BUFFERS)))
     for name in arguments.scenarios:
         path = Path(f"out/far-{name}.mcap")
         if not path.exists():

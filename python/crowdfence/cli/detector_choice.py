@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | None:
     """What `pipeline.run` takes. Heatmaps that somebody recorded, maybe with a detector of their own, are not
     left aside in silence because nobody named another one."""
-    from crowdfence.pipeline import choose_detector
+    from crowdfence.pipeline.choose_detector import choose_detector, frames_without_picture
 
     detector = choose_detector(
         recording,
@@ -32,7 +32,11 @@ def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | No
                 "--detector recorded takes them"
             )
         tell_choice(detector)
-    if told["detector"] == options.AUTO and detector is None and (without := _without_picture(recording)):
+    if (
+        told["detector"] == options.AUTO
+        and detector is None
+        and (without := frames_without_picture(recording))
+    ):
         console.warn(
             f"{without} of {counted(len(recording.frames), 'frame')} hold a heatmap and no picture, so the "
             "recorded heatmaps are taken of all: --detector NAME lets a detector look at the pictures that "
@@ -48,14 +52,6 @@ def tell_choice(detector: Detector) -> None:
             f"most pictures are unlike those that {SHIPPED_MODEL} was tested on, as real cameras' are: "
             f"{PHOTOGRAPH_MODEL} looks at them; --detector {SHIPPED_MODEL} takes the other"
         )
-
-
-def _without_picture(recording: Recording) -> int:
-    """How many frames keep a detector from looking at the pictures of the others; 0 where there are none."""
-    sources = [frame.pixels for frame in recording.frames]
-    if not any(pixels.image for pixels in sources):
-        return 0
-    return sum(pixels.heatmap is not None and pixels.image is None for pixels in sources)
 
 
 def _holds_heatmaps(recording: Recording) -> bool:

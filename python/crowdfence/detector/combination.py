@@ -28,7 +28,7 @@ import numpy as np
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.model_output import ModelOutput
-from crowdfence.detector.ground_scale import Gsd, at_cells, checked_gsd
+from crowdfence.detector.ground_scale import Gsd, across, at_cells
 from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, sigmoid
 from crowdfence.detector.inference.picture_parts import ENLARGED
@@ -155,9 +155,7 @@ def _votes(contract: Contract, gsd_m: Gsd | None, cells: tuple[int, int]) -> np.
     """Cells [h, w] where a detector has a vote; ground that is not seen has no scale and hinders nobody."""
     if gsd_m is None or contract.sizes is None or contract.sizes.gsd_m is None:
         return None
-    given = checked_gsd(gsd_m)
-    across = given if given.ndim == 2 else given[..., 0]
-    return ~(at_cells(across, cells) > contract.sizes.gsd_m[1] * max(ENLARGED))
+    return ~(at_cells(across(gsd_m), cells) > contract.sizes.gsd_m[1] * max(ENLARGED))
 
 
 def _on(values: Map, cells: tuple[int, int]) -> Map:

@@ -54,9 +54,6 @@ class Detector:
     One detector holds one session with its own threads: make one per camera stream.
     """
 
-    _near: SizedModel | None
-    """What can leave far ground out of a look."""
-
     def __init__(
         self,
         model: str | PathLike[str] | None = None,
@@ -89,8 +86,7 @@ class Detector:
         found = find_contract(session.face, output) if contract is None else _given(contract)
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
         self._set_up(model_shown, found, str(path), path)
-        self._near = model_shown if model_shown.tells_near_from_far else None
-        self._far_every_s = 0.0 if self._near is None else far_every_s
+        self._far_every_s = far_every_s if model_shown.tells_near_from_far else 0.0
 
     def __repr__(self) -> str:
         return f"Detector({self.contract.name!r}, stride {self.contract.output.stride})"
@@ -174,10 +170,11 @@ class Detector:
         that: a masked array whose masked cells were not looked at. Errors as for a call; ValueError for a
         detector that does not know how far it sees.
         """
-        if self._near is None:
+        model = self._model
+        if not (isinstance(model, SizedModel) and model.tells_near_from_far):
             raise ValueError(f"{self._name} does not tell near ground from far")
         try:
-            return self._evenly(self._near.near_heatmap(check_image(image), gsd_m), image)
+            return self._evenly(model.near_heatmap(check_image(image), gsd_m), image)
         except DetectorError as error:
             raise DetectorError(f"{self._name}: {error}") from None
 
@@ -250,7 +247,6 @@ class Detector:
     def _set_up(self, model: _Model, found: FoundContract, name: str, path: Path | None = None) -> None:
         self._model, self._found, self._name, self._path = model, found, name, path
         self._members: tuple[Detector, ...] = ()
-        self._near = None
         self._far_every_s = 0.0
 
 

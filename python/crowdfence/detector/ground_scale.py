@@ -55,6 +55,12 @@ def checked_gsd(gsd_m: Gsd) -> NDArray[np.float32]:
     return given
 
 
+def across(gsd_m: Gsd) -> NDArray[np.float32]:
+    """[r, c] metres per pixel to the right. ValueError as for `checked_gsd`."""
+    given = checked_gsd(gsd_m)
+    return given if given.ndim == 2 else given[..., 0]
+
+
 def with_nearest(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """[r, c] with the nearest finite number where there is none."""
     missing = ~np.isfinite(values)

@@ -141,8 +141,17 @@ def named_detector(
     return detector
 
 
+def frames_without_picture(recording: Recording) -> int:
+    """How many frames hold a heatmap and no picture, which keeps a detector from the pictures of the others;
+    0 where there are no pictures at all."""
+    if not _has_pictures(recording):
+        return 0
+    return sum(frame.pixels.heatmap is not None and frame.pixels.image is None for frame in recording.frames)
+
+
 def _pictures_suffice(recording: Recording) -> bool:
-    sources = [frame.pixels for frame in recording.frames]
-    return any(pixels.image for pixels in sources) and all(
-        pixels.image is not None for pixels in sources if pixels.heatmap is not None
-    )
+    return _has_pictures(recording) and frames_without_picture(recording) == 0
+
+
+def _has_pictures(recording: Recording) -> bool:
+    return any(frame.pixels.image is not None for frame in recording.frames)

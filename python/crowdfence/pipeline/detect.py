@@ -24,7 +24,6 @@ from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
-    from crowdfence.detector.ground_sampling import GroundSampling
 
 HeatmapFunction = Callable[[Frame], Pixels]
 
@@ -211,7 +210,7 @@ def heatmap_source(
     elif terrain is not None:
         heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
         if detector.far_every_s > 0.0 and not whole:
-            near_of = _refusing(partial(_detect_near, detector, watch, terrain, max_range_m))
+            near_of = _refusing(partial(heatmap_of, near=True))
     else:
         contract = next(one.contract for one in (*detector.members, detector) if one.needs_gsd)
         raise ValueError(
@@ -251,34 +250,31 @@ def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
 
 
 def _detect_to_scale(
-    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
+    detector: Detector,
+    watch: PictureWatch,
+    terrain: Terrain,
+    max_range_m: float,
+    frame: Frame,
+    *,
+    near: bool = False,
 ) -> Pixels:
-    sampling = _sampling(detector, terrain, max_range_m, frame)
-    if sampling.sees_ground:
-        return _watched(watch, detector(_image(frame, watch), gsd_m=sampling.along_ground()))
-    if detector.needs_gsd:
-        raise ValueError("sees no ground of the map, so metres per pixel are unknown")
-    return _watched(watch, detector(_image(frame, watch), as_it_is=True))
-
-
-def _detect_near(
-    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
-) -> Pixels:
-    """A whole look where no ground is seen: what the picture shows then is at its own size for all."""
-    sampling = _sampling(detector, terrain, max_range_m, frame)
-    if not sampling.sees_ground:
-        return _detect_to_scale(detector, watch, terrain, max_range_m, frame)
-    return detector.near_ground(_image(frame, watch), sampling.along_ground())
-
-
-def _sampling(detector: Detector, terrain: Terrain, max_range_m: float, frame: Frame) -> GroundSampling:
+    """`near`: of near ground alone. Where no ground is seen, what the picture shows is at its own size for
+    all, and the look is a whole one."""
     from crowdfence.detector.ground_sampling import ground_sampling
 
+    needed = detector.needs_gsd
     counts_people = detector.contract.output.rule is not None or detector.members
     rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
-    return ground_sampling(
+    sampling = ground_sampling(
         frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
     )
+    if sampling.sees_ground and near:
+        return detector.near_ground(_image(frame, watch), sampling.along_ground())
+    if sampling.sees_ground:
+        return _watched(watch, detector(_image(frame, watch), gsd_m=sampling.along_ground()))
+    if needed:
+        raise ValueError("sees no ground of the map, so metres per pixel are unknown")
+    return _watched(watch, detector(_image(frame, watch), as_it_is=True))
 
 
 def _watched(watch: PictureWatch, heatmap: NDArray[np.float32]) -> NDArray[np.float32]:

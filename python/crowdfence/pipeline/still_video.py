@@ -76,7 +76,6 @@ class StillVideo:
         tells = not of_picture and _tells(heatmap)
         encoded = None if tells else picture()
         shown = None if encoded is None else _digest_of(encoded)
-        of_picture &= shown is not None
         if known is None or known.picture != shown or not (of_picture or known.shows(heatmap)):
             self._drones[view.drone] = _Drone(view.world_from_camera, b"", heatmap, shown)
             return None

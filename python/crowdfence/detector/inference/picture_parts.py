@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.detector.ground_scale import Gsd, at_cells, checked_gsd, with_nearest
+from crowdfence.detector.ground_scale import Gsd, across, at_cells, with_nearest
 from crowdfence.detector.inference.covering_boxes import covering_boxes
 from crowdfence.detector.inference.image_tensor import Image
 
@@ -80,15 +80,14 @@ def parts_by_gsd(
 
     known_m: metres per pixel that the model knows. ValueError for metres per pixel that are none.
     """
-    given = checked_gsd(gsd_m)
-    across = given if given.ndim == 2 else given[..., 0]
+    across_m = across(gsd_m)
     pixels = image.shape[0] * image.shape[1]
     for enlarged in () if enlarge == "never" else ENLARGED:
-        parts = _parts(_sizes(across, known_m, enlarged), image, stride)
+        parts = _parts(_sizes(across_m, known_m, enlarged), image, stride)
         shown = sum(part.shown_pixels for part in parts)
         if enlarge == "always" or shown <= AFFORDABLE_SHARE * max(pixels, AFFORDABLE_PX):
             return parts
-    return _parts(_sizes(across, known_m, 1.0), image, stride)
+    return _parts(_sizes(across_m, known_m, 1.0), image, stride)
 
 
 def near_parts(
@@ -96,10 +95,9 @@ def near_parts(
 ) -> tuple[list[PicturePart], NDArray[np.bool_]]:
     """The same without ground that is too far away and the sky above it: none of the parts answers for their
     cells [h, w], which are the second."""
-    given = checked_gsd(gsd_m)
-    across = given if given.ndim == 2 else given[..., 0]
-    far = with_nearest(across) > known_m[1]
-    parts = _parts(np.where(far, 0.0, _sizes(across, known_m, 1.0)), image, stride)
+    across_m = across(gsd_m)
+    far = with_nearest(across_m) > known_m[1]
+    parts = _parts(np.where(far, 0.0, _sizes(across_m, known_m, 1.0)), image, stride)
     return parts, at_cells(far, (-(-image.shape[0] // stride), -(-image.shape[1] // stride)))
 
 
@@ -129,9 +127,8 @@ def suspicious_parts(
 
 def far_cells(gsd_m: Gsd, known_m: tuple[float, float], cells: tuple[int, int]) -> NDArray[np.bool_]:
     """Cells [h, w] of ground that is coarser than the model knows; never of what is no ground."""
-    given = checked_gsd(gsd_m)
-    across = given if given.ndim == 2 else given[..., 0]
-    return np.asarray(at_cells(across, cells) > known_m[1])
+    across_m = across(gsd_m)
+    return np.asarray(at_cells(across_m, cells) > known_m[1])
 
 
 def resized(image: Image, size: float) -> Image:

@@ -62,11 +62,15 @@ class SizedModel:
         return combined([self._of_part(image, part) for part in parts], self._sizes)
 
     @property
+    def _gives_probabilities(self) -> bool:
+        """Whether the model's output is a probability for every cell."""
+        return self._output.kind not in (*PEOPLE_KINDS, "density")
+
+    @property
     def tells_near_from_far(self) -> bool:
         """Whether `near_heatmap` is there: of a map whose cells are probabilities of their own. People are
         counted over borders, and a crowd at the border of what was looked at would lack some."""
-        maps = self._output.kind not in (*PEOPLE_KINDS, "density")
-        return maps and self._sizes.gsd_m is not None
+        return self._gives_probabilities and self._sizes.gsd_m is not None
 
     def near_heatmap(self, image: Image, gsd_m: Gsd) -> Map:
         """`heatmap`, a masked array [h, w]: ground that is coarser than the model knows was not looked at,
@@ -81,8 +85,7 @@ class SizedModel:
         self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
     ) -> list[Map]:
         """Several images; those that fit in one run of the model share it."""
-        maps = self._output.kind not in (*PEOPLE_KINDS, "density")
-        shared = maps and (self.sees_pictures_as_they_are or as_it_is)
+        shared = self._gives_probabilities and (self.sees_pictures_as_they_are or as_it_is)
         together = self._model.maps_together(images) if shared else None
         if together is not None:
             return together
