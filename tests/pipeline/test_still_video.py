@@ -176,6 +176,18 @@ def test_a_picture_that_stands_still_is_known_from_any_height(tmp_path: Path) ->
     assert len(refused(StillVideo(), by_heatmaps)) < 23
 
 
+def test_a_picture_that_stands_still_is_known_in_other_bytes() -> None:
+    """A relay that writes the time into each picture that it sends again: the heatmaps are the same."""
+    flown, video = views([picture(1)] * 4, east_m=1.0), StillVideo()
+    sent = [png(1) + bytes([number]) for number in range(4)]
+    refusals = [
+        video.refusal_of(view, lambda encoded=encoded: encoded, of_picture=True)
+        for view, encoded in zip(flown, sent, strict=True)
+    ]
+    assert [refusal is None for refusal in refusals] == [True, False, False, False]
+    assert "heatmap is that of the picture before" in (refusals[1].reason if refusals[1] else "")
+
+
 def test_what_was_seen_is_known_after_a_restart() -> None:
     """The first view after it may be the one that the video stands still at."""
     flown = views([picture(1), picture(2), picture(2), picture(2), picture(2), picture(3)], east_m=1.0)

@@ -5,9 +5,9 @@ the camera is by now, they are looks at ground that nobody looked at: crowd woul
 and what lies below would be called free. No camera that moves takes the same picture twice, so that no two
 heatmaps are the same either, but for those that show next to nothing, and masks of nobody. A view that shows
 the heatmap of the one before, from elsewhere, is therefore refused; where heatmaps have too few values to be
-told apart, one that shows the very picture. Where a detector of ours made the heatmaps the pictures are
-asked alone: it looks at them at sizes that go with the pose, and not always at all of them, so that the same
-picture need not give the same heatmap.
+told apart, one that shows the very picture. Where a detector of ours made the heatmaps either is enough: it
+looks at pictures at sizes that go with the pose, and not always at all of them, so that the same picture need
+not give the same heatmap; and the same picture may come in other bytes, with a stamp in its tags.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Drone:
     heatmap: NDArray[np.float32] | None
     """None after a restart, which keeps no more than the digest."""
     picture: bytes | None
-    """Digest of its picture; None where there is none, or the heatmap tells enough."""
+    """Digest of its picture; None where there is none, or where the heatmap alone tells enough."""
     repeated: int = 0
     """How often it has come again since, from elsewhere."""
 
@@ -73,18 +73,23 @@ class StillVideo:
         values or were made `of_picture`, though the camera has moved by half a metre or turned by a degree
         since that came first."""
         heatmap, known = view.heatmap, self._drones.get(view.drone)
-        tells = not of_picture and _tells(heatmap)
-        encoded = None if tells else picture()
+        tells = _tells(heatmap)
+        encoded = picture() if of_picture or not tells else None
         shown = None if encoded is None else _digest_of(encoded)
-        if known is None or known.picture != shown or not (of_picture or known.shows(heatmap)):
+        by_picture = of_picture and known is not None and known.picture == shown is not None
+        if known is None or not (by_picture or (known.shows(heatmap) and (tells or known.picture == shown))):
             self._drones[view.drone] = _Drone(view.world_from_camera, b"", heatmap, shown)
             return None
-        known.heatmap = heatmap
+        known.heatmap, known.picture = heatmap, shown
         moved = _moved(known.world_from_camera, view.world_from_camera)
         if moved is None or not (tells or (encoded is not None and _shows_something(encoded, view))):
             return None
         known.repeated += 1
-        what = "heatmap is that of the picture before" if tells else "picture is the one before"
+        what = (
+            "picture is the one before"
+            if by_picture or not tells
+            else "heatmap is that of the picture before"
+        )
         reason = f"its {what}, though the camera {moved}: the video stands still"
         return RefusedFrame(view.drone, view.stamp_ns, reason)
 
