@@ -30,6 +30,7 @@ from crowdfence.detector_training.photography import (  # noqa: E402
 )
 from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
 from crowdfence.detector_training.recolouring import recoloured  # noqa: E402
+from crowdfence.detector_training.resident_crops import ResidentCrops  # noqa: E402
 from crowdfence.detector_training.trainer import train  # noqa: E402
 from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
 from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
@@ -71,11 +72,17 @@ def test_crowdnet_s_keeps_its_promises():
     assert float(torch.sigmoid(logits).mean()) < 0.3  # starts where most cells are: empty
 
 
-def test_a_crop_shows_the_crowd_where_its_label_says():
-    sampler = CropSampler([squares(1)], CropPlan(height=64, width=96, scale=(0.5, 2.0), rotation_deg=30.0))
+@pytest.fixture(params=[CropSampler, ResidentCrops])
+def source(request):
+    """Makes crops one by one, or side by side of frames in the memory of the device."""
+    return request.param
+
+
+def test_a_crop_shows_the_crowd_where_its_label_says(source):
+    sampler = source([squares(1)], CropPlan(height=64, width=96, scale=(0.5, 2.0), rotation_deg=30.0), CPU)
     rng = np.random.default_rng(2)
     for _ in range(10):
-        batch = sampler.draw(4, rng, CPU)
+        batch = sampler.draw(4, rng)
         assert batch.image.shape == (4, 3, 64, 96) and batch.crowd.shape == (4, 1, 16, 24)
         bright = torch.nn.functional.avg_pool2d(batch.image.mean(dim=1, keepdim=True), 4)
         crowd, known = batch.crowd > 0, batch.known > 0
@@ -88,23 +95,23 @@ def test_a_crop_shows_the_crowd_where_its_label_says():
         assert not known[brightest == 0.0].any()  # black is outside the frame: frames have noise everywhere
 
 
-def test_a_crop_is_as_sharp_as_its_frame():
+def test_a_crop_is_as_sharp_as_its_frame(source):
     """Stripes with a period of 4 pixels, moved by a part of one: bilinear values lose up to 1 - cos(45 deg)
     = 29 % of their contrast, bicubic ones up to 1 - 2 * (0.59375 + 0.09375) * cos(45 deg) = 2.8 %."""
     stripes = (128 + 100 * np.cos(np.arange(128) * math.pi / 2)).astype(np.uint8)
     images = np.broadcast_to(stripes[None, None, :, None], (2, 96, 128, 3)).copy()
     labels = np.zeros((2, 1, 48, 64), np.uint8)
     frames = StoredMission("stripes", images, labels, np.ones(labels.shape, np.bool_), ())
-    sampler = CropSampler([frames], CropPlan(height=48, width=64, scale=(1.0, 1.0), rotation_deg=0.0))
+    sampler = source([frames], CropPlan(height=48, width=64, scale=(1.0, 1.0), rotation_deg=0.0), CPU)
     rng = np.random.default_rng(3)
     wave = torch.exp(-0.5j * math.pi * torch.arange(56.0))
     for _ in range(10):
-        rows = sampler.draw(2, rng, CPU).image[:, 0, 20, 4:60]
+        rows = sampler.draw(2, rng).image[:, 0, 20, 4:60]
         amplitude = (rows * wave).mean(dim=1).abs() * 2.0 * 255.0
         assert (amplitude > 96.5).all() and (amplitude < 101.0).all()
 
 
-def test_labels_of_small_crowds_survive_the_turn_of_a_crop():
+def test_labels_of_small_crowds_survive_the_turn_of_a_crop(source):
     """White discs of 5 pixels: what is white in half of a cell's pixels is what the label says."""
     rng = np.random.default_rng(4)
     rows, columns = np.mgrid[:96, :128] + 0.5
@@ -115,10 +122,10 @@ def test_labels_of_small_crowds_survive_the_turn_of_a_crop():
     share = (images[:, None, :, :, 0] > 127).reshape(4, 1, 48, 2, 64, 2).mean(axis=(3, 5))
     labels = np.rint(share * 255).astype(np.uint8)
     frames = StoredMission("discs", images, labels, np.ones(labels.shape, np.bool_), ())
-    sampler = CropSampler([frames], CropPlan(height=64, width=64, scale=(0.6, 1.6), rotation_deg=20.0))
+    sampler = source([frames], CropPlan(height=64, width=64, scale=(0.6, 1.6), rotation_deg=20.0), CPU)
     both = either = 0
     for _ in range(30):
-        batch = sampler.draw(4, rng, CPU)
+        batch = sampler.draw(4, rng)
         white = torch.nn.functional.avg_pool2d((batch.image[:, :1] > 0.5).float(), 4) >= 0.5
         crowd, known = batch.crowd > 0.5, batch.known > 0.5
         both += int((crowd & white & known).sum())
@@ -298,10 +305,10 @@ def test_wide_crops_show_things_at_more_scales_and_without_alias():
     labels = np.zeros((2, 1, 48, 64), np.uint8)
     frames = StoredMission("board", images, labels, np.ones(labels.shape, np.bool_), ())
     plan = CropPlan(height=16, width=32, rotation_deg=0.0, wide=1.0, wide_scale=(2.5, 3.0))
-    crops = CropSampler([frames], plan).draw(2, np.random.default_rng(11), CPU)
+    crops = CropSampler([frames], plan, CPU).draw(2, np.random.default_rng(11))
     assert float((crops.image - 0.5).abs().max()) < 0.12
     mixed = replace(plan, wide=0.3, scale=(1.0, 1.2))
-    sampler, rng = CropSampler([frames], mixed), np.random.default_rng(12)
+    sampler, rng = CropSampler([frames], mixed, CPU), np.random.default_rng(12)
     scales = np.array([sampler._scale(96, 128, rng) for _ in range(1000)])
     assert 0.25 < (scales > 2.0).mean() < 0.35
     # No crop shows more than the frame.
@@ -319,9 +326,9 @@ def mission(count: int, side: int, grey: int, photographs: bool = False) -> Stor
 def test_frames_are_drawn_as_often_as_their_pixels_say():
     """Two pictures of 3 x the side have 18 of the 28 shares of ten small ones and themselves."""
     plan = CropPlan(height=16, width=16, rotation_deg=0.0, scale=(1.0, 1.0))
-    sampler = CropSampler([mission(10, 32, 0), mission(2, 96, 255)], plan)
+    sampler = CropSampler([mission(10, 32, 0), mission(2, 96, 255)], plan, CPU)
     rng = np.random.default_rng(13)
-    light = [float(sampler.draw(1, rng, CPU).image.mean()) for _ in range(600)]
+    light = [float(sampler.draw(1, rng).image.mean()) for _ in range(600)]
     assert np.mean(light) == pytest.approx(18 / 28, abs=0.06)
 
 
@@ -334,8 +341,8 @@ def test_photographs_keep_a_share_of_the_crops(rendered: int, photographs: int, 
     groups = [
         mission(count, 32, grey, grey > 0) for count, grey in ((rendered, 0), (photographs, 255)) if count
     ]
-    sampler, rng = CropSampler(groups, plan), np.random.default_rng(14)
-    light = [float(sampler.draw(1, rng, CPU).image.mean()) for _ in range(1000)]
+    sampler, rng = CropSampler(groups, plan, CPU), np.random.default_rng(14)
+    light = [float(sampler.draw(1, rng).image.mean()) for _ in range(1000)]
     assert np.mean(light) == pytest.approx(share, abs=0.04)
 
 
@@ -359,6 +366,41 @@ def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
     assert [one.step for one in resumed.history] == [50, 100, 150]
     for name, value in whole.network.state_dict().items():
         assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+def test_a_teacher_is_believed_by_the_share_that_it_has(tmp_path: Path):
+    """One that says .5 everywhere: labels of 1 and 0 have the least loss at .3 + .7 x .5 = .65 and .35."""
+    checkpoint = tmp_path / "teacher.checkpoint"
+    plan = replace(PLAN, steps=2, validate_every=2, width=0.5)
+    train([squares(1)], [squares(3)], plan, checkpoint=checkpoint)
+    state = torch.load(checkpoint, weights_only=True)
+    state["best"]["logit.weight"].zero_()
+    state["best"]["logit.bias"].zero_()
+    torch.save(state, checkpoint)
+    held_out = squares(3)
+    taught = train([squares(1), squares(2)], [held_out], replace(PLAN, dice_weight=0.0), teacher=checkpoint)
+    with torch.no_grad():
+        image = torch.from_numpy(held_out.images).permute(0, 3, 1, 2).float() / 255.0
+        probability = torch.sigmoid(taught.network(image))
+    crowd = torch.nn.functional.avg_pool2d(torch.from_numpy(held_out.crowd).float() / 255.0, 2)
+    inner = torch.nn.functional.avg_pool2d(crowd, 3, 1, 1)
+    assert probability[inner == 1.0].median() == pytest.approx(0.65, abs=0.06)
+    assert probability[inner == 0.0].median() == pytest.approx(0.35, abs=0.06)
+
+
+def test_a_teacher_of_other_targets_is_refused_and_no_resumed_training_gets_another(tmp_path: Path):
+    plan = replace(PLAN, steps=2, validate_every=2)
+    one, other = tmp_path / "one.checkpoint", tmp_path / "other.checkpoint"
+    train([squares(1)], [squares(3)], plan, checkpoint=one)
+    train([squares(1)], [squares(3)], replace(plan, seed=1), checkpoint=other)
+    taught = {"checkpoint": tmp_path / "taught.checkpoint", "resume": True}
+    train([squares(1)], [squares(3)], plan, teacher=one, **taught)
+    train([squares(1)], [squares(3)], plan, teacher=one, **taught)
+    for teacher in (other, None):
+        with pytest.raises(ValueError, match="another training: teacher differ"):
+            train([squares(1)], [squares(3)], plan, teacher=teacher, **taught)
+    with pytest.raises(ValueError, match="was trained with targets"):
+        train([squares(1)], [squares(3)], replace(plan, targets=("ground",)), teacher=one)
 
 
 def test_weights_that_dice_made_too_sure_are_not_kept(monkeypatch: pytest.MonkeyPatch):
@@ -564,9 +606,9 @@ def corner(side: int) -> StoredMission:
 def test_crops_of_small_pictures_do_not_show_the_canvas_of_the_largest():
     """Drawn all over it, nearly all crops of a picture of 32 beside one of 128 held nothing to learn."""
     plan = CropPlan(height=16, width=16, scale=(1.0, 1.0), rotation_deg=0.0, on_crowd=0.0)
-    sampler, rng, small = CropSampler([corner(32)], plan), np.random.default_rng(15), 0
+    sampler, rng, small = CropSampler([corner(32)], plan, CPU), np.random.default_rng(15), 0
     for _ in range(300):
-        crop = sampler.draw(1, rng, CPU)
+        crop = sampler.draw(1, rng)
         assert crop.known.all() and crop.crowd.all()
         small += float(crop.image.mean()) > 0.5
     assert 5 < small < 40  # 1 of 17, as their pixels say

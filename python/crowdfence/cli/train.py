@@ -69,6 +69,14 @@ def train(
             "rate. Default: it stays as it is.",
         ),
     ] = False,
+    teacher: Annotated[
+        Path | None,
+        typer.Option(
+            "--teacher",
+            help="Checkpoint of the training of a larger network (--width), whose answers are learned beside "
+            "the labels.",
+        ),
+    ] = None,
     seasons: Annotated[
         bool,
         typer.Option(
@@ -95,8 +103,9 @@ def train(
     Writes the model, <model>.checkpoint while it runs, and a folder <model>.report with figures, curves and
     example pictures. Run `crowdfence calibrate` on other missions before you rely on its probabilities.
     """
-    if not (initial is None or initial.is_file()):
-        raise FileNotFoundError(f"--initial {initial}: there is no such checkpoint")
+    for option, given in (("--initial", initial), ("--teacher", teacher)):
+        if not (given is None or given.is_file()):
+            raise FileNotFoundError(f"{option} {given}: there is no such checkpoint")
     if output.suffix != ".onnx":
         raise ValueError(
             f"--output {output}: a model's name ends in .onnx, beside which the others are written"
@@ -164,6 +173,7 @@ def train(
                 checkpoint=output.with_suffix(".checkpoint"),
                 resume=resume,
                 initial=initial,
+                teacher=teacher,
                 on_step=lambda step: advance(),
                 on_checkup=None if as_json else _tell,
             )

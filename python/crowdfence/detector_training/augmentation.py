@@ -18,6 +18,8 @@ from torch.nn import functional
 from crowdfence.detector_training.recolouring import recoloured
 
 _LUMA = (0.299, 0.587, 0.114)
+_REACH = 4
+"""Pixels from the middle of a kernel to its edge."""
 
 
 def varied(image: Tensor, rng: np.random.Generator, *, seasons: bool = False) -> Tensor:
@@ -44,23 +46,27 @@ def _coloured(image: Tensor, rng: np.random.Generator) -> Tensor:
     count = len(image)
     gamma = _per_image(np.exp(rng.normal(0.0, 0.25, (count, 1, 1, 1))), image)
     image = image.clamp_min(1e-4).pow(gamma)
-    matrices = np.stack([_colour_matrix(rng) for _ in range(count)])
-    contrast = np.exp(rng.normal(0.0, 0.2, (count, 1)))
-    offset = 0.5 * (1.0 - contrast) + rng.normal(0.0, 0.06, (count, 1))
-    mixed = torch.einsum("bij,bjhw->bihw", _per_image(matrices * contrast[:, :, None], image), image)
-    return mixed + _per_image(np.repeat(offset, 3, axis=1)[:, :, None, None], image)
+    contrast = np.exp(rng.normal(0.0, 0.2, (count, 1, 1)))
+    matrices = _per_image(_colour_matrices(count, rng) * contrast, image)
+    offset = 0.5 * (1.0 - contrast) + rng.normal(0.0, 0.06, (count, 1, 1))
+    mixed = torch.einsum("bij,bjhw->bihw", matrices, image)
+    return mixed + _per_image(offset[..., None], image)
 
 
-def _colour_matrix(rng: np.random.Generator) -> np.ndarray:
-    """Rotation of the hue about grey, saturation, and a gain per channel."""
-    hue = rng.normal(0.0, 0.25) if rng.random() < 0.88 else rng.uniform(-math.pi, math.pi)
-    saturation = rng.uniform(0.0, 0.4) if rng.random() < 0.1 else math.exp(rng.normal(0.0, 0.3))
+def _colour_matrices(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[count, 3, 3] rotation of the hue about grey, saturation, and a gain per channel."""
+
+    def each(often: float, others: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return np.where(rng.random(count) < often, others, values)[:, None, None]
+
+    hue = each(0.12, rng.uniform(-math.pi, math.pi, count), rng.normal(0.0, 0.25, count))
+    saturation = each(0.1, rng.uniform(0.0, 0.4, count), np.exp(rng.normal(0.0, 0.3, count)))
     grey = np.full((3, 3), 1.0 / 3.0)
     about_grey = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / math.sqrt(3.0)
-    rotation = grey + math.cos(hue) * (np.eye(3) - grey) + math.sin(hue) * about_grey
+    rotation = grey + np.cos(hue) * (np.eye(3) - grey) + np.sin(hue) * about_grey
     luma = np.tile(np.array(_LUMA), (3, 1))
-    gain = np.exp(rng.normal(0.0, 0.08, 3))
-    return np.asarray(gain[:, None] * ((luma + saturation * (np.eye(3) - luma)) @ rotation))
+    gain = np.exp(rng.normal(0.0, 0.08, (count, 3, 1)))
+    return np.asarray(gain * ((luma + saturation * (np.eye(3) - luma)) @ rotation))
 
 
 def _shaded(image: Tensor, rng: np.random.Generator) -> Tensor:
@@ -97,19 +103,20 @@ def _misty(image: Tensor, rng: np.random.Generator) -> Tensor:
 def _focused(image: Tensor, rng: np.random.Generator) -> Tensor:
     """One image in three sharpened, as cameras and renderers do; one in three softened by defocus, motion, or
     fewer pixels than the file claims."""
-    for index in range(len(image)):
+    kind = rng.integers(9, size=len(image))
+    sharpened, defocused, moved, enlarged = (
+        np.flatnonzero(one) for one in (kind < 3, *(kind == k for k in (3, 4, 5)))
+    )
+    kernels = [_sharpening(rng.uniform(0.5, 1.2), rng.uniform(0.2, 1.6)) for _ in sharpened]
+    kernels += [_gaussian(rng.uniform(0.4, 1.4)) for _ in defocused]
+    kernels += [_streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi)) for _ in moved]
+    if kernels:
+        some = torch.from_numpy(np.concatenate([sharpened, defocused, moved])).to(image.device)
+        image[some] = _convolved(image[some], np.stack(kernels))
+    for index in enlarged:
         one = image[index : index + 1]
-        kind = rng.integers(9)
-        if kind < 3:
-            soft = _convolved(one, _gaussian(rng.uniform(0.5, 1.2)))
-            one += float(rng.uniform(0.2, 1.6)) * (one - soft)
-        elif kind == 3:
-            one.copy_(_convolved(one, _gaussian(rng.uniform(0.4, 1.4))))
-        elif kind == 4:
-            one.copy_(_convolved(one, _streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi))))
-        elif kind == 5:
-            fewer = [max(8, int(side / rng.uniform(1.2, 2.2))) for side in one.shape[2:]]
-            one.copy_(_resized(_resized(one, fewer), one.shape[2:]))
+        fewer = [max(8, int(side / rng.uniform(1.2, 2.2))) for side in one.shape[2:]]
+        one.copy_(_resized(_resized(one, fewer), one.shape[2:]))
     return image
 
 
@@ -118,23 +125,34 @@ def _resized(image: Tensor, size: Sequence[int]) -> Tensor:
     return functional.interpolate(image, list(size), mode="bilinear", align_corners=False, antialias=smaller)
 
 
-def _gaussian(sigma: float) -> np.ndarray:
-    offsets = np.arange(-3, 4)
-    line = np.exp(-0.5 * (offsets / sigma) ** 2)
-    return np.outer(line, line)
-
-
-def _streak(length: int, angle: float) -> np.ndarray:
-    kernel = np.zeros((9, 9))
-    for step in np.linspace(-length / 2, length / 2, 4 * length):
-        kernel[round(4 + step * math.sin(angle)), round(4 + step * math.cos(angle))] += 1.0
+def _sharpening(sigma: float, strength: float) -> np.ndarray:
+    kernel = -strength * _gaussian(sigma)
+    kernel[_REACH, _REACH] += 1.0 + strength
     return kernel
 
 
-def _convolved(image: Tensor, kernel: np.ndarray) -> Tensor:
-    weights = _per_image(kernel / kernel.sum(), image).expand(3, 1, *kernel.shape)
-    padded = functional.pad(image, [kernel.shape[1] // 2] * 2 + [kernel.shape[0] // 2] * 2, mode="replicate")
-    return functional.conv2d(padded, weights, groups=3)
+def _gaussian(sigma: float) -> np.ndarray:
+    line = np.exp(-0.5 * (np.arange(-_REACH, _REACH + 1) / sigma) ** 2)
+    line[[0, -1]] = 0.0  # of 7 pixels
+    kernel = np.outer(line, line)
+    return kernel / kernel.sum()
+
+
+def _streak(length: int, angle: float) -> np.ndarray:
+    kernel = np.zeros((2 * _REACH + 1,) * 2)
+    for step in np.linspace(-length / 2, length / 2, 4 * length):
+        kernel[round(_REACH + step * math.sin(angle)), round(_REACH + step * math.cos(angle))] += 1.0
+    return kernel / kernel.sum()
+
+
+def _convolved(image: Tensor, kernels: np.ndarray) -> Tensor:
+    """Each of B images [B, 3, H, W] with its own kernel of [B, k, k]."""
+    count, channels, *size = image.shape
+    weights = _per_image(kernels, image).repeat_interleave(channels, 0)[:, None]
+    padded = functional.pad(image, [_REACH] * 4, mode="replicate").reshape(
+        1, count * channels, *(side + 2 * _REACH for side in size)
+    )
+    return functional.conv2d(padded, weights, groups=count * channels).reshape(image.shape)
 
 
 def _noisy(image: Tensor, rng: np.random.Generator) -> Tensor:
@@ -142,8 +160,8 @@ def _noisy(image: Tensor, rng: np.random.Generator) -> Tensor:
     rows, columns = image.shape[2:]
     field = _per_image(rng.standard_normal((3, rows, columns), np.float32), image)
     strength = rng.uniform(0.0, 0.05, len(image)) * (rng.random(len(image)) < 0.6)
-    for index, sigma in enumerate(strength):
+    shifts = zip(rng.integers(rows, size=len(image)), rng.integers(columns, size=len(image)), strict=True)
+    for one, sigma, (down, right) in zip(image, strength, shifts, strict=True):
         if sigma > 0.0:
-            shift = (int(rng.integers(rows)), int(rng.integers(columns)))
-            image[index] += float(sigma) * torch.roll(field, shift, dims=(1, 2))
+            one += float(sigma) * torch.roll(field, (int(down), int(right)), dims=(1, 2))
     return image

@@ -51,8 +51,8 @@ class CropPlan:
 class CropSampler:
     """Draws batches from all frames of all missions, each as often as its pixels say."""
 
-    def __init__(self, missions: Sequence[StoredMission], plan: CropPlan) -> None:
-        self._missions, self._plan = missions, plan
+    def __init__(self, missions: Sequence[StoredMission], plan: CropPlan, device: torch.device) -> None:
+        self._missions, self._plan, self._device = missions, plan, device
         self._where = [
             (mission, frame) for mission in range(len(missions)) for frame in range(len(missions[mission]))
         ]
@@ -65,14 +65,14 @@ class CropSampler:
     def __len__(self) -> int:
         return len(self._where)
 
-    def draw(self, size: int, rng: np.random.Generator, device: torch.device) -> Batch:
-        """`size` crops of different frames, as far as there are that many."""
+    def draw(self, size: int, rng: np.random.Generator) -> Batch:
+        """`size` crops of different frames, as far as there are that many, on the device."""
         chosen = rng.choice(len(self._where), size, replace=size > len(self._where), p=self._chance)
-        crops = [self._crop(*self._where[int(one)], rng, device) for one in chosen]
+        crops = [self._crop(*self._where[int(one)], rng) for one in chosen]
         return Batch(*(torch.cat(parts) for parts in zip(*crops, strict=True)))
 
-    def _crop(self, mission: int, frame: int, rng: np.random.Generator, device: torch.device) -> Batch:
-        stored, plan = self._missions[mission], self._plan
+    def _crop(self, mission: int, frame: int, rng: np.random.Generator) -> Batch:
+        stored, plan, device = self._missions[mission], self._plan, self._device
         height, width = stored.size_of(frame)
         labelled = (frame, slice(None), slice(height // LABEL_STRIDE), slice(width // LABEL_STRIDE))
         crowd, known = stored.crowd[labelled], stored.known[labelled]

@@ -28,8 +28,11 @@ from crowdfence.detector_training.network import CrowdNet
 from crowdfence.detector_training.onnx_import import freeze_statistics, import_onnx, measure_statistics
 from crowdfence.detector_training.photography import photographed
 from crowdfence.detector_training.plan import TrainingPlan
+from crowdfence.detector_training.resident_crops import ResidentCrops, crop_source
 from crowdfence.detector_training.validation import ValidationScore, validate
 
+TAUGHT = 0.7
+"""Share of a teacher's answers in what is learned; the rest is labels."""
 _MADE_AHEAD = 2
 """Batches that are made while one is learned, each by a thread: with `wide` a batch takes longer to make."""
 _MEASURED = 96
@@ -69,6 +72,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     initial: Path | None = None,
+    teacher: Path | None = None,
     device: torch.device | None = None,
     on_step: Callable[[int], None] | None = None,
     on_checkup: Callable[[Checkup], None] | None = None,
@@ -80,7 +84,8 @@ def train(
     plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
     machines give equal weights. `initial` is the checkpoint of another training, or the model that it wrote,
     whose weights this one starts from; a model holds no statistics, so they are measured on crops unless the
-    plan freezes them.
+    plan freezes them. `teacher` is the checkpoint of another training with the same targets, of a larger
+    network as a rule, whose answers on the same crops this one learns beside the labels.
 
     ValueError for missions without frames or without a crowd, a checkpoint of another plan, other missions or
     another start, weights of another network, or a loss that is not finite.
@@ -88,7 +93,7 @@ def train(
     device = device or default_device()
     if not validation:
         raise ValueError("training needs at least one validation mission: keep one that is not trained on")
-    sampler = CropSampler(missions, plan.crops)
+    sampler = crop_source(missions, plan.crops, device)
     if not len(sampler):
         raise ValueError("the training missions hold no usable frame")
     for what, some in (("training", missions), ("validation", validation)):
@@ -96,13 +101,15 @@ def train(
     run = _Run(plan, device, {"missions": _digests(missions), "validation missions": _digests(validation)})
     if initial is not None:
         run.start_from(initial)
+    if teacher is not None:
+        run.learn_from(teacher)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     elif initial is not None and initial.suffix == ".onnx" and not plan.frozen_statistics:
-        run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED, device).image)
+        run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED).image)
     started, losses = time.monotonic() - run.seconds, []
     stopped = run.stopped  # already, where it ended before its model was written
-    for step, batch in () if stopped else _batches(sampler, plan, run.step, device):
+    for step, batch in () if stopped else _batches(sampler, plan, run.step):
         losses.append(run.advance(batch, step))
         if on_step is not None:
             on_step(step)
@@ -162,13 +169,13 @@ def default_device() -> torch.device:
 
 
 def _batches(
-    sampler: CropSampler, plan: TrainingPlan, first: int, device: torch.device
+    sampler: CropSampler | ResidentCrops, plan: TrainingPlan, first: int
 ) -> Iterator[tuple[int, Batch]]:
     """Batches of the steps from `first` on, the next ones made while the last is learned. The random numbers
     of a step depend on nothing but seed and step: that is what makes a resumed training the same."""
 
     def made(step: int) -> Batch:
-        return _crops(sampler, plan, step, plan.batch, device)
+        return _crops(sampler, plan, step, plan.batch)
 
     steps = iter(range(first, plan.steps))
     with ThreadPoolExecutor(_MADE_AHEAD) as pool:
@@ -179,9 +186,9 @@ def _batches(
             yield step, batch.result()
 
 
-def _crops(sampler: CropSampler, plan: TrainingPlan, step: int, count: int, device: torch.device) -> Batch:
+def _crops(sampler: CropSampler | ResidentCrops, plan: TrainingPlan, step: int, count: int) -> Batch:
     rng = np.random.default_rng([plan.seed, step])
-    batch = sampler.draw(count, rng, device)
+    batch = sampler.draw(count, rng)
     if not plan.wide:
         return batch._replace(image=varied(batch.image, rng, seasons=plan.seasons))
     free = free_of_people(batch)
@@ -207,6 +214,7 @@ class _Run:
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), plan.learning_rate, weight_decay=plan.weight_decay
         )
+        self._teacher: CrowdNet | None = None
         self.step = 0
         self.history: list[Checkup] = []
         self.best_state: dict[str, Any] = {}
@@ -216,22 +224,34 @@ class _Run:
         if path.suffix == ".onnx":
             self._take(import_onnx(path, len(self._plan.targets), self._plan.width))
             return
+        self._take(self._state_like_this(path, ("targets", "width"))["best"])
+
+    def _state_like_this(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
+        """A checkpoint whose plan agrees with this one's in `names`."""
         state = _loaded(path, self._device)
-        for name in ("targets", "width"):
+        for name in names:
             if state["plan"][name] != getattr(self._plan, name):
                 raise ValueError(
                     f"{path} was trained with {name} {state['plan'][name]}, this training "
                     f"has {getattr(self._plan, name)}"
                 )
-        self._take(state["best"])
+        return state
 
     def _take(self, weights: dict[str, torch.Tensor]) -> None:
         self.network.load_state_dict(weights)
         self.average.network.load_state_dict(weights)
-        digest = hashlib.sha256()
-        for value in weights.values():
-            digest.update(value.cpu().numpy().tobytes())
-        self._origin["start (--initial)"] = digest.hexdigest()
+        self._origin["start (--initial)"] = _digest(weights)
+
+    def learn_from(self, path: Path) -> None:
+        """The best weights of another training, which tell this one what they see."""
+        state = self._state_like_this(path, ("targets",))
+        teacher = CrowdNet(len(self._plan.targets), width=state["plan"]["width"]).to(
+            self._device,
+            memory_format=torch.channels_last,  # type: ignore[call-overload]
+        )
+        teacher.load_state_dict(state["best"])
+        self._teacher = teacher.eval().requires_grad_(False)
+        self._origin["teacher"] = _digest(state["best"])
 
     def measure(self, images: torch.Tensor) -> None:
         """Take the statistics of these images; nothing that the network says changes."""
@@ -272,8 +292,14 @@ class _Run:
         image = batch.image.contiguous(memory_format=torch.channels_last)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=_computes_bfloat16(self._device)):
             logits = self.network(image)
+            told = None if self._teacher is None else self._teacher(image)
         dice = 0.0 if step >= self._plan.calm_from else self._plan.dice_weight
         loss = crowd_loss(logits.float(), batch.crowd, batch.known, dice_weight=dice)
+        if told is not None:
+            of_teacher = crowd_loss(
+                logits.float(), torch.sigmoid(told.float()), batch.known, dice_weight=dice
+            )
+            loss = torch.lerp(loss, of_teacher, TAUGHT)
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
@@ -308,7 +334,8 @@ class _Run:
         plan, origin = asdict(self._plan), state.get("origin", self._origin)  # older ones say nothing of it
         if (state["plan"], origin) != (plan, self._origin):
             differs = [name for name, value in plan.items() if state["plan"].get(name) != value]
-            differs += [name for name, value in self._origin.items() if origin.get(name) != value]
+            began = sorted(self._origin.keys() | origin.keys())
+            differs += [name for name in began if origin.get(name) != self._origin.get(name)]
             raise ValueError(
                 f"{path} belongs to another training: {', '.join(differs)} differ; remove it to start anew"
             )
@@ -318,6 +345,13 @@ class _Run:
         self.best_state = state["best"]
         self._optimiser.load_state_dict(state["optimiser"])
         self.history = [_checkup_of_data(one) for one in state["history"]]
+
+
+def _digest(weights: dict[str, torch.Tensor]) -> str:
+    digest = hashlib.sha256()
+    for value in weights.values():
+        digest.update(value.cpu().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def _loaded(path: Path, device: torch.device) -> dict[str, Any]:
