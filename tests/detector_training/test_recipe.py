@@ -23,29 +23,21 @@ def test_every_mission_is_a_valid_scenario(recipe):
     scenarios = {name: recipe.scenario_of(mission) for name, mission in recipe.missions()}
     assert all(scenario.camera.width == 640 for scenario in scenarios.values())
     kinds = {name.split("/")[1].split("-")[0] for name in scenarios}
-    assert kinds == {"race", "festival", "street", "beach", "empty", "roadside", "packed", "loose"}
+    assert kinds == {"race", "festival", "street", "beach", "empty", "roadside", "packed"}
 
 
 def test_there_are_as_many_missions_as_the_page_says(recipe):
     """The table of training/README.md: missions by group, and those of the scenarios beside it."""
     names = [name.split("/") for name, _ in recipe.missions()]
     counts = Counter(group for group, _ in names)
-    groups = (
-        "train",
-        "varied",
-        "many",
-        "validation",
-        "calibration",
-        "test-unseen-season",
-        "test-known-seasons",
-    )
+    groups = ("train", "varied", "validation", "calibration", "test-unseen-season", "test-known-seasons")
     rows = {
         match[1]: [int(number) for number in re.findall(r"\d+", match[2])]
         for match in re.finditer(r"^\| `(\S+)` \| (.*) \|$", (FOLDER / "README.md").read_text(), re.MULTILINE)
     }
     assert set(counts) == set(groups)
     assert [counts[group] for group in groups] == rows["missions.toml"]
-    for own in ("roadside", "packed", "loose"):
+    for own in ("roadside", "packed"):
         assert sum(mission.startswith(own) for _, mission in names) == rows[f"{own}.toml"][0]
 
 
