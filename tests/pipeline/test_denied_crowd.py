@@ -14,18 +14,24 @@ CROWD = np.arange(40)
 
 
 def view(
-    stamp_s: float, mean: float = 0.0, *, range_m: float = 40.0, tilt_deg: float = 60.0
+    stamp_s: float,
+    mean: float = 0.0,
+    *,
+    range_m: float = 40.0,
+    tilt_deg: float = 60.0,
+    drone: str = "uav2",
+    voxels: int = 100,
 ) -> cf.Observation:
     """A look of uav2 at the whole plain that shows `mean` everywhere; 40 m are a tenth of a metre a pixel."""
     return cf.Observation(
         PLAIN,
-        "uav2",
+        drone,
         round(stamp_s * SECOND_NS),
-        voxel_ids=np.arange(100),
-        mean=np.full(100, mean),
-        pixel_count=np.ones(100, int),
-        range_m=np.full(100, range_m),
-        tilt_deg=np.full(100, tilt_deg),
+        voxel_ids=np.arange(voxels),
+        mean=np.full(voxels, mean),
+        pixel_count=np.ones(voxels, int),
+        range_m=np.full(voxels, range_m),
+        tilt_deg=np.full(voxels, tilt_deg),
         occluded_ids=[],
         focal_px=400.0,
     )
@@ -34,19 +40,24 @@ def view(
 def after(*views: cf.Observation, shown: np.ndarray[tuple[int], np.dtype[np.int64]] = CROWD) -> DeniedCrowd:
     denied = DeniedCrowd()
     for one in views:
-        denied.look([one], shown)
+        denied.look([one], shown, CROWD)
     return denied
+
+
+def told_at(denied: DeniedCrowd, stamp_s: float = 60.0) -> dict[str, str | None]:
+    now = denied.now(round(stamp_s * SECOND_NS))
+    return {drone: None if denial is None else denial.text for drone, denial in now.items()}
 
 
 def test_five_looks_over_three_seconds_that_see_nobody_there_are_told() -> None:
     looks = [view(number * 0.8) for number in range(5)]  # 0 to 3.2 s
-    assert after(*looks[:4]).now() == {"uav2": None}
+    assert told_at(after(*looks[:4])) == {"uav2": None}
     denied = after(*looks)
     (told,) = denied.warnings
     assert told.startswith(
         "uav2 saw nobody in 5 looks in a row, over 3 s, where other drones clearly showed a crowd: "
     )
-    assert denied.now() == {"uav2": told}
+    assert told_at(denied) == {"uav2": told}
     # Ten a second are one false alarm of another drone, which stands for two seconds.
     assert not after(*[view(number / 10) for number in range(30)]).warnings
 
@@ -60,27 +71,72 @@ def test_five_looks_over_three_seconds_that_see_nobody_there_are_told() -> None:
 )
 def test_one_look_that_shows_somebody_there_ends_the_row(sees: cf.Observation) -> None:
     denied = after(*map(view, (0, 1)), sees, *map(view, (5, 6, 7)))
-    assert denied.now() == {"uav2": None} and not denied.warnings
+    assert told_at(denied) == {"uav2": None} and not denied.warnings
     # What was told of a row that ended stays told of the run.
     denied = after(*map(view, (0, 1, 2, 3, 4)), view(5.0, 0.6))
-    assert denied.now() == {"uav2": None} and len(denied.warnings) == 1
+    assert told_at(denied) == {"uav2": None} and len(denied.warnings) == 1
 
 
 def test_false_alarms_that_flash_up_now_and_then_are_no_row() -> None:
     """A minute apart, each stands for 2 s and is looked at twenty times by a drone that is right."""
     flashes = [view(60.0 * minute + number / 10) for minute in range(5) for number in range(20)]
     denied = after(*flashes)
-    assert denied.now() == {"uav2": None} and not denied.warnings
+    assert told_at(denied) == {"uav2": None} and not denied.warnings
     # A picture every few seconds is a row all the same.
     assert after(*[view(5.0 * number) for number in range(5)]).warnings
     # And one that was told goes on when the drone comes back.
-    assert after(*[view(number) for number in range(5)], view(60.0)).now()["uav2"] is not None
+    assert told_at(after(*[view(number) for number in range(5)], view(60.0)))["uav2"] is not None
+
+
+BLIND = [view(number) for number in range(5)]
+
+
+def test_one_that_is_gone_is_told_until_others_have_looked_at_the_ground_in_question() -> None:
+    hour_s = 3600.0
+    assert told_at(after(*BLIND), hour_s)["uav2"] is not None, "time settles nothing"
+    seen = view(10.0, 0.2, drone="uav1", voxels=40)
+    assert told_at(after(*BLIND, seen), 63.0)["uav2"] is not None, "it may come back"
+    assert told_at(after(*BLIND, seen), 65.0)["uav2"] is None
+    assert told_at(after(*BLIND, seen), hour_s)["uav2"] is None
+    # It goes on looking at it, whoever looks there too.
+    assert told_at(after(*BLIND, seen, view(11.0)), hour_s)["uav2"] is not None
+    # One that comes back may be as blind as it was.
+    elsewhere = view(hour_s, voxels=10)
+    assert told_at(after(*BLIND, seen, elsewhere), hour_s + 1.0)["uav2"] is not None
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        {"voxels": 39},  # one voxel of the crowd that was denied is left
+        {"range_m": 121.0},  # people may be missed
+        {"tilt_deg": -5.0},
+        {"drone": "uav2"},  # it agrees with itself
+        {"stamp_s": 3.9},  # before it looked there last
+    ],
+)
+def test_looks_that_settle_nothing(look: dict[str, float]) -> None:
+    denied = after(*BLIND, view(**{"stamp_s": 10.0, "drone": "uav1"} | look))  # type: ignore[arg-type]
+    assert told_at(denied, 3600.0)["uav2"] is not None
+
+
+def test_two_blind_drones_do_not_settle_each_other() -> None:
+    denied = after(*BLIND, *[view(10.0 + number, drone="uav3") for number in range(5)])
+    assert {drone for drone, text in told_at(denied, 3600.0).items() if text} == {"uav2", "uav3"}
+
+
+def test_another_occasion_is_known_from_the_one_before() -> None:
+    first, *_ = after(*BLIND).now(0).values()
+    few, *_ = after(*BLIND, *[view(60.0 + number) for number in range(4)]).now(0).values()
+    again, *_ = after(*BLIND, *[view(60.0 + number) for number in range(5)]).now(0).values()
+    assert first and few and again
+    assert (first.since_ns, few.since_ns, again.since_ns) == (0, 0, 60 * SECOND_NS)
 
 
 def test_what_a_drone_showed_itself_is_not_denied_while_it_stands() -> None:
     """Somebody looked, saw a crowd, and it is gone: what the drone showed counts as shown for 2 s."""
     denied = after(view(0.0, 0.9), *[view(0.4 * number) for number in range(1, 6)])
-    assert denied.now() == {"uav2": None}
+    assert told_at(denied) == {"uav2": None}
 
 
 @pytest.mark.parametrize(
@@ -97,7 +153,7 @@ def test_looks_that_say_nothing_are_not_counted(
     look: dict[str, float], shown: np.ndarray[tuple[int], np.dtype[np.int64]]
 ) -> None:
     denied = after(*[view(number, **look) for number in range(20)], shown=shown)
-    assert denied.now() == {} and not denied.warnings
+    assert told_at(denied) == {} and not denied.warnings
 
 
 def test_a_run_warns_of_a_drone_that_sees_nobody() -> None:

@@ -121,6 +121,30 @@ def test_a_drone_that_sees_nobody_where_another_shows_a_crowd_is_an_alarm_until_
         assert told.cleared_ns is not None
 
 
+def test_who_acknowledged_that_a_drone_sees_nobody_is_told_when_it_happens_again(tmp_path: Path) -> None:
+    """The first time the others were wrong, say; the second time its lens is covered."""
+    with running(tmp_path / "data") as service, asked(service) as http:
+        assert service.live is not None
+        watch = Watch(service)
+
+        def give(instants: range) -> list[tuple[str | None, bool]]:
+            for number in instants:
+                for drone in ("uav1", "uav2"):
+                    one = sharp(view(drone, number % 20), blind=drone == "uav2")
+                    later_ns = one.stamp_ns + number // 20 * 20 * 200_000_000
+                    moved = View(one.drone, later_ns, one.camera, one.world_from_camera, one.heatmap)
+                    assert http.post("/api/v1/views", content=message(moved)).status_code == 202
+            settle(service)
+            watch.look()
+            return [(one.acknowledged_by, one.cleared_ns is None) for one in alerts(service, "denied_crowd")]
+
+        assert give(range(20)) == [(None, True)]
+        (told,) = alerts(service, "denied_crowd")
+        service.alerts.acknowledge(told.id, "ana", service.now_ns())
+        assert give(range(20, 40)) == [("ana", True)], "it goes on"
+        assert give(range(100, 120)) == [("ana", False), (None, True)]
+
+
 def test_masks_of_one_raise_an_alarm_live_until_a_heatmap_is_none(tmp_path: Path) -> None:
     flown = [one for one in views(16) if one.drone == "uav1"]
     with running(tmp_path / "data") as service, asked(service) as http:

@@ -8,14 +8,15 @@ in view opens.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Observation
-from crowdfence.zones.sorted_keys import are_among
+from crowdfence.zones.sorted_keys import are_among, distinct, united
 
 LEAST_LOOKS = 5
 """In a row. On 14 rendered missions drones that see had at most three."""
@@ -33,6 +34,17 @@ _NOBODY = 0.05
 _NEARLY_ALL = 0.95
 _SHOWS_NS = 2_000_000_000
 """So long it stands what a drone showed itself (`crowd_map/shown.rs`)."""
+_GONE_NS = 60_000_000_000
+"""A drone that looked at no ground for longer opens nothing now: older views are refused."""
+_NONE = np.empty(0, np.int64)
+
+
+class Denial(NamedTuple):
+    """Of a drone that saw nobody where others showed crowd."""
+
+    text: str
+    since_ns: int
+    """First look of the newest occasion that is long enough to be told by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +55,51 @@ class _Denials:
     first_ns: int
     last_ns: int
 
+    @staticmethod
+    def begun(stamp_ns: int) -> _Denials:
+        return _Denials(0, stamp_ns, stamp_ns)
+
+    def and_at(self, stamp_ns: int) -> _Denials:
+        """With one look more."""
+        return _Denials(self.looks + 1, min(stamp_ns, self.first_ns), max(stamp_ns, self.last_ns))
+
     @property
     def are_many(self) -> bool:
         return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
 
-    def ended(self, stamp_ns: int) -> bool:
-        """Whether the next look of that kind begins a row anew. One that was told goes on, or a blind drone
-        would see again for a moment each time that it comes back."""
-        return not self.are_many and stamp_ns - self.last_ns > _APART_S * 1e9
+    def are_over(self, stamp_ns: int) -> bool:
+        """Whether a look at a stamp is of another occasion."""
+        return stamp_ns - self.last_ns > _APART_S * 1e9
+
+
+@dataclass(slots=True)
+class _Doubt:
+    """Whether one drone sees anything."""
+
+    row: _Denials
+    """One that was told goes on with the next occasion, or a blind drone would see again for a moment each
+    time that it comes back."""
+    occasion: _Denials
+    """The newest part of the row without a long pause."""
+    since_ns: int
+    unsettled: NDArray[np.int64] = field(default_factory=lambda: _NONE)
+    """Ground with crowd, ever, that it looked at since the row began and nobody else after it; sorted."""
+    looked_ns: int = 0
+    """Its newest look at any ground."""
+
+    def denied(self, stamp_ns: int) -> None:
+        if self.occasion.are_over(stamp_ns):
+            self.occasion = _Denials.begun(stamp_ns)
+            if not self.row.are_many:
+                self.row, self.unsettled = _Denials.begun(stamp_ns), _NONE
+        self.row, self.occasion = self.row.and_at(stamp_ns), self.occasion.and_at(stamp_ns)
+        if self.occasion.are_many:
+            self.since_ns = self.occasion.first_ns
+
+    def is_settled(self, now_ns: int) -> bool:
+        """Whether nothing rests on its word: it opens nothing now, and what it may have opened others have
+        looked at since. Time alone settles nothing."""
+        return not len(self.unsettled) and now_ns - self.looked_ns > _GONE_NS
 
 
 class DeniedCrowd:
@@ -58,17 +107,31 @@ class DeniedCrowd:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._now: dict[str, _Denials | None] = {}
+        self._now: dict[str, _Doubt | None] = {}
         """Of every drone that looked at what others showed."""
         self._most: dict[str, _Denials] = {}
         """The longest rows of each drone that are long enough to be told."""
         self._showed_ns: dict[str, int] = {}
+        self._ever = _NONE
+        """All ground that was crowd at any time, sorted."""
 
-    def look(self, observations: Sequence[Observation], shown_ids: NDArray[np.int64]) -> None:
-        """What was taken in together, and the voxels that some look clearly shows as crowd after it."""
+    def look(
+        self,
+        observations: Sequence[Observation],
+        shown_ids: NDArray[np.int64],
+        crowd_ids: NDArray[np.int64],
+    ) -> None:
+        """What was taken in together, the voxels that some look clearly shows as crowd after it, and those
+        that are crowd on the map."""
         with self._lock:
             for observation in observations:
                 self._look(observation, shown_ids)
+            # Behind the looks: what one of them opened was crowd before.
+            for ids in (shown_ids, crowd_ids):
+                new = ids[~are_among(ids, self._ever)]
+                self._ever = united(self._ever, distinct(new))
+            for observation in observations:
+                self._settle(observation)
 
     def _look(self, observation: Observation, shown_ids: NDArray[np.int64]) -> None:
         drone, stamp_ns, mean = observation.drone, observation.stamp_ns, observation.mean
@@ -79,33 +142,60 @@ class DeniedCrowd:
         shows_itself = stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS
         if shows_itself or len(shown_ids) < _LEAST_VOXELS:
             return
-        near = observation.range_m <= _SHARP_M * observation.focal_px
-        looked = near & (observation.tilt_deg > 0.0) & are_among(observation.voxel_ids, shown_ids)
+        looked = _looks_closely(observation) & are_among(observation.voxel_ids, shown_ids)
         there = mean[looked]
         if len(there) < _LEAST_VOXELS:
             return
         if np.mean(there < _NOBODY) < _NEARLY_ALL:
             self._now[drone] = None
             return
-        before = self._now.get(drone)
-        if before is None or before.ended(stamp_ns):
-            before = _Denials(0, stamp_ns, stamp_ns)
-        row = _Denials(before.looks + 1, min(stamp_ns, before.first_ns), max(stamp_ns, before.last_ns))
-        self._now[drone] = row
-        if row.are_many and (drone not in self._most or row.looks > self._most[drone].looks):
-            self._most[drone] = row
+        doubt = self._now.get(drone)
+        if doubt is None:
+            begun = _Denials.begun(stamp_ns)
+            doubt = self._now[drone] = _Doubt(begun, begun, stamp_ns)
+        doubt.denied(stamp_ns)
+        if doubt.row.are_many and (drone not in self._most or doubt.row.looks > self._most[drone].looks):
+            self._most[drone] = doubt.row
 
-    def now(self) -> dict[str, str | None]:
-        """Of drones that looked at what others show: one sentence where they see nobody there now."""
+    def _settle(self, observation: Observation) -> None:
+        """What a drone in doubt looks at rests on its word until one that is not in doubt looks there."""
+        own = self._now.get(observation.drone)
+        if own is not None and len(observation.voxel_ids):
+            seen = observation.voxel_ids[are_among(observation.voxel_ids, self._ever)]
+            own.unsettled = distinct(np.concatenate([own.unsettled, seen]))
+            own.looked_ns = max(own.looked_ns, observation.stamp_ns)
+        if own is not None and (own.row.are_many or not own.occasion.are_over(observation.stamp_ns)):
+            return
+        for drone, doubt in self._now.items():
+            if doubt is None or drone == observation.drone or observation.stamp_ns <= doubt.looked_ns:
+                continue
+            if len(doubt.unsettled):
+                closely = observation.voxel_ids[_looks_closely(observation)]
+                doubt.unsettled = doubt.unsettled[~are_among(doubt.unsettled, closely)]
+
+    def now(self, now_ns: int) -> dict[str, Denial | None]:
+        """Of drones that looked at what others show: what is told where they see nobody there, until they see
+        somebody, or they are gone and others have looked at all ground in question since. One that comes back
+        then is told again."""
         with self._lock:
-            rows = sorted(self._now.items())
-        return {drone: _sentence(drone, row) if row and row.are_many else None for drone, row in rows}
+            return {
+                drone: Denial(_sentence(drone, doubt.row), doubt.since_ns)
+                if doubt and doubt.row.are_many and not doubt.is_settled(now_ns)
+                else None
+                for drone, doubt in sorted(self._now.items())
+            }
 
     @property
     def warnings(self) -> list[str]:
         """One sentence for each drone that saw nobody there at any time."""
         with self._lock:
             return [_sentence(drone, row) for drone, row in sorted(self._most.items())]
+
+
+def _looks_closely(observation: Observation) -> NDArray[np.bool_]:
+    """Of its voxels, whether nobody should be missed there."""
+    near = observation.range_m <= _SHARP_M * observation.focal_px
+    return np.asarray(near & (observation.tilt_deg > 0.0))
 
 
 def _sentence(drone: str, row: _Denials) -> str:

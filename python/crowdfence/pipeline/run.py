@@ -177,7 +177,7 @@ def run(
             units.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
         blind.look(found.views, last.update.observations)
-        denied.look(last.update.observations, last.shown_ids)
+        denied.look(last.update.observations, last.shown_ids, last.crowd_ids)
         if recording.layer == CROWD:
             unheeded.look(last)
         looked += len(last.drones)

@@ -138,7 +138,7 @@ class Mission:
         self.found = step.zones
         self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
-        self.denied_crowd.look(step.update.observations, step.shown_ids)
+        self.denied_crowd.look(step.update.observations, step.shown_ids, step.crowd_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

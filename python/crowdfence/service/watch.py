@@ -254,11 +254,18 @@ class Watch:
 
     def _denied_crowd(self) -> None:
         """Of drones that looked at nothing that others showed since the start nobody knows: what was raised
-        before stays. What one that is left out sees opens nothing."""
-        mission = self._service.mission
-        for drone, text in mission.denied_crowd.now().items():
-            counts = drone not in mission.left_out
-            self._set(text is not None and counts, "denied_crowd", "alarm", text or "", drone=drone)
+        before stays. What one that is left out sees opens nothing. Who acknowledged it did so for what was
+        seen until then: another occasion is told again."""
+        mission, alerts = self._service.mission, self._service.alerts
+        for drone, denial in mission.denied_crowd.now(self._service.now_ns()).items():
+            known = alerts.active("denied_crowd", drone)
+            if denial is None or drone in mission.left_out:
+                self._set(False, "denied_crowd", "alarm", "", drone=drone)
+                continue
+            seen_ns = None if known is None else known.acknowledged_ns
+            is_new = seen_ns is not None and denial.since_ns > seen_ns
+            now_ns = self._service.now_ns()
+            alerts.raise_("denied_crowd", "alarm", denial.text, now_ns, drone=drone, is_new=is_new)
 
     def _left_out(self) -> None:
         """As long as it lasts, so that nobody forgets that the fleet has one drone less that looks."""
