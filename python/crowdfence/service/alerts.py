@@ -33,6 +33,7 @@ AlertKind = Literal[
     "same_answer",
     "unlike_pictures",
     "clock",
+    "stamps_off",
     "disk",
     "records_damaged",
     "refused_views",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from crowdfence.service.latency import Latency
+from crowdfence.service.view_lag import ViewLag
 
 
 class Heard:
@@ -20,6 +21,8 @@ class Heard:
         """Newest stamp of each drone that was accepted, also before a restart."""
         self.came_ns: dict[str, int] = {}
         """When the last view of each drone was accepted since the start, by the clock of the service."""
+        self.lag: dict[str, ViewLag] = {}
+        """From the stamps of each drone to when its views came, where a clock on the wall tells that."""
         self.accepted_s: float | None = None
         """When the last view was accepted since the start, by a steady clock."""
         self.acknowledging = Latency()
@@ -30,3 +33,8 @@ class Heard:
     def view(self, drone: str, stamp_ns: int) -> None:
         """One that was accepted."""
         self.last_view_ns[drone] = max(stamp_ns, self.last_view_ns.get(drone, 0))
+
+    def lag_s(self, drone: str) -> float | None:
+        """How long after its stamp the quickest view of a drone came of late, s; None where nobody knows."""
+        lag = self.lag.get(drone)
+        return None if lag is None else lag.least_s

@@ -25,6 +25,7 @@ from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.poses import Poses
 from crowdfence.service.store import Write
+from crowdfence.service.view_lag import ViewLag
 from crowdfence.service.view_message import ViewMessage
 
 _DECIDED_WITHIN_S = 10.0
@@ -92,6 +93,7 @@ class Intake:
     ) -> Accepted:
         if drones and drone not in drones:
             raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
+        came_ns = self._clock.now_ns()  # it may wait for its pose then
         try:
             self._check_other_kind(kind, drone, stamp_ns)
             self._gate.enter(drone, stamp_ns)
@@ -118,6 +120,8 @@ class Intake:
         self._heard.acknowledging.took(time.monotonic() - started_s)
         self._heard.view(drone, stamp_ns)
         self._heard.came_ns[drone] = self._clock.now_ns()
+        if self._clock.kind == "system":
+            self._heard.lag.setdefault(drone, ViewLag()).came(stamp_ns, came_ns)
         return Accepted(seq, duplicate=False)
 
     def _check_other_kind(self, kind: RecordKind, drone: str, stamp_ns: int) -> None:

@@ -84,6 +84,16 @@ class _Figures(Collector):
             for drone, count in sorted(counts.items()):
                 family.add_metric([drone], count)
             yield family
+        lag = GaugeMetricFamily(
+            "crowdfence_view_lag_seconds",
+            "from its stamp to its arrival, of the quickest view of late; below 0 a clock is ahead",
+            labels=["drone"],
+        )
+        for drone in sorted(dict(live.heard.lag)):
+            lag_s = live.heard.lag_s(drone)
+            if lag_s is not None:
+                lag.add_metric([drone], lag_s)
+        yield lag
         for name, histogram in (
             ("acknowledge", live.heard.acknowledging),
             ("publish", live.heard.publishing),

@@ -194,9 +194,11 @@ class Service:
         }
 
     def drones_json(self, at_ns: int | None = None, *, trails: bool = True) -> list[dict[str, Any]]:
-        """Every drone as of `at_ns`, or now; who left it out now, or null."""
+        """Every drone as of `at_ns`, or now; who left it out now, or null, and how long after their stamps
+        its views come now."""
         told = self.fleet.to_json(self.now_ns(), at_ns, trails=trails)
         for drone in told:
+            drone["lag_s"] = None if self.live is None else self.live.heard.lag_s(drone["drone"])
             by = self.mission.left_out.by(drone["drone"])
             drone["left_out"] = (
                 None

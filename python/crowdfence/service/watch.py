@@ -39,6 +39,10 @@ _SMALL_SHARE = 0.05
 _NO_ROOM = 1e9
 """Of the disk, times less than it should have: nothing can be written any more."""
 
+_OF_ANOTHER_TIME = (
+    "; where it is the clock, its views are given the poses of another time: crowd lies elsewhere"
+)
+
 
 class Watch:
     """Looks once a second, in a thread of its own."""
@@ -82,6 +86,7 @@ class Watch:
         service = self._service
         if service.mode != "finished":
             self._silence()
+        self._stamps_off()
         self._doubles()
         self._poses()
         self._alignment()
@@ -147,6 +152,29 @@ class Watch:
                     "keeps views back"
                 )
             self._set(silent, "drone_silent", "alarm", text, drone=drone)
+
+    def _stamps_off(self) -> None:
+        """Views that are neither so late that `drone_silent` says it nor so wrong that the gate refuses them.
+        Of drones that gave too few since the start to tell, what was raised before stays."""
+        live = self._service.live
+        if live is None:
+            return
+        for drone, lag in sorted(dict(live.heard.lag).items()):
+            least_s, is_off = lag.least_s, lag.is_off
+            if least_s is None or is_off is None:
+                continue
+            is_off &= least_s <= self._service.settings.silent_after_s
+            by_feed = drone in live.poses.feeds
+            self._set(
+                is_off,
+                "stamps_off",
+                "alarm" if by_feed else "warning",
+                _late_text(drone, least_s, by_feed)
+                if least_s > 0.0
+                else _early_text(drone, -least_s, by_feed),
+                drone=drone,
+                measure=abs(least_s),
+            )
 
     def _doubles(self) -> None:
         """Two drones under one name: when one falls silent, the other still gives views."""
@@ -389,6 +417,22 @@ class Watch:
             connection.execute("PRAGMA incremental_vacuum(1000)")
 
         service.store.note(write)
+
+
+def _late_text(drone: str, late_s: float, by_feed: bool) -> str:
+    text = (
+        f"all views of {drone} come {late_s:.1f} s or more after their stamps: its clock is behind, or its "
+        "link, its encoder or a detector on board holds each back as long; what it sees is taken in late"
+    )
+    return text + _OF_ANOTHER_TIME if by_feed else text
+
+
+def _early_text(drone: str, early_s: float, by_feed: bool) -> str:
+    text = (
+        f"views of {drone} come up to {early_s:.1f} s before their stamps: its clock is ahead of that of "
+        "this machine; what it sees stands against newer looks of others"
+    )
+    return text + _OF_ANOTHER_TIME if by_feed else text
 
 
 def _dismissed(moment: Moment) -> set[str]:

@@ -116,6 +116,8 @@ export interface Drone {
   status: "ok" | "stale" | "never";
   picture: boolean;
   heatmap: boolean;
+  /** From its stamp to its arrival, of the quickest view of late; of now; null where no clock tells. */
+  lag_s: number | null;
   /** Who said that its looks do not count, because it sees nothing; of now, also where the past is shown. */
   left_out: { name: string; reason: string; since_ms: number } | null;
 }
