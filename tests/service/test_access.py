@@ -70,6 +70,18 @@ def test_who_has_a_token_reads_and_nobody_else(guarded, path: str, role: str) ->
     assert code == 401 if role == "nobody" else code in (200, 404, 409, 422)
 
 
+@pytest.mark.parametrize("role", ["nobody", "viewer", "operator"])
+@pytest.mark.parametrize("path", ["/", "/metrics", *(f"/api/v1{path}" for path in [*READING, "/audit"])])
+def test_proxies_and_health_checks_that_ask_for_the_head_are_answered_as_get_is(
+    guarded, path: str, role: str
+) -> None:
+    """404 or 405 looked like a service that is down, or an address that is wrong."""
+    _, tokens, http = guarded
+    head, whole = (ask(path, headers=bearer(tokens, role)) for ask in (http.head, http.get))
+    assert head.status_code == whole.status_code
+    assert head.headers["content-type"] == whole.headers["content-type"]
+
+
 @pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize(("method", "path", "body"), DECIDING)
 def test_operators_decide_and_nobody_else(guarded, method: str, path: str, body, role: str) -> None:

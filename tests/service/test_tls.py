@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import ssl
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,6 +86,19 @@ def test_clear_text_and_no_token_get_no_answer(served: tuple[Served, str], pair:
         client.zones()
     with Client(started.url, ca=pair.certificate) as client, pytest.raises(ServiceError, match="401"):
         client.zones()
+
+
+def test_who_asks_for_the_head_gets_it_without_a_body(served: tuple[Served, str], pair: Pair) -> None:
+    started, token = served
+    with httpx.Client(
+        verify=ssl.create_default_context(cafile=str(pair.certificate)),
+        headers={"Authorization": f"Bearer {token}"},
+    ) as http:
+        for path in ("/healthz", "/api/v1/scene", "/api/v1/export?format=geojson"):
+            for _ in range(2):  # a body would stand before the second answer on the same connection
+                head = http.head(started.url.rstrip("/") + path)
+                assert head.status_code == 200 and not head.content
+                assert int(head.headers["content-length"]) > 0
 
 
 def test_the_log_is_a_json_object_a_line(served: tuple[Served, str]) -> None:

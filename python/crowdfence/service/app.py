@@ -7,8 +7,9 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from fastapi import FastAPI, WebSocket
+from fastapi import APIRouter, FastAPI, WebSocket
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
@@ -51,7 +52,9 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
     app.state.service = service
     for module in (scene, base_map, zones, drones, alerts, operator, ingest):
         app.include_router(module.router, prefix=API)
+        app.include_router(_heads(module.router), prefix=API)
     app.include_router(health.router)
+    app.include_router(_heads(health.router))
 
     @app.websocket(f"{API}/stream")
     async def stream(socket: WebSocket) -> None:
@@ -64,7 +67,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
 
     app.add_exception_handler(RequestValidationError, _invalid)
 
-    @app.get("/", include_in_schema=False)
+    @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
     def page(request: Request) -> Response:
         token = request.query_params.get("token")
         if token is not None and service.access.user_of(token) is not None:
@@ -98,6 +101,22 @@ def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     problems = [{name: problem[name] for name in ("type", "loc", "msg")} for problem in error.errors()]
     return Response(json.dumps({"detail": problems}), 422, media_type="application/json")
+
+
+def _heads(router: APIRouter) -> APIRouter:
+    """HEAD, which proxies and health checks ask with, wherever GET works; the server leaves out the bodies.
+    The description of the interface need not say everything twice."""
+    heads = APIRouter()
+    for route in router.routes:
+        if isinstance(route, APIRoute) and "GET" in (route.methods or ()):
+            heads.add_api_route(
+                route.path,
+                route.endpoint,
+                methods=["HEAD"],
+                response_class=route.response_class,
+                include_in_schema=False,
+            )
+    return heads
 
 
 def _describe(app: FastAPI, messages: Sequence[type[BaseModel]]) -> None:

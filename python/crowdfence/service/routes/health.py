@@ -12,7 +12,6 @@ from crowdfence.service.routes.asking import ERRORS, Reader, TheService
 router = APIRouter(tags=["health"])
 
 
-@router.head("/healthz", include_in_schema=False)
 @router.get("/healthz", responses={503: {"description": "views cannot be kept"}})
 def healthz(service: TheService) -> JSONResponse:
     """Whether it works; says nothing about the mission, so that no token is needed."""
