@@ -61,6 +61,19 @@ def test_a_square_lies_where_it_lies(tmp_path: Path) -> None:
     assert zone.band == AltitudeBand(0.0, 120.0, "AGL")
 
 
+def test_a_long_edge_is_straight_in_longitude_and_latitude_to_a_millimetre(tmp_path: Path) -> None:
+    """A parallel over 100 km bows by 210 m in the local plane."""
+    corners = [[7.34, 47.0], [8.66, 47.0], [8.66, 47.1], [7.34, 47.1], [7.34, 47.0]]
+    content = ed318({"type": "Polygon", "coordinates": [corners]})
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps(content))
+    anchor = Georeference(47.0, 8.0, 400.0)
+    (zone,) = open_static_zones(path, anchor).zones
+    longitudes = np.linspace(7.34, 8.66, 777)
+    edge = anchor.local_from_geodetic(np.full(777, 47.0), longitudes, np.full(777, 400.0))[:, :2]
+    assert shapely.distance(zone.polygon.exterior, shapely.points(edge)).max() < 1e-3
+
+
 def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
     """As the Swiss authority's samples write them."""
     circle = {"type": "Circle", "center": [8.0, 46.5], "radius": 3000}
