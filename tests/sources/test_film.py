@@ -77,6 +77,14 @@ def test_a_film_whose_subtitles_come_seldom_is_converted_whole(tmp_path: Path) -
             np.testing.assert_allclose(frame.world_from_camera, was.world_from_camera, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("name", "is_told"), [("DJI_20260101120000_0001_T", True), ("DJI_0001_W", False)])
+def test_a_thermal_film_is_told_by_its_name(tmp_path: Path, name: str, is_told: bool) -> None:
+    film, start_ns = write_film(tmp_path / f"{name}.MP4")
+    write_subtitles(tmp_path / f"{name}.SRT", start_ns)
+    told = [warning for warning in open_recording(film, take_off=home()).warnings if "thermal" in warning]
+    assert len(told) == is_told
+
+
 @pytest.mark.parametrize("dialect", [mini, rtk])
 def test_a_film_with_subtitles_gives_the_zones_of_the_mission(tmp_path: Path, dialect: Dialect) -> None:
     film, start_ns = write_film(tmp_path / "DJI_0001.MP4")

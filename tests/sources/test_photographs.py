@@ -485,6 +485,59 @@ def test_photographs_of_one_second_keep_their_order(tmp_path: Path) -> None:
     assert any("of the same second are spread" in warning for warning in found.warnings)
 
 
+INFRARED = 'drone-dji:ImageSource="InfraredCamera"'
+
+
+def shot(folder: Path, name: str, extra: str = "", stamp_ns: int = 10**18) -> Path:
+    row, image = row_at(frames()[0].stamp_ns), frames()[0].image()
+    xmp = dji(tuple(row.yaw_pitch_roll_deg), f'drone-dji:RelativeAltitude="+40.0" {extra}')
+    return write_photograph(folder / name, image, stamp_ns, row.geodetic, xmp, model="M3T", focal_mm35=24)
+
+
+def with_flir(path: Path) -> Path:
+    whole = path.read_bytes()
+    path.write_bytes(whole[:2] + b"\xff\xe1\x00\x0eFLIR\x00\x01\x00\x01" + bytes(4) + whole[2:])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "extra"),
+    [
+        ("b.jpg", INFRARED),
+        ("DJI_20260101120000_0001_T.JPG", ""),
+        ("DJI_0001_T_gate.JPG", ""),
+        ("b.jpg", 'Camera:BandName="LWIR"'),
+        ("flir.jpg", ""),
+    ],
+)
+def test_a_thermal_photograph_of_a_shot_is_not_looked_at_for_colours(
+    tmp_path: Path, name: str, extra: str
+) -> None:
+    """It was the second look of its drone, half a second later, and saw nobody."""
+    shot(tmp_path, "DJI_20260101120000_0001_W.JPG", 'drone-dji:ImageSource="WideCamera"')
+    shot(tmp_path, "zoom.jpg", 'drone-dji:ImageSource="ZoomCamera"', 10**18 + 10**6)
+    thermal = shot(tmp_path, name, extra)
+    if name == "flir.jpg":
+        with_flir(thermal)
+    found = open_recording(tmp_path)
+    assert len(found.frames) == 2 and found.drones == ("M3T",)
+    (refusal,) = found.refused
+    assert refusal.reason.startswith(f"{name} is a thermal camera's, and detectors that were trained on")
+    assert not [warning for warning in found.warnings if "thermal" in warning]
+
+
+def test_thermal_photographs_alone_are_taken_with_a_word(tmp_path: Path) -> None:
+    shot(tmp_path, "a.jpg", INFRARED)
+    found = open_recording(tmp_path)
+    assert len(found.frames) == 1 and not found.refused
+    (told,) = [warning for warning in found.warnings if "thermal" in warning]
+    assert "every photograph is a thermal camera's" in told and "--detector" in told
+    # What a photograph says of itself counts before its name.
+    (tmp_path / "colours").mkdir()
+    shot(tmp_path / "colours", "DJI_0001_T.JPG", 'drone-dji:ImageSource="WideCamera"')
+    assert not [one for one in open_recording(tmp_path / "colours").warnings if "thermal" in one]
+
+
 def test_a_copy_of_a_photograph_is_no_second_look(tmp_path: Path) -> None:
     path = taken(tmp_path / "a.jpg", focal_mm35=24)
     with Image.open(path) as picture:

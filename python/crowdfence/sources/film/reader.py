@@ -35,6 +35,7 @@ from crowdfence.sources.geographic_track import (
     LocalTrack,
     local_track,
 )
+from crowdfence.sources.pictures.thermal import THERMAL, is_named_thermal
 from crowdfence.sources.pictures.video import squeezed
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording
@@ -127,7 +128,13 @@ def read_film(
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
     sea = DJI_SEA_LEVEL if placed.heights == "sea" and log.timed_by_film else ""
     cut = "" if options.clock_offset_s is not None else _cut(log, film)
-    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, squeeze, lens, _spacing(step_s)]
+    thermal = (
+        f"by its name the film is {THERMAL}: they call the ground empty; give the film of colours of the "
+        "same shot, or --detector one that was trained on thermal pictures"
+        if is_named_thermal(path.stem)
+        else ""
+    )
+    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, squeeze, lens, _spacing(step_s), thermal]
     return Recording(
         name=path.stem,
         drones=(drone,),

@@ -1,7 +1,7 @@
 """A folder of geotagged photographs -> a recording: each camera (make, model, serial number) is a drone.
 
 The pose of a photograph is its own, so nothing is interpolated. Photographs without a place or without the
-attitude of their camera are refused one by one.
+attitude of their camera are refused one by one, and so are thermal ones beside those of colours.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from crowdfence.sources.photographs.when_taken import WhenTaken
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.pictures.files import is_file_or_lost
 from crowdfence.sources.pictures.left_out import left_out
+from crowdfence.sources.pictures.thermal import THERMAL
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
@@ -88,8 +89,10 @@ def read_photographs(
     refused: list[RefusedFrame] = []
     by_drone: dict[str, list[_Photograph]] = {}
     remarks = left_out(path, SUFFIXES) if path.is_dir() else []
-    for drone, group in _by_camera(photographs(path), refused).items():
-        usable = _placeable(drone, group, options, refused)
+    groups = _by_camera(photographs(path), refused)
+    only_thermal = all(one.tags.thermal for group in groups.values() for one in group)
+    for drone, group in groups.items():
+        usable = _placeable(drone, group, options, refused, only_thermal)
         if usable:
             by_drone[drone] = _in_time(drone, _in_utc(drone, usable, remarks), remarks)
     if not by_drone:
@@ -103,6 +106,11 @@ def read_photographs(
         if placed.contact is not None:
             contacts[drone] = placed.contact
         remarks += [f"{drone}: {remark}" for remark in placed.remarks]
+        if only_thermal:
+            remarks.append(
+                f"{drone}: every photograph is {THERMAL}: they call the ground empty; give --detector one "
+                "that was trained on thermal pictures"
+            )
         lacking = sum(_HEIGHTS[0] not in one.tags.heights_m for one in group)
         if options.heights is None and 0 < lacking < len(group):
             remarks.append(
@@ -156,11 +164,18 @@ def _same_bytes(path: Path, other: Path) -> bool:
 
 
 def _placeable(
-    drone: str, group: list[_Photograph], options: PhotographOptions, refused: list[RefusedFrame]
+    drone: str,
+    group: list[_Photograph],
+    options: PhotographOptions,
+    refused: list[RefusedFrame],
+    only_thermal: bool,
 ) -> list[_Photograph]:
+    """Whoever gives thermal photographs alone may have a detector for them."""
     usable = []
     for one in group:
         fault = _fault(one.tags, options)
+        if fault is None and one.tags.thermal and not only_thermal:
+            fault = f"is {THERMAL}: it is not looked at beside pictures of colours; give it in a folder alone"
         if fault is None:
             usable.append(one)
         else:

@@ -34,6 +34,7 @@ from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
 from crowdfence.sources.pictures.decoding import orientation
+from crowdfence.sources.pictures.thermal import is_thermal
 from crowdfence.sources.rotation import are_degrees, from_yaw_pitch_roll_deg, multiply
 
 _HEAD_BYTES = 1 << 19
@@ -87,6 +88,7 @@ class PhotographTags:
     panorama: str
     """Its projection, of pictures that were put together; empty of those of one lens."""
     by_dji: bool
+    thermal: bool
 
 
 def read_tags(path: Path) -> PhotographTags:
@@ -129,6 +131,7 @@ def read_tags(path: Path) -> PhotographTags:
         orientation=turned,
         panorama=xmp.get("GPano:ProjectionType", ""),
         by_dji=make.upper() in ("DJI", "HASSELBLAD"),
+        thermal=is_thermal(path.stem, xmp, head),
     )
 
 
