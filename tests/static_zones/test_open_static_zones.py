@@ -74,6 +74,24 @@ def test_a_long_edge_is_straight_in_longitude_and_latitude_to_a_millimetre(tmp_p
     assert shapely.distance(zone.polygon.exterior, shapely.points(edge)).max() < 1e-3
 
 
+@pytest.mark.parametrize("latitude", [0.0, 46.5, 70.0, -85.0])
+def test_a_national_file_is_written_as_small_as_it_was_read(tmp_path: Path, latitude: float) -> None:
+    """Edges of tens of kilometres came back with a corner every 25 m, a hundred times the file."""
+    anchor = Georeference(latitude, 8.0, 400.0)
+    corners = np.array([[0.0, 0.0], [0.4, 0.1], [0.5, 0.4], [0.1, 0.3], [0.0, 0.0]])
+    hole = np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.2], [0.1, 0.1]])
+    rings = [(ring + np.array([7.9, latitude - 0.2])).tolist() for ring in (corners, hole)]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps(ed318({"type": "Polygon", "coordinates": rings})))
+    (zone,) = open_static_zones(path, anchor).zones
+    written = geographic_outline(zone, anchor)
+    assert len(shapely.get_coordinates(written)) <= 16
+    path.write_text(json.dumps(ed318(shapely.geometry.mapping(written))))
+    (again,) = open_static_zones(path, anchor).zones
+    assert zone.polygon.difference(again.polygon).area == 0.0
+    assert again.polygon.area - zone.polygon.area < 0.003 * zone.polygon.length
+
+
 def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
     """As the Swiss authority's samples write them."""
     circle = {"type": "Circle", "center": [8.0, 46.5], "radius": 3000}

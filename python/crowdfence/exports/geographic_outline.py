@@ -33,6 +33,10 @@ MARGIN_M = 0.001
 MAX_EDGE_M = 25.0
 MAX_LATITUDE_DEG = 89.0
 
+_STRAIGHT_M = 3e-4
+"""Zones of others are straight in longitude and latitude, and got corners every 100 m to be so in the local
+plane: those that lie so near the line between others, in degrees, are not written, and the margin is as much
+wider. A national file was a hundred times as large with them."""
 _SMALLEST_EARTH_RADIUS_M = 6.356e6
 _LARGEST_EARTH_RADIUS_M = 6.42e6
 """Of curvature, at the poles, 20 km up."""
@@ -92,6 +96,8 @@ def geographic_outline(
     margin_m = _margin_m(zone) + _DEGREE_M * 10.0**-decimals
     if max_edge_m is None:
         margin_m += _bow_m(_longest_edge_m(zone.polygon), georeference)
+    straight_m = _STRAIGHT_M if max_edge_m is not None and zone.kind == "static" else 0.0
+    margin_m += straight_m
     # Mitre joins keep the square corners of the cells square, and every corner one where they are counted.
     limit = 2.0 if max_edge_m is not None else _ANY_CORNER
     grown = shapely.buffer(zone.polygon, margin_m, join_style="mitre", mitre_limit=limit)
@@ -101,7 +107,8 @@ def geographic_outline(
     def on_ground(corners: NDArray[np.float64]) -> NDArray[np.float64]:
         return _on_ground(corners, zone, georeference)
 
-    rounded = in_degrees(grown, on_ground, georeference, decimals, f"zone {zone.id}")
+    what = f"zone {zone.id}"
+    rounded = in_degrees(grown, on_ground, georeference, decimals, what, straight_m)
     if not rounded.is_valid:
         raise ValueError(f"zone {zone.id} is too fine for {decimals} decimals of a degree; use larger voxels")
     return rounded
@@ -113,9 +120,11 @@ def in_degrees(
     georeference: Georeference,
     decimals: int,
     what: str,
+    straight_m: float = 0.0,
 ) -> Polygon | MultiPolygon:
     """An outline in longitude and latitude, rounded, and cut at the antimeridian. `on_ground` takes corners
-    [C, 2] to local metres [C, 3]; ValueError that says `what` reaches a pole."""
+    [C, 2] to local metres [C, 3]; `straight_m`: so far corners may lie from a straight line that takes their
+    place. ValueError that says `what` reaches a pole."""
     import shapely
 
     def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -130,7 +139,22 @@ def in_degrees(
         return np.column_stack([georeference.longitude_deg + offset, latitude])
 
     unwrapped = shapely.transform(outline, longitude_latitude)
+    if straight_m > 0.0:
+        unwrapped = _without_straight_corners(unwrapped, straight_m)
     return shapely.transform(_cut_at_antimeridian(unwrapped), lambda degrees: degrees.round(decimals))
+
+
+def _without_straight_corners(outline: Polygon | MultiPolygon, straight_m: float) -> Polygon | MultiPolygon:
+    """With degrees of longitude as short as where they are longest in the outline: straight lines stay so."""
+    import shapely
+
+    _, south, _, north = outline.bounds
+    nearest_deg = 0.0 if south < 0.0 < north else min(abs(south), abs(north))
+    scale = (np.cos(np.deg2rad(nearest_deg)), 1.0)
+    even = shapely.simplify(
+        shapely.transform(outline, lambda degrees: degrees * scale), straight_m / _DEGREE_M
+    )
+    return shapely.transform(even, lambda degrees: degrees / scale)
 
 
 def _longest_edge_m(outline: Polygon | MultiPolygon) -> float:

@@ -8,7 +8,6 @@ file says so ("crs": null, which readers take as "no CRS", and "coordinate_frame
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from os import PathLike
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.geographic_outline import ellipsoidal_heights, geographic_outline, geojson_geometry
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.one_a_line import one_a_line
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones import Zone, ZoneSet
@@ -50,17 +50,7 @@ def zones_geojson(zones: ZoneSet, description: MapDescription, georeference: Geo
     if georeference is None:
         head |= {"crs": None, "coordinate_frame": LOCAL_FRAME}
     features = [_feature(zone, zones, description, georeference) for zone in zones.closed]
-    return _one_feature_per_line(head, features)
-
-
-def _one_feature_per_line(head: dict[str, Any], features: list[dict[str, Any]]) -> str:
-    """Readable in an editor and small in a difference between two files."""
-    lines = ",\n".join(_json(feature) for feature in features)
-    return f'{_json(head)[:-1]}, "features": [\n{lines}\n]}}\n'
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return one_a_line(head, "features", features)
 
 
 def _collection(zones: ZoneSet, description: MapDescription) -> dict[str, Any]:

@@ -5,7 +5,6 @@ Outlines are shrunk by a centimetre, which outweighs what writing them in degree
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.geographic_outline import MAX_EDGE_M, geojson_geometry, in_degrees
 from crowdfence.exports.geojson import LOCAL_FRAME
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.one_a_line import one_a_line
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.sites import LandingSite
@@ -72,12 +72,8 @@ def sites_geojson(
     }
     if georeference is None:
         head |= {"crs": None, "coordinate_frame": LOCAL_FRAME}
-    lines = ",\n".join(_json(_feature(site, description, georeference)) for site in sites)
-    return f'{_json(head)[:-1]}, "features": [\n{lines}\n]}}\n'
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    features = [_feature(site, description, georeference) for site in sites]
+    return one_a_line(head, "features", features)
 
 
 def _feature(

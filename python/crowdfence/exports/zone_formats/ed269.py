@@ -8,13 +8,13 @@ the ground and the sea alone, not above the ellipsoid.
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 
 from crowdfence.exports.geographic_outline import polygons_of
+from crowdfence.exports.one_a_line import one_a_line
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import Zone
@@ -31,10 +31,8 @@ def ed269(export: ZoneExport, *, as_list: bool = False) -> str:
     zones = [_zone(zone, export) for zone in export.zones]
     if as_list:
         head = {"formatVersion": "1.0.0", "createdAt": rfc3339(export.stamp_ns)}
-        document: dict[str, Any] = {**head, "UASZoneList": zones}
-    else:
-        document = {"title": f"Crowd zones {export.mission}".strip(), "features": zones}
-    return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+        return one_a_line(head, "UASZoneList", zones)
+    return one_a_line({"title": f"Crowd zones {export.mission}".strip()}, "features", zones)
 
 
 def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from crowdfence.exports.geographic_outline import geojson_geometry
+from crowdfence.exports.one_a_line import one_a_line
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
 from crowdfence.zones import Zone
@@ -18,7 +18,7 @@ def ed318(export: ZoneExport) -> str:
     """A collection with one feature per zone. ValueError without a country."""
     export.country_code()  # also where there is no zone to name it
     start = rfc3339(export.stamp_ns)
-    document = {
+    head = {
         "type": "FeatureCollection",
         "name": f"Crowd zones {export.mission}".strip()[:200],
         "metadata": {
@@ -27,9 +27,8 @@ def ed318(export: ZoneExport) -> str:
             "provider": [_text(export.authority)],
             "description": [_text(f"No-fly zones of {SOFTWARE}. Ground outside is not known to be free.")],
         },
-        "features": [_feature(zone, export) for zone in export.zones],
     }
-    return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    return one_a_line(head, "features", [_feature(zone, export) for zone in export.zones])
 
 
 def _feature(zone: Zone, export: ZoneExport) -> dict[str, Any]:

@@ -8,7 +8,6 @@ the ellipsoid. Volumes have no holes: those of zones are closed.
 
 from __future__ import annotations
 
-import json
 import uuid
 from collections.abc import Iterable
 from dataclasses import replace
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.exports.geographic_outline import polygons_of
+from crowdfence.exports.one_a_line import one_a_line
 from crowdfence.exports.zone_formats.times import floor_ms, rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import Zone
@@ -39,7 +39,7 @@ _MOST_VERSION = (1 << 31) - 1
 def f3548(export: ZoneExport) -> str:
     """A list of constraints, as `{"reference": ..., "details": ...}` each."""
     constraints = [_constraint(zone, export) for zone in export.zones]
-    return json.dumps({"constraints": constraints}, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    return one_a_line({}, "constraints", constraints)
 
 
 def _constraint(zone: Zone, export: ZoneExport) -> dict[str, Any]:
